@@ -1,0 +1,136 @@
+use miette::{Diagnostic, LabeledSpan, NamedSource, Severity, SourceCode};
+use std::cell::RefCell;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// One thing that is wrong with a text, and where.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// Bytes of the text it is about.
+    pub span: Range<usize>,
+    /// What is wrong.
+    pub message: String,
+    /// What to write instead, if known.
+    pub help: Option<String>,
+}
+
+impl Problem {
+    /// A problem at a place.
+    pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
+        Problem { span, message: message.into(), help: None }
+    }
+
+    /// The same, with what to write instead.
+    #[must_use]
+    pub fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+}
+
+/// All that is wrong with one text; as a [`Diagnostic`] each problem is shown at its line.
+#[derive(Debug)]
+pub struct Problems {
+    name: String,
+    located: Vec<Located>,
+}
+
+impl Problems {
+    /// Problems of a text, put in the order of their places.
+    pub fn new(name: &str, text: &str, mut problems: Vec<Problem>) -> Self {
+        problems.sort_by_key(|problem| problem.span.start);
+        let text: Arc<str> = text.into();
+        let locate = |problem| Located { source: NamedSource::new(name, text.clone()), text: text.clone(), problem };
+        Problems { name: name.to_owned(), located: problems.into_iter().map(locate).collect() }
+    }
+
+    /// One line a problem, `file:line:column: message`.
+    pub fn lines(&self) -> Vec<String> {
+        let line = |located: &Located| {
+            let (line, column) = located.line_and_column();
+            format!("{}:{line}:{column}: {}", self.name, located.problem.message)
+        };
+        self.located.iter().map(line).collect()
+    }
+}
+
+impl std::fmt::Display for Problems {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.located.len() {
+            1 => write!(f, "{}: one problem", self.name),
+            n => write!(f, "{}: {n} problems", self.name),
+        }
+    }
+}
+
+impl std::error::Error for Problems {}
+
+impl Diagnostic for Problems {
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
+        Some(Box::new(self.located.iter().map(|located| located as &dyn Diagnostic)))
+    }
+
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        Some(Box::new("nothing was moved; correct the file and try again"))
+    }
+}
+
+/// A problem together with its text.
+#[derive(Debug)]
+struct Located {
+    source: NamedSource<Arc<str>>,
+    text: Arc<str>,
+    problem: Problem,
+}
+
+impl Located {
+    fn line_and_column(&self) -> (usize, usize) {
+        let before = &self.text[..self.problem.span.start.min(self.text.len())];
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+}
+
+impl std::fmt::Display for Located {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.problem.message)
+    }
+}
+
+impl std::error::Error for Located {}
+
+impl Diagnostic for Located {
+    fn severity(&self) -> Option<Severity> {
+        Some(Severity::Error)
+    }
+
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        self.problem.help.as_ref().map(|help| Box::new(help) as Box<dyn std::fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        Some(&self.source)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(None, self.problem.span.clone()))))
+    }
+}
+
+/// Where problems gather while a text is read.
+#[derive(Debug, Default)]
+pub(super) struct Collector(RefCell<Vec<Problem>>);
+
+impl Collector {
+    pub fn add(&self, problem: Problem) {
+        self.0.borrow_mut().push(problem);
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.borrow().is_empty()
+    }
+
+    pub fn into_problems(self, name: &str, text: &str) -> Problems {
+        Problems::new(name, text, self.0.into_inner())
+    }
+}

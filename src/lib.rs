@@ -1,0 +1,5 @@
+//! palpate
+pub mod document;
+pub mod mechanics;
+pub mod quantity;
+pub mod scene;

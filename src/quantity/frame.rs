@@ -1,0 +1,135 @@
+use serde::{Deserialize, Serialize};
+
+/// One of the stage's three axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Axis {
+    /// Along the specimen's first edge.
+    X,
+    /// Along the specimen's second edge.
+    Y,
+    /// The axis that presses.
+    Z,
+}
+
+impl Axis {
+    /// The three axes, in the order x, y, z.
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
+    /// 0, 1 or 2 for x, y or z.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The axis' letter as it stands in a rig file.
+    pub fn name(self) -> &'static str {
+        ["x", "y", "z"][self.index()]
+    }
+}
+
+/// A point of the stage frame, mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Position {
+    /// Stage x, mm.
+    pub x_mm: f64,
+    /// Stage y, mm.
+    pub y_mm: f64,
+    /// Stage z, mm.
+    pub z_mm: f64,
+}
+
+impl Position {
+    /// The coordinate along one axis, mm.
+    pub fn along(&self, axis: Axis) -> f64 {
+        [self.x_mm, self.y_mm, self.z_mm][axis.index()]
+    }
+}
+
+/// A point on the specimen's surface, in the specimen frame, mm: the origin is the surface's centre (PAPER S8).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// Specimen x, mm.
+    pub x_mm: f64,
+    /// Specimen y, mm.
+    pub y_mm: f64,
+}
+
+impl Place {
+    /// A place from its two coordinates, mm.
+    pub fn new(x_mm: f64, y_mm: f64) -> Self {
+        Place { x_mm, y_mm }
+    }
+
+    /// The distance to another place, mm.
+    pub fn distance_mm(&self, other: Place) -> f64 {
+        (self.x_mm - other.x_mm).hypot(self.y_mm - other.y_mm)
+    }
+}
+
+/// Which way along the stage's z axis the specimen lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Down {
+    /// The stage coordinate grows as the indenter nears the specimen (`down = "+z"`).
+    Plus,
+    /// The stage coordinate falls as the indenter nears the specimen (`down = "-z"`).
+    Minus,
+}
+
+impl Down {
+    /// +1 or -1: the change of the stage coordinate per mm toward the specimen.
+    pub fn sign(self) -> f64 {
+        match self {
+            Down::Plus => 1.0,
+            Down::Minus => -1.0,
+        }
+    }
+}
+
+/// Where the specimen is, in the stage's coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Stage x and y of the specimen's origin, mm.
+    pub origin: Place,
+    /// Stage z of the nominal surface, mm.
+    pub surface_z_mm: f64,
+    /// How far the true surface may be from the nominal one, anywhere on it, mm.
+    pub uncertainty_mm: f64,
+    /// Which way the specimen lies.
+    pub down: Down,
+}
+
+impl Frame {
+    /// Stage coordinates of a point of the specimen frame; `z_mm` grows into the specimen.
+    pub fn to_stage(&self, place: Place, z_mm: f64) -> Position {
+        Position {
+            x_mm: self.origin.x_mm + place.x_mm,
+            y_mm: self.origin.y_mm + place.y_mm,
+            z_mm: self.surface_z_mm + self.down.sign() * z_mm,
+        }
+    }
+
+    /// The specimen frame's z (into the specimen) of a stage z, mm.
+    pub fn z_from_stage(&self, stage_z_mm: f64) -> f64 {
+        (stage_z_mm - self.surface_z_mm) * self.down.sign()
+    }
+
+    /// The specimen frame's place under a stage x and y.
+    pub fn place_from_stage(&self, x_mm: f64, y_mm: f64) -> Place {
+        Place::new(x_mm - self.origin.x_mm, y_mm - self.origin.y_mm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frame_leads_there_and_back_on_either_side() {
+        for down in [Down::Plus, Down::Minus] {
+            let frame = Frame { origin: Place::new(1.0, -2.0), surface_z_mm: 3.0, uncertainty_mm: 0.3, down };
+            let stage = frame.to_stage(Place::new(0.5, 0.25), 0.75);
+            assert_eq!(stage.z_mm, 3.0 + down.sign() * 0.75);
+            assert_eq!(frame.z_from_stage(stage.z_mm), 0.75);
+            assert_eq!(frame.place_from_stage(stage.x_mm, stage.y_mm), Place::new(0.5, 0.25));
+        }
+    }
+}

@@ -1,0 +1,151 @@
+use super::spec::{Branch, Contact};
+use super::surface::Depth;
+
+/// Longest stretch of moving contact that one quadrature spans, s. It is far below the shortest time constant of a
+/// relaxation, so five nodes are exact to rounding; and the peak force is looked at as often.
+const STRETCH_S: f64 = 0.002;
+
+/// Nodes and weights of five-point Gauss-Legendre quadrature on [0, 1].
+const GAUSS: [(f64, f64); 5] = [
+    (0.046_910_077_030_668, 0.118_463_442_528_094_5),
+    (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
+    (0.5, 0.284_444_444_444_444_45),
+    (0.769_234_655_052_841_5, 0.239_314_335_249_683_23),
+    (0.953_089_922_969_332, 0.118_463_442_528_094_5),
+];
+
+/// The contact: relaxed curve plus Zener branches, each following q' = share F_el' - q / time.
+pub(super) struct ContactState {
+    curve: Contact,
+    branches: Vec<Branch>,
+    /// What each branch adds now, N.
+    extra_n: Vec<f64>,
+    elastic_n: f64,
+    force_n: f64,
+    depth_mm: f64,
+    peak_n: f64,
+    peak_mm: f64,
+}
+
+impl ContactState {
+    pub fn new(curve: Contact, branches: Vec<Branch>) -> Self {
+        let extra_n = vec![0.0; branches.len()];
+        let nothing = 0.0;
+        ContactState {
+            curve,
+            branches,
+            extra_n,
+            elastic_n: nothing,
+            force_n: nothing,
+            depth_mm: f64::NEG_INFINITY,
+            peak_n: nothing,
+            peak_mm: nothing,
+        }
+    }
+
+    /// True contact force, N, never negative: the tip doesn't stick.
+    pub fn force_n(&self) -> f64 {
+        self.force_n
+    }
+
+    /// Whether the tip is below the surface.
+    pub fn touching(&self) -> bool {
+        self.depth_mm > 0.0
+    }
+
+    /// The largest force, N, and depth, mm, since they were last forgotten. Between two looks (2 ms of motion at most) the
+    /// force can have been higher by what the branches relax meanwhile, under 0.1 mN at 1 N.
+    pub fn peaks(&self) -> (f64, f64) {
+        (self.peak_n, self.peak_mm)
+    }
+
+    pub fn forget_peaks(&mut self) {
+        self.peak_n = self.force_n;
+        self.peak_mm = self.depth_mm.max(0.0);
+    }
+
+    /// Moves on by `dt_s`, in which the depth follows one quadratic.
+    pub fn advance(&mut self, depth: Depth, dt_s: f64) {
+        let in_air =
+            depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.speed_mm_s.max(depth.speed_after(dt_s)) <= 0.0;
+        if depth.at_rest() || in_air || self.curve_is_out_of_reach(&depth, dt_s) {
+            self.decay(dt_s);
+            self.settle(depth.after(dt_s));
+            return;
+        }
+        // the curve's law changes where the tip touches and where its toe ends
+        let mut ends: Vec<f64> =
+            depth.crossings(0.0, dt_s).chain(depth.crossings(self.curve.toe_mm, dt_s)).chain([dt_s]).collect();
+        ends.sort_by(f64::total_cmp);
+        let mut from_s = 0.0;
+        for end_s in ends {
+            let pieces = ((end_s - from_s) / STRETCH_S).ceil().max(1.0);
+            let piece_s = (end_s - from_s) / pieces;
+            for piece in 0..pieces as usize {
+                self.advance_moving(&depth, from_s + piece as f64 * piece_s, piece_s);
+            }
+            from_s = end_s;
+        }
+    }
+
+    /// Whether the way of this stretch stays above the surface throughout.
+    fn curve_is_out_of_reach(&self, depth: &Depth, dt_s: f64) -> bool {
+        depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.crossings(0.0, dt_s).next().is_none()
+    }
+
+    fn advance_moving(&mut self, depth: &Depth, from_s: f64, for_s: f64) {
+        let curve = self.curve;
+        // rate of the relaxed force at the nodes, shared by all branches
+        let rates = GAUSS.map(|(node, weight)| {
+            let t = from_s + node * for_s;
+            (for_s * (1.0 - node), weight * for_s * curve.stiffness_n_mm(depth.after(t)) * depth.speed_after(t))
+        });
+        for (extra, branch) in self.extra_n.iter_mut().zip(&self.branches) {
+            let fed: f64 = rates.iter().map(|(before_end_s, part)| part * (-before_end_s / branch.time_s).exp()).sum();
+            *extra = *extra * (-for_s / branch.time_s).exp() + branch.share * fed;
+        }
+        self.settle(depth.after(from_s + for_s));
+    }
+
+    fn decay(&mut self, dt_s: f64) {
+        for (extra, branch) in self.extra_n.iter_mut().zip(&self.branches) {
+            if *extra != 0.0 {
+                *extra *= (-dt_s / branch.time_s).exp();
+            }
+        }
+    }
+
+    fn settle(&mut self, depth_mm: f64) {
+        self.depth_mm = depth_mm;
+        self.elastic_n = self.curve.force_n(depth_mm);
+        self.force_n = if depth_mm > 0.0 { (self.elastic_n + self.extra_n.iter().sum::<f64>()).max(0.0) } else { 0.0 };
+        self.peak_n = self.peak_n.max(self.force_n);
+        self.peak_mm = self.peak_mm.max(depth_mm);
+    }
+}
+
+impl Contact {
+    /// Relaxed force at a depth, N.
+    pub fn force_n(&self, depth_mm: f64) -> f64 {
+        let s = self.bearing_mm(depth_mm);
+        s * (self.linear_n_mm + self.quadratic_n_mm2 * s)
+    }
+
+    /// Slope of the relaxed force at a depth, N/mm.
+    pub fn stiffness_n_mm(&self, depth_mm: f64) -> f64 {
+        let s = self.bearing_mm(depth_mm);
+        let bearing_share = if self.toe_mm > 0.0 { (depth_mm / self.toe_mm).clamp(0.0, 1.0) } else { 1.0 };
+        if depth_mm <= 0.0 { 0.0 } else { bearing_share * (self.linear_n_mm + 2.0 * self.quadratic_n_mm2 * s) }
+    }
+
+    /// The depth that bears: a parabola over the toe, then the depth less half the toe, with no kink between.
+    fn bearing_mm(&self, depth_mm: f64) -> f64 {
+        if depth_mm <= 0.0 {
+            0.0
+        } else if depth_mm < self.toe_mm {
+            depth_mm * depth_mm / (2.0 * self.toe_mm)
+        } else {
+            depth_mm - self.toe_mm / 2.0
+        }
+    }
+}

@@ -1,0 +1,177 @@
+/// The motion of one axis: stretches of constant acceleration, then rest. A trapezoid of speed, as a controller plans it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    stretches: Vec<Stretch>,
+    end_s: f64,
+    end_mm: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Stretch {
+    from_s: f64,
+    position_mm: f64,
+    speed_mm_s: f64,
+    acceleration_mm_s2: f64,
+}
+
+impl Trajectory {
+    /// An axis that stands at `position_mm`.
+    pub fn at_rest(position_mm: f64) -> Self {
+        Trajectory { stretches: Vec::new(), end_s: 0.0, end_mm: position_mm }
+    }
+
+    /// From a position and a speed to rest at `target_mm`, at most at `speed_mm_s` (positive) with `acceleration_mm_s2`
+    /// (positive) both ways. A speed that is too high for the way that is left is braked, and the way back is made good.
+    pub fn to(now_s: f64, state: (f64, f64), target_mm: f64, speed_mm_s: f64, acceleration_mm_s2: f64) -> Self {
+        let (start_mm, start_speed) = state;
+        let mut plan = Planner { at_s: now_s, position_mm: start_mm, speed_mm_s: start_speed, stretches: Vec::new() };
+        let a = acceleration_mm_s2;
+        let heading = if target_mm >= start_mm { 1.0 } else { -1.0 };
+        let stopping_mm = start_speed * start_speed / (2.0 * a);
+        let wrong_way = start_speed * heading < 0.0;
+        if start_speed != 0.0 && (wrong_way || stopping_mm > (target_mm - start_mm).abs() + 1e-12) {
+            plan.change_speed(0.0, a);
+        }
+        plan.run_to(target_mm, speed_mm_s, a);
+        Trajectory { stretches: plan.stretches, end_s: plan.at_s, end_mm: target_mm }
+    }
+
+    /// From a position and a speed to rest as soon as `deceleration_mm_s2` allows.
+    pub fn stop(now_s: f64, state: (f64, f64), deceleration_mm_s2: f64) -> Self {
+        let (position_mm, speed_mm_s) = state;
+        let mut plan = Planner { at_s: now_s, position_mm, speed_mm_s, stretches: Vec::new() };
+        plan.change_speed(0.0, deceleration_mm_s2);
+        Trajectory { stretches: plan.stretches, end_s: plan.at_s, end_mm: plan.position_mm }
+    }
+
+    /// When the axis comes to rest, s.
+    pub fn end_s(&self) -> f64 {
+        self.end_s
+    }
+
+    /// Where the axis comes to rest, mm.
+    pub fn end_mm(&self) -> f64 {
+        self.end_mm
+    }
+
+    /// Whether the axis still moves.
+    pub fn moving(&self, now_s: f64) -> bool {
+        now_s < self.end_s
+    }
+
+    /// Where the axis is, mm.
+    pub fn position_mm(&self, now_s: f64) -> f64 {
+        self.state(now_s).0
+    }
+
+    /// How fast it moves, mm/s.
+    pub fn speed_mm_s(&self, now_s: f64) -> f64 {
+        self.state(now_s).1
+    }
+
+    /// Position, speed and acceleration: mm, mm/s, mm/s^2.
+    pub(super) fn state(&self, now_s: f64) -> (f64, f64, f64) {
+        if now_s >= self.end_s {
+            return (self.end_mm, 0.0, 0.0);
+        }
+        let stretch = self.stretches.iter().rev().find(|s| s.from_s <= now_s).or(self.stretches.first());
+        let Some(s) = stretch else { return (self.end_mm, 0.0, 0.0) };
+        let (dt, a) = (now_s - s.from_s, s.acceleration_mm_s2);
+        (s.position_mm + dt * (s.speed_mm_s + dt * a / 2.0), s.speed_mm_s + a * dt, a)
+    }
+
+    /// The next instant after `now_s` at which the acceleration changes.
+    pub(super) fn next_knot(&self, now_s: f64) -> Option<f64> {
+        if now_s >= self.end_s {
+            return None;
+        }
+        let next = self.stretches.iter().map(|s| s.from_s).find(|&from_s| from_s > now_s);
+        Some(next.unwrap_or(self.end_s))
+    }
+}
+
+struct Planner {
+    at_s: f64,
+    position_mm: f64,
+    speed_mm_s: f64,
+    stretches: Vec<Stretch>,
+}
+
+impl Planner {
+    fn keep(&mut self, acceleration_mm_s2: f64, for_s: f64) {
+        if for_s <= 0.0 {
+            return;
+        }
+        self.stretches.push(Stretch {
+            from_s: self.at_s,
+            position_mm: self.position_mm,
+            speed_mm_s: self.speed_mm_s,
+            acceleration_mm_s2,
+        });
+        self.at_s += for_s;
+        self.position_mm += for_s * (self.speed_mm_s + for_s * acceleration_mm_s2 / 2.0);
+        self.speed_mm_s += acceleration_mm_s2 * for_s;
+    }
+
+    fn change_speed(&mut self, speed_mm_s: f64, a: f64) {
+        let change = speed_mm_s - self.speed_mm_s;
+        self.keep(a * change.signum(), change.abs() / a);
+        self.speed_mm_s = speed_mm_s;
+    }
+
+    /// Toward a target with a speed that is zero or points there and leaves room to brake.
+    fn run_to(&mut self, target_mm: f64, cruise_mm_s: f64, a: f64) {
+        let way_mm = target_mm - self.position_mm;
+        let heading = way_mm.signum();
+        let start = self.speed_mm_s * heading;
+        // the speed at which accelerating and then braking would just cover the way
+        let summit = ((way_mm.abs() * 2.0 * a + start * start) / 2.0).sqrt();
+        let cruise = if start > cruise_mm_s { cruise_mm_s } else { summit.min(cruise_mm_s) };
+        self.change_speed(cruise * heading, a);
+        let braking_mm = cruise * cruise / (2.0 * a);
+        let left_mm = (target_mm - self.position_mm).abs() - braking_mm;
+        if cruise > 0.0 {
+            self.keep(0.0, left_mm.max(0.0) / cruise);
+        }
+        self.change_speed(0.0, a);
+        self.position_mm = target_mm;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_short_move_is_a_triangle_and_takes_twice_the_root_of_way_over_acceleration() {
+        let t = Trajectory::to(1.0, (0.0, 0.0), 0.25, 25.0, 100.0);
+        assert!((t.end_s() - 1.0 - 2.0 * (0.25f64 / 100.0).sqrt()).abs() < 1e-12);
+        assert!((t.position_mm(1.05) - 0.125).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_long_move_cruises() {
+        let t = Trajectory::to(0.0, (2.0, 0.0), -8.0, 5.0, 100.0);
+        assert!((t.end_s() - (10.0 / 5.0 + 5.0 / 100.0)).abs() < 1e-12);
+        assert!((t.speed_mm_s(1.0) + 5.0).abs() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn any_motion_is_continuous_and_ends_at_rest_on_its_target(
+            start in -10.0..10.0f64, speed in -20.0..20.0f64, target in -10.0..10.0f64, cruise in 0.1..25.0f64,
+        ) {
+            let t = Trajectory::to(0.0, (start, speed), target, cruise, 100.0);
+            let mut knots = vec![0.0];
+            while let Some(next) = t.next_knot(*knots.last().unwrap()) { knots.push(next); }
+            for &knot in &knots[1..] {
+                let (before, after) = (t.state(knot - 1e-9), t.state(knot));
+                prop_assert!((before.0 - after.0).abs() < 1e-6 && (before.1 - after.1).abs() < 1e-5);
+            }
+            prop_assert_eq!(t.state(t.end_s()), (target, 0.0, 0.0));
+            let stop = Trajectory::stop(0.0, (start, speed), 100.0);
+            prop_assert!((stop.end_mm() - (start + speed * speed.abs() / 200.0)).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,120 @@
+use crate::quantity::{ArrayLayout, Frame, Position};
+
+/// The physical terms a scene names; what is `None` or empty isn't modelled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneSpec {
+    /// The cover over the taxels; none: the taxels read nothing.
+    pub elastomer: Option<Elastomer>,
+    /// Relaxed force against depth.
+    pub contact: Contact,
+    /// What a sudden load adds, and how it decays.
+    pub relaxation: Vec<Branch>,
+    /// How far the surface plane may lie from the nominal one, anywhere in the loading area, mm; 0: flat.
+    pub surface_tilt_mm: f64,
+    /// What the load cell does to the force; none: it reads the truth.
+    pub load_cell: Option<LoadCell>,
+    /// Loading repeatability of each taxel, % of full scale (PAPER Table 1); one sd is a third of it. None: no noise.
+    pub taxel_noise_percent: Option<Vec<f64>>,
+    /// Hysteresis of each taxel, % of full scale (PAPER Table 1). None: the unloading branch is the loading one.
+    pub hysteresis_percent: Option<Vec<f64>>,
+    /// How long the devices take to answer.
+    pub latencies: Latencies,
+}
+
+/// The elastomer cover as an elastic half-space (PAPER S2).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Elastomer {
+    /// Depth of the taxels below the surface, mm.
+    pub depth_mm: f64,
+}
+
+/// Relaxed contact force against depth s: `linear s + quadratic s^2`, with a parabolic toe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// N/mm.
+    pub linear_n_mm: f64,
+    /// N/mm^2.
+    pub quadratic_n_mm2: f64,
+    /// Depth over which the tip comes to bear fully, mm; 0: at once.
+    pub toe_mm: f64,
+}
+
+/// One relaxation branch: `share` of a sudden load is added and decays with `time_s`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Branch {
+    /// Share of the relaxed force, 1.
+    pub share: f64,
+    /// Time constant, s.
+    pub time_s: f64,
+}
+
+/// The load cell's imperfections.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoadCell {
+    /// Standard deviation of one conversion, N.
+    pub noise_n: f64,
+    /// What the cell reads with nothing on it, N.
+    pub offset_n: f64,
+}
+
+/// A device of a rig, as the scene tells them apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Device {
+    /// The three-axis stage's controller.
+    Stage,
+    /// The load cell's transmitter.
+    LoadCell,
+    /// The array's converter.
+    Array,
+}
+
+impl Device {
+    /// All devices.
+    pub const ALL: [Device; 3] = [Device::Stage, Device::LoadCell, Device::Array];
+
+    /// The role's name as it stands in a rig file.
+    pub fn name(self) -> &'static str {
+        ["stage", "load_cell", "array"][self as usize]
+    }
+}
+
+/// How long each device takes from a request to its answer: least and most, s, uniform between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Latencies {
+    /// The stage's controller.
+    pub stage_s: (f64, f64),
+    /// The load cell's transmitter.
+    pub load_cell_s: (f64, f64),
+    /// The array's converter.
+    pub array_s: (f64, f64),
+}
+
+impl Latencies {
+    /// The least and the most of one device, s.
+    pub fn of(&self, device: Device) -> (f64, f64) {
+        match device {
+            Device::Stage => self.stage_s,
+            Device::LoadCell => self.load_cell_s,
+            Device::Array => self.array_s,
+        }
+    }
+}
+
+/// What the scene takes from the rig around it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// Where the specimen is in the stage's coordinates.
+    pub frame: Frame,
+    /// Where the taxels are.
+    pub layout: ArrayLayout,
+    /// Largest force the taxels are specified for, N: their full scale is the reading for it straight above.
+    pub full_scale_n: f64,
+    /// Half the side of the loading area in which the surface's tilt is bounded, mm.
+    pub half_extent_mm: f64,
+    /// Where the axes stand when the controller is switched on, in true stage coordinates.
+    pub power_on: Position,
+    /// Conversions of the load cell a second.
+    pub conversions_hz: f64,
+    /// How long the devices take to answer.
+    pub latencies: Latencies,
+}

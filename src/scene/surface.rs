@@ -1,0 +1,70 @@
+use crate::quantity::{Frame, stream};
+use rand::RngExt;
+
+/// The specimen's true surface: a plane near the nominal one.
+pub(super) struct Surface {
+    frame: Frame,
+    /// How far the surface lies beyond the nominal one, into the specimen, at the origin (mm) and per mm of x and y.
+    plane: [f64; 3],
+}
+
+/// How deep the indenter is below the true surface, as a quadratic of the time from now: mm, mm/s, mm/s^2.
+#[derive(Clone, Copy)]
+pub(super) struct Depth {
+    pub mm: f64,
+    pub speed_mm_s: f64,
+    pub acceleration_mm_s2: f64,
+}
+
+impl Surface {
+    /// A plane whose height, anywhere within `half_extent_mm` of the origin, is at most `tilt_mm` off; drawn from the seed
+    /// alone, since it belongs to the specimen.
+    pub fn tilted(frame: &Frame, tilt_mm: f64, half_extent_mm: f64, seed: u64) -> Self {
+        let mut rng = stream(seed, 0, "surface");
+        let mut third = || rng.random_range(-1.0..=1.0) * tilt_mm / 3.0;
+        let plane = [third(), third() / half_extent_mm, third() / half_extent_mm];
+        Surface { frame: *frame, plane }
+    }
+
+    /// The depth below the surface from the axes' (position, speed, acceleration) in the stage frame.
+    pub fn depth(&self, x: (f64, f64, f64), y: (f64, f64, f64), z: (f64, f64, f64)) -> Depth {
+        let [height, per_x, per_y] = self.plane;
+        let place = self.frame.place_from_stage(x.0, y.0);
+        let down = self.frame.down.sign();
+        Depth {
+            mm: self.frame.z_from_stage(z.0) - height - per_x * place.x_mm - per_y * place.y_mm,
+            speed_mm_s: down * z.1 - per_x * x.1 - per_y * y.1,
+            acceleration_mm_s2: down * z.2 - per_x * x.2 - per_y * y.2,
+        }
+    }
+}
+
+impl Depth {
+    pub fn after(&self, dt_s: f64) -> f64 {
+        self.mm + dt_s * (self.speed_mm_s + dt_s * self.acceleration_mm_s2 / 2.0)
+    }
+
+    pub fn speed_after(&self, dt_s: f64) -> f64 {
+        self.speed_mm_s + dt_s * self.acceleration_mm_s2
+    }
+
+    pub fn at_rest(&self) -> bool {
+        self.speed_mm_s == 0.0 && self.acceleration_mm_s2 == 0.0
+    }
+
+    /// The instants in (0, `within_s`) at which the depth is `level_mm`, earliest first.
+    pub fn crossings(&self, level_mm: f64, within_s: f64) -> impl Iterator<Item = f64> {
+        let (c, b, half_a) = (self.mm - level_mm, self.speed_mm_s, self.acceleration_mm_s2 / 2.0);
+        let mut roots = [f64::NAN; 2];
+        if half_a == 0.0 {
+            roots[0] = -c / b;
+        } else {
+            let root = (b * b - 4.0 * half_a * c).sqrt();
+            // the stable pair of a quadratic's roots: no difference of like numbers
+            let q = -(b + root.copysign(b)) / 2.0;
+            roots = [q / half_a, c / q];
+            roots.sort_by(f64::total_cmp);
+        }
+        roots.into_iter().filter(move |&t| t > 0.0 && t < within_s)
+    }
+}
