@@ -36,13 +36,9 @@ impl Bounds {
     fn unit(&self) -> String {
         if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) }
     }
-}
 
-impl std::fmt::Display for Bounds {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let above = if self.above_min { "over " } else { "" };
-        write!(f, "{above}{} to {} {}", self.min, self.max, self.unit)?;
-        Ok(())
+    fn interval(&self) -> String {
+        format!("{}{} to {}", if self.above_min { "over " } else { "" }, self.min, self.max)
     }
 }
 
@@ -76,6 +72,11 @@ impl<'d> Table<'d> {
         self.table.keys().any(|k| k.get_ref() == key)
     }
 
+    /// Whether the key is there and a string.
+    pub fn is_text(&self, key: &str) -> bool {
+        self.table.iter().any(|(k, v)| k.get_ref() == key && v.get_ref().is_str())
+    }
+
     /// Where the key's value stands; the table's own place without it.
     pub fn span_of(&self, key: &str) -> Span {
         self.table.iter().find(|(k, _)| k.get_ref() == key).map_or(self.span(), |(_, v)| v.span())
@@ -89,9 +90,7 @@ impl<'d> Table<'d> {
 
     /// The same, and a problem without it.
     pub fn require_number(&mut self, key: &'static str, bounds: Bounds) -> Option<f64> {
-        self.require(key, || {
-            format!("a number{}, {}", bounds.unit(), bounds.to_string().replace(&format!(" {}", bounds.unit), ""))
-        });
+        self.require(key, || format!("a number{}, {}", bounds.unit(), bounds.interval()));
         self.number(key, bounds)
     }
 
@@ -270,7 +269,7 @@ impl<'d> Table<'d> {
         match number {
             Some(n) if !n.is_finite() => self.fail(value, format!("`{key}` is not a finite number")),
             Some(n) if bounds.admit(n) => Some(n),
-            Some(n) => self.fail(value, format!("`{key}` is {n}, outside {bounds}")),
+            Some(n) => self.fail(value, format!("`{key}` is {n}, outside {} {}", bounds.interval(), bounds.unit)),
             None => self.fail(value, format!("`{key}` is not a number this program can hold")),
         }
     }

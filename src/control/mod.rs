@@ -1,0 +1,3 @@
+//! control
+mod task;
+pub use task::{Branch, Level, Task};

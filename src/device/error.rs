@@ -1,0 +1,57 @@
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// A device didn't do what it was asked: which, while doing what, what came back, and what to do next.
+#[derive(Debug, Error)]
+#[error("{device}: while {doing}: {problem}")]
+pub struct DeviceError {
+    /// The role and the instrument, such as `stage (ESP301)`.
+    pub device: String,
+    /// What was being done.
+    pub doing: String,
+    /// What came back, or didn't.
+    pub problem: Problem,
+}
+
+/// What came back.
+#[derive(Debug, Error)]
+pub enum Problem {
+    /// The link failed or stayed silent.
+    #[error("{0}")]
+    Link(String),
+    /// An answer that isn't one.
+    #[error("it answered {answer:?}, expected {expected}")]
+    Misfit {
+        /// What came.
+        answer: String,
+        /// What should have come.
+        expected: String,
+    },
+    /// The device refused, in its own words.
+    #[error("it says: {0}")]
+    Refused(String),
+    /// The device is in order but isn't what the rig file says.
+    #[error("{0}")]
+    Mismatch(String),
+    /// A motion didn't end, or not where it should.
+    #[error("{0}")]
+    Motion(String),
+}
+
+impl Diagnostic for DeviceError {
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        Some(Box::new(match self.problem {
+            Problem::Link(_) => {
+                "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports"
+            }
+            Problem::Misfit { .. } => {
+                "check that the driver in the rig file fits the device, and that no other program talks to it"
+            }
+            Problem::Refused(_) => {
+                "look the message up in the device's manual; clear its cause, then `palpate resume` the run"
+            }
+            Problem::Mismatch(_) => "correct the rig file or the device's settings so that they agree",
+            Problem::Motion(_) => "look for what holds the stage; clear it, then `palpate resume` the run",
+        }))
+    }
+}

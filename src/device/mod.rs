@@ -1,0 +1,105 @@
+//! The roles of a rig as traits: a stage that moves, a load cell and an array that are read.
+//!
+//! A driver plays a role over a link. What is common to all drivers of a role (moving and waiting, checking the read-back)
+//! is written once over these traits, in [`mod@crate::run`]; a driver gives the few hooks it needs.
+
+mod error;
+
+pub use error::{DeviceError, Problem};
+
+use crate::quantity::{Axis, ForceReading, Travel};
+use serde::{Deserialize, Serialize};
+use std::future::Future;
+use std::time::Duration;
+use tokio::sync::Notify;
+
+/// What a device says it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The role it plays: `stage`, `load_cell` or `array`.
+    pub role: String,
+    /// What it says of itself, or its protocol where it can't say.
+    pub identity: String,
+    /// Where it is.
+    pub link: String,
+    /// What a person should know before relying on it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+/// How the stage is to be used, from the rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageUse {
+    /// How far each axis may go, mm; z already ends where the specimen's depth limit does.
+    pub travel: Travel,
+    /// +1 or -1: the direction along z that leads away from the specimen.
+    pub away: f64,
+    /// Fastest speed to be used on any axis, mm/s.
+    pub speed_mm_s: f64,
+    /// Acceleration and deceleration to be used, mm/s^2.
+    pub acceleration_mm_s2: f64,
+}
+
+/// A three-axis stage. Positions are stage coordinates, mm.
+///
+/// A motion is begun and then followed: a controller finishes what was begun whatever becomes of the program, so only what
+/// is safe to finish is begun.
+pub trait Stage {
+    /// Connects, checks units and limits, and homes what isn't homed: z first, away from the specimen.
+    fn prepare(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// Starts axes toward targets, each at most at `speed_mm_s`, and doesn't wait.
+    fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// Waits until the axes have come to rest. `expected` is how long the motion should take; `stop` ends it early,
+    /// at once, even while an answer is awaited.
+    fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        stop: &Notify,
+    ) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// Where an axis is.
+    fn position_mm(&mut self, axis: Axis) -> impl Future<Output = Result<f64, DeviceError>>;
+
+    /// Stops all axes at once, waiting for nothing.
+    fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// What the controller has to complain of, oldest first; empties its list.
+    fn complaints(&mut self) -> impl Future<Output = Result<Vec<String>, DeviceError>>;
+}
+
+/// A load cell.
+pub trait LoadCell {
+    /// Connects and checks that the answers mean what the rig says.
+    fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// The latest reading, its zero being whatever the cell calls zero.
+    fn read(&mut self) -> impl Future<Output = Result<ForceReading, DeviceError>>;
+
+    /// Time from one conversion to the next: reading faster gives the same reading again.
+    fn conversion(&self) -> Duration;
+}
+
+/// The sensor's outputs.
+pub trait SensorArray {
+    /// Connects and checks that the answers mean what the rig says.
+    fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// Reads every unit once into `outputs`, in the sensor's own units (volts).
+    fn read(&mut self, outputs: &mut [f64]) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// How many units there are.
+    fn units(&self) -> usize;
+}
+
+/// The three instruments of a rig.
+pub struct Instruments<S, C, A> {
+    /// The stage.
+    pub stage: S,
+    /// The load cell.
+    pub load_cell: C,
+    /// The array.
+    pub array: A,
+}

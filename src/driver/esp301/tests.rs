@@ -1,0 +1,123 @@
+use super::*;
+use crate::quantity::{Range, Travel};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+
+/// A driver whose far end expects the lines that are sent and answers as the script says; left-over lines fail.
+fn scripted(script: &'static [(&'static str, &'static str)]) -> (Esp301, tokio::task::JoinHandle<()>) {
+    let (near, mut far) = duplex(4096);
+    let near = std::sync::Mutex::new(Some(near));
+    let dial = move || near.lock().unwrap().take().expect("the link is opened once");
+    let device = tokio::spawn(async move {
+        for (sent, answered) in script {
+            let mut line = Vec::new();
+            while line.last() != Some(&b'\r') {
+                line.push(far.read_u8().await.unwrap_or_else(|_| panic!("{sent:?} was never sent")));
+            }
+            assert_eq!(String::from_utf8(line).unwrap().trim_end(), *sent);
+            far.write_all(answered.as_bytes()).await.unwrap();
+        }
+        let mut rest = Vec::new();
+        far.read_to_end(&mut rest).await.unwrap();
+        assert_eq!(String::from_utf8(rest).unwrap(), "", "sent beyond the script");
+    });
+    (Esp301::new(Connector::Memory(Box::new(dial)), "script".to_owned()), device)
+}
+
+fn usage() -> StageUse {
+    let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
+    StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 }
+}
+
+#[tokio::test(start_paused = true)]
+async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
+    let (mut stage, device) = scripted(&[
+        ("VE?", "ESP301 Version 1.1.1 16/01/14\r\n"),
+        ("TB?", "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED\r\n"),
+        ("TB?", "0, -2139482948, NO ERROR DETECTED\r\n"),
+        ("1ID?", "VP-25XL, SN1\r\n"),
+        ("1SN?", "2\r\n"),
+        ("1VU?", "25\r\n"),
+        ("2ID?", "VP-25XL, SN2\r\n"),
+        ("2SN?", "2\r\n"),
+        ("2VU?", "25\r\n"),
+        ("3ID?", "VP-25XL, SN3\r\n"),
+        ("3SN?", "2\r\n"),
+        ("3VU?", "25\r\n"),
+        ("3MO?", "0\r\n"),
+        ("3MO", ""),
+        ("3OR3", ""),
+        ("3MD?", "0\r\n"),
+        ("3MD?", "1\r\n"),
+        ("1MO?", "1\r\n"),
+        ("2MO?", "1\r\n"),
+        ("1SL-12.5000;1SR12.5000;1AC100;1AG100", ""),
+        ("2SL-12.5000;2SR12.5000;2AC100;2AG100", ""),
+        ("3SL-12.5000;3SR12.5000;3AC100;3AG100", ""),
+        ("TB?", "0, 12, NO ERROR DETECTED\r\n"),
+    ]);
+    let identity = stage.prepare(&usage()).await.unwrap();
+    assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
+    assert!(identity.warnings.is_empty());
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_move_is_one_line_and_its_end_is_asked_for() {
+    let (mut stage, device) = scripted(&[
+        ("1VA10.00000;1PA-1.50000;2VA10.00000;2PA0.25000", ""),
+        ("1MD?", "0\r\n"),
+        ("1MD?", "1\r\n"),
+        ("2MD?", "1\r\n"),
+        ("3TP", "-10.2370\r\n"),
+    ]);
+    stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0).await.unwrap();
+    stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Notify::new()).await.unwrap();
+    assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), -10.237);
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_is_sent_while_an_answer_is_awaited() {
+    let (mut stage, device) = scripted(&[("3MD?", ""), ("ST", "1\r\n")]);
+    let stop = Notify::new();
+    let ask_for_it = async {
+        sleep(Duration::from_millis(30)).await;
+        stop.notify_one();
+    };
+    let axes = [Axis::Z];
+    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_millis(10), &stop), ask_for_it);
+    followed.unwrap();
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again() {
+    let (mut stage, device) = scripted(&[
+        ("3TP", "E some unsolicited text\r\n"),
+        ("VE?", "-1.0\r\nESP301 Version 1.1.1 16/01/14\r\n"),
+        ("3TP", "2.5000\r\n"),
+    ]);
+    assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), 2.5);
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_silent_controller_is_an_error_that_says_what_was_asked() {
+    let (mut stage, _device) = scripted(&[("3TP", "")]);
+    let error = stage.position_mm(Axis::Z).await.unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "stage (ESP301 at script): while reading a position: no answer to \"3TP\" within 6000 ms"
+    );
+}
+
+#[test]
+fn old_firmware_is_warned_of() {
+    assert!(firmware_warning("ESP301 Version 1.0.5 10/10/11").is_some());
+    assert!(firmware_warning("ESP301 Version 1.1.1 16/01/14").is_none());
+    assert!(firmware_warning("ESP300 Version 3.04 07/27/01").is_none());
+}

@@ -1,0 +1,56 @@
+use super::client::{Client, Framing};
+use super::profile::{Outputs, Probe, Profile};
+use crate::device::{DeviceError, Identity, Problem, SensorArray};
+use crate::wire::Connector;
+
+/// A sensor array on the analog inputs of a Modbus converter.
+pub struct ModbusArray {
+    client: Client,
+    outputs: Outputs,
+    probes: Vec<Probe>,
+    units: usize,
+    identity: Identity,
+}
+
+impl ModbusArray {
+    /// An array of `units` units on a profile's outputs, or none if the profile has no `[outputs]` or too few.
+    pub fn new(connector: Connector, framing: Framing, profile: Profile, link: &str, units: usize) -> Option<Self> {
+        let client = Client::new(connector, framing, &profile, "array", link);
+        let outputs = profile.outputs.filter(|outputs| (1..=outputs.count_max).contains(&units))?;
+        let identity = Identity {
+            role: "array".to_owned(),
+            identity: format!("{}, {units} channels", profile.name),
+            link: link.to_owned(),
+            warnings: Vec::new(),
+        };
+        Some(ModbusArray { client, outputs, probes: profile.probe, units, identity })
+    }
+}
+
+impl SensorArray for ModbusArray {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        self.client.probe(&self.probes, self.outputs.word_order).await?;
+        let mut outputs = vec![0.0; self.units];
+        self.read(&mut outputs).await?;
+        Ok(self.identity.clone())
+    }
+
+    async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
+        let doing = "reading the outputs";
+        let Outputs { address, number, word_order, .. } = self.outputs;
+        let each = number.registers();
+        let words = self.client.read(doing, address, each * self.units as u16).await?;
+        for (output, words) in outputs.iter_mut().zip(words.chunks(usize::from(each))) {
+            let value = number.decode(words, word_order).filter(|value| value.is_finite());
+            *output = value.ok_or_else(|| {
+                let expected = "a finite number from every unit".to_owned();
+                self.client.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected })
+            })?;
+        }
+        Ok(())
+    }
+
+    fn units(&self) -> usize {
+        self.units
+    }
+}

@@ -1,0 +1,152 @@
+use super::profile::{NumberType, Probe, Profile, WordOrder};
+use crate::device::{DeviceError, Problem};
+use crate::wire::{ByteStream, Connector};
+use std::time::Duration;
+use tokio::io::AsyncReadExt;
+use tokio::time::timeout;
+use tokio_modbus::client::{Context, Reader, rtu, tcp};
+use tokio_modbus::slave::Slave;
+
+/// How often a read is tried. A read changes nothing, so that it may be asked again.
+const READ_TRIES: usize = 3;
+
+/// Silence after which a serial line that fell out of step is taken to be quiet: a late answer has come by then.
+const QUIET: Duration = Duration::from_millis(20);
+
+/// Most bytes that are thrown away while a line is brought to quiet.
+const STRAY_BYTES_MAX: usize = 4096;
+
+/// How Modbus is framed on a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Framing {
+    /// Serial line, CRC and silence.
+    Rtu,
+    /// TCP, with a header that numbers the transactions.
+    Tcp,
+}
+
+/// One Modbus device behind a link that is opened when it is needed, and again after anything that left it out of step.
+pub struct Client {
+    connector: Connector,
+    framing: Framing,
+    unit_id: u8,
+    deadline: Duration,
+    device: String,
+    /// Taken while an exchange is under way: one that was dropped doesn't come back, and the link is opened anew.
+    context: Option<Context>,
+    opened_before: bool,
+}
+
+impl Client {
+    /// A device of a profile; `role` and `link` name it in messages.
+    pub fn new(connector: Connector, framing: Framing, profile: &Profile, role: &str, link: &str) -> Self {
+        Client {
+            connector,
+            framing,
+            unit_id: profile.unit_id,
+            deadline: Duration::from_millis(profile.deadline_ms),
+            device: format!("{role} ({} at {link})", profile.name),
+            context: None,
+            opened_before: false,
+        }
+    }
+
+    /// Holding registers from an address on the wire (function code 3).
+    ///
+    /// # Errors
+    /// The device's exception, or the link's failure after as many tries as are allowed.
+    pub async fn read(&mut self, doing: &str, address: u16, count: u16) -> Result<Vec<u16>, DeviceError> {
+        let mut last = String::new();
+        for _ in 0..READ_TRIES {
+            let mut context = match self.open().await {
+                Ok(context) => context,
+                Err(error) => {
+                    last = error.to_string();
+                    continue;
+                }
+            };
+            match timeout(self.deadline, context.read_holding_registers(address, count)).await {
+                Ok(Ok(Ok(words))) if words.len() == usize::from(count) => {
+                    self.context = Some(context);
+                    return Ok(words);
+                }
+                Ok(Ok(Ok(words))) => last = format!("{} registers came for {count}", words.len()),
+                Ok(Ok(Err(exception))) => {
+                    self.context = Some(context);
+                    let told = format!("{exception} (registers {address} to {})", address.saturating_add(count - 1));
+                    return Err(self.error(doing, Problem::Refused(told)));
+                }
+                Ok(Err(error)) => last = error.to_string(),
+                Err(_) => last = format!("no answer within {} ms", self.deadline.as_millis()),
+            }
+        }
+        Err(self.error(doing, Problem::Link(format!("{last}, {READ_TRIES} times"))))
+    }
+
+    /// One number from an address on the wire.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub async fn read_number(
+        &mut self,
+        doing: &str,
+        address: u16,
+        number: NumberType,
+        order: WordOrder,
+    ) -> Result<f64, DeviceError> {
+        let words = self.read(doing, address, number.registers()).await?;
+        number.decode(&words, order).ok_or_else(|| {
+            self.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected: format!("a {number:?}") })
+        })
+    }
+
+    /// Reads every register whose value is known.
+    ///
+    /// # Errors
+    /// The first that differs: wrong device, wrong address or wrong word order.
+    pub async fn probe(&mut self, probes: &[Probe], order: WordOrder) -> Result<(), DeviceError> {
+        for probe in probes {
+            let doing = format!("checking {}", probe.what);
+            let value = self.read_number(&doing, probe.address, probe.number, order).await?;
+            if value != probe.value {
+                let expected = format!("{} at register {}", probe.value, probe.address);
+                return Err(self.error(&doing, Problem::Misfit { answer: value.to_string(), expected }));
+            }
+        }
+        Ok(())
+    }
+
+    /// An error of this device.
+    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+        DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
+    }
+
+    async fn open(&mut self) -> std::io::Result<Context> {
+        if let Some(context) = self.context.take() {
+            return Ok(context);
+        }
+        let mut stream = self.connector.open().await?;
+        if self.opened_before && self.framing == Framing::Rtu {
+            until_quiet(&mut stream).await?;
+        }
+        self.opened_before = true;
+        let slave = Slave(self.unit_id);
+        Ok(match self.framing {
+            Framing::Rtu => rtu::attach_slave(stream, slave),
+            Framing::Tcp => tcp::attach_slave(stream, slave),
+        })
+    }
+}
+
+/// Throws away what comes until nothing comes any more.
+async fn until_quiet(stream: &mut ByteStream) -> std::io::Result<()> {
+    let mut stray = [0; 256];
+    let mut total = 0;
+    while total < STRAY_BYTES_MAX {
+        match timeout(QUIET, stream.read(&mut stray)).await {
+            Ok(Ok(0)) | Err(_) => break,
+            Ok(count) => total += count?,
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,11 @@
+//! Instruments that speak Modbus, RTU on a serial line or TCP: which registers mean what is a [`Profile`], not code.
+
+mod array;
+mod client;
+mod load_cell;
+mod profile;
+
+pub use array::ModbusArray;
+pub use client::{Client, Framing};
+pub use load_cell::ModbusLoadCell;
+pub use profile::{NumberType, Profile, ProfileError, SHIPPED, WordOrder};

@@ -1,0 +1,147 @@
+//! What to do: a TOML recipe, read with all its problems at once, and the plan that follows from it.
+//!
+//! A [`Recipe`] is a text understood; a [`Plan`] is the list of presses it comes to on a given rig with a given seed. A plan
+//! can be printed before anything moves, and a recipe that asks for what the rig can't or mustn't do has no plan.
+
+mod parse;
+mod plan;
+
+pub use parse::parse;
+pub use plan::{Entry, Ground, Plan};
+
+use crate::document::Span;
+use crate::quantity::{Place, Range};
+use serde::{Deserialize, Serialize};
+
+/// Most presses one recipe may come to. A night of 10 hours holds some 20,000.
+pub const PRESSES_MAX: usize = 100_000;
+
+/// A recipe, understood but not yet held against a rig.
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    /// The recipe's name; a run folder is named after it.
+    pub name: String,
+    /// The steps, in the order they are done.
+    pub steps: Vec<Step>,
+    /// Solvers to evaluate the run with when it is done; empty: no evaluation.
+    pub solvers: Vec<String>,
+    pub(super) file: String,
+    pub(super) text: String,
+}
+
+/// What a press is made for: it decides which table its row lands in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    /// Loading and unloading at the units' centres: Table 1.
+    Characterisation,
+    /// The calibration database.
+    Calibration,
+    /// Points whose place and force the solver is to find.
+    Test,
+    /// Presses from which the force loop learns; in no table but the presses themselves.
+    Teach,
+}
+
+impl Phase {
+    /// The phase as it stands in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::Characterisation => "characterisation",
+            Phase::Calibration => "calibration",
+            Phase::Test => "test",
+            Phase::Teach => "teach",
+        }
+    }
+}
+
+/// One `[[step]]`.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// What its presses are made for.
+    pub phase: Phase,
+    /// Where it presses.
+    pub places: Places,
+    /// How hard.
+    pub load: Load,
+    /// How each press is made.
+    pub manner: Manner,
+    /// Where the step's places stand in the text.
+    pub places_span: Span,
+    /// Where its force stands in the text.
+    pub load_span: Span,
+}
+
+/// Where a step presses, in the specimen frame, mm.
+#[derive(Clone, Debug)]
+pub enum Places {
+    /// Rows of constant y, both ends included; x changes fastest.
+    Grid {
+        /// First and last x.
+        x_mm: Range,
+        /// First and last y.
+        y_mm: Range,
+        /// From one point to the next.
+        spacing_mm: f64,
+    },
+    /// Places as given, each with its own stretch of the text.
+    List(Vec<(Place, Span)>),
+    /// Places drawn uniformly from the run's seed, to 1 um.
+    Random {
+        /// How many.
+        count: u64,
+        /// Interval of x.
+        x_mm: Range,
+        /// Interval of y.
+        y_mm: Range,
+    },
+    /// Straight above the units of the rig's array.
+    Units(UnitChoice),
+}
+
+/// Which units of the array.
+#[derive(Clone, Debug)]
+pub enum UnitChoice {
+    /// Every one.
+    All,
+    /// These, counted from 1, with their places in the text.
+    Some(Vec<(usize, Span)>),
+}
+
+/// How hard a step presses.
+#[derive(Clone, Debug)]
+pub enum Load {
+    /// The same force everywhere, N.
+    Force(f64),
+    /// A force drawn uniformly for each place, N, to 1 mN.
+    RandomForce(Range),
+    /// Up to a force and back in equal steps, at every place several times.
+    Staircase {
+        /// The top, N.
+        to_n: f64,
+        /// From level to level, N.
+        step_n: f64,
+        /// How often at each place.
+        repeats: u64,
+        /// Rest between two repeats at a place, s.
+        rest_s: f64,
+    },
+}
+
+/// How each press of a step is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Manner {
+    /// Largest allowed difference of the force in the window from the set one, N.
+    pub force_tolerance_n: f64,
+    /// Dwell at the set force before the window, s.
+    pub hold_s: f64,
+    /// Length of the window in which force and outputs are sampled, s.
+    pub sample_s: f64,
+}
+
+impl Default for Manner {
+    /// The paper's tolerance (PAPER S7), no extra dwell, a tenth of a second.
+    fn default() -> Self {
+        Manner { force_tolerance_n: 0.05, hold_s: 0.0, sample_s: 0.1 }
+    }
+}

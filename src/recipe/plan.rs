@@ -1,0 +1,290 @@
+use super::{Load, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
+use crate::control::Task;
+use crate::document::{Problem, Problems, Span};
+use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, stream};
+use rand::RngExt;
+
+/// The presses a recipe comes to on one rig with one seed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The recipe's name.
+    pub name: String,
+    /// What random places and forces were drawn from.
+    pub seed: u64,
+    /// The presses in their order; an entry's number is its place in this list.
+    pub entries: Vec<Entry>,
+}
+
+/// One contact of the plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Its number, from 0.
+    pub press: u64,
+    /// What it is made for.
+    pub phase: Phase,
+    /// Where.
+    pub place: Place,
+    /// What it measures.
+    pub task: Task,
+    /// Rest in air after it, s.
+    pub rest_after_s: f64,
+}
+
+/// What a plan is held against.
+#[derive(Clone, Debug)]
+pub struct Ground<'a> {
+    /// How far the axes may go.
+    pub travel: &'a Travel,
+    /// Where the specimen is.
+    pub frame: &'a Frame,
+    /// What it bears.
+    pub limits: &'a Limits,
+    /// Where the units of the array are.
+    pub layout: &'a ArrayLayout,
+}
+
+impl Plan {
+    /// The plan of a recipe.
+    ///
+    /// # Errors
+    /// Every step that leaves the stage's travel, exceeds the specimen's force, names a unit there isn't, or makes the plan
+    /// too long, at its line.
+    pub fn new(recipe: &Recipe, ground: &Ground, seed: u64) -> Result<Plan, Problems> {
+        let mut problems = Vec::new();
+        let mut entries: Vec<Entry> = Vec::new();
+        for (index, step) in recipe.steps.iter().enumerate() {
+            check_force(step, ground.limits, &mut problems);
+            let repeats = match step.load {
+                Load::Staircase { repeats, .. } => repeats as usize,
+                _ => 1,
+            };
+            let count = step.places.count(ground.layout) * repeats;
+            if entries.len() + count > PRESSES_MAX {
+                let told = format!("the plan comes to {} presses, over {PRESSES_MAX}", entries.len() + count);
+                problems.push(Problem::new(step.places_span.clone(), told).help("split the recipe"));
+                break;
+            }
+            let places = step.places(ground.layout, seed, index, &mut problems);
+            check_travel(&places, ground, &mut problems);
+            entries.extend(step.entries(&places, seed, index));
+        }
+        for (press, entry) in entries.iter_mut().enumerate() {
+            entry.press = press as u64;
+        }
+        if problems.is_empty() {
+            Ok(Plan { name: recipe.name.clone(), seed, entries })
+        } else {
+            Err(Problems::new(&recipe.file, &recipe.text, problems))
+        }
+    }
+
+    /// The largest force anywhere in the plan, N.
+    pub fn most_n(&self) -> f64 {
+        self.entries.iter().map(|entry| entry.task.most_n()).fold(0.0, f64::max)
+    }
+
+    /// The intervals of x and y that the plan's places span, mm.
+    pub fn envelope(&self) -> [Range; 2] {
+        let span = |along: fn(&Place) -> f64| {
+            let all = self.entries.iter().map(|entry| along(&entry.place));
+            let min = all.clone().fold(f64::INFINITY, f64::min);
+            Range { min, max: all.fold(f64::NEG_INFINITY, f64::max) }
+        };
+        [span(|place| place.x_mm), span(|place| place.y_mm)]
+    }
+
+    /// How many rows of `presses.csv` it comes to.
+    pub fn rows(&self) -> usize {
+        self.entries.iter().map(|entry| entry.task.levels.len()).sum()
+    }
+}
+
+impl Places {
+    fn count(&self, layout: &ArrayLayout) -> usize {
+        match self {
+            Places::Grid { x_mm, y_mm, spacing_mm } => {
+                points(*x_mm, *spacing_mm).saturating_mul(points(*y_mm, *spacing_mm))
+            }
+            Places::List(places) => places.len(),
+            Places::Random { count, .. } => *count as usize,
+            Places::Units(UnitChoice::All) => layout.len(),
+            Places::Units(UnitChoice::Some(units)) => units.len(),
+        }
+    }
+}
+
+impl Step {
+    /// The step's places, each with where it stands in the text.
+    fn places(&self, layout: &ArrayLayout, seed: u64, index: usize, problems: &mut Vec<Problem>) -> Vec<(Place, Span)> {
+        let here = |place: Place| (place, self.places_span.clone());
+        match &self.places {
+            Places::Grid { x_mm, y_mm, spacing_mm } => {
+                let along = |range: Range| {
+                    let last = points(range, *spacing_mm) - 1;
+                    (0..=last).map(move |i| range.min + range.width() * i as f64 / last.max(1) as f64)
+                };
+                along(*y_mm).flat_map(|y| along(*x_mm).map(move |x| Place::new(x, y))).map(here).collect()
+            }
+            Places::List(places) => places.clone(),
+            Places::Random { count, x_mm, y_mm } => {
+                let mut rng = stream(seed, index as u64, "plan places");
+                let mut draw = |range: &Range| to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
+                (0..*count).map(|_| here(Place::new(draw(x_mm), draw(y_mm)))).collect()
+            }
+            Places::Units(UnitChoice::All) => layout.places().iter().copied().map(here).collect(),
+            Places::Units(UnitChoice::Some(units)) => {
+                let place = |(unit, span): &(usize, Span)| match layout.places().get(unit.wrapping_sub(1)) {
+                    Some(place) => Some((*place, span.clone())),
+                    None => {
+                        let told = format!("there is no unit {unit}: the rig's array has {}", layout.len());
+                        problems.push(Problem::new(span.clone(), told));
+                        None
+                    }
+                };
+                units.iter().filter_map(place).collect()
+            }
+        }
+    }
+
+    fn entries(&self, places: &[(Place, Span)], seed: u64, index: usize) -> Vec<Entry> {
+        let mut rng = stream(seed, index as u64, "plan forces");
+        let mut entries = Vec::new();
+        let last_place = places.len().saturating_sub(1);
+        for (i, (place, _)) in places.iter().enumerate() {
+            let entry = |levels, rest_after_s| Entry {
+                press: 0, // numbered when all steps are known
+                phase: self.phase,
+                place: *place,
+                task: Task {
+                    levels,
+                    force_tolerance_n: self.manner.force_tolerance_n,
+                    hold_s: self.manner.hold_s,
+                    sample_s: self.manner.sample_s,
+                },
+                rest_after_s,
+            };
+            match &self.load {
+                Load::Force(force_n) => entries.push(entry(Task::press(*force_n), 0.0)),
+                Load::RandomForce(range) => {
+                    let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
+                    entries.push(entry(Task::press(force_n), 0.0));
+                }
+                Load::Staircase { to_n, step_n, repeats, rest_s } => {
+                    for repeat in 1..=*repeats {
+                        let very_last = i == last_place && repeat == *repeats;
+                        let rest_after_s = if repeat < *repeats && !very_last { *rest_s } else { 0.0 };
+                        entries.push(entry(Task::staircase(*to_n, *step_n), rest_after_s));
+                    }
+                }
+            }
+        }
+        entries
+    }
+}
+
+/// How many points lie on an interval, both ends included.
+fn points(range: Range, spacing_mm: f64) -> usize {
+    (range.width() / spacing_mm).round() as usize + 1
+}
+
+/// Rounded to what the instruments can do, and still inside.
+fn to_grain(value: f64, grain: f64, range: &Range) -> f64 {
+    ((value / grain).round() * grain).clamp(range.min, range.max)
+}
+
+fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
+    let most_n = step.load.most_n();
+    if most_n > limits.force_n {
+        let told = format!("this step presses with {most_n} N, over the specimen's limit of {} N", limits.force_n);
+        let help = format!(
+            "ask for at most {} N, or raise `limits.force_n` in the rig if the specimen bears it",
+            limits.force_n
+        );
+        problems.push(Problem::new(step.load_span.clone(), told).help(help));
+    }
+}
+
+fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Problem>) {
+    // one problem a stretch of text: a grid that is off isn't told 625 times
+    let mut told: Option<Span> = None;
+    for (place, span) in places {
+        let position = ground.frame.to_stage(*place, 0.0);
+        let Some(axis) = [Axis::X, Axis::Y].into_iter().find(|&a| !ground.travel.along(a).contains(position.along(a)))
+        else {
+            continue;
+        };
+        if told.as_ref() == Some(span) {
+            continue;
+        }
+        let (travel, name) = (ground.travel.along(axis), axis.name());
+        let message = format!(
+            "({}, {}) mm is off the stage's travel: {name} runs from {} to {} mm",
+            place.x_mm, place.y_mm, travel.min, travel.max
+        );
+        problems.push(Problem::new(span.clone(), message).help("keep places within `stage.travel_mm` of the rig"));
+        told = Some(span.clone());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Down;
+    use crate::recipe::parse;
+
+    fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
+        let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
+        let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
+        let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+        let layout = ArrayLayout::grid(3, 3, 4.5);
+        let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout };
+        let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}")).map_err(|p| p.lines())?;
+        Plan::new(&recipe, &ground, seed).map_err(|p| p.lines())
+    }
+
+    #[test]
+    fn the_papers_grid_is_625_points_x_fastest() {
+        let text = "[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
+                    grid = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], spacing_mm = 0.5 }\n";
+        let plan = plan(text, 1).unwrap();
+        assert_eq!(plan.entries.len(), 625);
+        assert_eq!(plan.entries[1].place, Place::new(-5.5, -6.0));
+        assert_eq!(plan.entries[624].place, Place::new(6.0, 6.0));
+        assert_eq!(plan.most_n(), 1.0);
+    }
+
+    #[test]
+    fn a_seed_decides_the_random_points() {
+        let text = "[[step]]\nphase = \"test\"\n\
+                    random = { count = 100, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }\n";
+        assert_eq!(plan(text, 3), plan(text, 3));
+        assert_ne!(plan(text, 3), plan(text, 4));
+        let drawn = plan(text, 3).unwrap();
+        assert!(drawn.entries.iter().all(|e| (0.1..=1.0).contains(&e.task.most_n()) && e.place.x_mm.abs() <= 6.0));
+    }
+
+    #[test]
+    fn rests_lie_between_the_repeats_at_a_place() {
+        let text = "[[step]]\nphase = \"characterisation\"\nunits = [1, 9]\n\
+                    staircase = { to_n = 2.0, step_n = 0.5, repeats = 2, rest_s = 300.0 }\n";
+        let rests: Vec<f64> = plan(text, 1).unwrap().entries.iter().map(|e| e.rest_after_s).collect();
+        assert_eq!(rests, [300.0, 0.0, 300.0, 0.0]);
+    }
+
+    #[test]
+    fn what_the_rig_cannot_or_must_not_do_has_no_plan() {
+        let text = "[[step]]\nphase = \"test\"\nforce_n = 2.5\nlist = { places_mm = [[0, 0], [13, 0]] }\n\
+                    [[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [10]\n";
+        assert_eq!(
+            plan(text, 1).unwrap_err(),
+            [
+                "r.toml:4:11: this step presses with 2.5 N, over the specimen's limit of 2 N",
+                "r.toml:5:31: (13, 0) mm is off the stage's travel: x runs from -12.5 to 12.5 mm",
+                "r.toml:9:9: there is no unit 10: the rig's array has 9",
+            ]
+        );
+        let text = "[[step]]\nphase = \"test\"\nforce_n = 1.0\n\
+                    grid = { x_mm = [-6, 6], y_mm = [-6, 6], spacing_mm = 0.01 }\n";
+        assert_eq!(plan(text, 1).unwrap_err(), ["r.toml:5:8: the plan comes to 1442401 presses, over 100000"]);
+    }
+}

@@ -1,0 +1,51 @@
+use super::Link;
+use std::io;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+use tokio_serial::SerialPortBuilderExt;
+
+/// Longest wait for a TCP server to accept.
+const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
+
+/// Anything bytes go into and come out of.
+pub trait Duplex: AsyncRead + AsyncWrite + Unpin + Send + std::fmt::Debug {}
+
+impl<T: AsyncRead + AsyncWrite + Unpin + Send + std::fmt::Debug> Duplex for T {}
+
+/// An open link.
+pub type ByteStream = Box<dyn Duplex>;
+
+/// Opens one instrument's link, again if it was lost.
+pub enum Connector {
+    /// A real port or socket.
+    Real(Link),
+    /// The near end of a stream whose far end is an emulator.
+    Memory(Box<dyn Fn() -> DuplexStream + Send>),
+}
+
+impl Connector {
+    /// Opens the link.
+    ///
+    /// # Errors
+    /// What the operating system says; for [`Link::Sim`] in [`Connector::Real`], that nothing is at its far end.
+    pub async fn open(&self) -> io::Result<ByteStream> {
+        match self {
+            Connector::Memory(dial) => Ok(Box::new(dial())),
+            Connector::Real(Link::Tcp { host, port }) => {
+                let dialled = timeout(CONNECT_DEADLINE, TcpStream::connect((host.as_str(), *port))).await;
+                let stream =
+                    dialled.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "no answer to the dialling"))??;
+                stream.set_nodelay(true)?;
+                Ok(Box::new(stream))
+            }
+            Connector::Real(Link::Serial { port, baud }) => {
+                Ok(Box::new(tokio_serial::new(port, *baud).open_native_async()?))
+            }
+            Connector::Real(Link::Sim) => {
+                Err(io::Error::new(io::ErrorKind::Unsupported, "no emulator is at the far end"))
+            }
+        }
+    }
+}

@@ -1,0 +1,220 @@
+use super::{ByteStream, Connector};
+use std::io;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::sync::Notify;
+use tokio::time::{Instant, timeout, timeout_at};
+
+/// Longest answer line that is taken for one, bytes; the longest real one is an error text of some 60.
+const LINE_MAX_BYTES: usize = 1024;
+
+/// Silence after which a link that fell out of step is taken to be quiet.
+const QUIET: Duration = Duration::from_millis(100);
+
+/// Most answers that are thrown away while a link is brought back into step.
+const STRAY_LINES_MAX: usize = 64;
+
+/// What went wrong on a link.
+#[derive(Debug, thiserror::Error)]
+pub enum WireError {
+    /// The link itself failed.
+    #[error("the link failed: {0}")]
+    Io(#[from] io::Error),
+    /// No answer within the deadline.
+    #[error("no answer to {request:?} within {waited_ms} ms")]
+    Silent {
+        /// What was sent.
+        request: String,
+        /// The deadline, ms.
+        waited_ms: u64,
+    },
+    /// An answer with no end.
+    #[error("an answer of over {LINE_MAX_BYTES} bytes without a line end")]
+    Endless,
+}
+
+/// A stop that a waiting exchange sends at once when it is asked for, answer or no answer.
+pub struct Stop<'a> {
+    /// Told when to stop.
+    pub asked: &'a Notify,
+    /// What to send then.
+    pub line: &'a str,
+}
+
+/// One request at a time over a line protocol; lines go out with CR and come back with CR LF (ESP300 manual, RS-232).
+///
+/// An exchange that isn't finished (no answer, or its future dropped) leaves the link out of step; the next one first
+/// brings it back: it waits for quiet, asks the `marker` question and discards lines up to its answer.
+pub struct LineExchange {
+    connector: Connector,
+    stream: Option<ByteStream>,
+    inbox: Vec<u8>,
+    deadline: Duration,
+    marker: Marker,
+    out_of_step: bool,
+}
+
+/// A harmless question whose answer can't be mistaken for another's.
+#[derive(Clone, Copy, Debug)]
+struct Marker {
+    question: &'static str,
+    answer_contains: &'static str,
+}
+
+impl LineExchange {
+    /// An exchange over a link that is opened when it is first needed. `question` is harmless, and only its answer contains
+    /// `answer_contains`.
+    pub fn new(
+        connector: Connector,
+        deadline: Duration,
+        question: &'static str,
+        answer_contains: &'static str,
+    ) -> Self {
+        let marker = Marker { question, answer_contains };
+        LineExchange { connector, stream: None, inbox: Vec::new(), deadline, marker, out_of_step: false }
+    }
+
+    /// Sends a line that has no answer.
+    ///
+    /// # Errors
+    /// The link's own.
+    pub async fn tell(&mut self, line: &str) -> Result<(), WireError> {
+        self.back_in_step().await?;
+        self.send(line).await
+    }
+
+    /// Sends a line at once, in step or not: a stop waits for nothing.
+    ///
+    /// # Errors
+    /// The link's own.
+    pub async fn tell_now(&mut self, line: &str) -> Result<(), WireError> {
+        self.send(line).await
+    }
+
+    /// Sends a question and gives its answer without the line end. While it waits, `stop` is sent at once if asked for.
+    ///
+    /// # Errors
+    /// No answer in time, or the link's own.
+    pub async fn ask(&mut self, question: &str, stop: Option<&Stop<'_>>) -> Result<String, WireError> {
+        self.back_in_step().await?;
+        self.out_of_step = true;
+        let answer = self.ask_in_step(question, stop).await?;
+        self.out_of_step = false;
+        Ok(answer)
+    }
+
+    /// Says that the last answer made no sense, so that the next exchange resynchronises first.
+    pub fn misfit(&mut self) {
+        self.out_of_step = true;
+    }
+
+    async fn ask_in_step(&mut self, question: &str, stop: Option<&Stop<'_>>) -> Result<String, WireError> {
+        self.send(question).await?;
+        let until = Instant::now() + self.deadline;
+        loop {
+            let answer = match stop {
+                None => timeout_at(until, self.read_line()).await,
+                Some(stop) => {
+                    tokio::select! {
+                        biased;
+                        () = stop.asked.notified() => {
+                            self.send(stop.line).await?;
+                            continue;
+                        }
+                        answer = timeout_at(until, self.read_line()) => answer,
+                    }
+                }
+            };
+            return answer.unwrap_or_else(|_| {
+                let waited_ms = self.deadline.as_millis() as u64;
+                Err(WireError::Silent { request: question.to_owned(), waited_ms })
+            });
+        }
+    }
+
+    async fn back_in_step(&mut self) -> Result<(), WireError> {
+        if !self.out_of_step {
+            return Ok(());
+        }
+        for _ in 0..STRAY_LINES_MAX {
+            match timeout(QUIET, self.read_line()).await {
+                Ok(line) => _ = line?,
+                Err(_) => break,
+            }
+        }
+        self.inbox.clear();
+        let Marker { question, answer_contains } = self.marker;
+        self.send(question).await?;
+        let until = Instant::now() + self.deadline;
+        for _ in 0..STRAY_LINES_MAX {
+            match timeout_at(until, self.read_line()).await {
+                Ok(line) if line.as_ref().is_ok_and(|line| line.contains(answer_contains)) => {
+                    self.out_of_step = false;
+                    return Ok(());
+                }
+                Ok(line) => _ = line?,
+                Err(_) => break,
+            }
+        }
+        let waited_ms = self.deadline.as_millis() as u64;
+        Err(WireError::Silent { request: question.to_owned(), waited_ms })
+    }
+
+    async fn send(&mut self, line: &str) -> Result<(), WireError> {
+        let mut bytes = Vec::with_capacity(line.len() + 1);
+        bytes.extend_from_slice(line.as_bytes());
+        bytes.push(b'\r');
+        let deadline = self.deadline;
+        let sent = {
+            let stream = self.stream().await?;
+            timeout(deadline, async {
+                stream.write_all(&bytes).await?;
+                stream.flush().await
+            })
+            .await
+        };
+        match sent {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => {
+                self.stream = None;
+                Err(error.into())
+            }
+            Err(_) => Err(WireError::Silent { request: line.to_owned(), waited_ms: deadline.as_millis() as u64 }),
+        }
+    }
+
+    /// The next line. May be dropped while it waits: what has come so far stays in the inbox.
+    async fn read_line(&mut self) -> Result<String, WireError> {
+        loop {
+            if let Some(end) = self.inbox.iter().position(|&byte| byte == b'\n') {
+                let line: Vec<u8> = self.inbox.drain(..=end).collect();
+                return Ok(String::from_utf8_lossy(&line).trim().to_owned());
+            }
+            if self.inbox.len() > LINE_MAX_BYTES {
+                self.inbox.clear();
+                return Err(WireError::Endless);
+            }
+            let mut chunk = [0; 256];
+            let count = self.stream().await?.read(&mut chunk).await;
+            match count {
+                Ok(0) => {
+                    self.stream = None;
+                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the far end closed it").into());
+                }
+                Ok(count) => self.inbox.extend_from_slice(&chunk[..count]),
+                Err(error) => {
+                    self.stream = None;
+                    return Err(error.into());
+                }
+            }
+        }
+    }
+
+    async fn stream(&mut self) -> Result<&mut ByteStream, WireError> {
+        if self.stream.is_none() {
+            self.inbox.clear();
+            self.stream = Some(self.connector.open().await?);
+        }
+        self.stream.as_mut().ok_or_else(|| io::Error::from(io::ErrorKind::NotConnected).into())
+    }
+}

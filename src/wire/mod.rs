@@ -1,0 +1,13 @@
+//! Links: how bytes get to an instrument and back.
+//!
+//! A [`Link`] is where an instrument is, as a rig file says it. A [`Connector`] opens it, as often as need be, and gives a
+//! [`ByteStream`]; a driver can't tell a serial port from a socket from an emulator in memory. [`LineExchange`] is one request
+//! at a time over a line protocol: each with a deadline, a stop that needn't wait, and resynchronisation after a misfit.
+
+mod connect;
+mod line;
+mod link;
+
+pub use connect::{ByteStream, Connector, Duplex};
+pub use line::{LineExchange, Stop, WireError};
+pub use link::Link;
