@@ -1,3 +1,25 @@
-//! control
+//! The force loop, pure: what to do next, given what was just seen.
+//!
+//! [`Press`] is a state machine for one contact: events in, commands out, no device, no clock, no randomness. Every motion
+//! toward the specimen is a [`Permitted`] one, which only a [`Permit`] can make: its end point is safe by itself, so a host
+//! that dies costs nothing. [`Watch`] holds every reading against the trip rules; [`SurfaceMap`] learns where the surface is.
+//!
+//! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces count from the zero taken in air.
+
+mod permit;
+mod press;
+mod speed;
+mod surface;
 mod task;
+mod trip;
+mod watch;
+mod zero;
+
+pub use permit::{Permit, Permitted, Standing};
+pub use press::{Command, Context, Event, Press};
+pub use speed::{Reaction, safe_speed_mm_s};
+pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Task};
+pub use trip::{Rule, Trip};
+pub use watch::Watch;
+pub use zero::Zero;

@@ -1,0 +1,158 @@
+//! The tables a person reads: the paper's numbers beside ours, in at most 80 columns.
+
+use crate::dataset::characteristics::{
+    CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, characterise,
+};
+use crate::solver::{ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use std::fmt::Write as _;
+
+/// The paper's results beside those of any number of solvers on the same test, in at most 80 columns for up to three.
+pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
+    let mut text = String::new();
+    let mut row = |label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
+        let ours: String = evaluations.iter().map(|evaluation| format!("{:>14}", ours(evaluation))).collect();
+        let _ = writeln!(text, "{}", format!("{label:<27}{paper:>9}{ours}").trim_end());
+    };
+    let of = |error: Option<ErrorSummary>, part: fn(&ErrorSummary) -> f64, unit: &str| match error {
+        Some(error) => format!("{:.3} {unit}", part(&error)),
+        None => "-".to_owned(),
+    };
+    let share = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+    row("", "paper", &|e| e.solver.clone());
+    row("points", "100", &|e| e.points.to_string());
+    row("location error, mean", "0.46 mm", &|e| of(Some(e.location_error_mm), |error| error.mean, "mm"));
+    row("  median", "", &|e| of(Some(e.location_error_mm), |error| error.median, "mm"));
+    row("  95th percentile", "", &|e| of(Some(e.location_error_mm), |error| error.p95, "mm"));
+    row("  largest", "", &|e| of(Some(e.location_error_mm), |error| error.max, "mm"));
+    row("force error, mean", "0.043 N", &|e| of(e.force_error_n, |error| error.mean, "N"));
+    row("  median", "", &|e| of(e.force_error_n, |error| error.median, "N"));
+    row("  95th percentile", "", &|e| of(e.force_error_n, |error| error.p95, "N"));
+    row("  largest", "", &|e| of(e.force_error_n, |error| error.max, "N"));
+    if evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some()) {
+        row("  mean, by the load cell", "", &|e| of(e.force_error_load_cell_n, |error| error.mean, "N"));
+    }
+    row("location error under 1 mm", "93 %", &|e| share(Some(e.within.location_1mm)));
+    row("force error under 0.1 N", "91 %", &|e| share(e.within.force_0_1n));
+    row("both", "84 %", &|e| share(e.within.both));
+    row("accepted", "yes", &|e| if e.accepted() { "yes" } else { "no" }.to_owned());
+    text + &footnotes(evaluations)
+}
+
+/// The paper's Table 1 beside a run's, with the definitions underneath, in at most 80 columns.
+pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability) -> String {
+    let measured = characterise(staircases, repeatability);
+    let line = |first: &str, columns: [String; 3]| {
+        let [loading, unloading, hysteresis] = columns;
+        format!("{first:<15}{loading:>18}{unloading:>23}{hysteresis:>23}").trim_end().to_owned() + "\n"
+    };
+    let mut text = line("% of", ["repeatability", "repeatability", "hysteresis"].map(str::to_owned));
+    text += &line("full scale", ["loading", "unloading", ""].map(str::to_owned));
+    text += &line("unit", ["paper", "paper", "paper"].map(|paper| format!("{paper}{:>9}", "ours")));
+    // The paper has nine units; another array stands alone.
+    let is_papers = measured.len() == PAPER_TABLE_1_PERCENT.len();
+    let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
+    for (index, unit) in measured.iter().enumerate() {
+        let ours = [unit.repeatability_loading_percent, unit.repeatability_unloading_percent, unit.hysteresis_percent];
+        let paper = PAPER_TABLE_1_PERCENT.get(index).filter(|_| is_papers);
+        let cell = |column: usize| format!("{}{:>9}", number(paper.map(|row| row[column])), number(ours[column]));
+        text += &line(&unit.unit.to_string(), [0, 1, 2].map(cell));
+    }
+    let _ = writeln!(text, "\n{}\n{HYSTERESIS_DEFINITION}\n{CORRECTION_DEFINITION}", repeatability.definition());
+    text.push_str(SHARED_ERROR_NOTE);
+    if staircases.left_out > 0 {
+        let _ = writeln!(text, "left out: {} flagged levels", staircases.left_out);
+    }
+    text
+}
+
+/// Table 1 of the paper, a row a unit: repeatability when loading and unloading, hysteresis.
+const PAPER_TABLE_1_PERCENT: [[f64; 3]; 9] = [
+    [1.60, 1.07, 4.11],
+    [3.74, 2.78, 2.29],
+    [2.19, 2.32, 2.88],
+    [0.83, 1.97, 3.08],
+    [0.51, 1.44, 3.39],
+    [1.02, 1.24, 5.53],
+    [0.71, 0.39, 3.99],
+    [2.84, 3.23, 4.44],
+    [3.97, 4.89, 5.19],
+];
+
+const SHARED_ERROR_NOTE: &str = "\
+simulated taxels draw one error a contact, for both branches: there, the
+unloading repeatability is not modelled apart\n";
+
+fn footnotes(evaluations: &[Evaluation]) -> String {
+    let mut text =
+        format!("accepted: mean errors under {LOCATION_REFERENCE_MM} mm and, where known, {FORCE_REFERENCE_N} N\n");
+    // What is flagged is the run's doing and the same for every solver; what has no answer is each one's own.
+    if let Some(left_out) = evaluations.first().map(|evaluation| &evaluation.left_out) {
+        let (calibration, test) = (left_out.calibration_flagged, left_out.test_flagged);
+        if calibration + test > 0 {
+            let _ = writeln!(text, "left out, flagged: {calibration} calibration and {test} test presses");
+        }
+    }
+    for Evaluation { solver, unsolved, .. } in evaluations {
+        if let Some(first) = unsolved.first() {
+            let _ = writeln!(
+                text,
+                "left out, unsolved by {solver}: {} test presses, the first as\n  {}",
+                unsolved.len(),
+                first.reason
+            );
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::Branch;
+    use crate::dataset::characteristics::Reading;
+    use crate::dataset::evaluate::evaluate_run;
+    use crate::dataset::table::Table;
+
+    const RUN: &str = "\
+press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
+0,0,calibration,-1,0,1,0.8,1,0.5,
+1,0,calibration,1,0,1,0.8,0.5,1,
+2,0,calibration,1,0,1,1,5,1,trip
+3,0,test,-1,0,0.5,0.4,0.55,0.2,
+4,0,test,1,0,0.5,0.4,0.2,0.55,trip
+5,0,test,1,0,0.5,0.4,0.2,0.2,
+6,0,teach,1,0,0.5,0.4,0.2,0.2,
+";
+
+    fn evaluation(solver: &str) -> Evaluation {
+        evaluate_run(&Table::of_run("presses.csv", RUN).unwrap(), None, solver).unwrap()
+    }
+
+    #[test]
+    fn what_was_left_out_is_said() {
+        let text = evaluation_table(&[evaluation("pearson")]);
+        assert!(
+            text.contains("flagged: 1 calibration and 1 test presses\nleft out, unsolved by pearson: 1 test"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn without_forces_the_force_column_is_empty() {
+        let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
+        assert!(evaluation_table(&[located]).contains("force error, mean            0.043 N             -"));
+    }
+
+    #[test]
+    fn nothing_printed_is_wider_than_80_columns() {
+        let evaluation = evaluation("pearson-lsq");
+        let reading = |force_n| Reading { branch: Branch::Loading, force_set_n: force_n, force_n, output: force_n };
+        let readings = vec![[0.0, 1.0, 2.0].map(reading).to_vec(); 9];
+        for name in Repeatability::NAMES {
+            let staircases = Staircases { readings: readings.clone(), left_out: 3 };
+            let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()])
+                + &characteristics_table(&staircases, name.parse().unwrap());
+            assert!(text.lines().all(|line| line.len() <= 80), "{text}");
+        }
+    }
+}

@@ -1,0 +1,162 @@
+use super::speed::safe_speed_mm_s;
+use super::trip::{Rule, Trip};
+use super::zero::Zero;
+use crate::quantity::Limits;
+
+/// Part of the depth limit that is kept for the error of the touched surface, mm.
+const DEPTH_MARGIN_MM: f64 = 0.03;
+
+/// Oldest reading on which a motion may rest, s.
+const FRESH_S: f64 = 0.1;
+
+/// Rounding that is not held against a motion, mm.
+const ROUNDING_MM: f64 = 1e-9;
+
+/// A motion along z that may be commanded. Only [`Permit`] makes one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Permitted {
+    z_mm: f64,
+    speed_mm_s: f64,
+}
+
+impl Permitted {
+    /// Where it ends, mm into the specimen.
+    pub fn z_mm(&self) -> f64 {
+        self.z_mm
+    }
+
+    /// Its greatest speed, mm/s.
+    pub fn speed_mm_s(&self) -> f64 {
+        self.speed_mm_s
+    }
+}
+
+/// What is known when a motion is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// Where the indenter is, read back, mm.
+    pub z_mm: f64,
+    /// The force on it, N.
+    pub force_n: f64,
+    /// Standard deviation of that force, N.
+    pub sigma_n: f64,
+    /// How old that force is, s.
+    pub age_s: f64,
+    /// The earliest z at which there can be contact, mm.
+    pub first_mm: f64,
+}
+
+/// The rules under which a motion toward the specimen may be commanded: its own end point must be safe, whatever becomes of
+/// the host, the link or the loop while it is under way.
+#[derive(Clone, Copy, Debug)]
+pub struct Permit {
+    limits: Limits,
+    reaction_s: f64,
+    acceleration_mm_s2: f64,
+    detect_n: f64,
+}
+
+impl Permit {
+    /// The permit of a rig: its limits, its measured reaction time, its acceleration, and the force that counts as contact.
+    pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
+        Permit { limits, reaction_s, acceleration_mm_s2, detect_n: zero.detect_n() }
+    }
+
+    /// The deepest end point that would be granted, mm.
+    ///
+    /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
+    /// included. Depth (I2): `z - z_first <= depth limit`, less a margin for the error of the touched surface.
+    pub fn deepest_mm(&self, standing: &Standing) -> f64 {
+        let Standing { z_mm, force_n, sigma_n, first_mm, .. } = *standing;
+        let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
+        let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
+        let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
+        by_force.min(by_depth)
+    }
+
+    /// The fastest approach after which the force is at most `force_n` when contact comes unannounced, mm/s.
+    pub fn approach_speed_mm_s(&self, force_n: f64) -> f64 {
+        let room_n = force_n - self.detect_n;
+        safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.acceleration_mm_s2)
+    }
+
+    /// A motion toward the specimen, no faster than the force limit allows (I3).
+    ///
+    /// # Errors
+    /// A trip if its end point isn't safe or the force it rests on isn't fresh (I4); nothing is moved then.
+    pub fn advance(&self, standing: &Standing, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+        if !(standing.age_s <= FRESH_S) {
+            return Err(Trip::new(Rule::Stale, standing.age_s, FRESH_S, "s"));
+        }
+        let deepest_mm = self.deepest_mm(standing);
+        if !(z_mm <= deepest_mm + ROUNDING_MM) || !(speed_mm_s > 0.0) {
+            return Err(Trip::new(Rule::NotPermitted, z_mm, deepest_mm, "mm"));
+        }
+        let fastest = self.approach_speed_mm_s(self.limits.force_n);
+        Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
+    }
+
+    /// A motion away from the specimen: always allowed.
+    ///
+    /// # Errors
+    /// A trip if it isn't one.
+    pub fn withdraw(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+        if z_mm <= from_mm + ROUNDING_MM && speed_mm_s > 0.0 {
+            Ok(Permitted { z_mm, speed_mm_s })
+        } else {
+            Err(Trip::new(Rule::NotPermitted, z_mm, from_mm, "mm"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+
+    fn permit() -> Permit {
+        let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
+        Permit::new(LIMITS, 0.05, 100.0, &zero)
+    }
+
+    #[test]
+    fn the_descent_from_home_is_allowed_as_far_as_the_surface_may_be_met() {
+        let standing = Standing { z_mm: -12.5, force_n: 0.0, sigma_n: 0.0, age_s: 0.0, first_mm: -0.3 };
+        assert!((permit().deepest_mm(&standing) - 0.7).abs() < 1e-12);
+        assert!(permit().advance(&standing, 0.7, 1.0).is_ok());
+        assert_eq!(permit().advance(&standing, 0.71, 1.0).unwrap_err().rule, Rule::NotPermitted);
+    }
+
+    #[test]
+    fn a_stale_force_or_a_nan_moves_nothing() {
+        let good = Standing { z_mm: 0.0, force_n: 0.1, sigma_n: 0.001, age_s: 0.01, first_mm: -0.1 };
+        assert!(permit().advance(&good, 0.2, 1.0).is_ok());
+        assert_eq!(permit().advance(&Standing { age_s: 0.2, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
+        assert_eq!(permit().advance(&Standing { age_s: f64::NAN, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
+        for bad in [Standing { force_n: f64::NAN, ..good }, Standing { z_mm: f64::NAN, first_mm: f64::NAN, ..good }] {
+            assert!(permit().advance(&bad, 0.9, 1.0).is_err());
+        }
+        assert!(permit().advance(&good, f64::NAN, 1.0).is_err());
+        assert!(permit().withdraw(0.0, f64::NAN, 1.0).is_err());
+    }
+
+    proptest! {
+        /// The promise itself: whatever is granted, a specimen no stiffer than declared bears at most the limit at its end.
+        #[test]
+        fn no_granted_end_point_exceeds_a_limit(
+            surface in -0.3..0.3f64, k in 0.05..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, wish in -1.0..3.0f64,
+        ) {
+            let force_at = |z: f64| k * (z - surface).max(0.0);
+            let start = start.min(surface + 1.9 / k);
+            let standing = Standing {
+                z_mm: start, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
+            };
+            if let Ok(granted) = permit().advance(&standing, wish, 5.0) {
+                prop_assert!(force_at(granted.z_mm()) <= LIMITS.force_n + 1e-9);
+                prop_assert!(granted.z_mm() - surface <= LIMITS.depth_mm);
+            }
+        }
+    }
+}

@@ -1,0 +1,96 @@
+use serde::{Deserialize, Serialize};
+
+/// A safety rule that was broken: stop, retract, record, tell. It is never retried by itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trip {
+    /// Which rule.
+    pub rule: Rule,
+    /// What was measured, in `unit`.
+    pub measured: f64,
+    /// What the rule allows, in `unit`.
+    pub limit: f64,
+    /// Unit of both.
+    pub unit: String,
+}
+
+/// The rules under which a press goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rule {
+    /// The mean of 10 ms is above the force limit by more than the noise explains.
+    OverForce,
+    /// The mean of 10 ms is below zero by more than the noise explains.
+    WrongSign,
+    /// The cell gives the same code again and again, which its noise makes all but impossible.
+    Frozen,
+    /// The cell or its transmitter says it is beyond its range or broken.
+    Unhealthy,
+    /// A reading that is not a number.
+    NotFinite,
+    /// No good reading for too long.
+    Stale,
+    /// The force in air is not zero any more.
+    ZeroDrifted,
+    /// No contact where the surface must be.
+    NoContact,
+    /// The contact lasts after the indenter was withdrawn.
+    StillTouching,
+    /// The force couldn't be reached within the depth or the force that is permitted.
+    OutOfReach,
+    /// The force wasn't reached in as many steps as are allowed.
+    NoConvergence,
+    /// A motion was asked for whose end point isn't safe.
+    NotPermitted,
+}
+
+impl Rule {
+    /// The rule as it stands in files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Rule::OverForce => "over-force",
+            Rule::WrongSign => "wrong-sign",
+            Rule::Frozen => "frozen",
+            Rule::Unhealthy => "unhealthy",
+            Rule::NotFinite => "not-finite",
+            Rule::Stale => "stale",
+            Rule::ZeroDrifted => "zero-drifted",
+            Rule::NoContact => "no-contact",
+            Rule::StillTouching => "still-touching",
+            Rule::OutOfReach => "out-of-reach",
+            Rule::NoConvergence => "no-convergence",
+            Rule::NotPermitted => "not-permitted",
+        }
+    }
+
+    /// What to look at first.
+    pub fn check(self) -> &'static str {
+        match self {
+            Rule::OverForce => "is the specimen stiffer than `limits.stiffness_n_mm` says?",
+            Rule::WrongSign => "is the load cell wired so that pressing reads positive?",
+            Rule::Frozen => "does the transmitter still convert? Reconnect the load cell",
+            Rule::Unhealthy => "is the load cell within its range and its cable whole?",
+            Rule::NotFinite => "does the register map fit the transmitter?",
+            Rule::Stale => "is the load cell's link slow or broken?",
+            Rule::ZeroDrifted => "does something touch the indenter, or has the cell drifted since it was zeroed?",
+            Rule::NoContact => "is the specimen where `frame.surface_mm` says?",
+            Rule::StillTouching => "does the indenter stick, or is the surface higher than learned?",
+            Rule::OutOfReach => "is the specimen softer than expected, or `limits.depth_mm` too small for this force?",
+            Rule::NoConvergence => "is the load cell much noisier than when it was zeroed?",
+            Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
+        }
+    }
+}
+
+impl Trip {
+    /// A broken rule with its numbers.
+    pub fn new(rule: Rule, measured: f64, limit: f64, unit: &str) -> Self {
+        Trip { rule, measured, limit, unit: unit.to_owned() }
+    }
+}
+
+impl std::fmt::Display for Trip {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Trip { rule, measured, limit, unit } = self;
+        write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {}", rule.name(), rule.check())
+    }
+}

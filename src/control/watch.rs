@@ -1,0 +1,148 @@
+use super::trip::{Rule, Trip};
+use super::zero::Zero;
+use crate::quantity::{ForceReading, Limits};
+
+/// Time over which a force is averaged before it is held against the limits, s.
+const MEAN_S: f64 = 0.010;
+
+/// Least force below zero that means a wrong sign, N.
+const NEGATIVE_LEAST_N: f64 = 0.030;
+
+/// Longest time between two good readings while the indenter may touch, s.
+const STALE_S: f64 = 0.25;
+
+/// Most readings in the running mean.
+const MEAN_MAX: usize = 64;
+
+/// Holds every reading against the trip rules.
+#[derive(Debug)]
+pub struct Watch {
+    limit_n: f64,
+    zero: Zero,
+    recent: std::collections::VecDeque<(f64, f64)>,
+    last_code: Option<f64>,
+    equal: u32,
+    last_s: Option<f64>,
+}
+
+impl Watch {
+    /// The rules of a rig with a zero taken in air.
+    pub fn new(limits: &Limits, zero: Zero) -> Self {
+        Watch {
+            limit_n: limits.force_n,
+            zero,
+            recent: std::collections::VecDeque::new(),
+            last_code: None,
+            equal: 0,
+            last_s: None,
+        }
+    }
+
+    /// The zero that forces count from.
+    pub fn zero(&self) -> &Zero {
+        &self.zero
+    }
+
+    /// Says that no reading is expected for a while (the stage rests in air).
+    pub fn pause(&mut self) {
+        self.last_s = None;
+        self.recent.clear();
+    }
+
+    /// The force of a reading, N from the zero.
+    ///
+    /// # Errors
+    /// The rule it breaks.
+    pub fn force_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
+        if !reading.force_n.is_finite() {
+            return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N"));
+        }
+        let force_n = reading.force_n - self.zero.offset_n;
+        if reading.health.saturated || reading.health.fault {
+            return Err(Trip::new(Rule::Unhealthy, force_n, self.limit_n, "N"));
+        }
+        let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
+        if gap_s > STALE_S {
+            return Err(Trip::new(Rule::Stale, gap_s, STALE_S, "s"));
+        }
+        self.last_s = Some(reading.at_s);
+        self.check_frozen(reading.force_n)?;
+        self.check_mean(reading.at_s, force_n)?;
+        Ok(force_n)
+    }
+
+    fn check_frozen(&mut self, code: f64) -> Result<(), Trip> {
+        self.equal = if self.last_code == Some(code) { self.equal + 1 } else { 1 };
+        self.last_code = Some(code);
+        match self.zero.frozen_after {
+            Some(most) if self.equal >= most => {
+                Err(Trip::new(Rule::Frozen, f64::from(self.equal), f64::from(most), "equal readings"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn check_mean(&mut self, at_s: f64, force_n: f64) -> Result<(), Trip> {
+        while self.recent.front().is_some_and(|(then_s, _)| at_s - then_s > MEAN_S) || self.recent.len() >= MEAN_MAX {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((at_s, force_n));
+        if self.recent.len() < 2 {
+            return Ok(()); // one reading is no mean: a lone outlier is the loop's to bear, since no end point is unsafe
+        }
+        let mean_n = self.recent.iter().map(|(_, n)| n).sum::<f64>() / self.recent.len() as f64;
+        let most_n = self.limit_n + 3.0 * self.zero.sigma_n;
+        if mean_n > most_n {
+            return Err(Trip::new(Rule::OverForce, mean_n, most_n, "N"));
+        }
+        let least_n = -NEGATIVE_LEAST_N.max(5.0 * self.zero.sigma_n);
+        if mean_n < least_n {
+            return Err(Trip::new(Rule::WrongSign, mean_n, least_n, "N"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Health;
+
+    fn watch() -> Watch {
+        let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+        Watch::new(&limits, Zero { offset_n: 0.5, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: Some(20) })
+    }
+
+    /// The rule that a series of readings, 5 ms apart, breaks at last.
+    fn broken(forces: impl IntoIterator<Item = f64>) -> Option<Rule> {
+        let mut watch = watch();
+        let reading =
+            |(i, n): (usize, f64)| ForceReading { at_s: i as f64 * 0.005, force_n: n + 0.5, health: Health::default() };
+        forces.into_iter().enumerate().map(reading).find_map(|r| watch.force_n(&r).err()).map(|trip| trip.rule)
+    }
+
+    #[test]
+    fn each_rule_trips_and_only_beyond_its_number() {
+        assert_eq!(broken([1.0, 2.008, 2.0, 1.99]), None);
+        assert_eq!(broken([1.0, 2.02, 2.02, 2.02]), Some(Rule::OverForce));
+        assert_eq!(broken([0.0, -0.02, -0.04, -0.02]), None);
+        assert_eq!(broken([0.0, -0.04, -0.04, -0.04]), Some(Rule::WrongSign));
+        assert_eq!(broken([0.7; 19]), None);
+        assert_eq!(broken([0.7; 20]), Some(Rule::Frozen));
+        assert_eq!(broken([f64::NAN]), Some(Rule::NotFinite));
+        let ill = ForceReading { at_s: 0.0, force_n: 0.5, health: Health { saturated: true, fault: false } };
+        assert_eq!(watch().force_n(&ill).unwrap_err().rule, Rule::Unhealthy);
+    }
+
+    #[test]
+    fn a_gap_trips_unless_it_was_announced() {
+        let reading = |at_s, n| ForceReading { at_s, force_n: n, health: Health::default() };
+        let mut watched = watch();
+        watched.force_n(&reading(0.0, 0.5)).unwrap();
+        assert_eq!(watched.force_n(&reading(0.3, 0.51)).unwrap_err().rule, Rule::Stale);
+        let mut watched = watch();
+        watched.force_n(&reading(0.0, 0.5)).unwrap();
+        watched.pause();
+        watched.force_n(&reading(300.0, 0.51)).unwrap();
+    }
+}

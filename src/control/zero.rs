@@ -1,0 +1,92 @@
+use crate::quantity::ForceReading;
+
+/// Chance of a false alarm at which the same code counts as frozen, per run of readings.
+const FROZEN_ODDS: f64 = 1e-9;
+
+/// Codes that repeat more often than this in air say nothing about freezing: the step is larger than the noise.
+const REPEATS_TOO_OFTEN: f64 = 0.5;
+
+/// Least force that counts as contact, N.
+const DETECT_LEAST_N: f64 = 0.030;
+
+/// How far above the noise a single reading must be to count as contact, sd.
+const DETECT_SIGMAS: f64 = 8.0;
+
+/// What the load cell reads in air: forces count from here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Zero {
+    /// The reading that means no force, N.
+    pub offset_n: f64,
+    /// Standard deviation of one reading, N.
+    pub sigma_n: f64,
+    /// Standard deviation of the offset itself, N.
+    pub offset_sigma_n: f64,
+    /// Equal readings in a row that mean a frozen cell; none where the cell repeats itself honestly.
+    pub frozen_after: Option<u32>,
+}
+
+impl Zero {
+    /// The zero of some readings in air, at least two. Readings that aren't finite are the caller's to refuse.
+    pub fn of(readings: &[ForceReading]) -> Zero {
+        let n = readings.len().max(2) as f64;
+        let mean = readings.iter().map(|r| r.force_n).sum::<f64>() / n;
+        let variance = readings.iter().map(|r| (r.force_n - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let sigma_n = variance.sqrt();
+        Zero { offset_n: mean, sigma_n, offset_sigma_n: sigma_n / n.sqrt(), frozen_after: frozen_after(readings) }
+    }
+
+    /// Standard deviation of the mean of some readings as a force, N: their own noise and the zero's.
+    pub fn sigma_mean_n(&self, readings: u32) -> f64 {
+        let own = self.sigma_n / f64::from(readings.max(1)).sqrt();
+        own.hypot(self.offset_sigma_n)
+    }
+
+    /// The force above which one reading means contact, N.
+    pub fn detect_n(&self) -> f64 {
+        DETECT_LEAST_N.max(DETECT_SIGMAS * self.sigma_n)
+    }
+}
+
+/// How many equal codes in a row are less likely than [`FROZEN_ODDS`], from how often two codes in air agree; doubled, since a
+/// reading can come twice between two conversions.
+fn frozen_after(readings: &[ForceReading]) -> Option<u32> {
+    let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
+    codes.sort_by(f64::total_cmp);
+    let n = codes.len() as f64;
+    let runs = codes.chunk_by(|a, b| a == b).map(|run| (run.len() as f64 / n).powi(2));
+    let agree: f64 = runs.sum();
+    if !(agree > 0.0 && agree < REPEATS_TOO_OFTEN) {
+        return None;
+    }
+    Some(2 * (FROZEN_ODDS.ln() / agree.ln()).ceil() as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::{Health, stream};
+    use rand::distr::Distribution;
+    use rand_distr::StandardNormal;
+
+    fn readings(sigma_n: f64) -> Vec<ForceReading> {
+        let mut rng = stream(1, 0, "test");
+        let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+        let reading = |n: f64| ForceReading { at_s: 0.0, force_n: n, health: Health::default() };
+        (0..100).map(|_| reading(((0.25 + sigma_n * draw()) * 1000.0).round() / 1000.0)).collect()
+    }
+
+    #[test]
+    fn offset_noise_and_its_error_are_found() {
+        let zero = Zero::of(&readings(0.003));
+        assert!((zero.offset_n - 0.25).abs() < 0.001);
+        assert!((zero.sigma_n - 0.003).abs() < 0.0006);
+        assert!((zero.sigma_mean_n(4) - zero.sigma_n.hypot(zero.sigma_n / 5.0) / 2.0).abs() < 1e-9);
+        // 3 mN of noise on a 1 mN step: two codes agree once in eleven, nine in a row once in a thousand million
+        assert!((18..=22).contains(&zero.frozen_after.unwrap()), "{:?}", zero.frozen_after);
+    }
+
+    #[test]
+    fn a_cell_without_noise_is_never_called_frozen() {
+        assert_eq!(Zero::of(&readings(0.0)).frozen_after, None);
+    }
+}

@@ -1,0 +1,208 @@
+use super::views::{presses_header, presses_line, replace, write};
+use super::{Contact, DatasetError, Journal, Manifest, Record, Status};
+use crate::quantity::ArrayLayout;
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// How many names are tried for a new folder: `name`, `name-2`, ...
+const NAMES_MAX: usize = 100_000;
+
+const JOURNAL: &str = "journal.log";
+const MANIFEST: &str = "manifest.json";
+const PRESSES: &str = "presses.csv";
+
+/// The texts a run is made from, kept with it as given.
+#[derive(Clone, Debug)]
+pub struct Origins {
+    /// `recipe.toml`.
+    pub recipe: String,
+    /// `rig.toml`.
+    pub rig: String,
+    /// Register maps of the user's own: file name and text.
+    pub maps: Vec<(String, String)>,
+}
+
+/// A run on disk that is being written.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    journal: Journal,
+    presses: File,
+    layout: ArrayLayout,
+    /// What the run is, kept up to date by its writer.
+    pub manifest: Manifest,
+    contacts: BTreeMap<u64, Contact>,
+}
+
+impl RunFolder {
+    /// Makes the folder of a new run: at `out`, or under `runs/` with the first free name. It appears by one rename, whole.
+    ///
+    /// # Errors
+    /// The folder is there already, or can't be made.
+    pub fn create(
+        out: Option<&Path>,
+        origins: &Origins,
+        manifest: Manifest,
+        layout: &ArrayLayout,
+    ) -> Result<RunFolder, DatasetError> {
+        let parent = match out {
+            Some(out) => out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")),
+            None => Path::new("runs"),
+        };
+        if let Some(out) = out.filter(|out| out.symlink_metadata().is_ok()) {
+            return Err(DatasetError::Exists { path: out.to_owned() });
+        }
+        fs::create_dir_all(parent).map_err(DatasetError::io("making", parent))?;
+        let draft = parent.join(format!(".{}.{}.new", manifest.recipe, std::process::id()));
+        let path =
+            fill(&draft, origins, &manifest, layout).and_then(|()| publish(&draft, out, parent, &manifest.recipe));
+        let path = path.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
+        sync_folder(parent)?;
+        Self::attach(path, manifest, layout)
+    }
+
+    /// Opens a run to go on with it.
+    ///
+    /// # Errors
+    /// No manifest, a damaged journal, or the operating system's.
+    pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
+        let manifest = Self::read_manifest(path)?;
+        let folder = Self::attach(path.to_owned(), manifest, layout)?;
+        folder.write_views()?; // what a power cut left of the tables
+        Self::attach(folder.path, folder.manifest, layout)
+    }
+
+    /// The manifest of a run.
+    ///
+    /// # Errors
+    /// None there, or not one.
+    pub fn read_manifest(path: &Path) -> Result<Manifest, DatasetError> {
+        let file = path.join(MANIFEST);
+        let text = fs::read_to_string(&file).map_err(DatasetError::io("reading", &file))?;
+        serde_json::from_str(&text).map_err(|error| DatasetError::Manifest { path: file, problem: error.to_string() })
+    }
+
+    /// Adds a record; when this returns it is on the disk.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn record(&mut self, record: Record) -> Result<(), DatasetError> {
+        self.journal.append(&record)?;
+        if let Record::Contact(contact) = record {
+            let lines: String = contact.rows.iter().map(presses_line).collect();
+            let path = self.path.join(PRESSES);
+            // a view: it need not reach the disk now, since the journal has
+            self.presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))?;
+            self.contacts.insert(contact.press, contact);
+            self.manifest.presses_done = self.contacts.len() as u64;
+        }
+        Ok(())
+    }
+
+    /// Ends the run: tables and manifest as they are to stay.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn finish(&mut self, status: Status) -> Result<(), DatasetError> {
+        self.manifest.status = status;
+        self.write_views()?;
+        self.write_manifest()
+    }
+
+    /// Writes the manifest as it is now.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn write_manifest(&self) -> Result<(), DatasetError> {
+        replace(&self.path, MANIFEST, &manifest_text(&self.manifest))
+    }
+
+    /// Where the run is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What has been measured, by its number in the plan.
+    pub fn contacts(&self) -> &BTreeMap<u64, Contact> {
+        &self.contacts
+    }
+
+    fn attach(path: PathBuf, manifest: Manifest, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
+        let (journal, records) = Journal::open(&path.join(JOURNAL))?;
+        let presses = path.join(PRESSES);
+        let presses = OpenOptions::new()
+            .append(true)
+            .create(true)
+            .open(&presses)
+            .map_err(DatasetError::io("opening", presses))?;
+        let contacts: BTreeMap<u64, Contact> = records
+            .into_iter()
+            .filter_map(|record| match record {
+                Record::Contact(contact) => Some((contact.press, contact)),
+                _ => None,
+            })
+            .collect();
+        let manifest = Manifest { presses_done: contacts.len() as u64, ..manifest };
+        Ok(RunFolder { path, journal, presses, layout: layout.clone(), manifest, contacts })
+    }
+
+    fn write_views(&self) -> Result<(), DatasetError> {
+        write(&self.path, &self.contacts.values().collect::<Vec<_>>(), &self.layout)
+    }
+}
+
+/// Everything a run folder holds before its first press.
+fn fill(draft: &Path, origins: &Origins, manifest: &Manifest, layout: &ArrayLayout) -> Result<(), DatasetError> {
+    fs::create_dir(draft).map_err(DatasetError::io("making", draft))?;
+    let presses = presses_header(layout.len());
+    let manifest = manifest_text(manifest);
+    let own =
+        [("recipe.toml", &origins.recipe), ("rig.toml", &origins.rig), (MANIFEST, &manifest), (PRESSES, &presses)];
+    let maps = origins.maps.iter().map(|(name, text)| (name.as_str(), text));
+    for (name, text) in own.into_iter().chain(maps) {
+        let path = draft.join(name);
+        let write = |text: &str| {
+            let mut file = File::create_new(&path)?;
+            file.write_all(text.as_bytes())?;
+            file.sync_all()
+        };
+        write(text).map_err(DatasetError::io("writing", &path))?;
+    }
+    Journal::create(&draft.join(JOURNAL))?;
+    sync_folder(draft)
+}
+
+/// Renames the draft to its place. A folder with something in it is never replaced: the system refuses.
+fn publish(draft: &Path, out: Option<&Path>, parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
+    if let Some(out) = out {
+        fs::rename(draft, out).map_err(DatasetError::io("renaming to", out))?;
+        return Ok(out.to_owned());
+    }
+    for number in 1..=NAMES_MAX {
+        let path = parent.join(if number == 1 { name.to_owned() } else { format!("{name}-{number}") });
+        if path.symlink_metadata().is_ok() {
+            continue;
+        }
+        match fs::rename(draft, &path) {
+            Ok(()) => return Ok(path),
+            Err(_) if path.exists() => continue, // another run was faster
+            Err(error) => return Err(DatasetError::io("renaming to", path)(error)),
+        }
+    }
+    Err(DatasetError::Exists { path: parent.join(name) })
+}
+
+fn manifest_text(manifest: &Manifest) -> String {
+    // a manifest is text and numbers, which can't fail to be written
+    serde_json::to_string_pretty(manifest).unwrap_or_default() + "\n"
+}
+
+/// A rename is on the disk when its folder is. Windows keeps no handle on folders and needs none.
+fn sync_folder(path: &Path) -> Result<(), DatasetError> {
+    if cfg!(unix) {
+        File::open(path).and_then(|folder| folder.sync_all()).map_err(DatasetError::io("flushing", path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,67 @@
+//! What a run leaves on disk: the journal, which is the truth, and plain tables that are views of it.
+//!
+//! A run folder appears by one rename with its recipe, its rig and its manifest in it. Each press is in the [`Journal`],
+//! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are written anew at the end.
+
+pub mod characteristics;
+pub mod evaluate;
+mod folder;
+mod journal;
+mod manifest;
+mod record;
+pub mod table;
+mod views;
+
+pub use folder::{Origins, RunFolder};
+pub use journal::{Journal, JournalError};
+pub use manifest::{Manifest, Status};
+pub use record::{Contact, Flag, Record, Row, RowTruth, Touch};
+
+use miette::Diagnostic;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A run couldn't be recorded or read back.
+#[derive(Debug, Error, Diagnostic)]
+pub enum DatasetError {
+    /// The operating system refused.
+    #[error("{doing} {}: {source}", path.display())]
+    #[diagnostic(help(
+        "make room or set the permissions right, then `palpate resume` the run: what was acknowledged is safe"
+    ))]
+    Io {
+        /// What was being done.
+        doing: &'static str,
+        /// To which file or folder.
+        path: PathBuf,
+        /// What came back.
+        source: std::io::Error,
+    },
+    /// The journal is damaged.
+    #[error(transparent)]
+    #[diagnostic(help("restore the journal from a copy; nothing was changed"))]
+    Journal(#[from] JournalError),
+    /// The folder to be made is there already.
+    #[error("{} is there already", path.display())]
+    #[diagnostic(help("choose another --out; a folder that exists is never touched"))]
+    Exists {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A manifest that can't be understood.
+    #[error("{}: {problem}", path.display())]
+    #[diagnostic(help("is this a run folder of palpate?"))]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+impl DatasetError {
+    pub(crate) fn io(doing: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> DatasetError {
+        let path = path.into();
+        move |source| DatasetError::Io { doing, path, source }
+    }
+}

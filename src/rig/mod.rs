@@ -1,0 +1,130 @@
+//! The rig: which driver on which link plays which role, where the specimen is, what it bears.
+//!
+//! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
+//! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
+
+mod open;
+mod parse;
+mod scene;
+
+pub use open::{OpenRig, SceneProbe, SimulatedRig};
+pub use parse::parse;
+
+use crate::driver::modbus::Profile;
+use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
+use crate::scene::SceneSpec;
+use crate::wire::Link;
+
+/// Clearance above the highest the surface may be, in which the indenter travels before the surface is learned, mm.
+pub const CLEARANCE_MM: f64 = 0.3;
+
+/// A rig file, understood.
+#[derive(Clone, Debug)]
+pub struct RigSpec {
+    /// The three-axis stage.
+    pub stage: StageSpec,
+    /// The load cell.
+    pub load_cell: LoadCellSpec,
+    /// The sensor array.
+    pub array: ArraySpec,
+    /// What the specimen bears.
+    pub limits: Limits,
+    /// Where the specimen is.
+    pub frame: Frame,
+    /// What is simulated when links are; none: the paper's scene.
+    pub scene: Option<SceneSpec>,
+}
+
+/// The stage's part of a rig file.
+#[derive(Clone, Debug)]
+pub struct StageSpec {
+    /// Which driver.
+    pub driver: StageDriver,
+    /// Where it is.
+    pub link: Link,
+    /// How far the axes may go.
+    pub travel: Travel,
+    /// Fastest speed to be used, mm/s.
+    pub speed_mm_s: f64,
+    /// Acceleration to be used, mm/s^2.
+    pub acceleration_mm_s2: f64,
+}
+
+/// The stage drivers there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StageDriver {
+    /// Newport ESP301 or ESP300.
+    Esp301,
+}
+
+/// The load cell's part of a rig file.
+#[derive(Clone, Debug)]
+pub struct LoadCellSpec {
+    /// Its register map.
+    pub profile: MappedDevice,
+    /// Where it is.
+    pub link: Link,
+    /// Conversions a second.
+    pub conversions_hz: f64,
+}
+
+/// The array's part of a rig file.
+#[derive(Clone, Debug)]
+pub struct ArraySpec {
+    /// Its register map.
+    pub profile: MappedDevice,
+    /// Where it is.
+    pub link: Link,
+    /// Where its units are, in channel order.
+    pub layout: ArrayLayout,
+}
+
+/// A Modbus register map and where it came from.
+#[derive(Clone, Debug)]
+pub struct MappedDevice {
+    /// The name in the rig file: one that came with the program, or a file beside the rig's.
+    pub name: String,
+    /// The map.
+    pub profile: Profile,
+    /// The text of a map of the user's own; none where it came with the program.
+    pub own_text: Option<String>,
+}
+
+impl RigSpec {
+    /// The same rig with our emulators in place of its links.
+    #[must_use]
+    pub fn simulated(mut self) -> RigSpec {
+        self.stage.link = Link::Sim;
+        self.load_cell.link = Link::Sim;
+        self.array.link = Link::Sim;
+        self
+    }
+
+    /// Whether our emulators are at the far ends: the run then passes in virtual time.
+    pub fn is_simulated(&self) -> bool {
+        self.stage.link == Link::Sim
+    }
+
+    /// How far the axes may go once the specimen counts: z ends where its depth limit does.
+    pub fn permitted_travel(&self) -> Travel {
+        let deepest_mm = self.frame.uncertainty_mm + self.limits.depth_mm;
+        let end_mm = self.frame.to_stage(Default::default(), deepest_mm).z_mm;
+        let mut travel = self.stage.travel;
+        let z = &mut travel.axes[Axis::Z.index()];
+        *z = match self.frame.down {
+            crate::quantity::Down::Plus => Range { max: z.max.min(end_mm), ..*z },
+            crate::quantity::Down::Minus => Range { min: z.min.max(end_mm), ..*z },
+        };
+        travel
+    }
+
+    /// What a plan is held against.
+    pub fn ground(&self) -> crate::recipe::Ground<'_> {
+        crate::recipe::Ground {
+            travel: &self.stage.travel,
+            frame: &self.frame,
+            limits: &self.limits,
+            layout: &self.array.layout,
+        }
+    }
+}

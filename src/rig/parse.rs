@@ -1,0 +1,264 @@
+use super::scene::read_scene;
+use super::{ArraySpec, CLEARANCE_MM, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
+use crate::document::{self, Bounds, Problem, Problems, Table};
+use crate::driver::modbus::{Profile, SHIPPED};
+use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
+use crate::wire::Link;
+
+const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
+const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
+const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
+const CONVERSIONS: Bounds = Bounds::within(1.0, 100_000.0, "Hz");
+const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
+const FORCE_LIMIT: Bounds = Bounds::above(0.0, 100.0, "N");
+const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
+const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
+const UNCERTAINTY: Bounds = Bounds::within(0.01, 10.0, "mm");
+const UNITS_MAX: u64 = 4096;
+
+/// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
+/// maps of the user's own.
+///
+/// # Errors
+/// Every problem of the text, each at its line.
+pub fn parse(file: &str, text: &str, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Result<RigSpec, Problems> {
+    document::read(file, text, |root| {
+        let stage = root.require_table("stage").and_then(read_stage);
+        let load_cell = root.require_table("load_cell").and_then(|table| read_load_cell(table, beside));
+        let array = root.require_table("array").and_then(|table| read_array(table, beside));
+        let limits = root.require_table("limits").and_then(read_limits);
+        let frame = root.require_table("frame").and_then(read_frame);
+        let units = array.as_ref().map(|array| array.layout.len());
+        let scene = root.table("scene").map(|table| read_scene(table, units));
+        let spec = RigSpec {
+            stage: stage?,
+            load_cell: load_cell?,
+            array: array?,
+            limits: limits?,
+            frame: frame?,
+            scene: match scene {
+                Some(scene) => Some(scene?),
+                None => None,
+            },
+        };
+        check_links(&spec, root);
+        check_room(&spec, root);
+        Some(spec)
+    })
+}
+
+fn read_stage(mut table: Table) -> Option<StageSpec> {
+    let driver = table.require_choice("driver", &[("esp301", StageDriver::Esp301), ("esp300", StageDriver::Esp301)]);
+    let link = read_link(&mut table);
+    let travel = table.require_table("travel_mm").and_then(|mut travel| {
+        let axes = ["x", "y", "z"].map(|axis| travel.require_range(axis, COORDINATE));
+        travel.finish();
+        let [Some(x), Some(y), Some(z)] = axes else { return None };
+        Some(Travel { axes: [x, y, z] })
+    });
+    let speed_mm_s = table.number("speed_mm_s", SPEED).unwrap_or(10.0);
+    let acceleration_mm_s2 = table.number("acceleration_mm_s2", ACCELERATION).unwrap_or(100.0);
+    table.finish();
+    Some(StageSpec { driver: driver?, link: link?, travel: travel?, speed_mm_s, acceleration_mm_s2 })
+}
+
+fn read_load_cell(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<LoadCellSpec> {
+    let profile = read_map(&mut table, "force", |profile| profile.force.is_some(), beside);
+    let link = read_link(&mut table);
+    let conversions_hz = table.require_number("conversions_hz", CONVERSIONS);
+    table.finish();
+    Some(LoadCellSpec { profile: profile?, link: link?, conversions_hz: conversions_hz? })
+}
+
+fn read_array(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<ArraySpec> {
+    let profile = read_map(&mut table, "outputs", |profile| profile.outputs.is_some(), beside);
+    let link = read_link(&mut table);
+    let layout = match (table.has("grid"), table.has("places_mm")) {
+        (true, false) => table.table("grid").and_then(|mut grid| {
+            let rows = grid.require_integer("rows", 1, UNITS_MAX);
+            let columns = grid.require_integer("columns", 1, UNITS_MAX);
+            let pitch_mm = grid.require_number("pitch_mm", PITCH);
+            grid.finish();
+            let (rows, columns) = (rows?, columns?);
+            if rows * columns > UNITS_MAX {
+                table.complain(Problem::new(table.span_of("grid"), format!("over {UNITS_MAX} units")));
+                return None;
+            }
+            Some(ArrayLayout::grid(rows as usize, columns as usize, pitch_mm?))
+        }),
+        (false, true) => table.tuples("places_mm", 2, &[COORDINATE, COORDINATE]).map(|places| {
+            ArrayLayout::from_places(places.into_iter().map(|(xy, _)| Place::new(xy[0], xy[1])).collect())
+        }),
+        _ => {
+            let told = "`array` doesn't say where its units are";
+            let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...], not both";
+            table.complain(Problem::new(table.span(), told).help(help));
+            None
+        }
+    };
+    if let (Some(map), Some(layout)) = (&profile, &layout) {
+        let most = map.profile.outputs.as_ref().map_or(0, |outputs| outputs.count_max);
+        if layout.is_empty() || layout.len() > most {
+            let told = format!("{} units, but {} has {most} outputs", layout.len(), map.profile.name);
+            table.complain(Problem::new(table.span(), told));
+        }
+    }
+    table.finish();
+    Some(ArraySpec { profile: profile?, link: link?, layout: layout? })
+}
+
+fn read_limits(mut table: Table) -> Option<Limits> {
+    let force_n = table.require_number("force_n", FORCE_LIMIT);
+    let depth_mm = table.require_number("depth_mm", DEPTH_LIMIT);
+    let stiffness_n_mm = table.require_number("stiffness_n_mm", STIFFNESS);
+    table.finish();
+    Some(Limits { force_n: force_n?, depth_mm: depth_mm?, stiffness_n_mm: stiffness_n_mm? })
+}
+
+fn read_frame(mut table: Table) -> Option<Frame> {
+    let surface = table.require_table("surface_mm").and_then(|mut surface| {
+        let z = surface.require_number("z", COORDINATE);
+        let uncertainty = surface.require_number("uncertainty", UNCERTAINTY);
+        surface.finish();
+        Some((z?, uncertainty?))
+    });
+    let down = table.require_choice("down", &[("-z", Down::Minus), ("+z", Down::Plus)]);
+    let origin = match table.table("origin_mm") {
+        None => Some(Place::default()),
+        Some(mut origin) => {
+            let (x, y) = (origin.require_number("x", COORDINATE), origin.require_number("y", COORDINATE));
+            origin.finish();
+            x.zip(y).map(|(x, y)| Place::new(x, y))
+        }
+    };
+    table.finish();
+    let (surface_z_mm, uncertainty_mm) = surface?;
+    Some(Frame { origin: origin?, surface_z_mm, uncertainty_mm, down: down? })
+}
+
+fn read_link(table: &mut Table) -> Option<Link> {
+    let span = table.span_of("link");
+    let text = table.require_text("link", "where it is: sim, serial://PORT?baud=RATE or tcp://HOST:PORT")?;
+    match Link::parse(text) {
+        Ok(link) => Some(link),
+        Err(expected) => {
+            table.complain(Problem::new(span, format!("`link` is \"{text}\", {expected}")));
+            None
+        }
+    }
+}
+
+/// `driver = { modbus = "NAME" }`, a map that came with the program or a file beside the rig's.
+fn read_map(
+    table: &mut Table,
+    part: &str,
+    fits: impl Fn(&Profile) -> bool,
+    beside: &dyn Fn(&str) -> std::io::Result<String>,
+) -> Option<MappedDevice> {
+    let mut driver = table.require_table("driver")?;
+    let name = driver.require_text("modbus", "the name of a register map, or a file beside this one");
+    let span = driver.span_of("modbus");
+    driver.finish();
+    let name = name?;
+    let map = if let Some(profile) = Profile::shipped(name) {
+        MappedDevice { name: name.to_owned(), profile, own_text: None }
+    } else {
+        let known = || SHIPPED.map(|(name, _)| name).join(", ");
+        let plain = !name.contains(['/', '\\']) && name.ends_with(".toml");
+        if !plain {
+            let told = format!("there is no register map \"{name}\"");
+            let help = format!("known: {}; or name a .toml file that lies beside this one", known());
+            table.complain(Problem::new(span, told).help(help));
+            return None;
+        }
+        let read = beside(name).map_err(|error| format!("{name}: {error}"));
+        match read.and_then(|text| Ok((Profile::parse(name, &text).map_err(|error| error.to_string())?, text))) {
+            Ok((profile, text)) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
+            Err(told) => {
+                table.complain(Problem::new(span, told));
+                return None;
+            }
+        }
+    };
+    if !fits(&map.profile) {
+        table.complain(Problem::new(span, format!("the register map \"{name}\" has no [{part}]")));
+        return None;
+    }
+    Some(map)
+}
+
+fn check_links(spec: &RigSpec, root: &Table) {
+    let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
+    let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
+    if simulated != 0 && simulated != links.len() {
+        let told = "some links are simulated and some are real: they can't share one clock";
+        let help = "make all links \"sim\", or none; `--simulate` simulates any rig whole";
+        root.complain(Problem::new(root.span_of("stage"), told).help(help));
+    }
+}
+
+/// Whether z reaches from clear of the surface to the deepest press.
+fn check_room(spec: &RigSpec, root: &Table) {
+    let frame = &spec.frame;
+    let travel = spec.stage.travel.along(Axis::Z);
+    let clear = frame.to_stage(Place::default(), -frame.uncertainty_mm - CLEARANCE_MM).z_mm;
+    let deepest = frame.to_stage(Place::default(), frame.uncertainty_mm + spec.limits.depth_mm).z_mm;
+    if !travel.contains(clear) || !travel.contains(deepest) {
+        let Range { min, max } = travel;
+        let told =
+            format!("pressing takes z from {clear} to {deepest} mm, but the stage's z runs from {min} to {max} mm");
+        let help = "check `surface_mm`, `down`, `limits.depth_mm` and `stage.travel_mm.z` against each other";
+        root.complain(Problem::new(root.span_of("frame"), told).help(help));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIM: &str = include_str!("../../rigs/sim.toml");
+
+    fn problems(from: &str, to: &str) -> Vec<String> {
+        assert!(SIM.contains(from), "{from}");
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        match parse("rig.toml", &SIM.replacen(from, to, 1), &none) {
+            Ok(_) => Vec::new(),
+            Err(problems) => problems.lines().iter().map(|line| line.split_once(": ").unwrap().1.to_owned()).collect(),
+        }
+    }
+
+    #[test]
+    fn the_failure_twins_of_the_shipped_rig() {
+        assert_eq!(problems("force_n", "force_n"), [""; 0]);
+        for (from, to, told) in [
+            ("\"esp301\"", "\"esp310\"", "`driver` is \"esp310\", expected one of esp301, esp300"),
+            ("modbus = \"labjack-t7\"", "modbus = \"labjack\"", "there is no register map \"labjack\""),
+            (
+                "modbus = \"labjack-t7\"",
+                "modbus = \"generic-rs485\"",
+                "the register map \"generic-rs485\" has no [outputs]",
+            ),
+            ("stiffness_n_mm = 2.0", "stiffness_n_mm = -2.0", "`stiffness_n_mm` is -2, outside over 0 to 100000 N/mm"),
+            (
+                "stiffness_n_mm = 2.0",
+                "stifness_n_mm = 2.0",
+                "`stiffness_n_mm` is missing in `limits`: a number in N/mm, over 0 to 100000",
+            ),
+            ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
+        ] {
+            assert_eq!(problems(from, to)[0], told);
+        }
+    }
+
+    #[test]
+    fn a_rig_that_mixes_real_and_simulated_links_is_refused() {
+        let told = problems("link = \"sim\"", "link = \"serial:///dev/ttyUSB0?baud=921600\"");
+        assert_eq!(told, ["some links are simulated and some are real: they can't share one clock"]);
+    }
+
+    #[test]
+    fn a_specimen_out_of_the_stages_reach_is_refused() {
+        let told = problems("z = 0.0", "z = -12.0");
+        assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");
+    }
+}

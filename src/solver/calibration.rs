@@ -1,0 +1,159 @@
+use crate::quantity::Place;
+
+/// Presses of known place and force with what the array read: the paper's calibration database (its step 2), checked.
+///
+/// At least one point, at least one unit, every value finite, every force positive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    units: usize,
+    places: Vec<Place>,
+    force_n: Vec<f64>,
+    outputs: Vec<f64>,
+}
+
+/// One press of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationPoint<'a> {
+    /// Where, specimen frame, mm.
+    pub place: Place,
+    /// How hard, N; positive.
+    pub force_n: f64,
+    /// One output a unit.
+    pub outputs: &'a [f64],
+}
+
+impl Calibration {
+    /// Takes the points in the order given. Errors name the first point at fault, counted from 0.
+    pub fn new(points: &[CalibrationPoint<'_>]) -> Result<Self, CalibrationError> {
+        let units = points.first().ok_or(CalibrationError::NoPoints)?.outputs.len();
+        if units == 0 {
+            return Err(CalibrationError::NoUnits);
+        }
+        for (point, press) in points.iter().enumerate() {
+            check(point, press, units)?;
+        }
+        Ok(Calibration {
+            units,
+            places: points.iter().map(|press| press.place).collect(),
+            force_n: points.iter().map(|press| press.force_n).collect(),
+            outputs: points.iter().flat_map(|press| press.outputs).copied().collect(),
+        })
+    }
+
+    /// How many units the array has.
+    pub fn units(&self) -> usize {
+        self.units
+    }
+
+    /// How many points were pressed; never 0.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Never: a calibration has at least one point.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// The points in order.
+    pub fn points(&self) -> impl Iterator<Item = CalibrationPoint<'_>> {
+        let outputs = self.outputs.chunks_exact(self.units);
+        let known = self.places.iter().zip(&self.force_n);
+        known.zip(outputs).map(|((&place, &force_n), outputs)| CalibrationPoint { place, force_n, outputs })
+    }
+}
+
+/// Why presses don't make a calibration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CalibrationError {
+    /// No press at all.
+    #[error("a calibration needs at least one point")]
+    NoPoints,
+    /// Presses without outputs.
+    #[error("a calibration needs at least one output a point")]
+    NoUnits,
+    /// The number of outputs changes.
+    #[error("the point has {found} outputs, the first point has {expected}")]
+    Ragged {
+        /// Index of the point, from 0.
+        point: usize,
+        /// Outputs of the first point.
+        expected: usize,
+        /// Outputs of this one.
+        found: usize,
+    },
+    /// A coordinate or an output is NaN or infinite.
+    #[error("a coordinate or an output of the point is not a finite number")]
+    NotFinite {
+        /// Index of the point, from 0.
+        point: usize,
+    },
+    /// The force doesn't press: dividing by it would mean nothing.
+    #[error("a calibration force must be above 0 N, this is {force_n} N")]
+    Force {
+        /// Index of the point, from 0.
+        point: usize,
+        /// The force, N.
+        force_n: f64,
+    },
+}
+
+impl CalibrationError {
+    /// Index of the point at fault, from 0, where it is one point's fault.
+    pub fn point(&self) -> Option<usize> {
+        match *self {
+            CalibrationError::NoPoints | CalibrationError::NoUnits => None,
+            CalibrationError::Ragged { point, .. }
+            | CalibrationError::NotFinite { point }
+            | CalibrationError::Force { point, .. } => Some(point),
+        }
+    }
+}
+
+fn check(point: usize, press: &CalibrationPoint<'_>, units: usize) -> Result<(), CalibrationError> {
+    if press.outputs.len() != units {
+        return Err(CalibrationError::Ragged { point, expected: units, found: press.outputs.len() });
+    }
+    let place_is_finite = press.place.x_mm.is_finite() && press.place.y_mm.is_finite();
+    if !place_is_finite || !press.outputs.iter().all(|output| output.is_finite()) {
+        return Err(CalibrationError::NotFinite { point });
+    }
+    if !(press.force_n > 0.0 && press.force_n.is_finite()) {
+        return Err(CalibrationError::Force { point, force_n: press.force_n });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: CalibrationPoint<'static> =
+        CalibrationPoint { place: Place { x_mm: 1.0, y_mm: 2.0 }, force_n: 1.0, outputs: &[0.5, 0.25] };
+
+    #[test]
+    fn points_come_back_in_order() {
+        let other = CalibrationPoint { force_n: 2.0, outputs: &[3.0, 4.0], ..GOOD };
+        let calibration = Calibration::new(&[GOOD, other]).unwrap();
+        assert_eq!((calibration.len(), calibration.units()), (2, 2));
+        assert_eq!(calibration.points().collect::<Vec<_>>(), [GOOD, other]);
+    }
+
+    #[test]
+    fn each_kind_of_wrong_point_is_refused_and_named() {
+        let second = |press| Calibration::new(&[GOOD, press]).unwrap_err();
+        let refused = [
+            second(CalibrationPoint { outputs: &[1.0], ..GOOD }),
+            second(CalibrationPoint { outputs: &[1.0, f64::NAN], ..GOOD }),
+            second(CalibrationPoint { place: Place::new(f64::INFINITY, 0.0), ..GOOD }),
+            second(CalibrationPoint { force_n: 0.0, ..GOOD }),
+            second(CalibrationPoint { force_n: -1.0, ..GOOD }),
+            second(CalibrationPoint { force_n: f64::NAN, ..GOOD }),
+        ];
+        for error in refused {
+            assert_eq!(error.point(), Some(1), "{error}");
+        }
+        assert_eq!(Calibration::new(&[]), Err(CalibrationError::NoPoints));
+        assert_eq!(Calibration::new(&[CalibrationPoint { outputs: &[], ..GOOD }]), Err(CalibrationError::NoUnits));
+    }
+}

@@ -1,0 +1,309 @@
+use super::{SolveError, Solver};
+use crate::quantity::Place;
+use serde::Serialize;
+
+/// The location error below which a contact counts as found, mm (set by the paper: a fingertip resolves 1.6 mm).
+pub const LOCATION_REFERENCE_MM: f64 = 1.0;
+/// The force error below which a force counts as right, N (set by the paper: a hand feels 0.147 N).
+pub const FORCE_REFERENCE_N: f64 = 0.1;
+
+/// How far a solver is off on presses whose truth is known; serialises to the object that `evaluate --json` prints.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// The solver's name.
+    pub solver: String,
+    /// How many test presses were solved; never 0.
+    pub points: usize,
+    /// Distance between true and solved place, mm.
+    pub location_error_mm: ErrorSummary,
+    /// Absolute difference between true and solved force, N; null where the true force isn't known.
+    pub force_error_n: Option<ErrorSummary>,
+    /// Shares of the points that are good enough.
+    pub within: Within,
+    /// The same against the load cell, which then also gives the calibration's forces; only for a run, where
+    /// `force_error_n` holds against the commanded force.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force_error_load_cell_n: Option<ErrorSummary>,
+    /// Presses that didn't count; stands in the object where there are any.
+    #[serde(skip_serializing_if = "LeftOut::is_none")]
+    pub left_out: LeftOut,
+    /// The solved presses one by one, in test order.
+    #[serde(skip)]
+    pub presses: Vec<PressError>,
+    /// The presses that had no answer, in test order.
+    #[serde(skip)]
+    pub unsolved: Vec<Unsolved>,
+}
+
+/// Mean, median, 95th percentile and largest of a set of errors, in the errors' unit.
+///
+/// Between two order statistics the percentile is interpolated linearly: of n sorted errors it stands at rank q (n -
+/// 1), counted from 0 (definition 7 of Hyndman and Fan 1996, the usual one in numerical software).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ErrorSummary {
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// 50th percentile.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// Shares of the points with errors below the paper's reference values, 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Within {
+    /// Location error under [`LOCATION_REFERENCE_MM`].
+    pub location_1mm: f64,
+    /// Force error under [`FORCE_REFERENCE_N`]; null where the true force isn't known.
+    pub force_0_1n: Option<f64>,
+    /// Both; null where the true force isn't known.
+    pub both: Option<f64>,
+}
+
+/// Presses that were recorded but didn't count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Calibration presses left out because they are flagged.
+    pub calibration_flagged: usize,
+    /// Test presses left out because they are flagged.
+    pub test_flagged: usize,
+    /// Test presses that have no answer.
+    pub test_unsolved: usize,
+}
+
+/// One test press: what was done, and what the array read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TestPress<'a> {
+    /// Where it was pressed, mm.
+    pub place: Place,
+    /// How hard, N, if that is known.
+    pub force_n: Option<f64>,
+    /// One output a unit.
+    pub outputs: &'a [f64],
+}
+
+/// One solved test press, truth beside answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PressError {
+    /// Index among the test presses given, from 0.
+    pub index: usize,
+    /// Where it was pressed, mm.
+    pub place_true: Place,
+    /// Where it was found, mm.
+    pub place_solved: Place,
+    /// Distance between the two, mm.
+    pub location_error_mm: f64,
+    /// Force found, N.
+    pub force_solved_n: f64,
+    /// Absolute difference to the true force, N, if that is known.
+    pub force_error_n: Option<f64>,
+}
+
+/// One test press without an answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unsolved {
+    /// Index among the test presses given, from 0.
+    pub index: usize,
+    /// Why.
+    pub reason: SolveError,
+}
+
+/// Why there is nothing to evaluate.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum EvaluationError {
+    /// No test press was given.
+    #[error("there is no test press to evaluate")]
+    NoPresses,
+    /// The test doesn't belong to this calibration.
+    #[error("the test doesn't belong to the calibration: {0}")]
+    OtherArray(SolveError),
+    /// Not one test press could be solved.
+    #[error("none of the {presses} test presses could be solved; the first: {first}")]
+    NoneSolved {
+        /// How many were given.
+        presses: usize,
+        /// Why the first has no answer.
+        first: SolveError,
+    },
+}
+
+/// Solves every test press and sums the errors up.
+///
+/// Forces are evaluated if every solved press has one. A press without an answer is counted and kept in `unsolved`.
+pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
+    let (mut presses, mut unsolved) = (Vec::with_capacity(test.len()), Vec::new());
+    for (index, press) in test.iter().enumerate() {
+        match solver.solve(press.outputs) {
+            Ok(solution) => presses.push(PressError {
+                index,
+                place_true: press.place,
+                place_solved: solution.place,
+                location_error_mm: solution.place.distance_mm(press.place),
+                force_solved_n: solution.force_n,
+                force_error_n: press.force_n.map(|force_n| (solution.force_n - force_n).abs()),
+            }),
+            Err(reason @ SolveError::Channels { .. }) => return Err(EvaluationError::OtherArray(reason)),
+            Err(reason) => unsolved.push(Unsolved { index, reason }),
+        }
+    }
+    let location_errors: Vec<f64> = presses.iter().map(|press| press.location_error_mm).collect();
+    let force_errors: Option<Vec<f64>> = presses.iter().map(|press| press.force_error_n).collect();
+    let Some(location_error_mm) = ErrorSummary::of(&location_errors) else {
+        return Err(match unsolved.first() {
+            None => EvaluationError::NoPresses,
+            Some(first) => EvaluationError::NoneSolved { presses: test.len(), first: first.reason.clone() },
+        });
+    };
+    Ok(Evaluation {
+        solver: solver.name().to_owned(),
+        points: presses.len(),
+        location_error_mm,
+        force_error_n: force_errors.as_deref().and_then(ErrorSummary::of),
+        within: Within::of(&location_errors, force_errors.as_deref()),
+        force_error_load_cell_n: None,
+        left_out: LeftOut { test_unsolved: unsolved.len(), ..LeftOut::default() },
+        presses,
+        unsolved,
+    })
+}
+
+impl Evaluation {
+    /// Whether the sensor is good enough: mean errors under the paper's reference values; where the test knows no
+    /// force, the location's alone.
+    pub fn accepted(&self) -> bool {
+        let force_is_right = self.force_error_n.is_none_or(|error| error.mean < FORCE_REFERENCE_N);
+        self.location_error_mm.mean < LOCATION_REFERENCE_MM && force_is_right
+    }
+}
+
+impl ErrorSummary {
+    /// Sums errors up; none of none.
+    pub fn of(errors: &[f64]) -> Option<Self> {
+        let mut sorted = errors.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let max = *sorted.last()?;
+        let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
+        Some(ErrorSummary { mean, median: percentile(&sorted, 0.5), p95: percentile(&sorted, 0.95), max })
+    }
+}
+
+impl LeftOut {
+    /// Whether every press counted.
+    pub fn is_none(&self) -> bool {
+        *self == LeftOut::default()
+    }
+}
+
+impl Within {
+    fn of(location_errors: &[f64], force_errors: Option<&[f64]>) -> Self {
+        let share = |good: usize| good as f64 / location_errors.len() as f64;
+        let is_found = |error: &f64| *error < LOCATION_REFERENCE_MM;
+        let is_right = |error: &f64| *error < FORCE_REFERENCE_N;
+        let pairs =
+            |forces: &[f64]| location_errors.iter().zip(forces).filter(|(l, f)| is_found(l) && is_right(f)).count();
+        Within {
+            location_1mm: share(location_errors.iter().filter(|error| is_found(error)).count()),
+            force_0_1n: force_errors.map(|forces| share(forces.iter().filter(|error| is_right(error)).count())),
+            both: force_errors.map(|forces| share(pairs(forces))),
+        }
+    }
+}
+
+/// The value at rank q (n - 1) of sorted values, interpolated; `sorted` isn't empty and q lies in 0..1.
+fn percentile(sorted: &[f64], q: f64) -> f64 {
+    let rank = q * (sorted.len() - 1) as f64;
+    let (below, above) = (rank.floor() as usize, rank.ceil() as usize);
+    sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solver::Solution;
+
+    /// Answers with what it reads: x, y and force.
+    struct Echo;
+
+    impl Solver for Echo {
+        fn name(&self) -> &'static str {
+            "echo"
+        }
+
+        fn solve(&self, outputs: &[f64]) -> Result<Solution, SolveError> {
+            match *outputs {
+                [x_mm, y_mm, force_n] if force_n.is_finite() => {
+                    Ok(Solution { place: Place::new(x_mm, y_mm), force_n, correlation: 1.0 })
+                }
+                [_, _, _] => Err(SolveError::AllEqual),
+                _ => Err(SolveError::Channels { expected: 3, found: outputs.len() }),
+            }
+        }
+    }
+
+    fn press(outputs: &[f64], force_n: Option<f64>) -> TestPress<'_> {
+        TestPress { place: Place::new(0.0, 0.0), force_n, outputs }
+    }
+
+    #[test]
+    fn percentiles_are_interpolated_between_order_statistics() {
+        let summary = ErrorSummary::of(&[4.0, 1.0, 3.0, 2.0]).unwrap();
+        assert_eq!((summary.mean, summary.median, summary.max), (2.5, 2.5, 4.0));
+        assert!((summary.p95 - 3.85).abs() < 1e-12); // rank 2.85
+        assert_eq!(ErrorSummary::of(&[7.0]), Some(ErrorSummary { mean: 7.0, median: 7.0, p95: 7.0, max: 7.0 }));
+        assert_eq!(ErrorSummary::of(&[]), None);
+    }
+
+    #[test]
+    fn errors_and_shares_are_counted() {
+        let test = [
+            press(&[0.3, 0.4, 1.05], Some(1.0)), // both
+            press(&[3.0, 4.0, 0.95], Some(1.0)), // force only
+            press(&[0.5, 0.0, 1.25], Some(1.0)), // location only
+            press(&[1.0, 0.0, 1.0], Some(1.0)),  // exactly 1 mm isn't under 1 mm
+        ];
+        let evaluation = evaluate(&Echo, &test).unwrap();
+        assert_eq!(evaluation.location_error_mm.mean, (0.5 + 5.0 + 0.5 + 1.0) / 4.0);
+        assert!((evaluation.force_error_n.unwrap().mean - 0.0875).abs() < 1e-12);
+        assert_eq!(evaluation.within, Within { location_1mm: 0.5, force_0_1n: Some(0.75), both: Some(0.25) });
+        assert!(!evaluation.accepted()); // 1.75 mm
+        assert_eq!(evaluation.presses[1].location_error_mm, 5.0);
+    }
+
+    #[test]
+    fn acceptance_asks_both_means_or_the_location_alone_where_no_force_is_known() {
+        let accepted = |outputs: &[f64], force_n| evaluate(&Echo, &[press(outputs, force_n)]).unwrap().accepted();
+        assert!(accepted(&[0.0, 0.9, 1.0], Some(1.05)));
+        assert!(!accepted(&[0.0, 0.9, 1.0], Some(1.2)));
+        assert!(!accepted(&[0.0, 1.1, 1.0], Some(1.0)));
+        assert!(accepted(&[0.0, 0.9, 1.0], None));
+    }
+
+    #[test]
+    fn without_forces_their_parts_are_null_and_the_object_has_exactly_its_keys() {
+        let json = serde_json::to_string(&evaluate(&Echo, &[press(&[0.0, 0.5, 1.0], None)]).unwrap()).unwrap();
+        let expected =
+            r#"{"solver":"echo","points":1,"location_error_mm":{"mean":0.5,"median":0.5,"p95":0.5,"max":0.5},"#
+                .to_owned()
+                + r#""force_error_n":null,"within":{"location_1mm":1.0,"force_0_1n":null,"both":null}}"#;
+        assert_eq!(json, expected);
+    }
+
+    #[test]
+    fn a_press_without_an_answer_is_counted_not_dropped() {
+        let test = [press(&[0.0, 0.0, 1.0], Some(1.0)), press(&[0.0, 0.0, f64::NAN], Some(1.0))];
+        let evaluation = evaluate(&Echo, &test).unwrap();
+        assert_eq!((evaluation.points, evaluation.left_out.test_unsolved), (1, 1));
+        assert_eq!(evaluation.unsolved, [Unsolved { index: 1, reason: SolveError::AllEqual }]);
+        assert!(serde_json::to_string(&evaluation).unwrap().contains(r#""test_unsolved":1"#));
+    }
+
+    #[test]
+    fn nothing_to_evaluate_is_an_error_not_nan() {
+        assert_eq!(evaluate(&Echo, &[]).unwrap_err(), EvaluationError::NoPresses);
+        let unsolvable = evaluate(&Echo, &[press(&[0.0, 0.0, f64::NAN], None)]).unwrap_err();
+        assert_eq!(unsolvable, EvaluationError::NoneSolved { presses: 1, first: SolveError::AllEqual });
+        assert!(matches!(evaluate(&Echo, &[press(&[1.0], None)]), Err(EvaluationError::OtherArray(_))));
+    }
+}

@@ -1,0 +1,131 @@
+//! The inverse problem: from what a calibration recorded and one reading of the array to where and how hard a contact
+//! is.
+//!
+//! A [`Calibration`] is presses of known place and force. [`fit`] prepares a [`Solver`] from it once; `solve` then
+//! turns a reading (one output a unit) into a [`Solution`], or says why it can't: a reading without an answer is an
+//! error, never NaN. [`evaluate`] holds a solver against presses whose truth is known.
+//!
+//! Nothing here reads files, asks the time or logs. A new method is a file beside `pearson.rs`, a name in [`SOLVERS`]
+//! and an arm in [`fit`].
+
+mod calibration;
+mod evaluation;
+mod pearson;
+
+pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
+pub use evaluation::{
+    ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
+    TestPress, Unsolved, Within, evaluate,
+};
+pub use pearson::{ForceRule, Pearson, correlation};
+
+use crate::quantity::{ArrayLayout, Place};
+
+/// The names [`fit`] knows, the paper's own first.
+pub const SOLVERS: [&str; 2] = ["pearson", "pearson-lsq"];
+
+/// One contact, as solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// Where, specimen frame, mm.
+    pub place: Place,
+    /// How hard, N. Noise can make the force of a very light contact negative; it is reported as it comes.
+    pub force_n: f64,
+    /// How well the reading matches the calibration there: Pearson's r, -1 to 1.
+    pub correlation: f64,
+}
+
+/// A fitted method.
+pub trait Solver {
+    /// The name it goes by in [`SOLVERS`].
+    fn name(&self) -> &'static str;
+
+    /// The contact behind one reading: `outputs` holds one value a unit, in the units and the order of the calibration.
+    fn solve(&self, outputs: &[f64]) -> Result<Solution, SolveError>;
+}
+
+/// Fits the method of that name.
+///
+/// `layout` tells where the units are, for methods that ask which one is closest; without it, the unit with the largest
+/// calibrated output at a point counts as its closest.
+pub fn fit(name: &str, calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Box<dyn Solver>, FitError> {
+    let force_rule = match name {
+        "pearson" => ForceRule::ClosestUnit,
+        "pearson-lsq" => ForceRule::LeastSquares,
+        _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
+    };
+    Ok(Box::new(Pearson::fit(calibration, layout, force_rule)?))
+}
+
+/// Why a method couldn't be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// No method has that name.
+    #[error("no solver is called `{name}`; there are: {}", SOLVERS.join(", "))]
+    UnknownSolver {
+        /// The name asked for.
+        name: String,
+    },
+    /// The layout belongs to another array.
+    #[error("the array's layout has {layout} units, the calibration {calibration}")]
+    Layout {
+        /// Units in the layout.
+        layout: usize,
+        /// Units in the calibration.
+        calibration: usize,
+    },
+    /// At every calibration point all units read the same, so no point can be told from another.
+    #[error("all units read the same at every calibration point: no point can be told from another")]
+    NothingToTellApart,
+}
+
+/// Why a reading has no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SolveError {
+    /// The reading comes from another array.
+    #[error("the reading has {found} outputs, the calibration has {expected}")]
+    Channels {
+        /// Units in the calibration.
+        expected: usize,
+        /// Outputs in the reading.
+        found: usize,
+    },
+    /// An output is NaN or infinite.
+    #[error("output {unit} is not a finite number")]
+    NotFinite {
+        /// The unit, counted from 1.
+        unit: usize,
+    },
+    /// Nothing touches the array, or nothing it can feel: the correlation would be 0/0.
+    #[error("all outputs are equal: such a reading correlates with no place")]
+    AllEqual,
+    /// The force that comes out is beyond what a number can hold.
+    #[error("the reading is out of all proportion to the calibration: its force is not finite")]
+    OutOfProportion,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibration() -> Calibration {
+        let point = |x_mm, outputs| CalibrationPoint { place: Place::new(x_mm, 0.0), force_n: 1.0, outputs };
+        Calibration::new(&[point(0.0, &[1.0, 0.2, 0.1]), point(1.0, &[0.2, 1.0, 0.2])]).unwrap()
+    }
+
+    #[test]
+    fn every_listed_solver_can_be_fitted_and_answers_to_its_name() {
+        for name in SOLVERS {
+            assert_eq!(fit(name, &calibration(), None).unwrap().name(), name);
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_and_a_foreign_layout_are_refused() {
+        let refusal = fit("person", &calibration(), None).err().unwrap();
+        assert!(refusal.to_string().contains("pearson-lsq"), "{refusal}");
+        let layout = ArrayLayout::grid(3, 3, 4.5);
+        let refusal = fit("pearson", &calibration(), Some(&layout)).err().unwrap();
+        assert_eq!(refusal, FitError::Layout { layout: 9, calibration: 3 });
+    }
+}

@@ -1,0 +1,257 @@
+use super::{Calibration, CalibrationPoint, FitError, Solution, SolveError, Solver};
+use crate::quantity::{ArrayLayout, Place};
+
+/// The paper's inverse solution: the contact lies at the calibration point whose outputs have the largest Pearson
+/// correlation with the reading (step 3, equation 3), and its force follows from the outputs there (step 4).
+///
+/// Of points that correlate equally well the first counts. A point at which all units read the same correlates with
+/// nothing and is never an answer.
+#[derive(Clone, Debug)]
+pub struct Pearson {
+    units: usize,
+    force_rule: ForceRule,
+    candidates: Vec<Candidate>,
+    /// The candidates' outputs, centred and of length 1, row-major candidates x units: r is a dot product with these.
+    directions: Vec<f64>,
+}
+
+/// How the force follows once the place is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ForceRule {
+    /// The paper's equation 6: the ratio of reading to calibrated output on the unit closest to the place, times the
+    /// force the point was calibrated with.
+    ClosestUnit,
+    /// The factor that fits the reading best over all units, y.x / x.x, times that force.
+    LeastSquares,
+}
+
+/// Pearson's correlation coefficient of two equally long rows (paper equation 3), -1 to 1.
+///
+/// None where it is 0/0: a row of equal values, an empty one, rows of two lengths, or a value that is not finite.
+pub fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
+    if a.len() != b.len() {
+        return None;
+    }
+    Some(dot(&direction(a)?, &direction(b)?).clamp(-1.0, 1.0))
+}
+
+impl Pearson {
+    /// Prepares the calibration's rows once, so that a reading costs one product with a contiguous table.
+    pub fn fit(
+        calibration: &Calibration,
+        layout: Option<&ArrayLayout>,
+        force_rule: ForceRule,
+    ) -> Result<Self, FitError> {
+        let units = calibration.units();
+        if let Some(layout) = layout.filter(|layout| layout.len() != units) {
+            return Err(FitError::Layout { layout: layout.len(), calibration: units });
+        }
+        let mut solver = Pearson { units, force_rule, candidates: Vec::new(), directions: Vec::new() };
+        for point in calibration.points() {
+            if let Some(row) = direction(point.outputs) {
+                solver.directions.extend(row);
+                solver.candidates.push(Candidate::new(&point, closest_unit(&point, layout)));
+            }
+        }
+        if solver.candidates.is_empty() { Err(FitError::NothingToTellApart) } else { Ok(solver) }
+    }
+
+    /// The candidate that correlates best with a reading's direction, and its r.
+    fn best(&self, reading: &[f64]) -> Option<(&Candidate, f64)> {
+        let rows = self.directions.chunks_exact(self.units);
+        let scored = self.candidates.iter().zip(rows.map(|row| dot(row, reading)));
+        scored.reduce(|best, next| if next.1 > best.1 { next } else { best })
+    }
+
+    fn force_n(&self, candidate: &Candidate, outputs: &[f64]) -> f64 {
+        let calibrated = &candidate.outputs;
+        let ratio = match self.force_rule {
+            ForceRule::ClosestUnit => outputs[candidate.closest] / calibrated[candidate.closest],
+            ForceRule::LeastSquares => dot(outputs, calibrated) / dot(calibrated, calibrated),
+        };
+        ratio * candidate.force_n
+    }
+}
+
+impl Solver for Pearson {
+    fn name(&self) -> &'static str {
+        match self.force_rule {
+            ForceRule::ClosestUnit => "pearson",
+            ForceRule::LeastSquares => "pearson-lsq",
+        }
+    }
+
+    fn solve(&self, outputs: &[f64]) -> Result<Solution, SolveError> {
+        if outputs.len() != self.units {
+            return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
+        }
+        if let Some(index) = outputs.iter().position(|output| !output.is_finite()) {
+            return Err(SolveError::NotFinite { unit: index + 1 });
+        }
+        let reading = direction(outputs).ok_or(SolveError::AllEqual)?;
+        let (candidate, r) = self.best(&reading).ok_or(SolveError::AllEqual)?;
+        let force_n = self.force_n(candidate, outputs);
+        if !force_n.is_finite() {
+            return Err(SolveError::OutOfProportion);
+        }
+        Ok(Solution { place: candidate.place, force_n, correlation: r.clamp(-1.0, 1.0) })
+    }
+}
+
+/// A calibration point that can be an answer.
+#[derive(Clone, Debug)]
+struct Candidate {
+    place: Place,
+    force_n: f64,
+    outputs: Vec<f64>,
+    /// Index of the unit whose ratio gives the force.
+    closest: usize,
+}
+
+impl Candidate {
+    fn new(point: &CalibrationPoint<'_>, closest: usize) -> Self {
+        Candidate { place: point.place, force_n: point.force_n, outputs: point.outputs.to_vec(), closest }
+    }
+}
+
+/// The unit closest to a point, of those that read anything there: a silent one can't scale a force (x_i = 0 in
+/// equation 6). Without a layout, the one that reads most, in magnitude, as some sensors read negative. Of equals the
+/// first.
+fn closest_unit(point: &CalibrationPoint<'_>, layout: Option<&ArrayLayout>) -> usize {
+    let remoteness = |unit: usize| match layout {
+        Some(layout) => point.place.distance_mm(layout.places()[unit]),
+        None => -point.outputs[unit].abs(),
+    };
+    let heard = (0..point.outputs.len()).filter(|&unit| point.outputs[unit] != 0.0);
+    heard.min_by(|&a, &b| remoteness(a).total_cmp(&remoteness(b))).unwrap_or(0)
+}
+
+/// A row less its mean, scaled to length 1; none where nothing is left, or a value is not finite.
+fn direction(row: &[f64]) -> Option<Vec<f64>> {
+    // Brought to the order of 1 first: no reading, however large or small, overflows or vanishes when squared, and
+    // equal values become exactly 1, so that nothing is left of them but 0.
+    let scale = row.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+    let scaled: Vec<f64> = row.iter().map(|value| value / scale).collect();
+    let mean = scaled.iter().sum::<f64>() / scaled.len() as f64;
+    let length = scaled.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
+    // NaN, from a value that is not finite or from 0/0, isn't above 0 either.
+    (length > 0.0).then(|| scaled.iter().map(|value| (value - mean) / length).collect())
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point(x_mm: f64, force_n: f64, outputs: &[f64]) -> CalibrationPoint<'_> {
+        CalibrationPoint { place: Place::new(x_mm, 0.0), force_n, outputs }
+    }
+
+    fn pearson(points: &[CalibrationPoint<'_>], layout: Option<&ArrayLayout>) -> Pearson {
+        Pearson::fit(&Calibration::new(points).unwrap(), layout, ForceRule::ClosestUnit).unwrap()
+    }
+
+    #[test]
+    fn correlation_is_pearsons() {
+        let rows = [([2.0, 4.0, 6.0], 1.0), ([3.0, 2.0, 1.0], -1.0), ([1.0, 3.0, 2.0], 0.5)];
+        for (row, r) in rows {
+            assert!((correlation(&[1.0, 2.0, 3.0], &row).unwrap() - r).abs() < 1e-12, "{row:?}");
+        }
+        // Neither huge nor tiny values leave the range of what can be squared.
+        assert!((correlation(&[1e300, 2e300, 3e300], &[1e-300, 3e-300, 2e-300]).unwrap() - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn correlation_without_variance_is_undefined_not_nan() {
+        let equal_by_value = [0.1; 9]; // its mean is rounded, its variance isn't exactly 0
+        assert_eq!(correlation(&equal_by_value, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]), None);
+        assert_eq!(correlation(&[], &[]), None);
+        assert_eq!(correlation(&[1.0], &[2.0]), None);
+        assert_eq!(correlation(&[0.0, 0.0], &[1.0, 2.0]), None);
+        assert_eq!(correlation(&[1.0, f64::NAN], &[1.0, 2.0]), None);
+        assert_eq!(correlation(&[f64::INFINITY, 1.0], &[1.0, 2.0]), None);
+        assert_eq!(correlation(&[1.0, 2.0, 3.0], &[1.0, 2.0]), None);
+    }
+
+    #[test]
+    fn the_force_comes_from_the_closest_unit_and_the_points_own_force() {
+        let layout = ArrayLayout::grid(1, 3, 4.0); // units at -4, 0, 4
+        let points = [point(-4.0, 2.0, &[1.0, 0.4, 0.1]), point(4.0, 0.5, &[0.1, 0.4, 0.5])];
+        let solver = pearson(&points, Some(&layout));
+        let solution = solver.solve(&[0.5, 0.2, 0.04]).unwrap();
+        assert_eq!(solution.place, Place::new(-4.0, 0.0));
+        assert!((solution.force_n - 1.0).abs() < 1e-12); // 0.5 / 1.0 of 2 N
+        let solution = solver.solve(&[0.1, 0.5, 1.0]).unwrap();
+        assert!((solution.force_n - 1.0).abs() < 1e-12); // 1.0 / 0.5 of 0.5 N
+    }
+
+    #[test]
+    fn least_squares_uses_every_unit() {
+        let calibration = Calibration::new(&[point(0.0, 2.0, &[1.0, 2.0])]).unwrap();
+        let solver = Pearson::fit(&calibration, None, ForceRule::LeastSquares).unwrap();
+        // (3*1 + 5*2) / (1 + 4) * 2 N
+        assert!((solver.solve(&[3.0, 5.0]).unwrap().force_n - 5.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_a_layout_the_loudest_unit_is_closest_and_a_silent_one_never_is() {
+        assert_eq!(closest_unit(&point(0.0, 1.0, &[0.1, -0.9, 0.5]), None), 1);
+        assert_eq!(closest_unit(&point(0.0, 1.0, &[0.5, 0.5, 0.1]), None), 0);
+        let layout = ArrayLayout::grid(1, 3, 4.0);
+        assert_eq!(closest_unit(&point(-4.0, 1.0, &[0.3, 0.2, 0.1]), Some(&layout)), 0);
+        assert_eq!(closest_unit(&point(-4.0, 1.0, &[0.0, 0.2, 0.1]), Some(&layout)), 1);
+    }
+
+    #[test]
+    fn of_equally_good_points_the_first_is_the_answer() {
+        let solver = pearson(&[point(1.0, 1.0, &[1.0, 2.0]), point(2.0, 1.0, &[2.0, 4.0])], None);
+        assert_eq!(solver.solve(&[5.0, 10.0]).unwrap().place.x_mm, 1.0);
+    }
+
+    #[test]
+    fn a_point_without_contrast_is_never_the_answer() {
+        // The reading runs against the only other point (r = -1), which still counts for more than 0/0.
+        let solver = pearson(&[point(1.0, 1.0, &[0.3, 0.3]), point(2.0, 1.0, &[1.0, 2.0])], None);
+        let solution = solver.solve(&[2.0, 1.0]).unwrap();
+        assert_eq!(solution.place.x_mm, 2.0);
+        assert!((solution.correlation + 1.0).abs() < 1e-12);
+        let flat = Calibration::new(&[point(1.0, 1.0, &[0.3, 0.3])]).unwrap();
+        assert_eq!(Pearson::fit(&flat, None, ForceRule::ClosestUnit).err(), Some(FitError::NothingToTellApart));
+    }
+
+    #[test]
+    fn a_reading_without_an_answer_says_why() {
+        let solver = pearson(&[point(1.0, 1.0, &[1.0, 2.0])], None);
+        assert_eq!(solver.solve(&[0.1, 0.1]), Err(SolveError::AllEqual));
+        assert_eq!(solver.solve(&[0.1]), Err(SolveError::Channels { expected: 2, found: 1 }));
+        assert_eq!(solver.solve(&[0.1, f64::NAN]), Err(SolveError::NotFinite { unit: 2 }));
+        let faint = pearson(&[point(1.0, 1.0, &[1e-300, 2e-300])], None);
+        assert_eq!(faint.solve(&[1e300, 2e300]), Err(SolveError::OutOfProportion));
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_is_read_the_answer_is_a_number_or_an_error(
+            row in prop::collection::vec(prop::num::f64::ANY, 3),
+            rule in prop::bool::ANY,
+        ) {
+            let points = [point(0.0, 1.0, &[1.0, 0.0, 0.5]), point(1.0, 2.0, &[-0.1, 1.0, 0.0])];
+            let rule = if rule { ForceRule::ClosestUnit } else { ForceRule::LeastSquares };
+            if let Ok(solution) = Pearson::fit(&Calibration::new(&points).unwrap(), None, rule).unwrap().solve(&row) {
+                prop_assert!(solution.force_n.is_finite() && solution.correlation.abs() <= 1.0);
+            }
+        }
+
+        #[test]
+        fn the_force_of_a_contact_does_not_move_it(factor in 1e-6..1e6f64) {
+            let solver = pearson(&[point(0.0, 1.0, &[1.0, 0.0, 0.5]), point(1.0, 1.0, &[0.2, 1.0, 0.3])], None);
+            let solution = solver.solve(&[0.2 * factor, factor, 0.3 * factor]).unwrap();
+            prop_assert_eq!(solution.place.x_mm, 1.0);
+            prop_assert!((solution.force_n / factor - 1.0).abs() < 1e-12);
+        }
+    }
+}

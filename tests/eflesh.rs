@@ -1,0 +1,83 @@
+//! Real presses: the paper's solver on a magnetic skin of 15 outputs, pressed by others (eFlesh, arXiv 2506.09994).
+//!
+//! The data are no part of the project: they are looked for in `$PALPATE_DATA`, else beside the checkout, and without
+//! them the tests say so and pass. The expected errors were computed apart by another program.
+
+use palpate::dataset::evaluate::evaluate_tables;
+use palpate::dataset::table::Table;
+use palpate::quantity::Place;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+#[test]
+fn every_place_calibrated_every_depth_tested() {
+    let Some(data) = data("every_place_calibrated_every_depth_tested") else { return };
+    let calibration = mean_of_passes(&data.join("fixed_depth.csv"));
+    let test = Table::read(&data.join("random_depth.csv")).unwrap();
+    assert_eq!((calibration.len(), test.rows.len(), test.units), (961, 4805, 15));
+    assert_mean_error(&calibration, test, 0.655);
+}
+
+#[test]
+fn every_second_place_calibrated_the_others_tested() {
+    let Some(data) = data("every_second_place_calibrated_the_others_tested") else { return };
+    let mut calibration = mean_of_passes(&data.join("fixed_depth.csv"));
+    let mut test = Table::read(&data.join("random_depth.csv")).unwrap();
+    let least = |of: fn(Place) -> f64| test.rows.iter().map(|row| of(row.place)).fold(f64::MAX, f64::min);
+    let (x_least_mm, y_least_mm) = (least(|place| place.x_mm), least(|place| place.y_mm));
+    let is_even = |from_mm: f64, mm: f64| ((mm - from_mm).round() as i64) % 2 == 0; // a grid of 1 mm
+    let is_calibrated = |place: Place| is_even(x_least_mm, place.x_mm) && is_even(y_least_mm, place.y_mm);
+    calibration.retain(|(place, _)| is_calibrated(*place));
+    test.rows.retain(|row| !is_calibrated(row.place));
+    assert_eq!((calibration.len(), test.rows.len()), (256, 3525));
+    assert_mean_error(&calibration, test, 1.434);
+}
+
+/// The folder with the two tables, if it is there.
+fn data(test: &str) -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let folder = std::env::var_os("PALPATE_DATA").map_or_else(beside, PathBuf::from).join("eflesh");
+    if folder.join("fixed_depth.csv").is_file() && folder.join("random_depth.csv").is_file() {
+        return Some(folder);
+    }
+    println!(
+        "skipped: {test}: no eFlesh tables in {} (set PALPATE_DATA to the folder that has them)",
+        folder.display()
+    );
+    None
+}
+
+/// Each place of a table, and the mean of its outputs over the passes.
+fn mean_of_passes(path: &Path) -> Vec<(Place, Vec<f64>)> {
+    let mut places: BTreeMap<(i64, i64), Vec<_>> = BTreeMap::new();
+    for row in Table::read(path).unwrap().rows {
+        places.entry((row.place.x_mm.round() as i64, row.place.y_mm.round() as i64)).or_default().push(row);
+    }
+    let mean = |rows: &[palpate::dataset::table::Row], unit: usize| {
+        rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / rows.len() as f64
+    };
+    let place = |rows: Vec<palpate::dataset::table::Row>| {
+        assert_eq!(rows.len(), 5, "passes over line {}", rows[0].line);
+        (rows[0].place, (0..rows[0].outputs.len()).map(|unit| mean(&rows, unit)).collect())
+    };
+    places.into_values().map(place).collect()
+}
+
+/// Evaluates as a user would, from a table on disk.
+fn assert_mean_error(calibration: &[(Place, Vec<f64>)], test: Table, golden_mm: f64) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.csv");
+    let mut writer = csv::Writer::from_path(&path).unwrap();
+    let outputs = (1..=test.units).map(|unit| format!("out_{unit}"));
+    writer.write_record(["x_mm", "y_mm"].map(str::to_owned).into_iter().chain(outputs)).unwrap();
+    for (place, outputs) in calibration {
+        let numbers = [place.x_mm, place.y_mm];
+        writer.write_record(numbers.iter().chain(outputs).map(f64::to_string)).unwrap();
+    }
+    writer.flush().unwrap();
+    let evaluation = evaluate_tables(&Table::read(&path).unwrap(), &test, "pearson").unwrap();
+    let mean_mm = evaluation.location_error_mm.mean;
+    println!("{} points, mean location error {mean_mm:.4} mm, expected {golden_mm}", evaluation.points);
+    assert!((mean_mm - golden_mm).abs() < 0.01, "{mean_mm} mm instead of {golden_mm} mm");
+    assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
+}
