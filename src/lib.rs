@@ -10,6 +10,7 @@ pub mod mechanics;
 pub mod quantity;
 pub mod recipe;
 pub mod rig;
+pub mod run;
 pub mod scene;
 pub mod solver;
 pub mod wire;

@@ -1,15 +1,17 @@
 //! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints how far off the answers
 //! are.
 
+use super::exit::{Failure, accepted};
+use super::sources::read_rig;
+use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table};
+use crate::dataset::RunFolder;
 use crate::dataset::characteristics::{Repeatability, Staircases};
-use crate::dataset::evaluate::{EvaluateError, evaluate_run, evaluate_tables, is_to_evaluate};
+use crate::dataset::evaluate::{evaluate_run, evaluate_tables, is_to_evaluate};
 use crate::dataset::table::Table;
-use crate::quantity::ArrayLayout;
 use crate::solver::SOLVERS;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use miette::{IntoDiagnostic as _, WrapErr as _};
-use std::io::{self, Write as _};
+use miette::IntoDiagnostic as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -22,7 +24,7 @@ Examples:
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n.
 Exit code: 0 accepted (mean errors under 1 mm and 0.1 N), 1 not accepted, 2 bad input.";
 
-/// What `palpate evaluate` takes.
+/// Solve the test presses of a run, or of two tables, and print how far off the answers are
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -47,47 +49,43 @@ pub struct Args {
     repeatability: Repeatability,
 }
 
-/// Evaluates and prints. Exit code 0: accepted, 1: not accepted; every error is bad input (exit code 2).
-///
-/// `layout_of` reads where the units are from a run folder's rig. A run that was only characterised prints its Table 1.
-pub fn run(args: &Args, layout_of: impl Fn(&Path) -> miette::Result<ArrayLayout>) -> miette::Result<ExitCode> {
+/// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its Table 1.
+pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
     let (evaluation, table_1) = match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
-            let layout = layout_of(run)?;
-            let table = Table::read_run(&run.join("presses.csv")).map_err(EvaluateError::from)?;
+            let table = read_presses(run)?;
+            let layout = read_rig(&run.join("rig.toml"))?.1.array.layout;
             let staircases = Staircases::of_run(&table, &layout);
             let table_1 = staircases.map(|staircases| characteristics_table(&staircases, args.repeatability));
             if let Some(table_1) = table_1.as_ref().filter(|_| !args.json && !table.rows.iter().any(is_to_evaluate)) {
                 print(table_1)?;
                 return Ok(ExitCode::SUCCESS);
             }
-            (evaluate_run(&table, Some(&layout), &args.solver)?, table_1)
+            (evaluate_run(&table, Some(&layout), &args.solver), table_1)
         }
         (None, Some(calibration), Some(test)) => {
-            let calibration = Table::read(calibration).map_err(EvaluateError::from)?;
-            let test = Table::read(test).map_err(EvaluateError::from)?;
-            (evaluate_tables(&calibration, &test, &args.solver)?, None)
+            let calibration = Table::read(calibration).map_err(Failure::usage)?;
+            let test = Table::read(test).map_err(Failure::usage)?;
+            (evaluate_tables(&calibration, &test, &args.solver), None)
         }
-        // The command line asks for one of the two; a caller that builds the arguments itself may not.
-        _ => miette::bail!("evaluate needs a run folder, or a calibration table and a test table"),
+        // the command line asks for one of the two; a caller that builds the arguments itself may not
+        _ => return Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
     };
+    let evaluation = evaluation.map_err(Failure::usage)?;
     if args.json {
-        print(&format!("{}\n", serde_json::to_string(&evaluation).into_diagnostic()?))?;
+        let object = serde_json::to_string(&evaluation).into_diagnostic().map_err(Failure::usage)?;
+        print(&format!("{object}\n"))?;
     } else {
         let table_1 = table_1.map(|table| format!("\n{table}")).unwrap_or_default();
         print(&(evaluation_table(std::slice::from_ref(&evaluation)) + &table_1))?;
     }
-    Ok(if evaluation.accepted() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(accepted(std::slice::from_ref(&evaluation)))
 }
 
-/// Writes to standard output; a reader that has seen enough (`| head`) is no error.
-fn print(text: &str) -> miette::Result<()> {
-    match io::stdout().lock().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(error).into_diagnostic().wrap_err("can't write the result")
-        }
-        _ => Ok(()),
-    }
+/// The presses of a run folder.
+fn read_presses(run: &Path) -> Result<Table, Failure> {
+    RunFolder::read_manifest(run).map_err(Failure::usage)?; // says best that this is no run
+    Table::read_run(&run.join("presses.csv")).map_err(Failure::usage)
 }
 
 #[cfg(test)]

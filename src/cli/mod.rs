@@ -1,3 +1,61 @@
-//! cli
-pub mod evaluate;
+//! The command line, one file a subcommand; the only room that prints.
+//!
+//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done (and, where evaluated, accepted),
+//! 1 done but not accepted, 2 bad recipe, rig or usage (nothing moved), 3 a device, 4 a safety trip, 5 could not record,
+//! 130 cancelled (and parked).
+
+mod check;
+mod emulate;
+mod evaluate;
+mod exit;
+mod ports;
+mod progress;
+mod resume;
+mod run;
+mod session;
+mod sources;
+mod summary;
 mod tables;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate check recipes/paper.toml
+  palpate run recipes/paper.toml
+  palpate run recipes/calibrate.toml --rig rigs/esp301.toml --sensor A-017
+  palpate evaluate runs/paper";
+
+/// Calibrates tactile sensors: presses the sensor where a recipe says, as hard as it says, keeps every press, and solves
+/// where and how hard an unknown contact is.
+#[derive(Debug, Parser)]
+#[command(name = "palpate", version, after_help = EXAMPLES, max_term_width = 100)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Check(check::Args),
+    Run(run::Args),
+    Resume(resume::Args),
+    Evaluate(evaluate::Args),
+    Emulate(emulate::Args),
+    Ports(ports::Args),
+}
+
+/// Parses the command line, does what it says, and turns the outcome into an exit code.
+pub fn main() -> ExitCode {
+    let command = CommandLine::parse().command; // usage errors exit with 2 by themselves
+    let outcome = match &command {
+        Command::Check(args) => check::check(args),
+        Command::Run(args) => run::run(args),
+        Command::Resume(args) => resume::resume(args),
+        Command::Evaluate(args) => evaluate::evaluate(args),
+        Command::Emulate(args) => emulate::emulate(args),
+        Command::Ports(args) => ports::ports(args),
+    };
+    outcome.unwrap_or_else(|failure| failure.report())
+}

@@ -7,7 +7,7 @@ mod open;
 mod parse;
 mod scene;
 
-pub use open::{OpenRig, SceneProbe, SimulatedRig};
+pub use open::{EmulatedDevice, OpenRig, SceneProbe, SimulatedRig, Wiring};
 pub use parse::parse;
 
 use crate::driver::modbus::Profile;

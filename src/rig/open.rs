@@ -40,11 +40,30 @@ pub struct SimulatedRig {
     /// The scene.
     pub scene: Shared<Scene>,
     /// The stage's controller.
-    pub stage: Shared<dyn Instrument>,
+    pub stage: EmulatedDevice,
     /// The load cell's transmitter.
-    pub load_cell: Shared<dyn Instrument>,
+    pub load_cell: EmulatedDevice,
     /// The array's converter.
-    pub array: Shared<dyn Instrument>,
+    pub array: EmulatedDevice,
+}
+
+/// One emulated device, and how it would be wired.
+pub struct EmulatedDevice {
+    /// The device.
+    pub instrument: Shared<dyn Instrument>,
+    /// What it speaks: `esp301`, `modbus-rtu` or `modbus-tcp`.
+    pub protocol: &'static str,
+    /// What it speaks over.
+    pub wiring: Wiring,
+}
+
+/// What a device speaks over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wiring {
+    /// A serial line.
+    Serial,
+    /// A network.
+    Network,
 }
 
 /// What a run may know of a simulated scene: it names the presses and reads the truth, and touches nothing.
@@ -66,7 +85,7 @@ impl RigSpec {
         let origin = Instant::now();
         let (connectors, probe) = if self.is_simulated() {
             let SimulatedRig { scene, stage, load_cell, array } = self.emulators(seed)?;
-            let memory = |instrument| dial(instrument, scene.clone(), origin);
+            let memory = |device: EmulatedDevice| dial(device.instrument, scene.clone(), origin);
             let probe = SceneProbe { scene: scene.clone(), origin };
             ([memory(stage), memory(load_cell), memory(array)], Some(probe))
         } else {
@@ -110,11 +129,23 @@ impl RigSpec {
             latencies: spec.latencies,
         };
         let scene = Scene::new(spec, setting, seed);
-        let stage: Shared<dyn Instrument> = Arc::new(Mutex::new(emulator::Esp301::new(&scene)));
+        let stage = EmulatedDevice {
+            instrument: Arc::new(Mutex::new(emulator::Esp301::new(&scene))),
+            protocol: "esp301",
+            wiring: Wiring::Serial,
+        };
         let range_n = RANGE_OVER_LIMIT * self.limits.force_n;
         let load_cell = emulate(&self.load_cell.profile, Device::LoadCell, range_n)?;
         let array = emulate(&self.array.profile, Device::Array, range_n)?;
         Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
+    }
+}
+
+impl SimulatedRig {
+    /// The devices with their roles.
+    pub fn devices(&self) -> [(&EmulatedDevice, &'static str); 3] {
+        [(&self.stage, Device::Stage), (&self.load_cell, Device::LoadCell), (&self.array, Device::Array)]
+            .map(|(device, role)| (device, role.name()))
     }
 }
 
@@ -177,14 +208,18 @@ fn framing(link: &Link, map: &str) -> Framing {
     }
 }
 
-fn emulate(map: &MappedDevice, role: Device, range_n: f64) -> Result<Shared<dyn Instrument>, DeviceError> {
-    match (map.name.as_str(), role) {
+fn emulate(map: &MappedDevice, role: Device, range_n: f64) -> Result<EmulatedDevice, DeviceError> {
+    let (instrument, protocol, wiring): (Shared<dyn Instrument>, _, _) = match (map.name.as_str(), role) {
         ("generic-rs485", Device::LoadCell) => {
-            Ok(Arc::new(Mutex::new(Modbus::rtu(Transmitter::new(range_n), map.profile.unit_id))))
+            let device = Modbus::rtu(Transmitter::new(range_n), map.profile.unit_id);
+            (Arc::new(Mutex::new(device)), "modbus-rtu", Wiring::Serial)
         }
-        ("labjack-t7", Device::Array) => Ok(Arc::new(Mutex::new(Modbus::tcp(LabJackT7::new())))),
-        (name, role) => Err(unfit(role.name(), name)),
-    }
+        ("labjack-t7", Device::Array) => {
+            (Arc::new(Mutex::new(Modbus::tcp(LabJackT7::new()))), "modbus-tcp", Wiring::Network)
+        }
+        (name, role) => return Err(unfit(role.name(), name)),
+    };
+    Ok(EmulatedDevice { instrument, protocol, wiring })
 }
 
 fn unfit(role: &str, map: &str) -> DeviceError {

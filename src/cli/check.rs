@@ -1,0 +1,64 @@
+use super::exit::Failure;
+use super::sources::{RigArgs, Sources};
+use super::summary::{duration, print};
+use crate::recipe::{Entry, Phase, Plan};
+use crate::rig::RigSpec;
+use crate::run::estimated_s;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate check recipes/paper.toml
+  palpate check recipes/test.toml --rig rigs/esp301.toml --seed 7
+
+Exit code: 0 the recipe can be run, 2 it can't: every problem is told at its line.";
+
+/// Print what a recipe would do on a rig, without moving anything
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The recipe
+    recipe: PathBuf,
+    #[command(flatten)]
+    rig: RigArgs,
+}
+
+/// Checks and prints the plan.
+pub fn check(args: &Args) -> Result<ExitCode, Failure> {
+    let sources = Sources::read(&args.recipe, &args.rig)?;
+    let plan = sources.plan(args.rig.seed)?;
+    print(&described(&plan, &sources.rig))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn described(plan: &Plan, rig: &RigSpec) -> String {
+    let mut text = String::new();
+    let [x, y] = plan.envelope();
+    let travel = &rig.stage.travel.axes;
+    // writing to a string can't fail
+    let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
+    let _ = writeln!(text, "  {:<18}{:>8}{:>8}   {}", "phase", "presses", "levels", "estimated");
+    for phase in [Phase::Characterisation, Phase::Calibration, Phase::Test] {
+        let entries: Vec<&Entry> = plan.entries.iter().filter(|entry| entry.phase == phase).collect();
+        if !entries.is_empty() {
+            let levels: usize = entries.iter().map(|entry| entry.task.levels.len()).sum();
+            let part = Plan { entries: entries.into_iter().cloned().collect(), ..plan.clone() };
+            let estimate = duration(estimated_s(&part, rig));
+            let _ = writeln!(text, "  {:<18}{:>8}{levels:>8}   {estimate}", phase.name(), part.entries.len());
+        }
+    }
+    let (rows, whole) = (plan.rows(), duration(estimated_s(plan, rig)));
+    let _ = writeln!(text, "  {:<18}{:>8}{rows:>8}   {whole}", "together", plan.entries.len());
+    let _ = writeln!(text, "held against the rig");
+    let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
+    let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
+    let limits = &rig.limits;
+    let _ = writeln!(text, "  largest force {} N, limit {} N", plan.most_n(), limits.force_n);
+    let _ =
+        writeln!(text, "  depth at most {} mm; every move is held to {} N/mm", limits.depth_mm, limits.stiffness_n_mm);
+    let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
+    let _ = writeln!(text, "  links: {links}");
+    text
+}

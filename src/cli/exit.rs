@@ -1,0 +1,65 @@
+use crate::dataset::DatasetError;
+use crate::run::Halt;
+use crate::solver::Evaluation;
+use miette::Report;
+use std::process::ExitCode;
+
+/// Done, but the errors are larger than accepted.
+const NOT_ACCEPTED: u8 = 1;
+/// A bad recipe, rig or command line; nothing was moved.
+const USAGE: u8 = 2;
+/// A device failed.
+const DEVICE: u8 = 3;
+/// A safety rule was broken.
+const TRIP: u8 = 4;
+/// The record couldn't be kept.
+const RECORD: u8 = 5;
+/// Cancelled by a person, and parked.
+pub const CANCELLED: u8 = 130;
+
+/// The exit code of what was evaluated: by its first solver. What wasn't evaluated is done.
+pub fn accepted(evaluations: &[Evaluation]) -> ExitCode {
+    if evaluations.first().is_none_or(Evaluation::accepted) { ExitCode::SUCCESS } else { ExitCode::from(NOT_ACCEPTED) }
+}
+
+/// Why a subcommand didn't do what it was asked, and the exit code that says so.
+#[derive(Debug)]
+pub struct Failure {
+    code: u8,
+    report: Report,
+}
+
+impl Failure {
+    /// Bad input; nothing was moved.
+    pub fn usage(report: impl Into<Report>) -> Failure {
+        Failure { code: USAGE, report: report.into() }
+    }
+
+    /// The record couldn't be made or read.
+    pub fn dataset(error: DatasetError) -> Failure {
+        let code = match error {
+            DatasetError::Exists { .. } | DatasetError::Manifest { .. } | DatasetError::Journal(_) => USAGE,
+            DatasetError::Io { .. } => RECORD,
+        };
+        Failure { code, report: error.into() }
+    }
+
+    /// A run that ended early.
+    pub fn halted(halt: Halt) -> Failure {
+        match halt {
+            Halt::Cancelled => Failure { code: CANCELLED, report: miette::miette!("cancelled") },
+            Halt::Tripped(trip) => {
+                let help = "find the cause first; then `palpate resume RUN --after-trip`";
+                Failure { code: TRIP, report: miette::miette!(help = help, "safety trip: {trip}") }
+            }
+            Halt::Device(error) => Failure { code: DEVICE, report: error.into() },
+            Halt::Record(error) => Failure { code: RECORD, report: error.into() },
+        }
+    }
+
+    /// Tells the person, and gives the exit code.
+    pub fn report(self) -> ExitCode {
+        eprintln!("{:?}", self.report);
+        ExitCode::from(self.code)
+    }
+}

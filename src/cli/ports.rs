@@ -1,0 +1,41 @@
+use super::exit::Failure;
+use super::summary::print;
+use serialport::{SerialPortInfo, SerialPortType};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Example:
+  palpate ports
+
+A port goes into a rig file as link = \"serial://PORT?baud=RATE\".";
+
+/// List the serial ports of this machine
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {}
+
+/// Lists the ports, one line each.
+pub fn ports(_: &Args) -> Result<ExitCode, Failure> {
+    let mut ports = serialport::available_ports()
+        .map_err(|error| Failure::usage(miette::miette!("this system doesn't list its serial ports: {error}")))?;
+    ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));
+    if ports.is_empty() {
+        eprintln!("no serial ports");
+    }
+    print(&ports.iter().map(line).collect::<String>())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn line(port: &SerialPortInfo) -> String {
+    let what = match &port.port_type {
+        SerialPortType::UsbPort(usb) => {
+            let name = usb.product.as_deref().unwrap_or("USB");
+            let serial = usb.serial_number.as_deref().map(|serial| format!(", {serial}")).unwrap_or_default();
+            format!("{name} ({:04x}:{:04x}{serial})", usb.vid, usb.pid)
+        }
+        SerialPortType::PciPort => "PCI".to_owned(),
+        SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
+        SerialPortType::Unknown => String::new(),
+    };
+    format!("{:<24}{what}\n", port.port_name).trim_end().to_owned() + "\n"
+}

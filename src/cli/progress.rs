@@ -1,0 +1,110 @@
+use crate::dataset::Contact;
+use crate::device::Identity;
+use crate::recipe::{Entry, Phase, Plan};
+use crate::run::Watcher;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::cell::Cell;
+use std::io::{IsTerminal, Write};
+
+/// Readings between two looks at the force on a terminal: ten a second on a cell of 200 Hz.
+const FORCE_EVERY: u32 = 20;
+
+/// Shows a run as it goes: a bar on a terminal, plain lines elsewhere, and on standard output the acknowledgements if
+/// asked for.
+pub struct Progress {
+    bar: ProgressBar,
+    on_terminal: bool,
+    json: bool,
+    phase: Option<Phase>,
+    done: u64,
+    planned: u64,
+    percent_told: u64,
+}
+
+impl Progress {
+    /// Progress of a plan of which some entries are done already.
+    pub fn new(plan: &Plan, done: usize, json: bool) -> Self {
+        let on_terminal = std::io::stderr().is_terminal();
+        let planned = plan.entries.len() as u64;
+        let bar = ProgressBar::with_draw_target(
+            Some(planned),
+            if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
+        );
+        let template = "{prefix:<16} {bar:26} {pos:>5}/{len} presses, {eta} left, {msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar.set_position(done as u64);
+        Progress { bar, on_terminal, json, phase: None, done: done as u64, planned, percent_told: 0 }
+    }
+
+    /// What is told of every force.
+    pub fn gauge(&self) -> Box<dyn Fn(f64)> {
+        if !self.on_terminal {
+            return Box::new(|_| {});
+        }
+        let (bar, count) = (self.bar.clone(), Cell::new(0));
+        Box::new(move |force_n| {
+            count.set(count.get() + 1);
+            if count.get() % FORCE_EVERY == 0 {
+                bar.set_message(format!("{force_n:+.3} N"));
+            }
+        })
+    }
+
+    /// Takes the bar away.
+    pub fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    fn line(&self, text: &str) {
+        if self.on_terminal {
+            self.bar.suspend(|| eprintln!("{text}"));
+        } else {
+            eprintln!("{text}");
+        }
+    }
+}
+
+impl Watcher for Progress {
+    fn ready(&mut self, devices: &[Identity]) {
+        for device in devices {
+            self.line(&format!("{:<10} {}", device.role, device.identity));
+            for warning in &device.warnings {
+                self.line(&format!("warning: {}: {warning}", device.role));
+            }
+        }
+    }
+
+    fn begins(&mut self, entry: &Entry) {
+        if self.phase != Some(entry.phase) {
+            self.phase = Some(entry.phase);
+            self.bar.set_prefix(entry.phase.name());
+            if !self.on_terminal {
+                self.line(&format!("{}: from press {} of {}", entry.phase.name(), entry.press + 1, self.planned));
+            }
+        }
+    }
+
+    fn recorded(&mut self, contact: &Contact) {
+        self.done += 1;
+        self.bar.set_position(self.done);
+        if self.json {
+            let mut out = std::io::stdout().lock();
+            for row in &contact.rows {
+                // a reader that has gone doesn't stop a run: the record is on disk
+                let _ = writeln!(out, "{}", row.to_json());
+            }
+            let _ = out.flush();
+        }
+        let tenth = self.done * 10 / self.planned.max(1) * 10;
+        if !self.on_terminal && tenth > self.percent_told {
+            self.percent_told = tenth;
+            self.line(&format!("{tenth:>3} %: {} of {} presses", self.done, self.planned));
+        }
+    }
+
+    fn rests(&mut self, seconds: f64) {
+        self.bar.set_message(format!("rest {seconds:.0} s"));
+    }
+}

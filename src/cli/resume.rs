@@ -1,0 +1,47 @@
+use super::exit::Failure;
+use super::session::{SessionArgs, carry_out};
+use super::sources::{RigArgs, Sources};
+use super::summary;
+use crate::dataset::{RunFolder, Status};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate resume runs/paper
+  palpate resume runs/paper-3 --after-trip
+
+A staircase that was interrupted is repeated whole. A complete run is left alone.";
+
+/// Go on with a run that was stopped
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The run folder
+    run: PathBuf,
+    /// Go on although a safety rule was broken: a person has found the cause
+    #[arg(long)]
+    after_trip: bool,
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+/// Goes on from the journal.
+pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
+    let manifest = RunFolder::read_manifest(&args.run).map_err(Failure::usage)?;
+    let rig = RigArgs { rig: args.run.join("rig.toml"), simulate: manifest.simulated, seed: manifest.seed };
+    let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
+    let plan = sources.plan(manifest.seed)?;
+    if manifest.status == Status::Complete {
+        summary::tell(&format!("{} is complete: nothing to do\n", args.run.display()))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if manifest.status == Status::Tripped && !args.after_trip {
+        let trip = manifest.trip.map(|trip| trip.to_string()).unwrap_or_default();
+        let help = "find the cause; then say --after-trip";
+        return Err(Failure::usage(miette::miette!(help = help, "the run ended with a safety trip: {trip}")));
+    }
+    let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
+    folder.manifest.trip = None;
+    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
+}

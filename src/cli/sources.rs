@@ -1,0 +1,84 @@
+use super::exit::Failure;
+use crate::dataset::Origins;
+use crate::document::TEXT_MAX_BYTES;
+use crate::recipe::{self, Plan, Recipe};
+use crate::rig::{self, MappedDevice, RigSpec};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+/// The rig that is used where none is named.
+pub const DEFAULT_RIG: &str = "rigs/sim.toml";
+
+/// What [`DEFAULT_RIG`] holds where there is no such file: the paper's rig, simulated.
+const BUILT_IN_RIG: &str = include_str!("../../rigs/sim.toml");
+
+/// A recipe and a rig, read and understood, with their texts.
+pub struct Sources {
+    /// The recipe.
+    pub recipe: Recipe,
+    /// The rig.
+    pub rig: RigSpec,
+    /// Both as given.
+    pub origins: Origins,
+}
+
+/// What a recipe runs on.
+#[derive(Debug, clap::Args)]
+pub struct RigArgs {
+    /// The rig to use
+    #[arg(long, value_name = "RIG", default_value = DEFAULT_RIG)]
+    pub rig: PathBuf,
+    /// Put our emulators in place of the rig's links, in virtual time
+    #[arg(long)]
+    pub simulate: bool,
+    /// What random places and forces are drawn from, and all simulated noise
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+impl Sources {
+    /// Reads a recipe and a rig from their files.
+    pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
+        let recipe_text = read(recipe)?;
+        let recipe = recipe::parse(&recipe.display().to_string(), &recipe_text).map_err(Failure::usage)?;
+        let (rig_text, spec) = read_rig(&rig.rig)?;
+        let spec = if rig.simulate { spec.simulated() } else { spec };
+        let maps = [&spec.load_cell.profile, &spec.array.profile].into_iter().filter_map(own_map).collect();
+        Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, maps } })
+    }
+
+    /// The plan, held against the rig.
+    pub fn plan(&self, seed: u64) -> Result<Plan, Failure> {
+        Plan::new(&self.recipe, &self.rig.ground(), seed).map_err(Failure::usage)
+    }
+}
+
+/// A rig's text and what it says.
+pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
+    let text = match read(path) {
+        Err(_) if path == Path::new(DEFAULT_RIG) && !path.exists() => BUILT_IN_RIG.to_owned(),
+        text => text?,
+    };
+    let beside = |name: &str| bounded(&path.with_file_name(name));
+    let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
+    Ok((text, spec))
+}
+
+/// A file that a person wrote, as text.
+fn read(path: &Path) -> Result<String, Failure> {
+    bounded(path).map_err(|error| {
+        let help = "name a file that is there; shipped ones are in recipes/ and rigs/";
+        Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
+    })
+}
+
+fn bounded(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    File::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
+    Ok(text)
+}
+
+fn own_map(device: &MappedDevice) -> Option<(String, String)> {
+    device.own_text.as_ref().map(|text| (device.name.clone(), text.clone()))
+}

@@ -1,0 +1,91 @@
+use super::exit::Failure;
+use super::tables::{characteristics_table, evaluation_table};
+use crate::dataset::RunFolder;
+use crate::dataset::characteristics::{Repeatability, Staircases};
+use crate::dataset::evaluate::evaluate_run;
+use crate::dataset::table::Table;
+use crate::rig::RigSpec;
+use crate::solver::Evaluation;
+use miette::{IntoDiagnostic, WrapErr};
+use std::fmt::Write as _;
+use std::io::{self, Write};
+
+/// How a run ended, how long it took, and where its files are.
+pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
+    let manifest = &folder.manifest;
+    let mut text = String::new();
+    // writing to a string can't fail
+    let _ = writeln!(
+        text,
+        "{}: {} of {} presses, {}",
+        manifest.status.name(),
+        manifest.presses_done,
+        manifest.presses_planned,
+        folder.path().display()
+    );
+    if virtual_time {
+        let (passed, wall_s) = (duration(manifest.virtual_s), manifest.wall_s);
+        let _ = writeln!(text, "time: {passed} of virtual time in {wall_s:.2} s");
+    } else {
+        let _ = writeln!(text, "time: {}", duration(manifest.wall_s));
+    }
+    let tables = ["presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
+    let there: Vec<&str> = tables.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
+    let _ = writeln!(text, "tables: {}", there.join(" "));
+    text
+}
+
+/// The run's own evaluation with each solver its recipe names.
+pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Result<Vec<Evaluation>, Failure> {
+    if solvers.is_empty() {
+        return Ok(Vec::new());
+    }
+    let table = presses(folder)?;
+    let evaluate = |solver: &String| evaluate_run(&table, Some(&spec.array.layout), solver).map_err(Failure::usage);
+    solvers.iter().map(evaluate).collect()
+}
+
+/// What a complete run came to: the evaluation beside the paper's, and Table 1.
+pub fn results(folder: &RunFolder, spec: &RigSpec, evaluations: &[Evaluation]) -> Result<String, Failure> {
+    let mut text = String::new();
+    if !evaluations.is_empty() {
+        let _ = write!(text, "\n{}", evaluation_table(evaluations));
+    }
+    if let Some(staircases) = Staircases::of_run(&presses(folder)?, &spec.array.layout) {
+        let _ = write!(text, "\n{}", characteristics_table(&staircases, Repeatability::default()));
+    }
+    Ok(text)
+}
+
+/// A duration as a person reads it.
+pub fn duration(seconds: f64) -> String {
+    let whole = seconds.max(0.0).round() as u64;
+    match (whole / 3600, whole % 3600 / 60, whole % 60) {
+        (0, 0, s) => format!("{s} s"),
+        (0, m, s) => format!("{m} min {s:02} s"),
+        (h, m, _) => format!("{h} h {m:02} min"),
+    }
+}
+
+/// Writes to standard output; a reader that has seen enough (`| head`) is no error.
+pub fn print(text: &str) -> Result<(), Failure> {
+    written(io::stdout().lock(), text)
+}
+
+/// Writes to standard error.
+pub fn tell(text: &str) -> Result<(), Failure> {
+    written(io::stderr().lock(), text)
+}
+
+fn written(mut to: impl Write, text: &str) -> Result<(), Failure> {
+    match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(error).into_diagnostic().wrap_err("can't write the result").map_err(Failure::usage)
+        }
+        _ => Ok(()),
+    }
+}
+
+fn presses(folder: &RunFolder) -> Result<Table, Failure> {
+    Table::read_run(&folder.path().join("presses.csv")).map_err(Failure::usage)
+}

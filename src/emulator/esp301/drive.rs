@@ -1,0 +1,380 @@
+use super::errors::{AxisFault, Fault, General};
+use crate::quantity::Axis;
+use crate::scene::{Scene, Trajectory};
+
+/// Travel of a VP-25XL to either side of its middle, mm (its file in a public XPS configuration).
+pub const TRAVEL_MM: f64 = 12.5;
+/// Largest speed of a VP-25XL, mm/s (same file).
+const STAGE_SPEED_MM_S: f64 = 25.0;
+/// Largest acceleration of a VP-25XL, mm/s^2 (same file).
+const STAGE_ACCELERATION_MM_S2: f64 = 100.0;
+/// An emergency stop may be this much harder (same file: 1 or 4).
+const EMERGENCY_FACTOR: f64 = 4.0;
+/// Counts of the encoder a mm: 20 um interpolated 4000 times (same file).
+const COUNTS_PER_MM: f64 = 200_000.0;
+/// `SN` of a stage that counts in encoder counts, and in mm (manual, page SN).
+const UNIT_COUNTS: u16 = 0;
+const UNIT_MM: u16 = 2;
+/// The highest `SN`: microradians.
+pub const UNIT_LAST: u16 = 11;
+/// Bit of `ZS` that has the soft limits checked.
+const SOFT_LIMITS_CHECKED: u16 = 1;
+/// How far beyond the end of travel a target may lie by rounding, mm.
+const ROUNDING_MM: f64 = 1e-9;
+
+/// One axis: a VP-25XL and what the controller knows of it. Places are true ones, in stage coordinates, unless a name
+/// says `count`: that is what the controller takes the place for, off by `offset_mm` until the axis is homed.
+pub struct Drive {
+    axis: Axis,
+    pub motor_on: bool,
+    /// True place less count, mm.
+    offset_mm: f64,
+    target_mm: f64,
+    errand: Errand,
+    /// Acceleration of the move under way, mm/s^2.
+    ramp_mm_s2: f64,
+    speed_mm_s: f64,
+    most_speed_mm_s: f64,
+    acceleration_mm_s2: f64,
+    deceleration_mm_s2: f64,
+    most_acceleration_mm_s2: f64,
+    emergency_mm_s2: f64,
+    jerk_mm_s3: f64,
+    home_speed_mm_s: f64,
+    low_home_speed_mm_s: f64,
+    home_count_mm: f64,
+    left_limit_count_mm: f64,
+    right_limit_count_mm: f64,
+    pub unit: u16,
+    /// `ZH`, `ZS` and `ZE`.
+    pub configuration: [u16; 3],
+}
+
+/// What an axis is about; its motion lies in the scene, and ends there by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Errand {
+    Idle,
+    /// To a target; on arrival there may be something to complain about.
+    Move(Option<AxisFault>),
+    /// To the home mark or an end of travel; at the end the count may be known to be true.
+    Home {
+        fixes_count: bool,
+    },
+    Stop,
+}
+
+impl Drive {
+    /// An axis as it is switched on: it takes the place where it stands for zero, its motor is off.
+    pub fn new(axis: Axis, scene: &Scene) -> Self {
+        let place_mm = scene.motion(axis).end_mm();
+        Drive {
+            axis,
+            motor_on: false,
+            offset_mm: place_mm,
+            target_mm: place_mm,
+            errand: Errand::Idle,
+            ramp_mm_s2: 0.0,
+            speed_mm_s: 10.0,
+            most_speed_mm_s: STAGE_SPEED_MM_S,
+            acceleration_mm_s2: 50.0,
+            deceleration_mm_s2: 50.0,
+            most_acceleration_mm_s2: STAGE_ACCELERATION_MM_S2,
+            emergency_mm_s2: STAGE_ACCELERATION_MM_S2,
+            jerk_mm_s3: 2000.0,
+            home_speed_mm_s: 5.0,
+            low_home_speed_mm_s: 1.0,
+            home_count_mm: 0.0,
+            left_limit_count_mm: -TRAVEL_MM,
+            right_limit_count_mm: TRAVEL_MM,
+            unit: UNIT_MM,
+            configuration: [SOFT_LIMITS_CHECKED; 3],
+        }
+    }
+
+    /// A complaint of this axis.
+    pub fn fault(&self, fault: AxisFault) -> Fault {
+        Fault::OfAxis(self.axis, fault)
+    }
+
+    /// Whether the axis is on its way (`MD?` is 0), as of the last [`notice`](Self::notice).
+    pub fn moving(&self) -> bool {
+        self.errand != Errand::Idle
+    }
+
+    /// When the motion ends, s.
+    pub fn end_s(&self, scene: &Scene) -> f64 {
+        scene.motion(self.axis).end_s()
+    }
+
+    /// When a motion that goes past `count_mm` is there, s; its end if it never is, and no sooner than
+    /// now.
+    pub fn passes_s(&self, count_mm: f64, scene: &Scene, now_s: f64) -> f64 {
+        let motion = scene.motion(self.axis);
+        let beyond_s = |at_s: f64| motion.position_mm(at_s) > count_mm + self.offset_mm;
+        let (mut before_s, mut after_s) = (now_s, motion.end_s());
+        let begins_beyond = beyond_s(before_s);
+        if before_s >= after_s || begins_beyond == beyond_s(after_s) {
+            return after_s.max(now_s);
+        }
+        for _ in 0..f64::MANTISSA_DIGITS {
+            let middle_s = (before_s + after_s) / 2.0;
+            *(if beyond_s(middle_s) == begins_beyond { &mut before_s } else { &mut after_s }) = middle_s;
+        }
+        after_s
+    }
+
+    /// Draws the consequences of a motion that has ended by `now_s`: what to complain about, and since when, s.
+    pub fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(Fault, f64)> {
+        let end_s = self.end_s(scene);
+        if self.errand == Errand::Idle || now_s < end_s {
+            return None;
+        }
+        match std::mem::replace(&mut self.errand, Errand::Idle) {
+            Errand::Move(fault) => fault.map(|fault| (self.fault(fault), end_s)),
+            Errand::Home { fixes_count } => {
+                if fixes_count {
+                    self.offset_mm = -self.home_count_mm;
+                }
+                None
+            }
+            Errand::Idle | Errand::Stop => None,
+        }
+    }
+
+    /// Where the axis is, in counts as `SN` has them (mm, unless it says encoder counts), as `TP` and `DP` write it.
+    pub fn place(&self, scene: &mut Scene, now_s: f64) -> String {
+        let count_mm = scene.axis(self.axis, now_s).0 - self.offset_mm;
+        if self.unit == UNIT_COUNTS {
+            format!("{:.0}", (count_mm * COUNTS_PER_MM).round() + 0.0)
+        } else {
+            decimal(count_mm)
+        }
+    }
+
+    /// How fast the axis moves, mm/s, as `TV` writes it.
+    pub fn speed(&self, scene: &mut Scene, now_s: f64) -> String {
+        decimal(scene.axis(self.axis, now_s).1)
+    }
+
+    /// The target, mm, as `PA?` writes it.
+    pub fn target(&self) -> String {
+        decimal(self.target_mm - self.offset_mm)
+    }
+
+    /// Whether the axis stands at the + or the - end of its travel.
+    pub fn at_limits(&self, scene: &mut Scene, now_s: f64) -> (bool, bool) {
+        let place_mm = scene.axis(self.axis, now_s).0;
+        (place_mm >= TRAVEL_MM - ROUNDING_MM, place_mm <= -TRAVEL_MM + ROUNDING_MM)
+    }
+
+    /// `PA`: to a count, at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, to the end of it.
+    pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        self.may_move()?;
+        let fault = match count_mm {
+            _ if !self.soft_limits_checked() => None,
+            right if right > self.right_limit_count_mm => Some(AxisFault::PlusSoftwareLimit),
+            left if left < self.left_limit_count_mm => Some(AxisFault::MinusSoftwareLimit),
+            _ => None,
+        };
+        match fault {
+            Some(fault) => Err(self.fault(fault)),
+            None => {
+                self.start_move(count_mm + self.offset_mm, None, scene, now_s);
+                Ok(())
+            }
+        }
+    }
+
+    /// `PR`: on from the last target.
+    pub fn go_on_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        self.go_to(self.target_mm - self.offset_mm + way_mm, scene, now_s)
+    }
+
+    /// `MV`: on toward + or -, until stopped or at a limit.
+    pub fn jog(&mut self, plus: bool, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        self.may_move()?;
+        if !self.soft_limits_checked() {
+            self.start_move(if plus { f64::INFINITY } else { f64::NEG_INFINITY }, None, scene, now_s);
+            return Ok(());
+        }
+        let (limit_count_mm, fault) = if plus {
+            (self.right_limit_count_mm, AxisFault::PlusSoftwareLimit)
+        } else {
+            (self.left_limit_count_mm, AxisFault::MinusSoftwareLimit)
+        };
+        let limit_mm = limit_count_mm + self.offset_mm;
+        let place_mm = scene.axis(self.axis, now_s).0;
+        // an axis that is beyond its limit already isn't taken back to it
+        if (limit_mm > place_mm) != plus {
+            return Err(self.fault(fault));
+        }
+        self.start_move(limit_mm, Some(fault), scene, now_s);
+        Ok(())
+    }
+
+    /// `MT`: to an end of the travel. With the soft limits checked it lies beyond them.
+    pub fn go_to_limit(&mut self, plus: bool, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        self.may_move()?;
+        if self.soft_limits_checked() {
+            let fault = if plus { AxisFault::PlusSoftwareLimit } else { AxisFault::MinusSoftwareLimit };
+            return Err(self.fault(fault));
+        }
+        self.start_move(if plus { f64::INFINITY } else { f64::NEG_INFINITY }, None, scene, now_s);
+        Ok(())
+    }
+
+    /// `OR`: mode 0 to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to its + or - end. Where the
+    /// axis comes to is known, so from then on its count is true; mode 0 leaves the count as it is.
+    pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        self.may_move()?;
+        let place_mm = match mode {
+            0 => self.offset_mm.clamp(-TRAVEL_MM, TRAVEL_MM),
+            3 | 5 => TRAVEL_MM,
+            4 | 6 => -TRAVEL_MM,
+            _ => 0.0,
+        };
+        self.start(place_mm, self.home_speed_mm_s, scene, now_s);
+        self.errand = Errand::Home { fixes_count: mode != 0 };
+        Ok(())
+    }
+
+    /// `DH`: where the axis stands is `count_mm` from now on.
+    pub fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        self.stands()?;
+        self.offset_mm = scene.axis(self.axis, now_s).0 - count_mm;
+        Ok(())
+    }
+
+    /// `ST`: to rest with `AG`. Whether it cut a homing short.
+    pub fn stop(&mut self, scene: &mut Scene, now_s: f64) -> bool {
+        self.brake(self.deceleration_mm_s2, scene, now_s)
+    }
+
+    /// `AB` and `MF`: to rest with `AE`, and the motor off. Whether it cut a homing short.
+    pub fn cut_power(&mut self, scene: &mut Scene, now_s: f64) -> bool {
+        self.motor_on = false;
+        self.brake(self.emergency_mm_s2, scene, now_s)
+    }
+
+    /// The number behind a command that sets and tells one.
+    pub fn number(&self, name: &[u8; 2]) -> Option<f64> {
+        Some(match name {
+            b"VA" => self.speed_mm_s,
+            b"VU" => self.most_speed_mm_s,
+            b"AC" => self.acceleration_mm_s2,
+            b"AG" => self.deceleration_mm_s2,
+            b"AU" => self.most_acceleration_mm_s2,
+            b"AE" => self.emergency_mm_s2,
+            b"JK" => self.jerk_mm_s3,
+            b"OH" => self.home_speed_mm_s,
+            b"OL" => self.low_home_speed_mm_s,
+            b"SH" => self.home_count_mm,
+            b"SL" => self.left_limit_count_mm,
+            b"SR" => self.right_limit_count_mm,
+            _ => return None,
+        })
+    }
+
+    /// Sets such a number, held against what the stage and the other numbers allow; `VA` acts on a move under way.
+    pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        let (speed, acceleration) = (self.most_speed_mm_s, self.most_acceleration_mm_s2);
+        // what is neither a limit nor a place is above zero
+        let above = f64::MIN_POSITIVE;
+        let (slot, least, most) = match name {
+            b"VA" => (&mut self.speed_mm_s, above, speed),
+            b"VU" => (&mut self.most_speed_mm_s, above, STAGE_SPEED_MM_S),
+            b"OH" => (&mut self.home_speed_mm_s, above, speed),
+            b"OL" => (&mut self.low_home_speed_mm_s, above, speed),
+            b"AC" => (&mut self.acceleration_mm_s2, above, acceleration),
+            b"AG" => (&mut self.deceleration_mm_s2, above, acceleration),
+            b"AU" => (&mut self.most_acceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
+            b"AE" => (&mut self.emergency_mm_s2, above, acceleration * EMERGENCY_FACTOR),
+            b"JK" => (&mut self.jerk_mm_s3, above, f64::MAX),
+            b"SH" => (&mut self.home_count_mm, f64::MIN, f64::MAX),
+            b"SL" => (&mut self.left_limit_count_mm, f64::MIN, self.right_limit_count_mm),
+            b"SR" => (&mut self.right_limit_count_mm, self.left_limit_count_mm, f64::MAX),
+            _ => return Err(General::UnknownCommand.into()),
+        };
+        if value >= least && value <= most {
+            *slot = value;
+            if let (b"VA", Errand::Move(_)) = (name, self.errand) {
+                self.run_at(value, scene, now_s);
+            }
+            return Ok(());
+        }
+        let fault = match (name[0], value > most) {
+            (b'V' | b'O', true) => AxisFault::SpeedBeyondMost,
+            (b'V' | b'O', false) => AxisFault::SpeedOutOfRange,
+            (b'A', true) => AxisFault::AccelerationBeyondMost,
+            _ => AxisFault::ParameterOutOfRange,
+        };
+        Err(self.fault(fault))
+    }
+
+    fn soft_limits_checked(&self) -> bool {
+        self.configuration[1] & SOFT_LIMITS_CHECKED != 0
+    }
+
+    /// No controller is assumed to take a new target on the way to an old one.
+    fn stands(&self) -> Result<(), Fault> {
+        match self.errand {
+            Errand::Idle => Ok(()),
+            Errand::Home { .. } => Err(self.fault(AxisFault::WhileHoming)),
+            Errand::Move(_) | Errand::Stop => Err(self.fault(AxisFault::WhileMoving)),
+        }
+    }
+
+    fn may_move(&self) -> Result<(), Fault> {
+        if !self.motor_on {
+            return Err(self.fault(AxisFault::MotorNotEnabled));
+        }
+        self.stands()
+    }
+
+    /// To a place at `VA`, or to the end of travel before it; what to complain about on arrival, unless that is the end.
+    fn start_move(&mut self, wanted_mm: f64, on_arrival: Option<AxisFault>, scene: &mut Scene, now_s: f64) {
+        let reached_mm = wanted_mm.clamp(-TRAVEL_MM, TRAVEL_MM);
+        let fault = match wanted_mm - reached_mm {
+            beyond if beyond > ROUNDING_MM => Some(AxisFault::PlusHardwareLimit),
+            beyond if beyond < -ROUNDING_MM => Some(AxisFault::MinusHardwareLimit),
+            _ => on_arrival,
+        };
+        self.start(reached_mm, self.speed_mm_s, scene, now_s);
+        self.errand = Errand::Move(fault);
+    }
+
+    /// The scene's trajectories have one acceleration both ways: the lesser of `AC` and `AG` breaks neither. It stays that
+    /// of the move until the move ends, or a slower brake would carry the axis past its target.
+    fn start(&mut self, target_mm: f64, speed_mm_s: f64, scene: &mut Scene, now_s: f64) {
+        self.target_mm = target_mm;
+        self.ramp_mm_s2 = self.acceleration_mm_s2.min(self.deceleration_mm_s2);
+        self.run_at(speed_mm_s, scene, now_s);
+    }
+
+    fn run_at(&mut self, speed_mm_s: f64, scene: &mut Scene, now_s: f64) {
+        let state = scene.axis(self.axis, now_s);
+        let speed_mm_s = speed_mm_s.min(self.most_speed_mm_s);
+        let way = Trajectory::to(now_s, state, self.target_mm, speed_mm_s, self.ramp_mm_s2);
+        scene.set_motion(self.axis, way, now_s);
+    }
+
+    fn brake(&mut self, deceleration_mm_s2: f64, scene: &mut Scene, now_s: f64) -> bool {
+        if self.errand == Errand::Idle {
+            return false;
+        }
+        let (place_mm, speed_mm_s) = scene.axis(self.axis, now_s);
+        // the end of travel stops it if the brake doesn't
+        let room_mm = TRAVEL_MM - place_mm * speed_mm_s.signum();
+        let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm);
+        let way = Trajectory::stop(now_s, (place_mm, speed_mm_s), deceleration_mm_s2.max(needed_mm_s2));
+        self.target_mm = way.end_mm();
+        scene.set_motion(self.axis, way, now_s);
+        let was = std::mem::replace(&mut self.errand, Errand::Stop);
+        matches!(was, Errand::Home { .. })
+    }
+}
+
+/// A number as the controller writes it: four decimals, and no zero with a sign.
+pub fn decimal(value: f64) -> String {
+    format!("{:.4}", (value * 1e4).round() / 1e4 + 0.0)
+}

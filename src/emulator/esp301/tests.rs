@@ -1,0 +1,390 @@
+use super::*;
+use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, shared};
+use proptest::prelude::*;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// A controller and its scene, talked to at given times.
+struct Bench {
+    esp: Esp301,
+    scene: Scene,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let scene = scene();
+        Bench { esp: Esp301::new(&scene), scene }
+    }
+
+    /// Motors on and homed by `OR1`, at true zero from 10 s on.
+    fn homed() -> Self {
+        let mut bench = Bench::new();
+        // z away from the specimen first, or it would be homed into it
+        assert_eq!(bench.say(0.0, "1MO;2MO;3MO;1OR1;2OR1;3OR3"), "");
+        bench.say(10.0, "TP?");
+        bench
+    }
+
+    /// What is answered to some lines sent at once, without their ends.
+    fn say(&mut self, now_s: f64, lines: &str) -> String {
+        let mut inbox = format!("{lines}\r").into_bytes();
+        let mut reply = String::new();
+        while let Some(line) = self.esp.take_request(&mut inbox) {
+            reply += &String::from_utf8(self.esp.answer(&line, &mut self.scene, now_s)).expect("ASCII");
+        }
+        reply.strip_suffix("\r\n").unwrap_or(&reply).replace("\r\n", "|")
+    }
+
+    /// The codes of all errors, oldest first.
+    fn errors(&mut self, now_s: f64) -> Vec<String> {
+        std::iter::from_fn(|| Some(self.say(now_s, "TE?")).filter(|code| code != "0")).collect()
+    }
+
+    fn true_mm(&mut self, axis: Axis, now_s: f64) -> f64 {
+        self.scene.axis(axis, now_s).0
+    }
+}
+
+#[test]
+fn the_start_up_of_the_recorded_session_goes_as_recorded() {
+    let mut bench = Bench::new();
+    for (now_s, sent, answered) in [
+        (0.1, "VE?", "ESP301 Version 1.1.1 16/01/14"),
+        (0.2, "TB?", "0, 500, NO ERROR DETECTED"),
+        (0.3, "1 ID?", "VP-25XL, SN171801"),
+        (0.4, "1VA5", ""),
+        (0.5, "1SL-12.5", ""),
+        (0.6, "1SR12.5", ""),
+        (0.7, "1MO?", "0"),
+        (0.8, "1MO", ""),
+        (0.9, "1MO?", "1"),
+        (1.0, "1OR1", ""),
+        (1.1, "1MD?", "0"),
+        (9.0, "1MD?", "1"),
+        (9.1, "1TP", "0.0000"),
+        (9.2, "1PA-10.2370", ""),
+        (9.3, "1MD?", "0"),
+        (19.0, "1MD?", "1"),
+        (19.1, "1TP", "-10.2370"),
+        (19.2, "1PA?", "-10.2370"),
+        (19.3, "ST", ""),
+        (19.4, "TE?", "0"),
+    ] {
+        assert_eq!(bench.say(now_s, sent), answered, "{sent} at {now_s} s");
+    }
+}
+
+#[test]
+fn a_query_is_told_with_or_without_its_mark_and_however_it_is_spelt() {
+    let mut bench = Bench::homed();
+    for tell in ["1TP?", "1TP", "01TP?", "1 tp ?", "001tp", "1DP?"] {
+        assert_eq!(bench.say(10.0, tell), "0.0000", "{tell}");
+    }
+    assert_eq!(bench.say(10.0, "2ID"), "VP-25XL, SN171802");
+    assert_eq!(bench.say(10.0, "01MD"), "1");
+    assert_eq!(bench.say(10.0, "TP"), "0.0000, 0.0000, 12.5000");
+    assert_eq!(bench.say(10.0, "0TP?"), "0.0000, 0.0000, 12.5000");
+    assert_eq!(bench.say(10.0, "0MD?"), "1, 1, 1");
+    assert_eq!(bench.say(10.0, "1TP?;2TP?; ;1MD?"), "0.0000|0.0000|1");
+    assert_eq!(bench.say(10.0, "1VU?;1AU?;1SL?;1SR?;1SN?"), "25.0000|100.0000|-12.5000|12.5000|2");
+    assert_eq!(bench.say(10.0, "1ZS?;1MV?;1MF?"), "1H|1|1");
+    assert_eq!(bench.errors(10.0), [""; 0]);
+}
+
+#[test]
+fn what_cant_be_done_is_silent_and_queued_under_its_code() {
+    for (sent, code) in [
+        ("*IDN?", "6"),
+        ("*OPC?", "6"),
+        ("1XX", "6"),
+        ("1", "6"),
+        ("1TP7", "7"),
+        ("WT-1", "7"),
+        ("4TP?", "9"),
+        ("99PA1", "9"),
+        ("4294967297TP", "9"),
+        ("1HN1,2,3", "27"),
+        ("1HL0,0,0", "27"),
+        ("PA1", "37"),
+        ("VA?", "37"),
+        ("1PA", "38"),
+        ("1MV", "38"),
+        ("1PAx", "101"),
+        ("2PA1E0", "201"),
+        ("1OR7", "101"),
+        ("1OR1.5", "101"),
+        ("1SN12", "101"),
+        ("1SL13", "101"),
+        ("3PA-12.6", "307"),
+        ("3PA12.6", "306"),
+        ("1PR-12.5001", "107"),
+        ("1MT+", "106"),
+        ("1VA25.1", "110"),
+        ("1OH26", "110"),
+        ("2AC100.5", "211"),
+        ("1AE401", "111"),
+        ("1VA0", "124"),
+        ("1VA-1", "124"),
+        ("1AC0", "101"),
+        ("1MF;1PA1", "113"),
+        ("1MF;1OR1", "113"),
+    ] {
+        let mut bench = Bench::homed();
+        assert_eq!(bench.say(20.0, sent), "", "{sent}");
+        assert_eq!(bench.errors(20.0), [code], "{sent}");
+        assert_eq!(bench.say(30.0, "TP"), "0.0000, 0.0000, 12.5000", "{sent} moved something");
+    }
+}
+
+#[test]
+fn both_error_queries_empty_the_same_queue() {
+    let mut bench = Bench::new();
+    bench.say(1.0, "XX;4TP;PA1");
+    assert_eq!(bench.say(2.0, "TB?"), "6, 2500, COMMAND DOES NOT EXIST");
+    assert_eq!(bench.say(2.0, "TE?"), "9");
+    assert_eq!(bench.say(2.0, "01TB"), "37, 2500, AXIS NUMBER MISSING");
+    assert_eq!(bench.say(2.0, "TE"), "0");
+    assert_eq!(bench.say(859_000.0, "TB?"), "0, -2147467296, NO ERROR DETECTED");
+}
+
+#[test]
+fn before_homing_the_count_is_off_by_where_the_axis_was_switched_on() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.say(0.0, "TP"), "0.0000, 0.0000, 0.0000");
+    bench.say(0.0, "3MO;3PA-1");
+    assert_eq!(bench.say(5.0, "3TP;3PA?;3PR-1"), "-1.0000|-1.0000");
+    assert_eq!(bench.true_mm(Axis::Z, 10.0), POWER_ON.z_mm - 2.0);
+    bench.say(10.0, "3DH5");
+    assert_eq!(bench.say(10.0, "3TP;3PA?"), "5.0000|5.0000");
+    bench.say(10.0, "3DH");
+    assert_eq!(bench.say(10.0, "3TP"), "0.0000");
+}
+
+#[test]
+fn every_homing_but_that_to_count_zero_makes_the_count_true() {
+    for (mode, place_mm) in [("1", 0.0), ("2", 0.0), ("3", 12.5), ("4", -12.5), ("5", 12.5), ("6", -12.5)] {
+        let mut bench = Bench::new();
+        bench.say(0.0, &format!("2MO;2OR{mode}"));
+        // 2 mm at 5 mm/s take less than a second, all the way to an end less than four
+        assert_eq!(bench.say(0.2, "2MD?"), "0");
+        assert_eq!(bench.say(4.0, "2MD?"), "1");
+        assert_eq!(bench.true_mm(Axis::Y, 4.0), place_mm);
+        assert_eq!(bench.say(4.0, "2TP?"), decimal(place_mm));
+        assert_eq!(bench.errors(4.0), [""; 0]);
+    }
+    let mut bench = Bench::new();
+    bench.say(0.0, "2MO;2PA1");
+    bench.say(4.0, "2OR0");
+    assert_eq!(bench.say(8.0, "2TP?"), "0.0000");
+    assert_eq!(bench.true_mm(Axis::Y, 8.0), POWER_ON.y_mm);
+    bench.say(8.0, "2SH1;2OR1");
+    assert_eq!(bench.say(12.0, "2TP?"), "1.0000");
+}
+
+#[test]
+fn a_homing_takes_no_other_motion_and_is_aborted_by_a_stop() {
+    let mut bench = Bench::new();
+    bench.say(0.0, "2MO;2OR4");
+    bench.say(0.5, "2PA0;2OR1;2DH");
+    bench.say(0.6, "2ST");
+    assert_eq!(bench.errors(2.0), ["230", "230", "230", "220"]);
+    let (stopped, count) = (bench.true_mm(Axis::Y, 2.0), bench.say(2.0, "2TP"));
+    // not homed: the count is as wrong as before
+    assert_eq!(count, decimal(stopped - POWER_ON.y_mm));
+}
+
+#[test]
+fn a_new_target_under_way_is_refused_and_the_old_one_reached() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1PA10");
+    bench.say(10.2, "1PA-10;1PR1;1MV-;1MT+;1OR1;1DH");
+    assert_eq!(bench.errors(10.3), ["132"; 6]);
+    assert_eq!(bench.say(20.0, "1TP?"), "10.0000");
+}
+
+#[test]
+fn a_new_speed_acts_at_once() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1VA2;1PA10");
+    assert_eq!(bench.say(11.0, "1TV?"), "2.0000");
+    bench.say(11.0, "1VA5");
+    assert_eq!(bench.say(11.5, "1TV?;1MD?"), "5.0000|0");
+    // 2 mm/s for a second, 5 mm/s for the other eight: 12 s would have been needed, but for the ramps
+    assert_eq!(bench.say(14.0, "1MD?;1TP"), "1|10.0000");
+    assert_eq!(bench.errors(14.0), [""; 0]);
+}
+
+#[test]
+fn a_stop_brakes_with_ag_and_the_next_target_is_taken_once_it_stands() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1VA10;1AC50;1AG50;1PA10");
+    let before = bench.true_mm(Axis::X, 10.5);
+    bench.say(10.5, "1ST");
+    // from 10 mm/s with 50 mm/s^2: 0.2 s and 1 mm
+    assert_eq!(bench.say(10.6, "1MD?;1TV"), "0|5.0000");
+    bench.say(10.6, "1PA0;1VA1");
+    assert_eq!(bench.say(10.71, "1MD?"), "1");
+    assert!((bench.true_mm(Axis::X, 11.0) - before - 1.0).abs() < 1e-9);
+    assert_eq!(bench.errors(11.0), ["132"]);
+    bench.say(11.0, "1PA0");
+    assert_eq!(bench.say(20.0, "1TP"), "0.0000");
+}
+
+#[test]
+fn an_abort_stops_all_and_turns_the_motors_off_whatever_its_axis() {
+    for abort in ["AB", "1AB"] {
+        let mut bench = Bench::homed();
+        bench.say(10.0, "1PA5;2PA5");
+        bench.say(10.3, abort);
+        assert_eq!(bench.say(10.6, "MD?;1MO?;2MO?;3MO?"), "1, 1, 1|0|0|0");
+        assert!(bench.true_mm(Axis::Y, 20.0) < 5.0);
+        assert_eq!(bench.errors(20.0), [""; 0]);
+    }
+}
+
+#[test]
+fn the_end_of_travel_stops_a_move_that_the_count_allowed() {
+    let mut bench = Bench::new();
+    // z stands at true 8, counted 0: count 10 would be true 18
+    bench.say(0.0, "3MO;3PA10");
+    assert_eq!(bench.say(5.0, "3MD?;PH"), "1|4H, 0H");
+    assert_eq!(bench.true_mm(Axis::Z, 5.0), 12.5);
+    assert!(bench.say(5.0, "TB?").ends_with(", AXIS-3 POSITIVE HARDWARE LIMIT DETECTED"));
+    bench.say(5.0, "3ZS0;3VA25;3MT-");
+    assert_eq!(bench.say(10.0, "PH"), "400H, 0H");
+    assert_eq!(bench.errors(10.0), ["305"]);
+}
+
+#[test]
+fn the_end_of_travel_stops_what_a_weak_brake_would_not() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1VA25;1AC100;1AG100;1PA12");
+    // 4 s more with this brake
+    bench.say(10.4, "1AG5;1ST");
+    let end_mm = bench.true_mm(Axis::X, 20.0);
+    assert!(end_mm <= drive::TRAVEL_MM && end_mm > 12.49, "{end_mm}");
+}
+
+#[test]
+fn a_zero_has_no_sign() {
+    assert_eq!(
+        (decimal(-0.000_01), decimal(-0.0), decimal(-0.000_06)),
+        ("0.0000".into(), "0.0000".into(), "-0.0001".into())
+    );
+}
+
+#[test]
+fn a_jog_runs_to_the_soft_limit_or_until_stopped() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1SR3;1MV+");
+    assert_eq!(bench.say(10.1, "1MV?"), "0");
+    assert_eq!(bench.say(20.0, "1MV?;1TP"), "1|3.0000");
+    bench.say(20.0, "1SR2;1MV+");
+    assert_eq!(bench.errors(20.0), ["106", "106"]);
+    bench.say(20.0, "1MV-");
+    bench.say(20.5, "1ST");
+    assert_eq!(bench.say(21.0, "1MV?"), "1");
+    assert_eq!(bench.errors(30.0), [""; 0]);
+}
+
+#[test]
+fn the_status_byte_says_who_moves_and_whether_a_motor_is_on() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.say(0.0, "TS"), "@");
+    assert_eq!(bench.say(0.0, "1MO;TS?"), "P");
+    assert_eq!(bench.say(0.0, "3MO;1PA1;3PA1;TS"), "U");
+}
+
+#[test]
+fn encoder_counts_are_told_when_asked_for() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1PA-1.5;1SN0");
+    assert_eq!(bench.say(20.0, "1TP;1SN?;1PA?"), "-300000|0|-1.5000");
+    assert_eq!(bench.say(20.0, "1SN2;1TP"), "-1.5000");
+}
+
+#[test]
+fn a_reset_forgets_all_but_where_the_stage_is() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1PA3");
+    bench.say(20.0, "XX;RS");
+    assert_eq!(bench.esp.deaf_until_s(), 40.0);
+    assert_eq!(bench.say(40.0, "1TP;1MO?;TE?"), "0.0000|0|0");
+    assert_eq!(bench.true_mm(Axis::X, 40.0), 3.0);
+}
+
+#[test]
+fn a_press_reaches_the_scene() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "3PA-0.5");
+    assert!((bench.scene.load_cell_n(20.0) - 0.5 * STIFFNESS_N_MM).abs() < 1e-9);
+}
+
+#[test]
+fn waits_stall_until_the_stop_the_place_or_the_time() {
+    let mut bench = Bench::homed();
+    bench.say(10.0, "1VA2;1AC50;1PA4");
+    // 2 s for the way and 0.04 s for the ramps
+    bench.say(10.0, "1WS0");
+    assert!((bench.esp.deaf_until_s() - 12.04).abs() < 1e-9);
+    bench.say(10.0, "WS500");
+    assert!((bench.esp.deaf_until_s() - 12.54).abs() < 1e-9);
+    bench.say(10.0, "1WP2");
+    assert!((bench.esp.deaf_until_s() - 11.02).abs() < 1e-9);
+    bench.say(10.0, "WT250");
+    assert!((bench.esp.deaf_until_s() - 10.25).abs() < 1e-9);
+    bench.say(20.0, "1WS0;1WP9");
+    assert_eq!(bench.esp.deaf_until_s(), 20.0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn coalesced_lines_are_answered_in_order_and_a_wait_holds_up_what_follows() {
+    let scene = scene();
+    let esp = shared(Esp301::new(&scene));
+    let origin = Instant::now();
+    let mut wire = Wire::to(esp, shared(scene), origin);
+    // what pymeasure sends, in one write: home, wait, ask
+    assert_eq!(wire.ask(b"1MO\r1OR1\r1WS0\r1MD?\r1TP", 3).await, b"1\r\n");
+    // 1 mm at 5 mm/s takes 0.3 s
+    let took = Instant::now() - origin;
+    assert!(took > Duration::from_millis(300) && took < Duration::from_millis(330), "{took:?}");
+    assert_eq!(wire.ask(b"?\r\n", 8).await, b"0.0000\r\n");
+    // the rest of a line waits too
+    assert_eq!(wire.ask(b"1PA1;1WS;1TP\r", 8).await, b"1.0000\r\n");
+    wire.send(b"*OPC?\r").await;
+    assert!(wire.is_silent().await);
+    assert_eq!(wire.ask(b"TE?\r", 3).await, b"6\r\n");
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_upset_it(lines in prop::collection::vec("[0-9]{0,2}[A-Z]{2}[-+?.0-9]{0,6}[;\r]?", 0..40)) {
+        let mut bench = Bench::homed();
+        for (n, line) in lines.iter().enumerate() {
+            bench.say(10.0 + n as f64 * 0.05, line);
+        }
+        for axis in Axis::ALL {
+            let place_mm = bench.true_mm(axis, 100.0);
+            prop_assert!(place_mm.abs() <= drive::TRAVEL_MM + 1e-9, "{axis:?} at {place_mm}");
+        }
+    }
+
+    #[test]
+    fn commands_in_any_order_keep_the_stage_within_its_travel(
+        steps in prop::collection::vec((0usize..14, -20.0..20.0f64, 0.0..1.0f64), 1..40),
+    ) {
+        let mut bench = Bench::new();
+        let mut now_s = 0.0;
+        bench.say(now_s, "1MO;1ZS0");
+        for (command, x, wait_s) in steps {
+            let text = ["1PA#", "1PR#", "1VA#", "1AC#", "1AG#", "1MV+", "1MV-", "1MT-", "1OR4", "1ST", "1MO", "1DH#",
+                "AB", "1MF"][command].replace('#', &format!("{x:.3}"));
+            bench.say(now_s, &text);
+            for part in 0..=10 {
+                let place_mm = bench.true_mm(Axis::X, now_s + wait_s * f64::from(part) / 10.0);
+                prop_assert!(place_mm.abs() <= drive::TRAVEL_MM + 1e-6, "{text}: {place_mm}");
+            }
+            now_s += wait_s;
+        }
+    }
+}

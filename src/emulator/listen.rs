@@ -1,0 +1,200 @@
+//! Emulated instruments for other programs, on the real clock: a pseudo-terminal, or a TCP port of this machine.
+
+use super::{Instrument, Shared, serve};
+use crate::scene::Scene;
+use std::net::Ipv4Addr;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::task::{JoinHandle, JoinSet};
+use tokio::time::{Instant, sleep};
+
+/// Most clients at once on one TCP port. One more is let in and closed at once, so that it sees a refusal and not a wait.
+pub const CLIENTS_MOST: usize = 16;
+
+/// Rest after a client couldn't be let in: if the cause lasts, this keeps the loop from spinning.
+const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);
+
+/// Why an instrument can't be offered.
+#[derive(Debug, thiserror::Error)]
+pub enum ListenError {
+    /// The TCP port can't be had.
+    #[error("cannot listen on 127.0.0.1:{port}; port 0 takes any that is free")]
+    Port {
+        /// The port that was asked for.
+        port: u16,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// There is no pseudo-terminal to be had.
+    #[error("cannot open a pseudo-terminal; a TCP port would do without one")]
+    PseudoTerminal(#[source] tokio_serial::Error),
+    /// This system has no pseudo-terminals.
+    #[error("this system has no pseudo-terminals: offer the instrument on a TCP port")]
+    NoPseudoTerminals,
+}
+
+/// An instrument on offer, until this is dropped.
+#[derive(Debug)]
+pub struct Listening {
+    address: String,
+    task: JoinHandle<()>,
+}
+
+impl Listening {
+    /// Where a client finds the instrument: a path such as `/dev/pts/4`, or `127.0.0.1:port`.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+}
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Offers an instrument on a new pseudo-terminal. Clients may come and go; the terminal stays. It has no modem lines
+/// (RTS, CTS, DTR), and takes any baud rate without meaning it.
+///
+/// # Errors
+/// If the system has no pseudo-terminals, or none is left.
+#[cfg(unix)]
+pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
+    instrument: Shared<I>,
+    scene: Shared<Scene>,
+    origin: Instant,
+) -> Result<Listening, ListenError> {
+    use tokio_serial::{SerialPort, SerialStream};
+
+    // pair() leaves the terminal raw: no byte means anything to it
+    let (near, offered) = SerialStream::pair().map_err(ListenError::PseudoTerminal)?;
+    let address = offered.name().ok_or(ListenError::NoPseudoTerminals)?;
+    let task = tokio::spawn(async move {
+        // held open, or the terminal would end with its first client
+        let _offered = offered;
+        // Its only error is that the system took the terminal away: then there is nothing left to serve.
+        let _ = serve(near, instrument, scene, origin).await;
+    });
+    Ok(Listening { address, task })
+}
+
+/// Offers an instrument on a new pseudo-terminal; this system has none.
+///
+/// # Errors
+/// Always.
+#[cfg(not(unix))]
+pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
+    _instrument: Shared<I>,
+    _scene: Shared<Scene>,
+    _origin: Instant,
+) -> Result<Listening, ListenError> {
+    Err(ListenError::NoPseudoTerminals)
+}
+
+/// Offers an instrument on a TCP port of this machine (127.0.0.1 only; port 0: any that is free), to up to
+/// [`CLIENTS_MOST`] clients at once.
+///
+/// # Errors
+/// If the port can't be had.
+pub async fn tcp<I: Instrument + ?Sized + 'static>(
+    port: u16,
+    instrument: Shared<I>,
+    scene: Shared<Scene>,
+    origin: Instant,
+) -> Result<Listening, ListenError> {
+    let unavailable = |source| ListenError::Port { port, source };
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(unavailable)?;
+    let address = listener.local_addr().map_err(unavailable)?.to_string();
+    let task = tokio::spawn(async move {
+        let mut clients = JoinSet::new();
+        loop {
+            tokio::select! {
+                biased;
+                Some(_) = clients.join_next() => {}
+                accepted = listener.accept() => {
+                    // A client that is gone before it is let in, or no file left for it, is no reason to stop listening.
+                    let Ok((stream, _)) = accepted else {
+                        sleep(AFTER_A_FAILED_ACCEPT).await;
+                        continue;
+                    };
+                    if clients.len() < CLIENTS_MOST {
+                        // without it a reply would wait for the client to acknowledge the one before
+                        let _ = stream.set_nodelay(true);
+                        clients.spawn(serve(stream, instrument.clone(), scene.clone(), origin));
+                    }
+                }
+            }
+        }
+    });
+    Ok(Listening { address, task })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testbed::{scene, shared};
+    use super::*;
+    use crate::scene::Device;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tokio::net::TcpStream;
+
+    struct Echo;
+
+    impl Instrument for Echo {
+        fn device(&self) -> Device {
+            Device::Array
+        }
+        fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+            (!inbox.is_empty()).then(|| std::mem::take(inbox))
+        }
+        fn answer(&mut self, request: &[u8], _: &mut Scene, _: f64) -> Vec<u8> {
+            request.to_vec()
+        }
+    }
+
+    /// Turns of the runtime within which it looks at its files more than once.
+    #[cfg(unix)]
+    const TURNS: usize = 500;
+
+    #[cfg(unix)]
+    #[tokio::test]
+    async fn every_byte_passes_a_pseudo_terminal_unharmed_and_clients_come_and_go() {
+        use tokio_serial::{SerialPortBuilderExt, SerialStream};
+        let listening = pseudo_terminal(shared(Echo), shared(scene()), Instant::now()).expect("a terminal");
+        for _ in 0..3 {
+            let mut client: SerialStream =
+                tokio_serial::new(listening.address(), 115_200).open_native_async().expect("opens");
+            let sent: Vec<u8> = (0..=255).collect();
+            client.write_all(&sent).await.expect("writes");
+            let mut echo = vec![0; sent.len()];
+            client.read_exact(&mut echo).await.expect("reads");
+            assert_eq!(echo, sent);
+            drop(client);
+            // lets the far end see that nobody is there, before the next comes
+            for _ in 0..TURNS {
+                tokio::task::yield_now().await;
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn many_clients_share_one_instrument_and_one_too_many_is_shown_out() {
+        let listening = tcp(0, shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
+        let mut clients = Vec::new();
+        for n in 0..CLIENTS_MOST as u8 {
+            let mut client = TcpStream::connect(listening.address()).await.expect("connects");
+            client.write_all(&[n]).await.expect("writes");
+            assert_eq!(client.read_u8().await.expect("reads"), n);
+            clients.push(client);
+        }
+        let mut one_too_many = TcpStream::connect(listening.address()).await.expect("connects");
+        assert_eq!(one_too_many.read(&mut [0]).await.expect("an orderly end"), 0);
+    }
+
+    #[tokio::test]
+    async fn a_port_that_is_taken_is_told_with_its_number() {
+        let first = tcp(0, shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
+        let port = first.address().rsplit(':').next().and_then(|port| port.parse().ok()).expect("a number");
+        let second = tcp(port, shared(Echo), shared(scene()), Instant::now()).await;
+        assert!(second.expect_err("taken").to_string().contains(&port.to_string()));
+    }
+}

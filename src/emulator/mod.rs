@@ -1,0 +1,59 @@
+//! Emulated devices, byte by byte: requests come in as a device's manual writes them, act on a [`Scene`], and go back as
+//! the manual says they are answered.
+//!
+//! An [`Instrument`] is one device: it finds whole requests in a stream of bytes and answers them, and knows nothing of
+//! clocks, sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one;
+//! [`listen`] offers it to other programs. This room and the drivers are two readings of one manual and share nothing,
+//! so that a wrong scale factor cannot cancel out.
+//!
+//! - [`Esp301`]: a Newport ESP301 motion controller with three VP-25XL stages.
+//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (array).
+
+mod esp301;
+pub mod listen;
+mod modbus;
+mod serve;
+#[cfg(test)]
+mod testbed;
+
+pub use esp301::Esp301;
+pub use modbus::{LabJackT7, Modbus, Refusal, RegisterMap, Transmitter, Word};
+pub use serve::{INBOX_MOST, serve};
+
+use crate::scene::{Device, Scene};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// What several links, or several instruments, act on together: a device keeps its state when a link is dropped and
+/// opened again, and all devices of a rig act on one scene.
+pub type Shared<T> = Arc<Mutex<T>>;
+
+/// One emulated device: bytes in, bytes out, acting on a scene.
+pub trait Instrument: Send {
+    /// The role it plays in the scene, which decides how long it takes to answer.
+    fn device(&self) -> Device;
+
+    /// Takes the next whole request off the front of the inbox, or none as long as it isn't whole. What can never become
+    /// a request may be thrown away; the inbox never grows beyond [`INBOX_MOST`].
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>>;
+
+    /// How long a silence on the line ends a frame; none where the bytes themselves say where one ends.
+    fn silence(&self) -> Option<Duration> {
+        None
+    }
+
+    /// The line fell silent with these bytes left over: takes them as a request, or throws them away.
+    fn fall_silent(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        inbox.clear();
+        None
+    }
+
+    /// Acts on a request at `now_s`; the bytes to send back, none for a silent command. Never called with a `now_s` that
+    /// lies before an earlier one.
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8>;
+
+    /// Until when the device takes no request at all, s; a time that has passed: it listens.
+    fn deaf_until_s(&self) -> f64 {
+        0.0
+    }
+}

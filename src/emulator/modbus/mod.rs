@@ -1,0 +1,248 @@
+//! The device side of Modbus, RTU and TCP, over a register map. Frames are read and written by `rmodbus`, which is not
+//! what the client side uses.
+//!
+//! Function codes 3, 4, 6 and 16, holding and input registers being the same; exceptions 1 (function), 2 (address) and
+//! 3 (value or count). Over RTU the unit id is matched, a broadcast (0) acted on and not answered, and a frame that
+//! doesn't check out waits for a silence of 3.5 characters and is thrown away. Over TCP the unit id is ignored.
+
+mod labjack_t7;
+mod transmitter;
+
+pub use labjack_t7::LabJackT7;
+pub use transmitter::Transmitter;
+
+use super::Instrument;
+use crate::scene::{Device, Scene};
+use rmodbus::server::{ModbusFrame, Read, Write};
+use rmodbus::{ErrorKind, ModbusProto, guess_request_frame_len};
+use std::ops::RangeInclusive;
+use std::time::Duration;
+
+/// 3.5 characters of ten bits at 9600 baud, the transmitter's rate; a faster line is silent sooner.
+const SILENCE: Duration = Duration::from_micros(3646);
+/// Most bytes of a frame: RTU's 256, and TCP's longer header.
+const FRAME_MOST: usize = 260;
+/// Bytes of the TCP header up to and with its length field, which counts what follows.
+const TCP_HEADER: usize = 6;
+/// What the length field can say: unit and function at least, a whole PDU (253) at most.
+const TCP_LENGTHS: RangeInclusive<usize> = 2..=254;
+/// Most registers of one read and of one write.
+const READ_MOST: u16 = 125;
+const WRITE_MOST: u16 = 123;
+
+/// One register as it stands on the wire, high byte first.
+pub type Word = [u8; 2];
+
+/// Why a map refuses a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// There is no such register, or it can't be written: exception 2.
+    Address,
+    /// The register doesn't take this value, or is not taken in this many pieces: exception 3.
+    Value,
+}
+
+/// The registers of one device: what it measures, and what it can be told.
+pub trait RegisterMap: Send {
+    /// The role it plays in the scene.
+    fn device(&self) -> Device;
+
+    /// Reads registers from `address` on, all at one instant.
+    ///
+    /// # Errors
+    /// If one of them can't be read.
+    fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
+
+    /// Writes registers from `address` on.
+    ///
+    /// # Errors
+    /// If one of them can't be written; those before it are.
+    fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
+
+    /// A request of `count` registers was refused before it came here, being none or more than a frame holds.
+    fn refused_count(&mut self, _count: u16) {}
+}
+
+/// A Modbus device over a register map.
+pub struct Modbus<M> {
+    map: M,
+    framing: Framing,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Framing {
+    Rtu { unit_id: u8 },
+    Tcp,
+}
+
+/// A request that keeps the rules of Modbus but is refused all the same.
+#[derive(Clone, Copy)]
+struct Exception(ErrorKind);
+
+type Frame<'a> = ModbusFrame<'a, Vec<u8>>;
+
+impl<M: RegisterMap> Modbus<M> {
+    /// On a serial line, as unit `unit_id` (1 to 247).
+    pub fn rtu(map: M, unit_id: u8) -> Self {
+        Modbus { map, framing: Framing::Rtu { unit_id } }
+    }
+
+    /// On a TCP connection.
+    pub fn tcp(map: M) -> Self {
+        Modbus { map, framing: Framing::Tcp }
+    }
+}
+
+impl<M: RegisterMap> Instrument for Modbus<M> {
+    fn device(&self) -> Device {
+        self.map.device()
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        let length = match self.framing {
+            Framing::Rtu { .. } => {
+                let length = usize::from(guess_request_frame_len(inbox, ModbusProto::Rtu).ok()?);
+                // a frame that doesn't check out waits for the silence after it
+                inbox.get(..length).filter(|frame| checks_out(frame))?.len()
+            }
+            Framing::Tcp => {
+                let &[_, _, 0, 0, high, low] = inbox.first_chunk::<TCP_HEADER>()? else {
+                    // no header: what follows can't be told apart any more
+                    inbox.clear();
+                    return None;
+                };
+                let length = usize::from(u16::from_be_bytes([high, low]));
+                if !TCP_LENGTHS.contains(&length) {
+                    inbox.clear();
+                    return None;
+                }
+                inbox.get(..TCP_HEADER + length)?.len()
+            }
+        };
+        Some(inbox.drain(..length).collect())
+    }
+
+    fn silence(&self) -> Option<Duration> {
+        (self.framing != Framing::Tcp).then_some(SILENCE)
+    }
+
+    /// What a function that isn't served looks like can't be known from its first bytes: the silence ends it.
+    fn fall_silent(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        Some(std::mem::take(inbox)).filter(|frame| checks_out(frame))
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let mut reply = Vec::with_capacity(FRAME_MOST);
+        // an error here is a frame that nothing can be answered to
+        if self.respond(request, &mut reply, scene, now_s).is_err() {
+            reply.clear();
+        }
+        reply
+    }
+}
+
+impl<M: RegisterMap> Modbus<M> {
+    fn respond(&mut self, request: &[u8], reply: &mut Vec<u8>, scene: &mut Scene, now_s: f64) -> Result<(), ErrorKind> {
+        let (protocol, header, trailer) = match self.framing {
+            Framing::Rtu { .. } => (ModbusProto::Rtu, 0, 2),
+            Framing::Tcp => (ModbusProto::TcpUdp, TCP_HEADER, 0),
+        };
+        let body = request.get(header..request.len().saturating_sub(trailer)).ok_or(ErrorKind::FrameBroken)?;
+        let (&unit_id, pdu) = body.split_first().ok_or(ErrorKind::FrameBroken)?;
+        let broadcast = self.framing != Framing::Tcp && unit_id == 0;
+        if let Framing::Rtu { unit_id: own } = self.framing
+            && unit_id != own
+            && !broadcast
+        {
+            return Ok(());
+        }
+        let broadcast_units: &[u8] = if self.framing == Framing::Tcp { &[] } else { &[0] };
+        let mut frame = Frame::new(unit_id, request, protocol, reply).with_broadcast_units(broadcast_units);
+        if let Err(Exception(kind)) = self.check(pdu) {
+            return if broadcast { Ok(()) } else { refuse(&mut frame, request, pdu, kind) };
+        }
+        frame.parse()?;
+        if frame.processing_required && frame.readonly {
+            let result = match frame.get_external_read()? {
+                Read::Words(asked) => {
+                    let (words, _) = asked.buf.as_chunks_mut();
+                    self.map.read(asked.address, words, scene, now_s)
+                }
+                Read::Bits(_) => Err(Refusal::Address),
+            };
+            frame.process_external_read(result.map_err(Refusal::kind))?;
+        } else if frame.processing_required {
+            let result = match frame.get_external_write()? {
+                Write::Words(given) => {
+                    let (words, _) = given.data.as_chunks();
+                    self.map.write(given.address, words, scene, now_s)
+                }
+                Write::Bits(_) => Err(Refusal::Address),
+            };
+            frame.process_external_write(result.map_err(Refusal::kind))?;
+        }
+        if frame.response_required {
+            frame.finalize_response()
+        } else {
+            frame.response.clear();
+            Ok(())
+        }
+    }
+
+    /// What `rmodbus` takes for granted of a PDU: a function that is served, its length, a count that a frame holds.
+    fn check(&mut self, pdu: &[u8]) -> Result<(), Exception> {
+        let illegal_value = Err(Exception(ErrorKind::IllegalDataValue));
+        match *pdu {
+            [3 | 4, _, _, high, low] => self.check_count(u16::from_be_bytes([high, low]), READ_MOST),
+            [6, _, _, _, _] => Ok(()),
+            [16, _, _, high, low, bytes, ref data @ ..] => {
+                let count = u16::from_be_bytes([high, low]);
+                self.check_count(count, WRITE_MOST)?;
+                let fits = usize::from(bytes) == data.len() && data.len() == 2 * usize::from(count);
+                if fits { Ok(()) } else { illegal_value }
+            }
+            [3 | 4 | 6 | 16, ..] => illegal_value,
+            _ => Err(Exception(ErrorKind::IllegalFunction)),
+        }
+    }
+
+    fn check_count(&mut self, count: u16, most: u16) -> Result<(), Exception> {
+        if (1..=most).contains(&count) {
+            return Ok(());
+        }
+        self.map.refused_count(count);
+        Err(Exception(ErrorKind::IllegalDataValue))
+    }
+}
+
+impl Refusal {
+    fn kind(self) -> ErrorKind {
+        match self {
+            Refusal::Address => ErrorKind::IllegalDataAddress,
+            Refusal::Value => ErrorKind::IllegalDataValue,
+        }
+    }
+}
+
+/// Answers with an exception, to a frame that wasn't parsed.
+fn refuse(frame: &mut Frame, request: &[u8], pdu: &[u8], kind: ErrorKind) -> Result<(), ErrorKind> {
+    if frame.proto == ModbusProto::TcpUdp {
+        // transaction and protocol; rmodbus writes the rest
+        frame.response.extend_from_slice(request.get(..4).ok_or(ErrorKind::FrameBroken)?);
+    }
+    frame.responding_to_fn = pdu.first().copied().ok_or(ErrorKind::FrameBroken)? & 0x7F;
+    frame.error = Some(kind.to_modbus_error()?);
+    frame.finalize_response()
+}
+
+/// Whether an RTU frame's CRC is that of its bytes. `rmodbus` keeps its CRC to itself but seals what it is given.
+fn checks_out(frame: &[u8]) -> bool {
+    let Some((body, crc)) = frame.split_last_chunk::<2>() else { return false };
+    let mut sealed = Vec::with_capacity(FRAME_MOST);
+    let mut sealer = Frame::new(0, &[], ModbusProto::Rtu, &mut sealed);
+    sealer.response.extend_from_slice(body);
+    sealer.finalize_response().is_ok() && sealed.ends_with(crc)
+}
+
+#[cfg(test)]
+mod tests;

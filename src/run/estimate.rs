@@ -1,0 +1,30 @@
+use super::motion::motion_s;
+use crate::recipe::Plan;
+use crate::rig::RigSpec;
+
+/// What a press takes beyond its travel, dwell and window on a stage that answers in some 12 ms: the look at the air, the
+/// approach, the steps and the withdrawal, s.
+const PRESS_S: f64 = 1.6;
+
+/// What each further level of a staircase takes beyond its dwell and window, s.
+const LEVEL_S: f64 = 0.8;
+
+/// Identifying, homing and zeroing, s.
+const READY_S: f64 = 8.0;
+
+/// How long a plan will take on a rig, s: within a third or so.
+pub fn estimated_s(plan: &Plan, spec: &RigSpec) -> f64 {
+    let mut total_s = READY_S;
+    let mut place = spec.frame.origin;
+    for entry in &plan.entries {
+        let way_mm = (entry.place.x_mm - place.x_mm).abs().max((entry.place.y_mm - place.y_mm).abs());
+        let levels = entry.task.levels.len() as f64;
+        total_s += motion_s(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2)
+            + PRESS_S
+            + LEVEL_S * (levels - 1.0)
+            + levels * (entry.task.hold_s + entry.task.sample_s)
+            + entry.rest_after_s;
+        place = entry.place;
+    }
+    total_s
+}

@@ -1,0 +1,52 @@
+//! Walks a plan on a rig: prepares the instruments, makes each press, records it, and parks the stage whatever happens.
+//!
+//! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Watcher`] is told what happens.
+
+mod cancel;
+mod estimate;
+mod hand;
+mod motion;
+mod pace;
+mod ready;
+mod walk;
+mod window;
+
+pub use cancel::Cancel;
+pub use estimate::estimated_s;
+pub use pace::keep_pace;
+pub use walk::{Ending, Errand, Watcher, walk};
+
+use crate::control::Trip;
+use crate::dataset::DatasetError;
+use crate::device::DeviceError;
+
+/// Why a run ended before its plan did.
+#[derive(Debug)]
+pub enum Halt {
+    /// A person asked for it.
+    Cancelled,
+    /// A safety rule was broken.
+    Tripped(Trip),
+    /// A device failed.
+    Device(DeviceError),
+    /// The record couldn't be kept.
+    Record(DatasetError),
+}
+
+impl From<Trip> for Halt {
+    fn from(trip: Trip) -> Self {
+        Halt::Tripped(trip)
+    }
+}
+
+impl From<DeviceError> for Halt {
+    fn from(error: DeviceError) -> Self {
+        Halt::Device(error)
+    }
+}
+
+impl From<DatasetError> for Halt {
+    fn from(error: DatasetError) -> Self {
+        Halt::Record(error)
+    }
+}

@@ -1,0 +1,19 @@
+use std::time::{Duration, Instant as WallInstant};
+use tokio::time::{Instant, sleep};
+
+/// How often virtual time is held against the clock on the wall.
+const GRAIN: Duration = Duration::from_millis(10);
+
+/// Slows a run on the paused clock down to `pace` times real time; never ends.
+///
+/// The thread itself sleeps, which is what holds a paused clock still: everything that answers lives on this thread too.
+pub async fn keep_pace(pace: f64) {
+    let (began, wall_began) = (Instant::now(), WallInstant::now());
+    loop {
+        sleep(GRAIN).await;
+        let due = began.elapsed().div_f64(pace);
+        if let Some(ahead) = due.checked_sub(wall_began.elapsed()) {
+            std::thread::sleep(ahead);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+use super::hand::{Gauge, Hand};
+use super::{Cancel, Halt};
+use crate::control::{Reaction, Rule, Trip, Watch, Zero};
+use crate::dataset::Record;
+use crate::device::{Identity, Instruments, LoadCell, SensorArray, Stage};
+use crate::quantity::{Axis, ForceReading, Frame, Limits};
+use crate::rig::{CLEARANCE_MM, OpenRig};
+use tokio::time::{Instant, sleep_until};
+
+/// Exchanges that are timed to know how fast the rig reacts.
+const TIMED: usize = 10;
+/// Readings in air that make the zero.
+const ZERO_READINGS: usize = 100;
+/// Readings of the outputs in air.
+const AIR_READINGS: usize = 20;
+
+/// A rig whose instruments are identified, homed, in the clear, timed and zeroed.
+pub(super) struct Ready<'a, S, C, A> {
+    pub hand: Hand<'a, S, C, A>,
+    pub devices: Vec<Identity>,
+    pub reaction: Reaction,
+    pub zero: Record,
+}
+
+/// What a rig is made ready with, besides itself.
+pub(super) struct Means<'a> {
+    pub frame: Frame,
+    pub limits: Limits,
+    pub cancel: &'a Cancel,
+    pub shown: &'a dyn Fn(f64),
+    pub began: Instant,
+}
+
+/// Identifies each device, homes what isn't homed (z first, away), goes to the clear, times the links and takes the zero.
+pub(super) async fn make_ready<'a>(
+    rig: OpenRig,
+    means: &Means<'a>,
+) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    let OpenRig { instruments, stage_use, probe, .. } = rig;
+    let Instruments { mut stage, mut load_cell, mut array } = instruments;
+    // the readers first: nothing moves on a rig whose force can't be read
+    let cell_identity = load_cell.prepare().await?;
+    let array_identity = array.prepare().await?;
+    let stage_identity = stage.prepare(&stage_use).await?;
+    let clear_mm = -means.frame.uncertainty_mm - CLEARANCE_MM;
+    let unwatched =
+        Watch::new(&means.limits, Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None });
+    let air = vec![0.0; array.units()];
+    let gauge = Gauge::new(load_cell, unwatched, means.cancel, means.shown);
+    let parts = Instruments { stage, load_cell: gauge, array };
+    let mut hand = Hand::new(parts, means.frame, stage_use, probe, air);
+    // an axis that was homed before may stand anywhere: out of contact first
+    hand.find_itself().await?;
+    hand.retreat(clear_mm).await?;
+    let reaction = time(&mut hand).await?;
+    let zero = take_zero(&mut hand, means).await?;
+    Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
+}
+
+async fn time<S: Stage, C: LoadCell, A: SensorArray>(hand: &mut Hand<'_, S, C, A>) -> Result<Reaction, Halt> {
+    let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
+    for _ in 0..TIMED {
+        let asked = Instant::now();
+        hand.stage.position_mm(Axis::Z).await?;
+        stage_s = stage_s.max(asked.elapsed().as_secs_f64());
+        let asked = Instant::now();
+        hand.cell.cell.read().await?;
+        load_cell_s = load_cell_s.max(asked.elapsed().as_secs_f64());
+    }
+    Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s })
+}
+
+async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    means: &Means<'_>,
+) -> Result<Record, Halt> {
+    let mut readings: Vec<ForceReading> = Vec::with_capacity(ZERO_READINGS);
+    for _ in 0..ZERO_READINGS {
+        hand.cell.due().await?;
+        let reading = hand.cell.cell.read().await?;
+        if !reading.force_n.is_finite() {
+            return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N").into());
+        }
+        if reading.health.saturated || reading.health.fault {
+            return Err(Trip::new(Rule::Unhealthy, reading.force_n, means.limits.force_n, "N").into());
+        }
+        readings.push(reading);
+    }
+    let zero = Zero::of(&readings);
+    hand.cell.watch = Watch::new(&means.limits, zero);
+    let mut outputs = vec![0.0; hand.array.units()];
+    let mut now = outputs.clone();
+    for _ in 0..AIR_READINGS {
+        let next = Instant::now() + hand.cell.cell.conversion();
+        hand.array.read(&mut now).await?;
+        outputs.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output / AIR_READINGS as f64);
+        sleep_until(next).await;
+    }
+    hand.air.clone_from(&outputs);
+    let t_s = means.began.elapsed().as_secs_f64();
+    Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, outputs })
+}

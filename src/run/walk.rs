@@ -1,0 +1,263 @@
+use super::hand::Hand;
+use super::ready::{Means, Ready, make_ready};
+use super::window::Window;
+use super::{Cancel, Halt};
+use crate::control::{Command, Context, Event, Expected, Permit, Press, SurfaceMap};
+use crate::dataset::{Contact, Flag, Record, Row, RowTruth, RunFolder, Status, Touch};
+use crate::device::{LoadCell, SensorArray, Stage};
+use crate::quantity::{Limits, Place};
+use crate::recipe::{Entry, Plan};
+use crate::rig::{CLEARANCE_MM, RigSpec};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Clearance above the learned surface in which the indenter travels from place to place, mm.
+const TRAVEL_CLEARANCE_MM: f64 = 0.10;
+
+/// What is to be done: a plan on a rig, recorded in a folder.
+pub struct Errand<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// The rig.
+    pub spec: &'a RigSpec,
+    /// Where it is recorded. Entries that are there already aren't made again.
+    pub folder: &'a mut RunFolder,
+    /// A person's word to stop.
+    pub cancel: &'a Cancel,
+    /// Told of every force, N, for a person to see.
+    pub shown: &'a dyn Fn(f64),
+}
+
+/// How a walk ended.
+#[derive(Debug)]
+pub struct Ending {
+    /// Why it ended early; none: the plan is done.
+    pub halt: Option<Halt>,
+    /// Why the stage couldn't be parked, if it couldn't.
+    pub unparked: Option<Halt>,
+}
+
+/// Who is told what happens.
+pub trait Watcher {
+    /// The instruments are ready: what they said they are.
+    fn ready(&mut self, _devices: &[crate::device::Identity]) {}
+    /// An entry of the plan begins.
+    fn begins(&mut self, _entry: &Entry) {}
+    /// A contact is on disk.
+    fn recorded(&mut self, _contact: &Contact) {}
+    /// The indenter rests in air for so long, s.
+    fn rests(&mut self, _seconds: f64) {}
+}
+
+/// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear, and the folder
+/// says how it ended.
+pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
+    let Errand { plan, spec, folder, cancel, shown } = errand;
+    let began = Instant::now();
+    // a run that goes on counts from where it was
+    let before_s = folder.manifest.virtual_s;
+    let means = Means { frame: spec.frame, limits: spec.limits, cancel, shown, began };
+    let mut ending = Ending { halt: None, unparked: None };
+    let rig = spec.open(plan.seed).map_err(Halt::from);
+    let ready = match rig {
+        Ok(rig) => make_ready(rig, &means).await,
+        Err(halt) => Err(halt),
+    };
+    match ready {
+        Ok(Ready { hand, devices, reaction, zero }) => {
+            watcher.ready(&devices);
+            folder.manifest.devices = devices;
+            let permit =
+                Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero());
+            let surface = SurfaceMap::new(spec.frame.uncertainty_mm);
+            let mut walker = Walker { hand, permit, surface, limits: spec.limits, began, before_s, pressing: None };
+            let recorded = folder.record(zero).map_err(Halt::from);
+            ending.halt = match recorded {
+                Ok(()) => walker.presses(plan, folder, watcher).await.err(),
+                Err(halt) => Some(halt),
+            };
+            if ending.halt.is_some() {
+                ending.unparked = walker.stop_and_park(spec).await.err();
+            } else {
+                ending.unparked = walker.hand.retreat(-spec.frame.uncertainty_mm - CLEARANCE_MM).await.err();
+            }
+            note_trip(folder, &ending, walker.pressing, before_s + began.elapsed().as_secs_f64());
+        }
+        Err(halt) => ending.halt = Some(halt),
+    }
+    folder.manifest.virtual_s = before_s + began.elapsed().as_secs_f64();
+    ending
+}
+
+impl Ending {
+    /// The status that the run's manifest is to have.
+    pub fn status(&self) -> Status {
+        match (&self.halt, &self.unparked) {
+            (None, None) => Status::Complete,
+            (Some(Halt::Cancelled), None) => Status::Stopped,
+            (Some(Halt::Tripped(_)), _) => Status::Tripped,
+            _ => Status::Failed,
+        }
+    }
+
+    /// What went wrong, in words; none where nothing did, or where a person stopped it.
+    pub fn told(&self) -> Option<String> {
+        let told = |halt: &Halt| match halt {
+            Halt::Cancelled => None,
+            Halt::Tripped(trip) => Some(trip.to_string()),
+            Halt::Device(error) => Some(error.to_string()),
+            Halt::Record(error) => Some(error.to_string()),
+        };
+        let unparked = self.unparked.as_ref().and_then(told).map(|why| format!("the stage could not be parked: {why}"));
+        let parts: Vec<String> = self.halt.as_ref().and_then(told).into_iter().chain(unparked).collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
+}
+
+/// A trip is in the journal and the manifest. A journal that can't be written any more is what failed, and is told as that.
+fn note_trip(folder: &mut RunFolder, ending: &Ending, press: Option<u64>, t_s: f64) {
+    if let Some(Halt::Tripped(trip)) = &ending.halt {
+        folder.manifest.trip = Some(trip.clone());
+        let _ = folder.record(Record::Trip { t_s, press, trip: trip.clone() });
+    }
+}
+
+struct Walker<'a, S, C, A> {
+    hand: Hand<'a, S, C, A>,
+    permit: Permit,
+    surface: SurfaceMap,
+    limits: Limits,
+    began: Instant,
+    before_s: f64,
+    pressing: Option<u64>,
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+    async fn presses(&mut self, plan: &Plan, folder: &mut RunFolder, watcher: &mut dyn Watcher) -> Result<(), Halt> {
+        for touch in folder.contacts().values().filter_map(|contact| contact.touch) {
+            self.surface.learn(touch.place, touch.z_mm);
+        }
+        let mut left =
+            plan.entries.iter().filter(|entry| !folder.contacts().contains_key(&entry.press)).collect::<Vec<_>>();
+        left.reverse();
+        while let Some(entry) = left.pop() {
+            let next = left.last().map_or(entry.place, |next| next.place);
+            self.pressing = Some(entry.press);
+            watcher.begins(entry);
+            let contact = self.press(entry, next).await?;
+            if let Some(touch) = contact.touch {
+                self.surface.learn(touch.place, touch.z_mm);
+            }
+            folder.record(Record::Contact(contact))?;
+            self.pressing = None;
+            if let Some(contact) = folder.contacts().get(&entry.press) {
+                watcher.recorded(contact);
+            }
+            if entry.rest_after_s > 0.0 && !left.is_empty() {
+                watcher.rests(entry.rest_after_s);
+                self.hand.cell.watch.pause();
+                self.hand.cell.cancel.sleep(Duration::from_secs_f64(entry.rest_after_s)).await;
+            }
+        }
+        Ok(())
+    }
+
+    /// One contact, from the clear to the clear.
+    async fn press(&mut self, entry: &Entry, next: Place) -> Result<Contact, Halt> {
+        if let Some(probe) = &self.hand.probe {
+            probe.begin_press(entry.press);
+        }
+        let from = self.surface.expect(self.hand.place);
+        let expected = self.surface.expect(entry.place);
+        self.hand.travel(entry.place, from.first_mm.min(expected.first_mm)).await?;
+        let mut press = Press::new(entry.task.clone(), self.context(expected, next));
+        let mut levels: Vec<Held> = Vec::with_capacity(entry.task.levels.len());
+        let mut event = Event::Begin { z_mm: self.hand.z_mm };
+        loop {
+            event = match press.next(event) {
+                Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
+                Command::Move(granted) => {
+                    self.hand.move_z(granted, Some(&press)).await?;
+                    Event::Moved { z_mm: self.hand.z_mm }
+                }
+                Command::Dwell(seconds) => {
+                    self.hand.cell.dwell(seconds).await?;
+                    Event::Dwelt
+                }
+                Command::Sample(seconds) => {
+                    let window = self.hand.sample(seconds).await?;
+                    let force_n = window.force_n;
+                    levels.push(Held { window, z_mm: self.hand.z_mm, truth: self.truth() });
+                    Event::Sampled { force_n }
+                }
+                Command::Done => break,
+                Command::Trip(trip) => return Err(trip.into()),
+            };
+        }
+        if let (Some(last), Some(after)) = (levels.last_mut().and_then(|held| held.truth.as_mut()), self.truth()) {
+            last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
+            last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
+        }
+        let touched_mm = press.touched_mm();
+        let rows = levels.iter().enumerate().map(|(level, held)| self.row(entry, level, held, touched_mm)).collect();
+        let truth = levels.iter().filter_map(|held| held.truth.map(RowTruth::rounded)).collect();
+        let touch = touched_mm.map(|z_mm| Touch { place: entry.place, z_mm });
+        Ok(Contact { press: entry.press, rows, truth, touch })
+    }
+
+    fn context(&self, expected: Expected, next: Place) -> Context {
+        let highest_mm = expected.first_mm.min(self.surface.expect(next).first_mm);
+        Context {
+            limits: self.limits,
+            permit: self.permit,
+            zero: *self.hand.cell.watch.zero(),
+            expected,
+            clear_mm: highest_mm - TRAVEL_CLEARANCE_MM,
+            speed_mm_s: self.hand.usage.speed_mm_s,
+        }
+    }
+
+    fn row(&self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> Row {
+        let Held { window, z_mm, .. } = held;
+        let force_set_n = entry.task.levels[level].force_set_n;
+        let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
+        let in_contact = force_set_n > 0.0;
+        Row {
+            press: entry.press,
+            level: level as u64,
+            phase: entry.phase,
+            x_mm: entry.place.x_mm,
+            y_mm: entry.place.y_mm,
+            force_set_n,
+            force_n: window.force_n,
+            depth_mm: touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm),
+            t_s: self.before_s + (window.began - self.began).as_secs_f64(),
+            outputs: window.outputs.clone(),
+            flags: if missed { vec![Flag::OutOfTolerance] } else { Vec::new() },
+            z_mm: self.hand.frame.to_stage(entry.place, *z_mm).z_mm,
+        }
+        .rounded()
+    }
+
+    fn truth(&self) -> Option<RowTruth> {
+        let truth = self.hand.probe.as_ref()?.take_truth();
+        Some(RowTruth {
+            force_true_n: truth.force_true_n,
+            force_peak_n: truth.force_peak_n,
+            depth_peak_mm: truth.depth_peak_mm,
+        })
+    }
+
+    /// Stops all axes and withdraws to the clear, whatever the load cell says or doesn't.
+    async fn stop_and_park(&mut self, spec: &RigSpec) -> Result<(), Halt> {
+        self.hand.stage.stop().await?;
+        self.hand.retreat(-spec.frame.uncertainty_mm - CLEARANCE_MM).await
+    }
+}
+
+/// One level as it was held.
+struct Held {
+    window: Window,
+    z_mm: f64,
+    truth: Option<RowTruth>,
+}
