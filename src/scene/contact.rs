@@ -20,7 +20,6 @@ pub(super) struct ContactState {
     branches: Vec<Branch>,
     /// What each branch adds now, N.
     extra_n: Vec<f64>,
-    elastic_n: f64,
     force_n: f64,
     depth_mm: f64,
     peak_n: f64,
@@ -30,17 +29,8 @@ pub(super) struct ContactState {
 impl ContactState {
     pub fn new(curve: Contact, branches: Vec<Branch>) -> Self {
         let extra_n = vec![0.0; branches.len()];
-        let nothing = 0.0;
-        ContactState {
-            curve,
-            branches,
-            extra_n,
-            elastic_n: nothing,
-            force_n: nothing,
-            depth_mm: f64::NEG_INFINITY,
-            peak_n: nothing,
-            peak_mm: nothing,
-        }
+        let depth_mm = f64::NEG_INFINITY;
+        ContactState { curve, branches, extra_n, force_n: 0.0, depth_mm, peak_n: 0.0, peak_mm: 0.0 }
     }
 
     /// True contact force, N, never negative: the tip doesn't stick.
@@ -64,11 +54,15 @@ impl ContactState {
         self.peak_mm = self.depth_mm.max(0.0);
     }
 
+    /// Relaxes at once: the tip goes to a spot that hasn't been loaded.
+    pub fn forget_load(&mut self) {
+        self.extra_n.fill(0.0);
+    }
+
     /// Moves on by `dt_s`, in which the depth follows one quadratic.
     pub fn advance(&mut self, depth: Depth, dt_s: f64) {
-        let in_air =
-            depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.speed_mm_s.max(depth.speed_after(dt_s)) <= 0.0;
-        if depth.at_rest() || in_air || self.curve_is_out_of_reach(&depth, dt_s) {
+        let stays_in_air = depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.crossings(0.0, dt_s).next().is_none();
+        if depth.at_rest() || stays_in_air {
             self.decay(dt_s);
             self.settle(depth.after(dt_s));
             return;
@@ -86,11 +80,6 @@ impl ContactState {
             }
             from_s = end_s;
         }
-    }
-
-    /// Whether the way of this stretch stays above the surface throughout.
-    fn curve_is_out_of_reach(&self, depth: &Depth, dt_s: f64) -> bool {
-        depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.crossings(0.0, dt_s).next().is_none()
     }
 
     fn advance_moving(&mut self, depth: &Depth, from_s: f64, for_s: f64) {
@@ -117,8 +106,8 @@ impl ContactState {
 
     fn settle(&mut self, depth_mm: f64) {
         self.depth_mm = depth_mm;
-        self.elastic_n = self.curve.force_n(depth_mm);
-        self.force_n = if depth_mm > 0.0 { (self.elastic_n + self.extra_n.iter().sum::<f64>()).max(0.0) } else { 0.0 };
+        let bearing_n = self.curve.force_n(depth_mm) + self.extra_n.iter().sum::<f64>();
+        self.force_n = if depth_mm > 0.0 { bearing_n.max(0.0) } else { 0.0 };
         self.peak_n = self.peak_n.max(self.force_n);
         self.peak_mm = self.peak_mm.max(depth_mm);
     }

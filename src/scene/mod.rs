@@ -97,6 +97,9 @@ impl Scene {
     pub fn set_motion(&mut self, axis: Axis, trajectory: Trajectory, now_s: f64) {
         self.advance(now_s);
         self.axes[axis.index()] = trajectory;
+        if axis != Axis::Z && !self.contact.touching() {
+            self.contact.forget_load(); // another spot knows nothing of what this one bore
+        }
     }
 
     /// The last conversion of the load cell at `now_s`, N: pressing positive, noise included, no zero taken.
