@@ -39,7 +39,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let travel = &rig.stage.travel.axes;
     // writing to a string can't fail
     let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
-    let _ = writeln!(text, "  {:<18}{:>8}{:>8}   {}", "phase", "presses", "levels", "estimated");
+    let _ = writeln!(text, "  {:<18}{:>8}{:>8}   estimated", "phase", "presses", "levels");
     for phase in [Phase::Characterisation, Phase::Calibration, Phase::Test] {
         let entries: Vec<&Entry> = plan.entries.iter().filter(|entry| entry.phase == phase).collect();
         if !entries.is_empty() {

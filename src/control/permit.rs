@@ -85,11 +85,14 @@ impl Permit {
     /// # Errors
     /// A trip if its end point isn't safe or the force it rests on isn't fresh (I4); nothing is moved then.
     pub fn advance(&self, standing: &Standing, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
-        if !(standing.age_s <= FRESH_S) {
+        // asked for what must hold, so that a NaN is refused
+        let is_fresh = standing.age_s <= FRESH_S;
+        if !is_fresh {
             return Err(Trip::new(Rule::Stale, standing.age_s, FRESH_S, "s"));
         }
         let deepest_mm = self.deepest_mm(standing);
-        if !(z_mm <= deepest_mm + ROUNDING_MM) || !(speed_mm_s > 0.0) {
+        let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s > 0.0;
+        if !is_safe {
             return Err(Trip::new(Rule::NotPermitted, z_mm, deepest_mm, "mm"));
         }
         let fastest = self.approach_speed_mm_s(self.limits.force_n);
