@@ -41,16 +41,12 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
     let _ = writeln!(text, "  {:<18}{:>8}{:>8}   estimated", "phase", "presses", "levels");
     for phase in [Phase::Characterisation, Phase::Calibration, Phase::Test] {
-        let entries: Vec<&Entry> = plan.entries.iter().filter(|entry| entry.phase == phase).collect();
-        if !entries.is_empty() {
-            let levels: usize = entries.iter().map(|entry| entry.task.levels.len()).sum();
-            let part = Plan { entries: entries.into_iter().cloned().collect(), ..plan.clone() };
-            let estimate = duration(estimated_s(&part, rig));
-            let _ = writeln!(text, "  {:<18}{:>8}{levels:>8}   {estimate}", phase.name(), part.entries.len());
+        let part: Vec<Entry> = plan.entries.iter().filter(|entry| entry.phase == phase).cloned().collect();
+        if !part.is_empty() {
+            let _ = writeln!(text, "{}", counted(phase.name(), &part, rig));
         }
     }
-    let (rows, whole) = (plan.rows(), duration(estimated_s(plan, rig)));
-    let _ = writeln!(text, "  {:<18}{:>8}{rows:>8}   {whole}", "together", plan.entries.len());
+    let _ = writeln!(text, "{}", counted("together", &plan.entries, rig));
     let _ = writeln!(text, "held against the rig");
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
@@ -61,4 +57,10 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
     text
+}
+
+/// One line of the plan: how many presses and levels, and how long they should take.
+fn counted(name: &str, entries: &[Entry], rig: &RigSpec) -> String {
+    let levels: usize = entries.iter().map(|entry| entry.task.levels.len()).sum();
+    format!("  {name:<18}{:>8}{levels:>8}   {}", entries.len(), duration(estimated_s(entries, rig)))
 }

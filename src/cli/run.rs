@@ -1,7 +1,7 @@
 use super::exit::Failure;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources};
-use crate::dataset::{Manifest, RunFolder, Status};
+use crate::dataset::{Manifest, RunFolder};
 use jiff::Zoned;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -37,23 +37,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
-    let manifest = Manifest {
-        palpate: env!("CARGO_PKG_VERSION").to_owned(),
-        status: Status::Stopped,
-        recipe: plan.name.clone(),
-        sensor: args.sensor.clone(),
-        presses_planned: plan.entries.len() as u64,
-        presses_done: 0,
-        seed: args.rig.seed,
-        simulated: sources.rig.is_simulated(),
-        virtual_s: 0.0,
-        wall_s: 0.0,
-        started: Zoned::now().to_string(),
-        ended: None,
-        devices: Vec::new(),
-        trip: None,
-        failure: None,
-    };
+    let started = Zoned::now().to_string();
+    let manifest = Manifest::new(&plan, sources.rig.is_simulated(), args.sensor.clone(), started);
     let layout = &sources.rig.array.layout;
     let mut folder =
         RunFolder::create(args.out.as_deref(), &sources.origins, manifest, layout).map_err(Failure::dataset)?;

@@ -1,5 +1,6 @@
 use crate::control::Trip;
 use crate::device::Identity;
+use crate::recipe::Plan;
 use serde::{Deserialize, Serialize};
 
 /// `manifest.json`: what a run was and how it ended.
@@ -39,6 +40,29 @@ pub struct Manifest {
     /// What went wrong, in a run that failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+}
+
+impl Manifest {
+    /// The manifest of a run that begins.
+    pub fn new(plan: &Plan, simulated: bool, sensor: Option<String>, started: String) -> Self {
+        Manifest {
+            palpate: env!("CARGO_PKG_VERSION").to_owned(),
+            status: Status::Stopped,
+            recipe: plan.name.clone(),
+            sensor,
+            presses_planned: plan.entries.len() as u64,
+            presses_done: 0,
+            seed: plan.seed,
+            simulated,
+            virtual_s: 0.0,
+            wall_s: 0.0,
+            started,
+            ended: None,
+            devices: Vec::new(),
+            trip: None,
+            failure: None,
+        }
+    }
 }
 
 /// How a run ended.

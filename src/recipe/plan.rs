@@ -92,11 +92,6 @@ impl Plan {
         };
         [span(|place| place.x_mm), span(|place| place.y_mm)]
     }
-
-    /// How many rows of `presses.csv` it comes to.
-    pub fn rows(&self) -> usize {
-        self.entries.iter().map(|entry| entry.task.levels.len()).sum()
-    }
 }
 
 impl Places {

@@ -1,22 +1,19 @@
 use super::motion::motion_s;
-use crate::recipe::Plan;
+use crate::recipe::Entry;
 use crate::rig::RigSpec;
 
 /// What a press takes beyond its travel, dwell and window on a stage that answers in some 12 ms: the look at the air, the
 /// approach, the steps and the withdrawal, s.
-const PRESS_S: f64 = 1.6;
+const PRESS_S: f64 = 1.1;
 
 /// What each further level of a staircase takes beyond its dwell and window, s.
-const LEVEL_S: f64 = 0.8;
+const LEVEL_S: f64 = 0.4;
 
-/// Identifying, homing and zeroing, s.
-const READY_S: f64 = 8.0;
-
-/// How long a plan will take on a rig, s: within a third or so.
-pub fn estimated_s(plan: &Plan, spec: &RigSpec) -> f64 {
-    let mut total_s = READY_S;
+/// How long some entries of a plan will take on a rig that is ready, s: within a third or so.
+pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
+    let mut total_s = 0.0;
     let mut place = spec.frame.origin;
-    for entry in &plan.entries {
+    for entry in entries {
         let way_mm = (entry.place.x_mm - place.x_mm).abs().max((entry.place.y_mm - place.y_mm).abs());
         let levels = entry.task.levels.len() as f64;
         total_s += motion_s(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2)
