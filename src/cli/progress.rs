@@ -30,10 +30,11 @@ impl Progress {
             Some(planned),
             if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
         );
-        let template = "{prefix:<16} {bar:26} {pos:>5}/{len} presses, {eta} left, {msg}";
+        let template = "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses, {eta} left, {msg}";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
+        bar.set_prefix("getting ready");
         bar.set_position(done as u64);
         Progress { bar, on_terminal, json, phase: None, done: done as u64, planned, percent_told: 0 }
     }
@@ -69,7 +70,9 @@ impl Progress {
 impl Watcher for Progress {
     fn ready(&mut self, devices: &[Identity]) {
         for device in devices {
-            self.line(&format!("{:<10} {}", device.role, device.identity));
+            // what stands in brackets is for the manifest: serial numbers don't fit a line
+            let name = device.identity.split(" (").next().unwrap_or_default();
+            self.line(&format!("{:<10} {name}", device.role));
             for warning in &device.warnings {
                 self.line(&format!("warning: {}: {warning}", device.role));
             }

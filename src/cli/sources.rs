@@ -2,16 +2,13 @@ use super::exit::Failure;
 use crate::dataset::Origins;
 use crate::document::TEXT_MAX_BYTES;
 use crate::recipe::{self, Plan, Recipe};
-use crate::rig::{self, MappedDevice, RigSpec};
+use crate::rig::{self, MappedDevice, RigSpec, SIM_RIG};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// The rig that is used where none is named.
+/// The rig that is used where none is named; without such a file, the one that came with the program.
 pub const DEFAULT_RIG: &str = "rigs/sim.toml";
-
-/// What [`DEFAULT_RIG`] holds where there is no such file: the paper's rig, simulated.
-const BUILT_IN_RIG: &str = include_str!("../../rigs/sim.toml");
 
 /// A recipe and a rig, read and understood, with their texts.
 pub struct Sources {
@@ -57,7 +54,7 @@ impl Sources {
 /// A rig's text and what it says.
 pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
     let text = match read(path) {
-        Err(_) if path == Path::new(DEFAULT_RIG) && !path.exists() => BUILT_IN_RIG.to_owned(),
+        Err(_) if path == Path::new(DEFAULT_RIG) && !path.exists() => SIM_RIG.to_owned(),
         text => text?,
     };
     let beside = |name: &str| bounded(&path.with_file_name(name));

@@ -50,11 +50,19 @@ pub struct Table<'d> {
     path: String,
     span: Span,
     asked: Vec<&'static str>,
+    rest_is_others: bool,
 }
 
 impl<'d> Table<'d> {
     pub(super) fn root(root: &'d Spanned<DeTable<'d>>, collector: &'d Collector) -> Self {
-        Table { table: root.get_ref(), collector, path: String::new(), span: 0..0, asked: Vec::new() }
+        Table {
+            table: root.get_ref(),
+            collector,
+            path: String::new(),
+            span: 0..0,
+            asked: Vec::new(),
+            rest_is_others: false,
+        }
     }
 
     /// Where the table stands.
@@ -224,11 +232,16 @@ impl<'d> Table<'d> {
         tables
     }
 
+    /// Says that keys nobody asked for are somebody else's to read.
+    pub fn leave_the_rest(&mut self) {
+        self.rest_is_others = true;
+    }
+
     /// Records a problem for every key nobody asked for, with the nearest one that is known.
     pub fn finish(self) {
         for key in self.table.keys() {
             let name = key.get_ref().as_ref();
-            if !self.asked.contains(&name) {
+            if !self.rest_is_others && !self.asked.contains(&name) {
                 let place = if self.path.is_empty() { String::new() } else { format!(" in `{}`", self.path) };
                 let problem = Problem::new(key.span(), format!("unknown key `{name}`{place}"));
                 self.complain(with_nearest(problem, name, &self.asked));
@@ -238,7 +251,7 @@ impl<'d> Table<'d> {
 
     fn inner(&self, key: &str, table: &'d DeTable<'d>, span: Span) -> Table<'d> {
         let path = if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) };
-        Table { table, collector: self.collector, path, span, asked: Vec::new() }
+        Table { table, collector: self.collector, path, span, asked: Vec::new(), rest_is_others: false }
     }
 
     fn get(&mut self, key: &'static str) -> Option<&'d Spanned<DeValue<'d>>> {

@@ -15,6 +15,9 @@ use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
 use crate::scene::SceneSpec;
 use crate::wire::Link;
 
+/// The paper's rig, simulated, as it is shipped.
+pub const SIM_RIG: &str = include_str!("../../rigs/sim.toml");
+
 /// Clearance above the highest the surface may be, in which the indenter travels before the surface is learned, mm.
 pub const CLEARANCE_MM: f64 = 0.3;
 
@@ -31,8 +34,8 @@ pub struct RigSpec {
     pub limits: Limits,
     /// Where the specimen is.
     pub frame: Frame,
-    /// What is simulated when links are; none: the paper's scene.
-    pub scene: Option<SceneSpec>,
+    /// What is simulated when links are; the paper's where the file has no `[scene]`.
+    pub scene: SceneSpec,
 }
 
 /// The stage's part of a rig file.

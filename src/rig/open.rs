@@ -1,4 +1,3 @@
-use super::scene::paper_scene;
 use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec};
 use crate::device::{DeviceError, Instruments, Problem, StageUse};
 use crate::driver::Esp301;
@@ -111,7 +110,7 @@ impl RigSpec {
     /// # Errors
     /// A device there is no emulator for.
     pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
-        let spec = self.scene.clone().unwrap_or_else(|| paper_scene(self.array.layout.len()));
+        let spec = self.scene.clone();
         let away = self.frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
         let travel = &self.stage.travel;
         let within = |axis: Axis, mm: f64| mm.clamp(travel.along(axis).min, travel.along(axis).max);

@@ -1,4 +1,4 @@
-use super::scene::read_scene;
+use super::scene::{paper_scene, read_scene};
 use super::{ArraySpec, CLEARANCE_MM, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::driver::modbus::{Profile, SHIPPED};
@@ -29,17 +29,17 @@ pub fn parse(file: &str, text: &str, beside: &dyn Fn(&str) -> std::io::Result<St
         let limits = root.require_table("limits").and_then(read_limits);
         let frame = root.require_table("frame").and_then(read_frame);
         let units = array.as_ref().map(|array| array.layout.len());
-        let scene = root.table("scene").map(|table| read_scene(table, units));
+        let scene = match root.table("scene") {
+            Some(table) => read_scene(table, units),
+            None => paper_scene(units.unwrap_or_default()).ok(), // a test holds the shipped text to be sound
+        };
         let spec = RigSpec {
             stage: stage?,
             load_cell: load_cell?,
             array: array?,
             limits: limits?,
             frame: frame?,
-            scene: match scene {
-                Some(scene) => Some(scene?),
-                None => None,
-            },
+            scene: scene?,
         };
         check_links(&spec, root);
         check_room(&spec, root);
@@ -214,14 +214,13 @@ fn check_room(spec: &RigSpec, root: &Table) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::SIM_RIG;
     use super::*;
 
-    const SIM: &str = include_str!("../../rigs/sim.toml");
-
     fn problems(from: &str, to: &str) -> Vec<String> {
-        assert!(SIM.contains(from), "{from}");
+        assert!(SIM_RIG.contains(from), "{from}");
         let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
-        match parse("rig.toml", &SIM.replacen(from, to, 1), &none) {
+        match parse("rig.toml", &SIM_RIG.replacen(from, to, 1), &none) {
             Ok(_) => Vec::new(),
             Err(problems) => problems.lines().iter().map(|line| line.split_once(": ").unwrap().1.to_owned()).collect(),
         }

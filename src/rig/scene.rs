@@ -1,4 +1,5 @@
-use crate::document::{Bounds, Problem, Table};
+use super::SIM_RIG;
+use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::scene::{Branch, Contact, Elastomer, Latencies, LoadCell, SceneSpec};
 
 const DEPTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
@@ -13,40 +14,22 @@ const OFFSET: Bounds = Bounds::within(-100.0, 100.0, "N");
 const PERCENT: Bounds = Bounds::within(0.0, 100.0, "%");
 const LATENCY: Bounds = Bounds::within(0.0, 10_000.0, "ms");
 
-/// PAPER Table 1, by unit: repeatability when loading and hysteresis, % of full scale.
-const TABLE_1: [(f64, f64); 9] = [
-    (1.60, 4.11),
-    (3.74, 2.29),
-    (2.19, 2.88),
-    (0.83, 3.08),
-    (0.51, 3.39),
-    (1.02, 5.53),
-    (0.71, 3.99),
-    (2.84, 4.44),
-    (3.97, 5.19),
-];
-
 /// What a rig answers in unless its scene says otherwise, s: an ESP301 in 5 to 20 ms; a transmitter at 115200 baud needs 1.5 ms
 /// for the bytes of an exchange and two silences of 1.75 ms less what the driver waits itself; a T7 in 1 to 2 ms.
 const LATENCIES: Latencies =
     Latencies { stage_s: (0.005, 0.020), load_cell_s: (0.002, 0.003), array_s: (0.001, 0.002) };
 
-const CONTACT: Contact = Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
-
-/// The paper's rig: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through Table 1
-/// again from its top.
-pub(super) fn paper_scene(units: usize) -> SceneSpec {
-    let table = |pick: fn(&(f64, f64)) -> f64| Some(TABLE_1.iter().cycle().take(units).map(pick).collect());
-    SceneSpec {
-        elastomer: Some(Elastomer { depth_mm: 5.0 }),
-        contact: CONTACT,
-        relaxation: vec![Branch { share: 0.05, time_s: 0.3 }, Branch { share: 0.05, time_s: 5.0 }],
-        surface_tilt_mm: 0.2,
-        load_cell: Some(LoadCell { noise_n: 0.003, offset_n: 0.0 }),
-        taxel_noise_percent: table(|row| row.0),
-        hysteresis_percent: table(|row| row.1),
-        latencies: LATENCIES,
+/// The paper's rig's scene: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through
+/// Table 1 again from its top.
+pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
+    let mut paper = document::read("rigs/sim.toml", SIM_RIG, |root| {
+        root.leave_the_rest();
+        root.require_table("scene").and_then(|table| read_scene(table, None))
+    })?;
+    for percents in [&mut paper.taxel_noise_percent, &mut paper.hysteresis_percent].into_iter().flatten() {
+        *percents = percents.iter().copied().cycle().take(units).collect();
     }
+    Ok(paper)
 }
 
 /// Reads `[scene]`: each term is there because it is named.
@@ -137,8 +120,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shipped_scene_is_the_papers() {
-        let spec = super::super::parse("sim.toml", include_str!("../../rigs/sim.toml"), &|_| unreachable!()).unwrap();
-        assert_eq!(spec.scene.unwrap(), paper_scene(9));
+    fn a_rig_without_a_scene_is_simulated_with_the_papers() {
+        let (with, without) = (SIM_RIG, SIM_RIG.split("[scene]").next().unwrap());
+        let scene = |text| super::super::parse("rig.toml", text, &|_| unreachable!()).unwrap().scene;
+        assert_eq!(scene(with), scene(without));
+        let wider = without.replace("columns = 3", "columns = 4");
+        let noise = scene(&wider).taxel_noise_percent.unwrap();
+        assert_eq!((noise.len(), noise[9]), (12, noise[0]));
     }
 }

@@ -58,13 +58,9 @@ impl Client {
     pub async fn read(&mut self, doing: &str, address: u16, count: u16) -> Result<Vec<u16>, DeviceError> {
         let mut last = String::new();
         for _ in 0..READ_TRIES {
-            let mut context = match self.open().await {
-                Ok(context) => context,
-                Err(error) => {
-                    last = error.to_string();
-                    continue;
-                }
-            };
+            let opened = self.open().await;
+            let mut context =
+                opened.map_err(|error| self.error(doing, Problem::Link(format!("can't open the link: {error}"))))?;
             match timeout(self.deadline, context.read_holding_registers(address, count)).await {
                 Ok(Ok(Ok(words))) if words.len() == usize::from(count) => {
                     self.context = Some(context);
