@@ -5,6 +5,7 @@ use super::summary::print;
 use crate::emulator::listen::{self, ListenError, Listening};
 use crate::rig::{EmulatedDevice, RigSpec, Wiring};
 use miette::IntoDiagnostic;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tokio::runtime::Builder;
@@ -31,6 +32,14 @@ pub struct Args {
     seed: u64,
 }
 
+/// One line of `--json`.
+#[derive(Serialize)]
+struct Offer<'a> {
+    device: &'a str,
+    protocol: &'a str,
+    listen: &'a str,
+}
+
 /// Serves until it is told to stop.
 pub fn emulate(args: &Args) -> Result<ExitCode, Failure> {
     let (_, spec) = read_rig(&args.rig)?;
@@ -51,7 +60,8 @@ async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
         let offered = offered.into_diagnostic().map_err(Failure::usage)?;
         let listen = offered.address();
         if args.json {
-            let line = serde_json::json!({ "device": role, "protocol": protocol, "listen": listen });
+            let offer = Offer { device: role, protocol, listen };
+            let line = serde_json::to_string(&offer).into_diagnostic().map_err(Failure::usage)?;
             print(&format!("{line}\n"))?;
         } else {
             print(&format!("{role:<12}{protocol:<14}{listen}\n"))?;
