@@ -19,6 +19,13 @@ const MOTION_MARGIN: Duration = Duration::from_secs(10);
 /// Longest search for home: 25 mm at a home speed of 1 mm/s, twice, and a margin.
 const HOME_DEADLINE: Duration = Duration::from_secs(90);
 
+/// How far z may be from the end it was sent to before x and y are homed, mm.
+const AWAY_MM: f64 = 0.01;
+
+/// How far short of its end z may count at the limit it homed to, mm: a controller that calls that place something else
+/// would press where the specimen isn't expected.
+const HOME_SHORT_MM: f64 = 1.0;
+
 /// How often a question is asked whose answer makes no sense.
 const QUESTION_TRIES: usize = 2;
 
@@ -68,6 +75,21 @@ impl Esp301 {
         Err(self.error(doing, Problem::Misfit { answer, expected }))
     }
 
+    /// Whether an axis has come to rest (manual, page MD: 0 moving, 1 done; anything else is another question's answer).
+    async fn is_done(&mut self, doing: &str, axis: Axis, stop: Option<&Notify>) -> Result<bool, DeviceError> {
+        let question = format!("{}MD?", number(axis));
+        let mut answer = 0.0;
+        for _ in 0..QUESTION_TRIES {
+            answer = self.ask_number(doing, &question, stop).await?;
+            if answer == 0.0 || answer == 1.0 {
+                return Ok(answer == 1.0);
+            }
+            self.line.misfit();
+        }
+        let expected = format!("0 or 1 to {question}");
+        Err(self.error(doing, Problem::Misfit { answer: answer.to_string(), expected }))
+    }
+
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
         let (doing, n) = ("checking an axis against the rig", number(axis));
         let units = self.ask_number(doing, &format!("{n}SN?"), None).await?;
@@ -84,16 +106,12 @@ impl Esp301 {
         Ok(())
     }
 
-    /// An axis whose motor is on was homed when it was switched on: power-up leaves the motor off (manual, page MO).
     async fn home(&mut self, axis: Axis, mode: u8) -> Result<(), DeviceError> {
         let (doing, n) = ("homing", number(axis));
-        if self.ask_number(doing, &format!("{n}MO?"), None).await? == 1.0 {
-            return Ok(());
-        }
         self.tell(doing, &format!("{n}MO")).await?;
         self.tell(doing, &format!("{n}OR{mode}")).await?;
         let until = Instant::now() + HOME_DEADLINE;
-        while self.ask_number(doing, &format!("{n}MD?"), None).await? != 1.0 {
+        while !self.is_done(doing, axis, None).await? {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
                 let told = format!("axis {n} didn't find its home within {} s", HOME_DEADLINE.as_secs());
@@ -101,6 +119,46 @@ impl Esp301 {
             }
         }
         Ok(())
+    }
+
+    /// Homes z toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
+    async fn home_z(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+        if self.is_homed(Axis::Z).await? {
+            return Ok(());
+        }
+        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }).await?;
+        let (at_mm, end_mm) = (self.position_mm(Axis::Z).await?, away_end_mm(usage));
+        if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
+            let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
+            return Err(self.error("homing", Problem::Mismatch(told)));
+        }
+        Ok(())
+    }
+
+    /// z may have been homed before and press: x and y are homed with z at the end that lies away from the specimen. A
+    /// z that refused to home, or isn't where it was sent, is an error before anything moves sideways.
+    async fn clear_z(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+        let doing = "taking z away from the specimen";
+        let end_mm = away_end_mm(usage);
+        let way_mm = (end_mm - self.position_mm(Axis::Z).await?).abs();
+        self.begin(&[(Axis::Z, end_mm)], usage.speed_mm_s).await?;
+        let expected = Duration::try_from_secs_f64(way_mm / usage.speed_mm_s).unwrap_or_default();
+        self.follow(&[Axis::Z], expected, &Notify::new()).await?;
+        let at_mm = self.position_mm(Axis::Z).await?;
+        let complaints = self.complaints().await?;
+        if !complaints.is_empty() {
+            return Err(self.error(doing, Problem::Refused(complaints.join("; "))));
+        }
+        if (at_mm - end_mm).abs() > AWAY_MM {
+            let told = format!("z was sent to {end_mm:.4} mm and is at {at_mm:.4} mm");
+            return Err(self.error(doing, Problem::Motion(told)));
+        }
+        Ok(())
+    }
+
+    /// An axis whose motor is on was homed when it was switched on: power-up leaves the motor off (manual, page MO).
+    async fn is_homed(&mut self, axis: Axis) -> Result<bool, DeviceError> {
+        Ok(self.ask_number("homing", &format!("{}MO?", number(axis)), None).await? == 1.0)
     }
 
     async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -126,16 +184,22 @@ impl Stage for Esp301 {
             let expected = "an ESP300 or ESP301 version".to_owned();
             return Err(self.error(doing, Problem::Misfit { answer: version, expected }));
         }
+        // a program that died may have left a motion behind: where an axis is means nothing until it stands
+        self.stop().await?;
+        self.follow(&Axis::ALL, Duration::ZERO, &Notify::new()).await?;
         self.complaints().await?; // of what happened before us
         let mut stages = Vec::new();
         for axis in Axis::ALL {
             stages.push(self.ask(doing, &format!("{}ID?", number(axis))).await?);
             self.check_axis(axis, usage).await?;
         }
-        // z first, toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR)
-        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }).await?;
-        self.home(Axis::X, 1).await?;
-        self.home(Axis::Y, 1).await?;
+        self.home_z(usage).await?;
+        for axis in [Axis::X, Axis::Y] {
+            if !self.is_homed(axis).await? {
+                self.clear_z(usage).await?;
+                self.home(axis, 1).await?;
+            }
+        }
         for axis in Axis::ALL {
             self.set_up(axis, usage).await?;
         }
@@ -166,8 +230,7 @@ impl Stage for Esp301 {
             () = sleep(expected) => {}
         }
         for &axis in axes {
-            let question = format!("{}MD?", number(axis));
-            while self.ask_number(doing, &question, Some(stop)).await? != 1.0 {
+            while !self.is_done(doing, axis, Some(stop)).await? {
                 if Instant::now() > until {
                     self.stop().await?;
                     let told = format!(
@@ -208,6 +271,12 @@ impl Stage for Esp301 {
         }
         Ok(complaints)
     }
+}
+
+/// Where z is farthest from the specimen.
+fn away_end_mm(usage: &StageUse) -> f64 {
+    let travel = usage.travel.along(Axis::Z);
+    if usage.away > 0.0 { travel.max } else { travel.min }
 }
 
 /// The controller's number of an axis.

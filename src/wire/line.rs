@@ -1,7 +1,10 @@
 use super::{ByteStream, Connector};
+use std::future::poll_fn;
 use std::io;
+use std::pin::Pin;
+use std::task::Poll;
 use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout, timeout_at};
 
@@ -79,7 +82,7 @@ impl LineExchange {
     /// # Errors
     /// The link's own.
     pub async fn tell(&mut self, line: &str) -> Result<(), WireError> {
-        self.back_in_step().await?;
+        self.bring_back_in_step(None).await?;
         self.send(line).await
     }
 
@@ -96,7 +99,11 @@ impl LineExchange {
     /// # Errors
     /// No answer in time, or the link's own.
     pub async fn ask(&mut self, question: &str, stop: Option<&Stop<'_>>) -> Result<String, WireError> {
-        self.back_in_step().await?;
+        // what came without being asked for would be taken for the answer
+        if !self.inbox.is_empty() || self.something_came().await {
+            self.out_of_step = true;
+        }
+        self.bring_back_in_step(stop).await?;
         self.out_of_step = true;
         let answer = self.ask_in_step(question, stop).await?;
         self.out_of_step = false;
@@ -111,8 +118,39 @@ impl LineExchange {
     async fn ask_in_step(&mut self, question: &str, stop: Option<&Stop<'_>>) -> Result<String, WireError> {
         self.send(question).await?;
         let until = Instant::now() + self.deadline;
+        self.line_by(until, stop).await?.ok_or_else(|| self.silent(question))
+    }
+
+    async fn bring_back_in_step(&mut self, stop: Option<&Stop<'_>>) -> Result<(), WireError> {
+        if !self.out_of_step {
+            return Ok(());
+        }
+        for _ in 0..STRAY_LINES_MAX {
+            if self.line_by(Instant::now() + QUIET, stop).await?.is_none() {
+                break;
+            }
+        }
+        self.inbox.clear();
+        let Marker { question, answer_contains } = self.marker;
+        self.send(question).await?;
+        let until = Instant::now() + self.deadline;
+        for _ in 0..STRAY_LINES_MAX {
+            match self.line_by(until, stop).await? {
+                Some(line) if line.contains(answer_contains) => {
+                    self.out_of_step = false;
+                    return Ok(());
+                }
+                Some(_) => {}
+                None => break,
+            }
+        }
+        Err(self.silent(question))
+    }
+
+    /// The next line that comes until then, or none. A stop is sent at once, whatever is being waited for.
+    async fn line_by(&mut self, until: Instant, stop: Option<&Stop<'_>>) -> Result<Option<String>, WireError> {
         loop {
-            let answer = match stop {
+            let line = match stop {
                 None => timeout_at(until, self.read_line()).await,
                 Some(stop) => {
                     tokio::select! {
@@ -121,43 +159,30 @@ impl LineExchange {
                             self.send(stop.line).await?;
                             continue;
                         }
-                        answer = timeout_at(until, self.read_line()) => answer,
+                        line = timeout_at(until, self.read_line()) => line,
                     }
                 }
             };
-            return answer.unwrap_or_else(|_| {
-                let waited_ms = self.deadline.as_millis() as u64;
-                Err(WireError::Silent { request: question.to_owned(), waited_ms })
-            });
+            return line.ok().transpose();
         }
     }
 
-    async fn back_in_step(&mut self) -> Result<(), WireError> {
-        if !self.out_of_step {
-            return Ok(());
-        }
-        for _ in 0..STRAY_LINES_MAX {
-            match timeout(QUIET, self.read_line()).await {
-                Ok(line) => _ = line?,
-                Err(_) => break,
-            }
-        }
-        self.inbox.clear();
-        let Marker { question, answer_contains } = self.marker;
-        self.send(question).await?;
-        let until = Instant::now() + self.deadline;
-        for _ in 0..STRAY_LINES_MAX {
-            match timeout_at(until, self.read_line()).await {
-                Ok(line) if line.as_ref().is_ok_and(|line| line.contains(answer_contains)) => {
-                    self.out_of_step = false;
-                    return Ok(());
-                }
-                Ok(line) => _ = line?,
-                Err(_) => break,
-            }
-        }
-        let waited_ms = self.deadline.as_millis() as u64;
-        Err(WireError::Silent { request: question.to_owned(), waited_ms })
+    /// Whether bytes wait on the link; they are kept. What is wrong with the link shows in the exchange that follows.
+    async fn something_came(&mut self) -> bool {
+        let Some(stream) = self.stream.as_mut() else { return false };
+        let mut chunk = [0; 256];
+        let mut waiting = ReadBuf::new(&mut chunk);
+        poll_fn(|cx| {
+            let _ = Pin::new(&mut *stream).poll_read(cx, &mut waiting);
+            Poll::Ready(())
+        })
+        .await;
+        self.inbox.extend_from_slice(waiting.filled());
+        !self.inbox.is_empty()
+    }
+
+    fn silent(&self, request: &str) -> WireError {
+        WireError::Silent { request: request.to_owned(), waited_ms: self.deadline.as_millis() as u64 }
     }
 
     async fn send(&mut self, line: &str) -> Result<(), WireError> {
@@ -179,7 +204,10 @@ impl LineExchange {
                 self.stream = None;
                 Err(error.into())
             }
-            Err(_) => Err(WireError::Silent { request: line.to_owned(), waited_ms: deadline.as_millis() as u64 }),
+            Err(_) => {
+                self.stream = None; // half a line may have gone: nothing is to be glued to it
+                Err(self.silent(line))
+            }
         }
     }
 

@@ -32,6 +32,10 @@ fn usage() -> StageUse {
 async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
     let (mut stage, device) = scripted(&[
         ("VE?", "ESP301 Version 1.1.1 16/01/14\r\n"),
+        ("ST", ""),
+        ("1MD?", "1\r\n"),
+        ("2MD?", "1\r\n"),
+        ("3MD?", "1\r\n"),
         ("TB?", "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED\r\n"),
         ("TB?", "0, -2139482948, NO ERROR DETECTED\r\n"),
         ("1ID?", "VP-25XL, SN1\r\n"),
@@ -48,6 +52,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         ("3OR3", ""),
         ("3MD?", "0\r\n"),
         ("3MD?", "1\r\n"),
+        ("3TP", "12.5000\r\n"),
         ("1MO?", "1\r\n"),
         ("2MO?", "1\r\n"),
         ("1SL-12.5000;1SR12.5000;1AC100;1AG100", ""),
@@ -58,6 +63,16 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
     let identity = stage.prepare(&usage()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
     assert!(identity.warnings.is_empty());
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
+    let (mut stage, device) =
+        scripted(&[("3MO?", "0\r\n"), ("3MO", ""), ("3OR3", ""), ("3MD?", "1\r\n"), ("3TP", "0.0000\r\n")]);
+    let error = stage.home_z(&usage()).await.unwrap_err().to_string();
+    assert!(error.contains("z counts 0.0000 mm at the limit it homed to, the rig's travel ends at 12.5 mm"), "{error}");
     drop(stage);
     device.await.unwrap();
 }

@@ -35,6 +35,8 @@ pub struct Client {
     /// Taken while an exchange is under way: one that was dropped doesn't come back, and the link is opened anew.
     context: Option<Context>,
     opened_before: bool,
+    /// An answer to an earlier request may still come.
+    doubtful: bool,
 }
 
 impl Client {
@@ -48,6 +50,7 @@ impl Client {
             device: format!("{role} ({} at {link})", profile.name),
             context: None,
             opened_before: false,
+            doubtful: false,
         }
     }
 
@@ -61,6 +64,17 @@ impl Client {
             let opened = self.open().await;
             let mut context =
                 opened.map_err(|error| self.error(doing, Problem::Link(format!("can't open the link: {error}"))))?;
+            if self.doubtful {
+                // RTU numbers nothing: a late answer looks like the next. One to another function can't be taken for it,
+                // be it that the device doesn't know the function and says so
+                match timeout(self.deadline, context.read_input_registers(address, count)).await {
+                    Ok(Ok(_)) => self.doubtful = false,
+                    _ => {
+                        last = "its answers are out of step".to_owned();
+                        continue;
+                    }
+                }
+            }
             match timeout(self.deadline, context.read_holding_registers(address, count)).await {
                 Ok(Ok(Ok(words))) if words.len() == usize::from(count) => {
                     self.context = Some(context);
@@ -124,6 +138,7 @@ impl Client {
         let mut stream = self.connector.open().await?;
         if self.opened_before && self.framing == Framing::Rtu {
             until_quiet(&mut stream).await?;
+            self.doubtful = true;
         }
         self.opened_before = true;
         let slave = Slave(self.unit_id);

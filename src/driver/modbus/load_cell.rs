@@ -6,8 +6,9 @@ use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Readings of the weight between two of the status word, which is a request of its own.
-const STATUS_EVERY: u32 = 10;
+/// Readings of the weight between two of the status word, which is a request of its own: no mean on which a step is decided
+/// goes without one.
+const STATUS_EVERY: u32 = 4;
 
 /// A load cell behind a Modbus transmitter.
 pub struct ModbusLoadCell {
@@ -70,8 +71,11 @@ impl LoadCell for ModbusLoadCell {
             let words = self.client.read("reading its decimals", place.address, 1).await?;
             decimals = words.first().copied().unwrap_or_default() & place.mask;
         }
-        let scale = f64::from(10_u32.checked_pow(u32::from(decimals)).unwrap_or(u32::MAX));
-        self.newton_per_count = self.force.newton_per_unit / scale;
+        let Some(scale) = 10_u32.checked_pow(u32::from(decimals)) else {
+            let told = format!("it says its weight has {decimals} decimals: is `decimals` of the register map right?");
+            return Err(self.client.error("reading its decimals", Problem::Mismatch(told)));
+        };
+        self.newton_per_count = self.force.newton_per_unit / f64::from(scale);
         self.read_status().await?;
         self.until_status = STATUS_EVERY;
         if self.health.fault {
