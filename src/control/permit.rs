@@ -6,8 +6,11 @@ use crate::quantity::Limits;
 /// Part of the depth limit that is kept for the error of the touched surface, mm.
 const DEPTH_MARGIN_MM: f64 = 0.03;
 
-/// Oldest reading on which a motion may rest, s.
-const FRESH_S: f64 = 0.1;
+/// Oldest reading on which a motion may rest, s: an ESP301 takes up to 80 ms for the read-back between the two.
+const FRESH_S: f64 = 0.25;
+
+/// Slowest motion worth commanding, mm/s: below it a controller's number format would lose the speed.
+const SPEED_LEAST_MM_S: f64 = 1e-4;
 
 /// Rounding that is not held against a motion, mm.
 const ROUNDING_MM: f64 = 1e-9;
@@ -68,6 +71,11 @@ impl Permit {
     /// included. Depth (I2): `z - z_first <= depth limit`, less a margin for the error of the touched surface.
     pub fn deepest_mm(&self, standing: &Standing) -> f64 {
         let Standing { z_mm, force_n, sigma_n, first_mm, .. } = *standing;
+        if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) {
+            return f64::NEG_INFINITY; // `max` and `min` pass over what is not a number
+        }
+        // a force says that this is contact, wherever the surface was expected
+        let first_mm = if force_n >= self.detect_n { first_mm.min(z_mm) } else { first_mm };
         let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
         let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
         let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
@@ -86,16 +94,16 @@ impl Permit {
     /// A trip if its end point isn't safe or the force it rests on isn't fresh (I4); nothing is moved then.
     pub fn advance(&self, standing: &Standing, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         // asked for what must hold, so that a NaN is refused
+        let fastest = self.approach_speed_mm_s(self.limits.force_n);
         let is_fresh = standing.age_s <= FRESH_S;
         if !is_fresh {
             return Err(Trip::new(Rule::Stale, standing.age_s, FRESH_S, "s"));
         }
         let deepest_mm = self.deepest_mm(standing);
-        let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s > 0.0;
+        let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;
         if !is_safe {
             return Err(Trip::new(Rule::NotPermitted, z_mm, deepest_mm, "mm"));
         }
-        let fastest = self.approach_speed_mm_s(self.limits.force_n);
         Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
     }
 
@@ -104,7 +112,7 @@ impl Permit {
     /// # Errors
     /// A trip if it isn't one.
     pub fn withdraw(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
-        if z_mm <= from_mm + ROUNDING_MM && speed_mm_s > 0.0 {
+        if z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
             Ok(Permitted { z_mm, speed_mm_s })
         } else {
             Err(Trip::new(Rule::NotPermitted, z_mm, from_mm, "mm"))
@@ -136,7 +144,7 @@ mod tests {
     fn a_stale_force_or_a_nan_moves_nothing() {
         let good = Standing { z_mm: 0.0, force_n: 0.1, sigma_n: 0.001, age_s: 0.01, first_mm: -0.1 };
         assert!(permit().advance(&good, 0.2, 1.0).is_ok());
-        assert_eq!(permit().advance(&Standing { age_s: 0.2, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
+        assert_eq!(permit().advance(&Standing { age_s: 0.3, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
         assert_eq!(permit().advance(&Standing { age_s: f64::NAN, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
         for bad in [Standing { force_n: f64::NAN, ..good }, Standing { z_mm: f64::NAN, first_mm: f64::NAN, ..good }] {
             assert!(permit().advance(&bad, 0.9, 1.0).is_err());

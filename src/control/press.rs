@@ -30,6 +30,10 @@ const LEARN_SHARE: f64 = 0.25;
 const STIFFENING: f64 = 1.15;
 /// Share of the tolerance within which a level counts as reached; the rest is for what the force does until it is sampled.
 const REACHED_SHARE: f64 = 0.1;
+/// Share of the declared stiffness with which the force must at least answer a step, where the step is large enough to tell.
+const RESPONSE_SHARE: f64 = 0.05;
+/// How many sd of the force that least answer must be to tell.
+const RESPONSE_SIGMAS: f64 = 6.0;
 /// Smallest step worth commanding, mm.
 const STEP_LEAST_MM: f64 = 0.000_5;
 /// Most steps to one level, and most looks for contact.
@@ -122,6 +126,10 @@ pub struct Press {
     z_mm: f64,
     force_n: f64,
     sigma_n: f64,
+    /// How far the zero has drifted below air, N: the true force is larger by that.
+    drift_n: f64,
+    /// How old the last reading is, s.
+    age_s: f64,
     /// The earliest surface, expected or, once touched, touched.
     first_mm: f64,
     in_contact: bool,
@@ -129,6 +137,8 @@ pub struct Press {
     steps: u32,
     /// Where stiffness is measured from: z and force.
     anchor: (f64, f64),
+    /// Where the last step began: z and force.
+    before_step: (f64, f64),
     stiffness_n_mm: Option<f64>,
     /// The loading path: z and force at rest, from the touch to the first level.
     path: Vec<(f64, f64)>,
@@ -145,11 +155,14 @@ impl Press {
             z_mm: 0.0,
             force_n: 0.0,
             sigma_n: 0.0,
+            drift_n: 0.0,
+            age_s: f64::INFINITY,
             first_mm: context.expected.first_mm,
             in_contact: false,
             dwelt: false,
             steps: 0,
             anchor: (0.0, 0.0),
+            before_step: (0.0, 0.0),
             stiffness_n_mm: None,
             path: Vec::new(),
         }
@@ -170,8 +183,10 @@ impl Press {
         matches!(self.state, State::Descending | State::Approaching) && force_n >= self.context.zero.detect_n()
     }
 
-    /// The next command. An event that doesn't fit the state ends the press with a trip rather than a guess.
-    pub fn next(&mut self, event: Event) -> Command {
+    /// The next command. `age_s` is how old the last good reading is. An event that doesn't fit the state ends the press with a
+    /// trip rather than a guess.
+    pub fn next(&mut self, event: Event, age_s: f64) -> Command {
+        self.age_s = age_s;
         let next = match (self.state, event) {
             (State::Idle, Event::Begin { z_mm }) => {
                 self.z_mm = z_mm;
@@ -185,13 +200,16 @@ impl Press {
             }
             (State::Touching, Event::Averaged { force_n }) => self.touched(force_n),
             (State::Stepping, Event::Moved { z_mm }) => {
+                self.before_step = (self.z_mm, self.force_n);
                 self.z_mm = z_mm;
                 self.average(State::Reading, self.readings())
             }
             (State::Reading, Event::Averaged { force_n }) => {
                 self.force_n = force_n;
-                self.learn();
-                self.pursue()
+                self.answered().and_then(|()| {
+                    self.learn();
+                    self.pursue()
+                })
             }
             (State::Dwelling, Event::Dwelt) => self.average(State::Reading, self.readings()),
             (State::Sampling, Event::Sampled { force_n }) => {
@@ -217,7 +235,19 @@ impl Press {
             return Err(Trip::new(Rule::ZeroDrifted, force_n, most_n, "N"));
         }
         self.force_n = 0.0;
+        self.drift_n = (-force_n).max(0.0);
         self.next_level()
+    }
+
+    /// Whether the force has answered the step that was made: a cell that always says the same is held by nothing else.
+    fn answered(&mut self) -> Result<(), Trip> {
+        let (z_mm, force_n) = std::mem::replace(&mut self.before_step, (self.z_mm, self.force_n));
+        let least_n = RESPONSE_SHARE * self.context.limits.stiffness_n_mm * (self.z_mm - z_mm);
+        let answer_n = self.force_n - force_n;
+        if least_n > RESPONSE_SIGMAS * self.sigma_n && answer_n < least_n {
+            return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
+        }
+        Ok(())
     }
 
     fn next_level(&mut self) -> Result<Command, Trip> {
@@ -262,6 +292,7 @@ impl Press {
         self.in_contact = true;
         self.steps = 0;
         self.anchor = (self.z_mm, force_n);
+        self.before_step = self.anchor;
         self.path.push((self.z_mm, force_n));
         self.pursue()
     }
@@ -288,7 +319,7 @@ impl Press {
             Branch::Loading => 1.0,
             Branch::Unloading => -1.0,
         };
-        let limit_n = self.context.limits.force_n - 3.0 * self.sigma_n;
+        let limit_n = self.context.limits.force_n - self.drift_n - 3.0 * self.sigma_n;
         let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n);
         let reached_n = (REACHED_SHARE * self.task.force_tolerance_n).max(3.0 * self.sigma_n);
         if gap_n <= reached_n {
@@ -380,9 +411,14 @@ impl Press {
         self.task.levels.iter().position(|level| level.force_set_n > 0.0).unwrap_or(0)
     }
 
-    /// The force is as fresh as can be: each command follows the readings that led to it at once.
     fn standing(&self) -> Standing {
-        Standing { z_mm: self.z_mm, force_n: self.force_n, sigma_n: self.sigma_n, age_s: 0.0, first_mm: self.first_mm }
+        Standing {
+            z_mm: self.z_mm,
+            force_n: self.force_n + self.drift_n,
+            sigma_n: self.sigma_n,
+            age_s: self.age_s,
+            first_mm: self.first_mm,
+        }
     }
 }
 

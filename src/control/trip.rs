@@ -29,8 +29,12 @@ pub enum Rule {
     NotFinite,
     /// No good reading for too long.
     Stale,
-    /// The force in air is not zero any more.
+    /// The force in air is not zero any more, or not the zero the run began with.
     ZeroDrifted,
+    /// The noise in air is too large a part of the force limit.
+    Noisy,
+    /// The force doesn't answer a step into the specimen.
+    NoResponse,
     /// No contact where the surface must be.
     NoContact,
     /// The contact lasts after the indenter was withdrawn.
@@ -54,6 +58,8 @@ impl Rule {
             Rule::NotFinite => "not-finite",
             Rule::Stale => "stale",
             Rule::ZeroDrifted => "zero-drifted",
+            Rule::Noisy => "noisy",
+            Rule::NoResponse => "no-response",
             Rule::NoContact => "no-contact",
             Rule::StillTouching => "still-touching",
             Rule::OutOfReach => "out-of-reach",
@@ -72,6 +78,8 @@ impl Rule {
             Rule::NotFinite => "does the register map fit the transmitter?",
             Rule::Stale => "is the load cell's link slow or broken?",
             Rule::ZeroDrifted => "does something touch the indenter, or has the cell drifted since it was zeroed?",
+            Rule::Noisy => "does the cell stand free of vibration, and is its range right for this force limit?",
+            Rule::NoResponse => "does the load cell still measure, and has the specimen not slipped away?",
             Rule::NoContact => "is the specimen where `frame.surface_mm` says?",
             Rule::StillTouching => "does the indenter stick, or is the surface higher than learned?",
             Rule::OutOfReach => "is the specimen softer than expected, or `limits.depth_mm` too small for this force?",

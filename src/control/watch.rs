@@ -83,7 +83,9 @@ impl Watch {
     }
 
     fn check_mean(&mut self, at_s: f64, force_n: f64) -> Result<(), Trip> {
-        while self.recent.front().is_some_and(|(then_s, _)| at_s - then_s > MEAN_S) || self.recent.len() >= MEAN_MAX {
+        // a cell that converts more slowly than that is judged by its last two readings, or it would never be judged
+        let old = |(then_s, _): &(f64, f64)| at_s - then_s > MEAN_S;
+        while self.recent.len() > 1 && (self.recent.front().is_some_and(old) || self.recent.len() >= MEAN_MAX) {
             self.recent.pop_front();
         }
         self.recent.push_back((at_s, force_n));

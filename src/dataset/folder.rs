@@ -34,6 +34,7 @@ pub struct RunFolder {
     /// What the run is, kept up to date by its writer.
     pub manifest: Manifest,
     contacts: BTreeMap<u64, Contact>,
+    first_zero_n: Option<f64>,
 }
 
 impl RunFolder {
@@ -90,14 +91,13 @@ impl RunFolder {
     /// The operating system's.
     pub fn record(&mut self, record: Record) -> Result<(), DatasetError> {
         self.journal.append(&record)?;
-        if let Record::Contact(contact) = record {
+        if let Record::Contact(contact) = &record {
             let lines: String = contact.rows.iter().map(presses_line).collect();
             let path = self.path.join(PRESSES);
             // a view: it need not reach the disk now, since the journal has
             self.presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))?;
-            self.contacts.insert(contact.press, contact);
-            self.manifest.presses_done = self.contacts.len() as u64;
         }
+        self.take_in(record);
         Ok(())
     }
 
@@ -124,6 +124,11 @@ impl RunFolder {
         &self.path
     }
 
+    /// The load cell's reading in air when the run began, N.
+    pub fn first_zero_n(&self) -> Option<f64> {
+        self.first_zero_n
+    }
+
     /// What has been measured, by its number in the plan.
     pub fn contacts(&self) -> &BTreeMap<u64, Contact> {
         &self.contacts
@@ -137,15 +142,31 @@ impl RunFolder {
             .create(true)
             .open(&presses)
             .map_err(DatasetError::io("opening", presses))?;
-        let contacts: BTreeMap<u64, Contact> = records
-            .into_iter()
-            .filter_map(|record| match record {
-                Record::Contact(contact) => Some((contact.press, contact)),
-                _ => None,
-            })
-            .collect();
-        let manifest = Manifest { presses_done: contacts.len() as u64, ..manifest };
-        Ok(RunFolder { path, journal, presses, layout: layout.clone(), manifest, contacts })
+        let mut folder = RunFolder {
+            path,
+            journal,
+            presses,
+            layout: layout.clone(),
+            manifest,
+            contacts: BTreeMap::new(),
+            first_zero_n: None,
+        };
+        records.into_iter().for_each(|record| folder.take_in(record));
+        Ok(folder)
+    }
+
+    /// What is on disk is what is known: a run that was killed couldn't say how far it had come.
+    fn take_in(&mut self, record: Record) {
+        match record {
+            Record::Contact(contact) => {
+                let last_s = contact.rows.iter().map(|row| row.t_s).fold(0.0, f64::max);
+                self.manifest.virtual_s = self.manifest.virtual_s.max(last_s);
+                self.contacts.insert(contact.press, contact);
+            }
+            Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(offset_n),
+            Record::Trip { .. } => {}
+        }
+        self.manifest.presses_done = self.contacts.len() as u64;
     }
 
     fn write_views(&self) -> Result<(), DatasetError> {

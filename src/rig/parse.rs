@@ -8,7 +8,8 @@ use crate::wire::Link;
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
-const CONVERSIONS: Bounds = Bounds::within(1.0, 100_000.0, "Hz");
+/// A slower cell would be called stale between two of its readings.
+const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
 const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const FORCE_LIMIT: Bounds = Bounds::above(0.0, 100.0, "N");
 const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");

@@ -51,7 +51,8 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         table.finish();
         Some(Branch { share: share?, time_s: time_s? })
     });
-    let relaxation: Option<Vec<Branch>> = relaxation.collect();
+    let relaxation: Vec<Option<Branch>> = relaxation.collect(); // each is read before the first that can't be is missed
+    let relaxation: Option<Vec<Branch>> = relaxation.into_iter().collect();
     let surface_tilt_mm = scene.table("surface").and_then(|mut table| {
         let tilt_mm = table.require_number("tilt_mm", TILT);
         table.finish();

@@ -29,11 +29,12 @@ pub(super) struct Gauge<'a, C> {
     /// Told of every force, for a person to see.
     pub shown: &'a dyn Fn(f64),
     next: Instant,
+    last: Option<Instant>,
 }
 
 impl<'a, C: LoadCell> Gauge<'a, C> {
     pub fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
-        Gauge { cell, watch, cancel, shown, next: Instant::now() }
+        Gauge { cell, watch, cancel, shown, next: Instant::now(), last: None }
     }
 
     /// Waits for the cell's next conversion to be due.
@@ -60,7 +61,13 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     pub fn watched(&mut self, reading: &crate::quantity::ForceReading) -> Result<f64, Trip> {
         let force_n = self.watch.force_n(reading)?;
         (self.shown)(force_n);
+        self.last = Some(Instant::now());
         Ok(force_n)
+    }
+
+    /// How old the last good reading is, s.
+    pub fn age_s(&self) -> f64 {
+        self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
     }
 
     /// The mean of some readings, N from the zero.

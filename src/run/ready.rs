@@ -11,6 +11,10 @@ use tokio::time::{Instant, sleep_until};
 const TIMED: usize = 10;
 /// Readings in air that make the zero.
 const ZERO_READINGS: usize = 100;
+/// Largest noise of one reading, as a share of the force limit: beyond it contact can't be told in time.
+const NOISE_SHARE: f64 = 0.02;
+/// How far the zero may be from the first one of the run, as a share of the force limit.
+const DRIFT_SHARE: f64 = 0.1;
 /// Readings of the outputs in air.
 const AIR_READINGS: usize = 20;
 
@@ -29,6 +33,8 @@ pub(super) struct Means<'a> {
     pub cancel: &'a Cancel,
     pub shown: &'a dyn Fn(f64),
     pub began: Instant,
+    /// The load cell's zero when the run began, N, in a run that goes on.
+    pub first_zero_n: Option<f64>,
 }
 
 /// Identifies each device, homes what isn't homed (z first, away), goes to the clear, times the links and takes the zero.
@@ -37,10 +43,8 @@ pub(super) async fn make_ready<'a>(
     means: &Means<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
     let OpenRig { instruments, stage_use, probe, .. } = rig;
-    let Instruments { mut stage, mut load_cell, mut array } = instruments;
-    // the readers first: nothing moves on a rig whose force can't be read
-    let cell_identity = load_cell.prepare().await?;
-    let array_identity = array.prepare().await?;
+    let Instruments { mut stage, load_cell, array } = instruments;
+    // the stage first: whatever the readers say, it is brought to rest and away from the specimen
     let stage_identity = stage.prepare(&stage_use).await?;
     let clear_mm = -means.frame.uncertainty_mm - CLEARANCE_MM;
     let unwatched =
@@ -52,6 +56,8 @@ pub(super) async fn make_ready<'a>(
     // an axis that was homed before may stand anywhere: out of contact first
     hand.find_itself().await?;
     hand.retreat(clear_mm).await?;
+    let cell_identity = hand.cell.cell.prepare().await?;
+    let array_identity = hand.array.prepare().await?;
     let reaction = time(&mut hand).await?;
     let zero = take_zero(&mut hand, means).await?;
     Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
@@ -87,6 +93,16 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
         readings.push(reading);
     }
     let zero = Zero::of(&readings);
+    let most_n = NOISE_SHARE * means.limits.force_n;
+    if zero.sigma_n > most_n {
+        return Err(Trip::new(Rule::Noisy, zero.sigma_n, most_n, "N").into());
+    }
+    if let Some(first_n) = means.first_zero_n {
+        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * means.limits.force_n);
+        if drift_n.abs() > most_n {
+            return Err(Trip::new(Rule::ZeroDrifted, drift_n, most_n, "N").into());
+        }
+    }
     hand.cell.watch = Watch::new(&means.limits, zero);
     let mut outputs = vec![0.0; hand.array.units()];
     let mut now = outputs.clone();

@@ -5,14 +5,18 @@ use super::{Cancel, Halt};
 use crate::control::{Command, Context, Event, Expected, Permit, Press, SurfaceMap};
 use crate::dataset::{Contact, Flag, Record, Row, RowTruth, RunFolder, Status, Touch};
 use crate::device::{LoadCell, SensorArray, Stage};
-use crate::quantity::{Limits, Place};
+use crate::quantity::{Axis, Limits, Place};
 use crate::recipe::{Entry, Plan};
 use crate::rig::{CLEARANCE_MM, RigSpec};
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::Instant;
 
 /// Clearance above the learned surface in which the indenter travels from place to place, mm.
 const TRAVEL_CLEARANCE_MM: f64 = 0.10;
+
+/// How often parking is tried: a stage whose link stuttered is not left pressing for that.
+const PARK_TRIES: usize = 3;
 
 /// What is to be done: a plan on a rig, recorded in a folder.
 pub struct Errand<'a> {
@@ -56,7 +60,8 @@ pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
     let began = Instant::now();
     // a run that goes on counts from where it was
     let before_s = folder.manifest.virtual_s;
-    let means = Means { frame: spec.frame, limits: spec.limits, cancel, shown, began };
+    let means =
+        Means { frame: spec.frame, limits: spec.limits, cancel, shown, began, first_zero_n: folder.first_zero_n() };
     let mut ending = Ending { halt: None, unparked: None };
     let rig = spec.open(plan.seed).map_err(Halt::from);
     let ready = match rig {
@@ -83,7 +88,10 @@ pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
             }
             note_trip(folder, &ending, walker.pressing, before_s + began.elapsed().as_secs_f64());
         }
-        Err(halt) => ending.halt = Some(halt),
+        Err(halt) => {
+            ending.halt = Some(halt);
+            note_trip(folder, &ending, None, before_s + began.elapsed().as_secs_f64());
+        }
     }
     folder.manifest.virtual_s = before_s + began.elapsed().as_secs_f64();
     ending
@@ -134,9 +142,6 @@ struct Walker<'a, S, C, A> {
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     async fn presses(&mut self, plan: &Plan, folder: &mut RunFolder, watcher: &mut dyn Watcher) -> Result<(), Halt> {
-        for touch in folder.contacts().values().filter_map(|contact| contact.touch) {
-            self.surface.learn(touch.place, touch.z_mm);
-        }
         let mut left =
             plan.entries.iter().filter(|entry| !folder.contacts().contains_key(&entry.press)).collect::<Vec<_>>();
         left.reverse();
@@ -157,6 +162,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 watcher.rests(entry.rest_after_s);
                 self.hand.cell.watch.pause();
                 self.hand.cell.cancel.sleep(Duration::from_secs_f64(entry.rest_after_s)).await;
+                if self.hand.cell.cancel.asked() {
+                    return Err(Halt::Cancelled);
+                }
             }
         }
         Ok(())
@@ -174,7 +182,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let mut levels: Vec<Held> = Vec::with_capacity(entry.task.levels.len());
         let mut event = Event::Begin { z_mm: self.hand.z_mm };
         loop {
-            event = match press.next(event) {
+            event = match press.next(event, self.hand.cell.age_s()) {
                 Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
                 Command::Move(granted) => {
                     self.hand.move_z(granted, Some(&press)).await?;
@@ -250,8 +258,23 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     /// Stops all axes and withdraws to the clear, whatever the load cell says or doesn't.
     async fn stop_and_park(&mut self, spec: &RigSpec) -> Result<(), Halt> {
+        let clear_mm = -spec.frame.uncertainty_mm - CLEARANCE_MM;
+        let mut parked = Ok(());
+        for _ in 0..PARK_TRIES {
+            parked = self.stop_and_retreat(clear_mm).await;
+            if parked.is_ok() {
+                break;
+            }
+        }
+        parked
+    }
+
+    /// An axis that still brakes takes no target: it is at rest before it is sent away. Repeating this is safe: where the
+    /// axis is, is asked each time, and the target is the same place in the clear.
+    async fn stop_and_retreat(&mut self, clear_mm: f64) -> Result<(), Halt> {
         self.hand.stage.stop().await?;
-        self.hand.retreat(-spec.frame.uncertainty_mm - CLEARANCE_MM).await
+        self.hand.stage.follow(&Axis::ALL, Duration::ZERO, &Notify::new()).await?;
+        self.hand.retreat(clear_mm).await
     }
 }
 

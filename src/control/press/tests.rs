@@ -29,7 +29,7 @@ fn walk(levels: Vec<Level>, surface_mm: f64, overrun_mm: f64, force_at: impl Fn(
     let mut event = Event::Begin { z_mm: z };
     for _ in 0..500 {
         let force = |z: f64| force_at(z - surface_mm);
-        event = match press.next(event) {
+        event = match press.next(event, 0.0) {
             Command::Average(_) => Event::Averaged { force_n: force(z) },
             Command::Move(granted) => {
                 let felt = (0..=10_000)
