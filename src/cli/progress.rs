@@ -59,11 +59,8 @@ impl Progress {
     }
 
     fn line(&self, text: &str) {
-        if self.on_terminal {
-            self.bar.suspend(|| eprintln!("{text}"));
-        } else {
-            eprintln!("{text}");
-        }
+        // a closed standard error stops no run
+        self.bar.suspend(|| _ = writeln!(std::io::stderr(), "{text}"));
     }
 }
 

@@ -31,7 +31,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     }
     let tables = ["presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
     let there: Vec<&str> = tables.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
-    let _ = writeln!(text, "tables: {}", there.join(" "));
+    let _ = writeln!(text, "its tables:\n{}", there.join(" ")); // all of them are 80 columns wide
     text
 }
 

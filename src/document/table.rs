@@ -75,8 +75,9 @@ impl<'d> Table<'d> {
         self.collector.add(problem);
     }
 
-    /// Whether the key is there.
-    pub fn has(&self, key: &str) -> bool {
+    /// Whether the key is there. It counts as asked for: a misspelt one is told its nearest spelling.
+    pub fn has(&mut self, key: &'static str) -> bool {
+        self.asked.push(key);
         self.table.keys().any(|k| k.get_ref() == key)
     }
 
@@ -193,11 +194,22 @@ impl<'d> Table<'d> {
         Some(tuples)
     }
 
-    /// A list of strings, or none where it isn't one.
-    pub fn texts(&mut self, key: &'static str) -> Option<Vec<&'d str>> {
+    /// A list of some words, or none where one of them isn't known.
+    pub fn choices(&mut self, key: &'static str, words: &[&str]) -> Option<Vec<&'d str>> {
         let value = self.get(key)?;
-        let texts = value.get_ref().as_array().and_then(|items| items.iter().map(|i| i.get_ref().as_str()).collect());
-        if texts.is_none() { self.wrong_kind(key, value, "a list of strings") } else { texts }
+        let Some(items) = value.get_ref().as_array() else { return self.wrong_kind(key, value, "a list of strings") };
+        let mut chosen = Vec::new();
+        for item in items.iter() {
+            match item.get_ref().as_str() {
+                Some(word) if words.contains(&word) => chosen.push(word),
+                Some(word) => {
+                    let told = format!("`{key}` has \"{word}\", expected some of {}", words.join(", "));
+                    self.complain(with_nearest(Problem::new(item.span(), told), word, words));
+                }
+                None => _ = self.wrong_kind::<()>(key, item, "a string"),
+            }
+        }
+        Some(chosen)
     }
 
     /// A table inside this one. [`finish`](Self::finish) it when all is asked.
@@ -259,7 +271,7 @@ impl<'d> Table<'d> {
         self.table.iter().find(|(k, _)| k.get_ref() == key).map(|(_, value)| value)
     }
 
-    fn require(&self, key: &str, expected: impl FnOnce() -> String) {
+    fn require(&mut self, key: &'static str, expected: impl FnOnce() -> String) {
         if !self.has(key) {
             let place = if self.path.is_empty() { String::new() } else { format!(" in `{}`", self.path) };
             self.complain(Problem::new(self.span(), format!("`{key}` is missing{place}: {}", expected())));

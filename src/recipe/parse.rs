@@ -1,6 +1,7 @@
 use super::{Load, Manner, Phase, Places, Recipe, Step, UnitChoice};
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::Place;
+use crate::solver::SOLVERS;
 
 const DAY_S: f64 = 86_400.0;
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
@@ -35,7 +36,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         }
         let mut solvers = Vec::new();
         if let Some(mut evaluate) = root.table("evaluate") {
-            let names = evaluate.texts("solvers").unwrap_or_else(|| vec!["pearson"]);
+            let names = evaluate.choices("solvers", &SOLVERS).unwrap_or_else(|| vec![SOLVERS[0]]);
             solvers = names.into_iter().map(str::to_owned).collect();
             evaluate.finish();
         }
@@ -46,7 +47,18 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
                     .help("add a [[step]] with a phase, a place (grid, list, random or units) and a force"),
             );
         }
-        let steps: Option<Vec<Step>> = tables.into_iter().map(|table| read_step(table, manner)).collect();
+        // each is read before the first that can't be is missed
+        let steps: Vec<Option<Step>> = tables.into_iter().map(|table| read_step(table, manner)).collect();
+        let steps: Option<Vec<Step>> = steps.into_iter().collect();
+        if let Some(steps) = steps.as_ref().filter(|_| !solvers.is_empty()) {
+            for phase in [Phase::Calibration, Phase::Test] {
+                if !steps.iter().any(|step| step.phase == phase) {
+                    let told = format!("there is nothing to evaluate: no step has the phase \"{}\"", phase.name());
+                    let help = "add such a step, or leave [evaluate] out and evaluate two runs' tables together";
+                    root.complain(Problem::new(root.span_of("evaluate"), told).help(help));
+                }
+            }
+        }
         Some(Recipe { name: name?.to_owned(), steps: steps?, solvers, file: file.to_owned(), text: text.to_owned() })
     })
 }

@@ -1,0 +1,190 @@
+//! The same again: one seed gives the same tables byte for byte, and a run that was interrupted comes to the rows its
+//! plan has, those that were acknowledged unchanged.
+
+mod support;
+
+use support::{Bench, SMALL};
+
+#[test]
+fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    // neither what is printed nor the pace may come into what is measured
+    for (run, more) in [("one", ""), ("two", "--json"), ("paced", "--pace 200"), ("other", "--seed 2")] {
+        bench.palpate_ends(0, &format!("run r.toml --out {run} {more}"));
+    }
+    let (one, two, paced) = (tables(&bench, "one"), tables(&bench, "two"), tables(&bench, "paced"));
+    let names: Vec<&str> = one.iter().map(|(name, _)| name.as_str()).collect();
+    let expected = [
+        "calibration_matrix.csv",
+        "characteristics.csv",
+        "journal.log",
+        "presses.csv",
+        "recipe.toml",
+        "rig.toml",
+        "scene.csv",
+        "test_matrix.csv",
+    ];
+    assert_eq!(names, expected);
+    assert!(one == two, "two runs of one seed differ: {:?}", differing(&one, &two));
+    assert!(one == paced, "the pace changes {:?}", differing(&one, &paced));
+    let other = tables(&bench, "other");
+    let differing = differing(&one, &other);
+    assert_eq!(differing, expected.into_iter().filter(|name| !name.ends_with(".toml")).collect::<Vec<_>>());
+}
+
+#[test]
+fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let (header, rows) = bench.table("run/presses.csv");
+    let first = header.iter().position(|name| name == "out_1").expect("out_1");
+    for (phase, name, points) in [("calibration", "calibration_matrix.csv", 4), ("test", "test_matrix.csv", 2)] {
+        let matrix = bench.read(&format!("run/{name}"));
+        let matrix: Vec<Vec<&str>> = matrix.lines().map(|line| line.split(',').collect()).collect();
+        let presses: Vec<&Vec<String>> = rows.iter().filter(|row| row[2] == phase).collect();
+        assert_eq!((matrix.len(), presses.len()), (9, points), "{name}");
+        for (unit, row) in matrix.iter().enumerate() {
+            let outputs: Vec<&String> = presses.iter().map(|press| &press[first + unit]).collect();
+            assert_eq!(*row, outputs, "{name}, unit {}", unit + 1);
+        }
+    }
+}
+
+/// Everything in a run's folder but the manifest, which tells when it was made.
+fn tables(bench: &Bench, run: &str) -> Vec<(String, Vec<u8>)> {
+    bench.bytes(run).into_iter().filter(|(name, _)| name != "manifest.json").collect()
+}
+
+/// Names of the files that differ.
+fn differing<'a>(one: &'a [(String, Vec<u8>)], other: &[(String, Vec<u8>)]) -> Vec<&'a str> {
+    one.iter().filter(|file| !other.contains(file)).map(|(name, _)| name.as_str()).collect()
+}
+
+#[cfg(unix)]
+mod interrupted {
+    use super::support::{Bench, Live, Told};
+    use serde_json::Value;
+
+    /// 2 staircases of 5 levels, 9 points of a grid.
+    const RECIPE: &str = r#"
+name = "long"
+
+[[step]]
+phase = "characterisation"
+units = [1, 5]
+staircase = { to_n = 2.0, step_n = 1.0 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 2.0 }
+force_n = 1.0
+"#;
+    const PRESSES: u64 = 11;
+
+    /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
+    const RUN: &str = "run r.toml --json --out run --pace 15";
+
+    #[test]
+    fn a_run_that_is_stopped_parks_keeps_its_rows_and_is_finished_by_resume() {
+        // before the first press; in the second staircase; among the points of the grid
+        for rows in [0, 5, 13] {
+            let bench = Bench::with([("r.toml", RECIPE)]);
+            let (seen, told) = interrupted(&bench, RUN, rows, "INT");
+            assert_eq!(told.code, Some(130), "{}", told.err);
+            assert!(told.err.contains("stopped: ") && !told.err.contains("could not be parked"), "{}", told.err);
+            let manifest = bench.manifest("run");
+            assert_eq!(manifest["status"], "stopped");
+            assert_eq!(manifest["presses_done"], presses(&seen), "after {rows} rows");
+            assert!(presses(&seen) < PRESSES, "it was stopped in the middle");
+            assert_eq!(numbered(&table(&bench)), numbered(&seen), "presses.csv has what was acknowledged");
+            assert_finished_by_resume(&bench, &seen);
+        }
+    }
+
+    #[test]
+    fn a_run_that_is_killed_has_every_acknowledged_row_and_is_finished_by_resume() {
+        for rows in [0, 1, 5, 7, 12] {
+            let bench = Bench::with([("r.toml", RECIPE)]);
+            let (seen, told) = interrupted(&bench, RUN, rows, "KILL");
+            assert_eq!(told.code, None);
+            assert_eq!(bench.manifest("run")["status"], "stopped", "what it is if nobody says otherwise");
+            assert_finished_by_resume(&bench, &seen);
+        }
+    }
+
+    #[test]
+    fn a_run_may_be_interrupted_again_and_again() {
+        let bench = Bench::with([("r.toml", RECIPE)]);
+        let (mut seen, _) = interrupted(&bench, RUN, 5, "KILL");
+        for signal in ["INT", "KILL", "TERM"] {
+            let (more, _) = interrupted(&bench, "resume run --json --pace 15", 1, signal);
+            seen.extend(more);
+        }
+        assert_finished_by_resume(&bench, &seen);
+    }
+
+    /// Starts the program, sends it a signal when so many rows were acknowledged (0: when the first press begins), and
+    /// gives all that were.
+    fn interrupted(bench: &Bench, words: &str, rows: usize, signal: &str) -> (Vec<Value>, Told) {
+        let live = Live::start(bench.command(words));
+        live.until_told(": from press ");
+        let mut seen: Vec<Value> = (0..rows).map(|_| json(&live.line().expect("another row"))).collect();
+        live.signal(signal);
+        let told = live.end();
+        seen.extend(told.out.lines().map(json));
+        (seen, told)
+    }
+
+    /// Resumes to the end: each row of the plan once, in its order, those that were acknowledged as they were.
+    fn assert_finished_by_resume(bench: &Bench, acknowledged: &[Value]) {
+        let told = bench.palpate_ends(0, "resume run --json");
+        let resumed: Vec<Value> = told.out.lines().map(json).collect();
+        let manifest = bench.manifest("run");
+        assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &PRESSES.into()));
+
+        let staircases = (0..2).flat_map(|press| (0..5).map(move |level| (press, level)));
+        let plan: Vec<(u64, u64)> = staircases.chain((2..PRESSES).map(|press| (press, 0))).collect();
+        let table = table(bench);
+        assert_eq!(numbered(&table), plan);
+        for row in acknowledged.iter().chain(&resumed) {
+            assert!(table.contains(row), "this row was acknowledged and isn't in the table as it was: {row}");
+        }
+        let again = numbered(acknowledged).into_iter().filter(|row| numbered(&resumed).contains(row));
+        assert_eq!(again.collect::<Vec<_>>(), [], "acknowledged rows that were made again");
+        let times: Vec<f64> = table.iter().filter_map(|row| row["t_s"].as_f64()).collect();
+        assert!(times.is_sorted(), "t_s is since the run's start, whatever came between: {times:?}");
+        assert_eq!(bench.table("run/scene.csv").1.len(), plan.len());
+    }
+
+    /// The rows of `presses.csv` as the objects that acknowledge them.
+    fn table(bench: &Bench) -> Vec<Value> {
+        let (header, rows) = bench.table("run/presses.csv");
+        let is_word = |column: &str| matches!(column, "phase" | "flags");
+        let cell = |(column, cell): (&String, String)| {
+            let whole = matches!(column.as_str(), "press" | "level").then(|| cell.parse::<u64>().map(Value::from));
+            let value = match whole {
+                Some(whole) => whole.expect("a whole number"),
+                None if is_word(column) => cell.into(),
+                None => cell.parse::<f64>().expect("a number").into(),
+            };
+            (column.clone(), value)
+        };
+        rows.into_iter().map(|row| header.iter().zip(row).map(cell).collect()).collect()
+    }
+
+    fn json(line: &str) -> Value {
+        serde_json::from_str(line).unwrap_or_else(|error| panic!("{line}: {error}"))
+    }
+
+    fn numbered(rows: &[Value]) -> Vec<(u64, u64)> {
+        let number = |row: &Value, key: &str| row[key].as_u64().expect("a whole number");
+        rows.iter().map(|row| (number(row, "press"), number(row, "level"))).collect()
+    }
+
+    /// How many presses some rows belong to.
+    fn presses(rows: &[Value]) -> u64 {
+        let mut presses: Vec<u64> = numbered(rows).into_iter().map(|(press, _)| press).collect();
+        presses.dedup();
+        presses.len() as u64
+    }
+}

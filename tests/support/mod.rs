@@ -1,0 +1,233 @@
+//! What the integration tests share: the program in a folder of its own, and what it said.
+#![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
+
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// A small recipe with every kind of step: 1 staircase of 5 levels, 4 points of a grid, 2 random ones.
+pub const SMALL: &str = r#"
+name = "small"
+
+[press]
+force_tolerance_n = 0.05
+
+[[step]]
+phase = "characterisation"
+units = [5]
+staircase = { to_n = 2.0, step_n = 1.0, repeats = 1 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 4.0 }
+force_n = 1.0
+
+[[step]]
+phase = "test"
+random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }
+"#;
+
+/// Rows of `presses.csv` that [`SMALL`] comes to, and entries of its plan.
+pub const SMALL_ROWS: usize = 11;
+pub const SMALL_PRESSES: u64 = 7;
+
+/// A folder in which the program is run, gone with this.
+pub struct Bench {
+    folder: TempDir,
+}
+
+/// How the program ended and what it said.
+#[derive(Debug)]
+pub struct Told {
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Bench {
+    pub fn new() -> Bench {
+        Bench { folder: tempfile::tempdir().expect("a temporary folder") }
+    }
+
+    /// A bench with files on it: name and text.
+    pub fn with<'a>(files: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
+        let bench = Bench::new();
+        for (name, text) in files {
+            bench.write(name, text);
+        }
+        bench
+    }
+
+    pub fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).expect("a file can be written");
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.path(name).symlink_metadata().is_ok()
+    }
+
+    /// The program with some words, separated by blanks, to be run on this bench.
+    pub fn command(&self, words: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        command.args(words.split_whitespace()).current_dir(self.folder.path()).stdin(Stdio::null());
+        // messages are pinned as they look without colour on a terminal that knows Unicode
+        command.env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8").env_remove("FORCE_COLOR").env_remove("CLICOLOR_FORCE");
+        command
+    }
+
+    /// Runs the program to its end.
+    pub fn palpate(&self, words: &str) -> Told {
+        self.command(words).output().expect("the program starts").into()
+    }
+
+    /// The same, and it must end as said.
+    pub fn palpate_ends(&self, code: i32, words: &str) -> Told {
+        let told = self.palpate(words);
+        assert_eq!(told.code, Some(code), "palpate {words}\n{}\n{}", told.out, told.err);
+        told
+    }
+
+    pub fn manifest(&self, run: &str) -> Value {
+        serde_json::from_str(&self.read(&format!("{run}/manifest.json"))).expect("a manifest is JSON")
+    }
+
+    /// A table's header and rows.
+    pub fn table(&self, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
+        let text = self.read(name);
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<String>>();
+        let header = cells(reader.headers().expect("a header"));
+        (header, reader.records().map(|record| cells(&record.expect("a row"))).collect())
+    }
+
+    /// One column of a table.
+    pub fn column(&self, name: &str, column: &str) -> Vec<String> {
+        let (header, rows) = self.table(name);
+        let index = header.iter().position(|name| name == column).unwrap_or_else(|| panic!("no {column} in {name}"));
+        rows.into_iter().map(|mut row| row.swap_remove(index)).collect()
+    }
+
+    /// Each file of a folder with its bytes, by name.
+    pub fn bytes(&self, folder: &str) -> Vec<(String, Vec<u8>)> {
+        let entries = fs::read_dir(self.path(folder)).expect("a folder").map(|entry| entry.expect("an entry").path());
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut files: Vec<_> = entries.map(|path| (name(&path), fs::read(&path).expect("a file"))).collect();
+        files.sort();
+        files
+    }
+}
+
+impl From<Output> for Told {
+    fn from(output: Output) -> Told {
+        let text = |bytes| String::from_utf8(bytes).expect("the program speaks UTF-8");
+        Told { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+    }
+}
+
+impl Told {
+    /// What it said on standard error as running text: no frame, no line breaks.
+    pub fn running(&self) -> String {
+        self.err.replace(['│', '·'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+
+    /// Each line of standard output as JSON.
+    pub fn json_lines(&self) -> Vec<Value> {
+        let line = |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{line}: {error}"));
+        self.out.lines().map(line).collect()
+    }
+}
+
+/// A file that is shipped, by its path in the project.
+pub fn shipped(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// Its text.
+pub fn shipped_text(path: &str) -> String {
+    fs::read_to_string(shipped(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// The text with one stretch of it exchanged, which must be there.
+pub fn exchanged(text: &str, from: &str, to: &str) -> String {
+    assert!(text.contains(from), "{from:?} isn't in\n{text}");
+    text.replacen(from, to, 1)
+}
+
+/// Longest wait for the next line of a program that is running: many times what any takes, and an end for one that hangs.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A program under way, killed if the test ends before it does.
+pub struct Live {
+    child: Child,
+    out: Receiver<String>,
+    err: Receiver<String>,
+}
+
+impl Live {
+    pub fn start(mut command: Command) -> Live {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+        let (out, err) = (lines(child.stdout.take()), lines(child.stderr.take()));
+        Live { child, out, err }
+    }
+
+    /// The next line on standard output; none at its end.
+    pub fn line(&self) -> Option<String> {
+        next(&self.out)
+    }
+
+    /// Waits for a line on standard error that has some words in it.
+    pub fn until_told(&self, words: &str) {
+        while !next(&self.err).unwrap_or_else(|| panic!("it ended before it said {words:?}")).contains(words) {}
+    }
+
+    /// Sends a signal: `INT`, `TERM`, `KILL`.
+    #[cfg(unix)]
+    pub fn signal(&self, name: &str) {
+        let sent = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
+        assert!(sent.expect("kill starts").success(), "kill -{name}");
+    }
+
+    /// Its end, and what it said since it was last listened to.
+    pub fn end(mut self) -> Told {
+        let rest = |lines: &Receiver<String>| std::iter::from_fn(|| next(lines)).map(|line| line + "\n").collect();
+        let (out, err) = (rest(&self.out), rest(&self.err));
+        Told { code: self.child.wait().expect("it can be waited for").code(), out, err }
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        // its only error is that it has ended
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn lines(stream: Option<impl Read + Send + 'static>) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    let stream = BufReader::new(stream.expect("piped"));
+    thread::spawn(move || stream.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+    receiver
+}
+
+fn next(lines: &Receiver<String>) -> Option<String> {
+    match lines.recv_timeout(PATIENCE) {
+        Ok(line) => Some(line),
+        Err(RecvTimeoutError::Disconnected) => None,
+        Err(RecvTimeoutError::Timeout) => panic!("no line within {} s", PATIENCE.as_secs()),
+    }
+}
