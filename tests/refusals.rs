@@ -26,7 +26,7 @@ const TWINS: [(&str, &str, &[&str]); 16] = [
     (
         "force_n = 1.0\n",
         "force_n = 1.0\nhold_s = 86401\n",
-        &["`hold_s` is 86401, outside 0 to 86400 s", "r.toml:16:10"],
+        &["`hold_s` is 86401, must be 0 to 86400 s", "r.toml:16:10"],
     ),
     ("force_n = 1.0\n", "force_n = 0.05\n", &["tolerance of 0.05 N isn't under the force of 0.05 N", "r.toml:15:11"]),
     ("spacing_mm = 4.0", "spacing_mm = 5.0", &["`spacing_mm` is 5, more than the 4 mm of `x_mm`", "r.toml:14:63"]),
@@ -42,7 +42,7 @@ const TWINS: [(&str, &str, &[&str]); 16] = [
         &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write the number alone"],
     ),
     (GRID, "grid = {}", &["`x_mm` is missing in `step.grid`", "`spacing_mm` is missing", "r.toml:14:8"]),
-    (RANDOM, "random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.5, 1] }", &["`count` is outside 1 to"]),
+    (RANDOM, "random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.5, 1] }", &["`count` must be 1 to"]),
     (GRID, "list = { places_mm = [] }", &["`places_mm` is empty: nothing to press", "r.toml:14:22"]),
     ("force_n = 1.0\n", "force_n = nan\n", &["`force_n` is not a finite number", "r.toml:15:11"]),
     ("[press]\n", "[press\n", &["not TOML", "r.toml:4:7"]),

@@ -1,4 +1,5 @@
 use crate::dataset::DatasetError;
+use crate::document::Problems;
 use crate::run::Halt;
 use crate::solver::Evaluation;
 use miette::Report;
@@ -38,7 +39,11 @@ impl Failure {
     /// The record couldn't be made or read.
     pub fn dataset(error: DatasetError) -> Failure {
         let code = match error {
-            DatasetError::Exists { .. } | DatasetError::Manifest { .. } | DatasetError::Journal(_) => USAGE,
+            DatasetError::Exists { .. }
+            | DatasetError::NoFolder { .. }
+            | DatasetError::NoRun { .. }
+            | DatasetError::Manifest { .. }
+            | DatasetError::Journal(_) => USAGE,
             DatasetError::Io { .. } => RECORD,
         };
         Failure { code, report: error.into() }
@@ -59,7 +64,15 @@ impl Failure {
 
     /// Tells the person, and gives the exit code.
     pub fn report(self) -> ExitCode {
-        eprintln!("{:?}", self.report);
+        match self.report.downcast::<Problems>() {
+            Ok(problems) => {
+                // the count last, where the eye is when the printing ends
+                let count = problems.to_string();
+                problems.into_reports().for_each(|report| eprintln!("{report:?}"));
+                eprintln!("{count}; nothing was moved");
+            }
+            Err(report) => eprintln!("{report:?}"),
+        }
         ExitCode::from(self.code)
     }
 }

@@ -18,7 +18,9 @@ mod summary;
 mod tables;
 
 use clap::{Parser, Subcommand};
+use miette::MietteHandlerOpts;
 use std::process::ExitCode;
+use textwrap::WordSeparator;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -49,6 +51,10 @@ enum Command {
 /// Parses the command line, does what it says, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
     let command = CommandLine::parse().command; // usage errors exit with 2 by themselves
+    // a link or a path is one word: it isn't broken at its slashes
+    let handler = || MietteHandlerOpts::new().word_separator(WordSeparator::AsciiSpace).break_words(false).build();
+    // fails only if one is set already, which is as good
+    let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
     let outcome = match &command {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),

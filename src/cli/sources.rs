@@ -65,7 +65,10 @@ pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
 /// A file that a person wrote, as text.
 fn read(path: &Path) -> Result<String, Failure> {
     bounded(path).map_err(|error| {
-        let help = "name a file that is there; shipped ones are in recipes/ and rigs/";
+        let help = match error.kind() {
+            io::ErrorKind::InvalidData => "name a TOML text: this file holds something else",
+            _ => "name a file that is there; shipped ones are in recipes/ and rigs/",
+        };
         Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
     })
 }

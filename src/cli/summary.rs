@@ -1,9 +1,9 @@
 use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
-use crate::dataset::RunFolder;
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::evaluate_run;
 use crate::dataset::table::Table;
+use crate::dataset::{RunFolder, Status};
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
 use miette::{IntoDiagnostic, WrapErr};
@@ -28,6 +28,9 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
         let _ = writeln!(text, "time: {passed} of virtual time in {wall_s:.2} s");
     } else {
         let _ = writeln!(text, "time: {}", duration(manifest.wall_s));
+    }
+    if manifest.status != Status::Complete {
+        let _ = writeln!(text, "to go on: palpate resume {}", folder.path().display());
     }
     let tables = ["presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
     let there: Vec<&str> = tables.into_iter().filter(|name| folder.path().join(name).is_file()).collect();

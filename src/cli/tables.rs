@@ -53,6 +53,9 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     for (index, unit) in measured.iter().enumerate() {
         let ours = [unit.repeatability_loading_percent, unit.repeatability_unloading_percent, unit.hysteresis_percent];
+        if ours.iter().all(Option::is_none) {
+            continue; // it wasn't measured
+        }
         let paper = PAPER_TABLE_1_PERCENT.get(index).filter(|_| is_papers);
         let cell = |column: usize| format!("{}{:>9}", number(paper.map(|row| row[column])), number(ours[column]));
         text += &line(&unit.unit.to_string(), [0, 1, 2].map(cell));
@@ -83,8 +86,9 @@ simulated taxels draw one error a contact, for both branches: there, the
 unloading repeatability is not modelled apart\n";
 
 fn footnotes(evaluations: &[Evaluation]) -> String {
-    let mut text =
-        format!("accepted: mean errors under {LOCATION_REFERENCE_MM} mm and, where known, {FORCE_REFERENCE_N} N\n");
+    let mut text = format!(
+        "(mean errors under {LOCATION_REFERENCE_MM} mm and, where the force is known, {FORCE_REFERENCE_N} N)\n"
+    );
     // What is flagged is the run's doing and the same for every solver; what has no answer is each one's own.
     if let Some(left_out) = evaluations.first().map(|evaluation| &evaluation.left_out) {
         let (calibration, test) = (left_out.calibration_flagged, left_out.test_flagged);

@@ -23,8 +23,8 @@ hysteresis: the largest, over the levels between zero and top force, of
 
 /// How outputs are brought to the set force, in lines of at most 78 characters.
 pub const CORRECTION_DEFINITION: &str = "\
-both: each output first brought to the set force by the load cell and the
-unit's slope (least squares over its loading outputs)";
+for both, each output is first brought to the set force by the load cell and
+the unit's slope (least squares over its loading outputs)";
 
 /// One held level of one staircase, for the unit it was pressed on.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -15,10 +15,8 @@ pub enum EvaluateError {
     #[diagnostic(transparent)]
     Table(#[from] TableError),
     /// A table has no press of the kind asked for.
-    #[error("{file}: no {phase} press that isn't flagged")]
-    #[diagnostic(help(
-        "{flagged} are flagged (column `flags`: neither empty nor 0); an evaluation needs calibration and test"
-    ))]
+    #[error("{file}: there is no {phase} press to evaluate with ({flagged} are flagged and left out)")]
+    #[diagnostic(help("an evaluation needs presses of both phases, calibration and test"))]
     NoPresses {
         /// The table.
         file: String,

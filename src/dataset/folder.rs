@@ -3,7 +3,7 @@ use super::{Contact, DatasetError, Journal, Manifest, Record, Status};
 use crate::quantity::ArrayLayout;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// How many names are tried for a new folder: `name`, `name-2`, ...
@@ -52,6 +52,9 @@ impl RunFolder {
             Some(out) => out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")),
             None => Path::new("runs"),
         };
+        if parent.is_file() {
+            return Err(DatasetError::NoFolder { path: parent.to_owned() });
+        }
         if let Some(out) = out.filter(|out| out.symlink_metadata().is_ok()) {
             return Err(DatasetError::Exists { path: out.to_owned() });
         }
@@ -81,7 +84,10 @@ impl RunFolder {
     /// None there, or not one.
     pub fn read_manifest(path: &Path) -> Result<Manifest, DatasetError> {
         let file = path.join(MANIFEST);
-        let text = fs::read_to_string(&file).map_err(DatasetError::io("reading", &file))?;
+        let text = fs::read_to_string(&file).map_err(|error| match error.kind() {
+            ErrorKind::NotFound | ErrorKind::NotADirectory => DatasetError::NoRun { path: path.to_owned() },
+            _ => DatasetError::io("reading", &file)(error),
+        })?;
         serde_json::from_str(&text).map_err(|error| DatasetError::Manifest { path: file, problem: error.to_string() })
     }
 

@@ -41,6 +41,20 @@ pub enum DatasetError {
     #[error(transparent)]
     #[diagnostic(help("restore the journal from a copy; nothing was changed"))]
     Journal(#[from] JournalError),
+    /// There is no manifest where a run was expected.
+    #[error("{} is no run: it has no manifest.json", path.display())]
+    #[diagnostic(help("name the folder of a run, such as runs/paper"))]
+    NoRun {
+        /// The folder that was named.
+        path: PathBuf,
+    },
+    /// The folder to be made can't be, since what is to hold it is a file.
+    #[error("{} can't hold a run: it is not a folder", path.display())]
+    #[diagnostic(help("choose another --out"))]
+    NoFolder {
+        /// What is to hold it.
+        path: PathBuf,
+    },
     /// The folder to be made is there already.
     #[error("{} is there already", path.display())]
     #[diagnostic(help("choose another --out; a folder that exists is never touched"))]

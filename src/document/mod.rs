@@ -7,6 +7,7 @@ mod problem;
 mod table;
 
 pub use problem::{Problem, Problems};
+pub(crate) use table::all;
 pub use table::{Bounds, Span, Table};
 
 use problem::Collector;
@@ -67,7 +68,7 @@ mod tests {
         assert_eq!(
             told,
             [
-                "test.toml:1:10: `hold_s` is -1, outside 0 to 10 s",
+                "test.toml:1:10: `hold_s` is -1, must be 0 to 10 s",
                 "test.toml:2:1: unknown key `sample`",
                 "test.toml:3:11: `force_n` is a string, expected a number in N",
             ]

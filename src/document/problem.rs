@@ -1,4 +1,4 @@
-use miette::{Diagnostic, LabeledSpan, NamedSource, Severity, SourceCode};
+use miette::{Diagnostic, LabeledSpan, NamedSource, Report, Severity, SourceCode};
 use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ impl Problem {
     }
 }
 
-/// All that is wrong with one text; as a [`Diagnostic`] each problem is shown at its line.
+/// All that is wrong with one text.
 #[derive(Debug)]
 pub struct Problems {
     name: String,
@@ -42,6 +42,11 @@ impl Problems {
         let text: Arc<str> = text.into();
         let locate = |problem| Located { source: NamedSource::new(name, text.clone()), text: text.clone(), problem };
         Problems { name: name.to_owned(), located: problems.into_iter().map(locate).collect() }
+    }
+
+    /// Each problem as a report that shows it at its line.
+    pub fn into_reports(self) -> impl Iterator<Item = Report> {
+        self.located.into_iter().map(Report::new)
     }
 
     /// One line a problem, `file:line:column: message`.
@@ -65,15 +70,7 @@ impl std::fmt::Display for Problems {
 
 impl std::error::Error for Problems {}
 
-impl Diagnostic for Problems {
-    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
-        Some(Box::new(self.located.iter().map(|located| located as &dyn Diagnostic)))
-    }
-
-    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        Some(Box::new("nothing was moved; correct the file and try again"))
-    }
-}
+impl Diagnostic for Problems {}
 
 /// A problem together with its text.
 #[derive(Debug)]

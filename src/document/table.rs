@@ -38,7 +38,11 @@ impl Bounds {
     }
 
     fn interval(&self) -> String {
-        format!("{}{} to {}", if self.above_min { "over " } else { "" }, self.min, self.max)
+        if self.above_min {
+            format!("over {}, at most {}", self.min, self.max)
+        } else {
+            format!("{} to {}", self.min, self.max)
+        }
     }
 }
 
@@ -109,7 +113,7 @@ impl<'d> Table<'d> {
         let whole = value.get_ref().as_integer().map(|i| i64::from_str_radix(i.as_str(), i.radix()));
         match whole {
             Some(Ok(n)) if n >= 0 && (min..=max).contains(&(n as u64)) => Some(n as u64),
-            Some(_) => self.fail(value, format!("`{key}` is outside {min} to {max}")),
+            Some(_) => self.fail(value, format!("`{key}` must be {min} to {max}")),
             None => self.wrong_kind(key, value, "a whole number"),
         }
     }
@@ -182,16 +186,13 @@ impl<'d> Table<'d> {
     pub fn tuples(&mut self, key: &'static str, count: usize, bounds: &[Bounds]) -> Option<Vec<(Vec<f64>, Span)>> {
         let value = self.get(key)?;
         let Some(items) = value.get_ref().as_array() else { return self.wrong_kind(key, value, "a list of lists") };
-        let mut tuples = Vec::new();
-        for item in items.iter() {
-            let numbers = match item.get_ref().as_array() {
-                Some(numbers) if numbers.iter().count() == count => numbers,
-                _ => return self.fail(item, format!("expected {count} numbers in each entry of `{key}`")),
-            };
-            let read: Option<Vec<f64>> = numbers.iter().zip(bounds).map(|(n, b)| self.number_of(key, n, *b)).collect();
-            tuples.push((read?, item.span()));
-        }
-        Some(tuples)
+        all(items.iter().map(|item| match item.get_ref().as_array() {
+            Some(numbers) if numbers.iter().count() == count => {
+                let read = numbers.iter().zip(bounds).map(|(n, b)| self.number_of(key, n, *b));
+                Some((all(read)?, item.span()))
+            }
+            _ => self.fail(item, format!("expected {count} numbers in each entry of `{key}`")),
+        }))
     }
 
     /// A list of some words, or none where one of them isn't known.
@@ -280,7 +281,7 @@ impl<'d> Table<'d> {
 
     fn numbers_of(&self, key: &str, value: &Spanned<DeValue<'d>>, bounds: Bounds) -> Option<Vec<f64>> {
         match value.get_ref().as_array() {
-            Some(items) => items.iter().map(|item| self.number_of(key, item, bounds)).collect(),
+            Some(items) => all(items.iter().map(|item| self.number_of(key, item, bounds))),
             None => self.wrong_kind(key, value, &format!("a list of numbers{}", bounds.unit())),
         }
     }
@@ -294,7 +295,7 @@ impl<'d> Table<'d> {
         match number {
             Some(n) if !n.is_finite() => self.fail(value, format!("`{key}` is not a finite number")),
             Some(n) if bounds.admit(n) => Some(n),
-            Some(n) => self.fail(value, format!("`{key}` is {n}, outside {} {}", bounds.interval(), bounds.unit)),
+            Some(n) => self.fail(value, format!("`{key}` is {n}, must be {} {}", bounds.interval(), bounds.unit)),
             None => self.fail(value, format!("`{key}` is not a number this program can hold")),
         }
     }
@@ -316,6 +317,12 @@ impl<'d> Table<'d> {
         self.complain(Problem::new(value.span(), message));
         None
     }
+}
+
+/// All of some answers, or none; every one is asked for, so that every problem is told.
+pub(crate) fn all<T>(answers: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
+    let answers: Vec<Option<T>> = answers.collect();
+    answers.into_iter().collect()
 }
 
 /// Adds the nearest known name as help, or the list of names where none is near.

@@ -47,9 +47,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
                     .help("add a [[step]] with a phase, a place (grid, list, random or units) and a force"),
             );
         }
-        // each is read before the first that can't be is missed
-        let steps: Vec<Option<Step>> = tables.into_iter().map(|table| read_step(table, manner)).collect();
-        let steps: Option<Vec<Step>> = steps.into_iter().collect();
+        let steps = document::all(tables.into_iter().map(|table| read_step(table, manner)));
         if let Some(steps) = steps.as_ref().filter(|_| !solvers.is_empty()) {
             for phase in [Phase::Calibration, Phase::Test] {
                 if !steps.iter().any(|step| step.phase == phase) {
@@ -259,11 +257,11 @@ mod tests {
                 "spacing_mm = 0.7",
                 "r.toml:4:63: `spacing_mm` 0.7 doesn't divide the 12 mm of `x_mm`",
             ),
-            ("spacing_mm = 0.5", "spacing_mm = 0", "r.toml:4:63: `spacing_mm` is 0, outside over 0 to 1000 mm"),
+            ("spacing_mm = 0.5", "spacing_mm = 0", "r.toml:4:63: `spacing_mm` is 0, must be over 0, at most 1000 mm"),
             (
                 "spacing_mm = 0.5",
                 "spacing = 0.5",
-                "r.toml:4:8: `spacing_mm` is missing in `step.grid`: a number in mm, over 0 to 1000",
+                "r.toml:4:8: `spacing_mm` is missing in `step.grid`: a number in mm, over 0, at most 1000",
             ),
             ("[-6.0, 6.0], y", "[6.0, -6.0], y", "r.toml:4:17: `x_mm` runs backward, from 6 to -6"),
             ("force_n = 1.0", "force_n = nan", "r.toml:5:11: `force_n` is not a finite number"),
@@ -286,7 +284,7 @@ mod tests {
             ["r.toml:4:22: `places_mm` is empty: nothing to press"]
         );
         let none = step("random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.1, 1] }");
-        assert_eq!(none, ["r.toml:4:20: `count` is outside 1 to 100000"]);
+        assert_eq!(none, ["r.toml:4:20: `count` must be 1 to 100000"]);
         assert_eq!(problems("name = \"r\"\n"), ["r.toml:1:1: there is no [[step]]: nothing to press"]);
     }
 
@@ -296,7 +294,7 @@ mod tests {
         assert_eq!(
             problems(text),
             [
-                "r.toml:3:10: `hold_s` is 86401, outside 0 to 86400 s",
+                "r.toml:3:10: `hold_s` is 86401, must be 0 to 86400 s",
                 "r.toml:4:12: `sample_s` is a string, expected a number in s",
                 "r.toml:6:9: `phase` is \"tset\", expected one of characterisation, calibration, test",
             ]

@@ -238,11 +238,15 @@ mod tests {
                 "modbus = \"generic-rs485\"",
                 "the register map \"generic-rs485\" has no [outputs]",
             ),
-            ("stiffness_n_mm = 2.0", "stiffness_n_mm = -2.0", "`stiffness_n_mm` is -2, outside over 0 to 100000 N/mm"),
+            (
+                "stiffness_n_mm = 2.0",
+                "stiffness_n_mm = -2.0",
+                "`stiffness_n_mm` is -2, must be over 0, at most 100000 N/mm",
+            ),
             (
                 "stiffness_n_mm = 2.0",
                 "stifness_n_mm = 2.0",
-                "`stiffness_n_mm` is missing in `limits`: a number in N/mm, over 0 to 100000",
+                "`stiffness_n_mm` is missing in `limits`: a number in N/mm, over 0, at most 100000",
             ),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
         ] {

@@ -46,13 +46,11 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         table.finish();
         Some(Contact { linear_n_mm: linear_n_mm?, quadratic_n_mm2, toe_mm })
     });
-    let relaxation = scene.tables("relaxation").into_iter().map(|mut table| {
+    let relaxation = document::all(scene.tables("relaxation").into_iter().map(|mut table| {
         let (share, time_s) = (table.require_number("share", SHARE), table.require_number("time_s", TIME));
         table.finish();
         Some(Branch { share: share?, time_s: time_s? })
-    });
-    let relaxation: Vec<Option<Branch>> = relaxation.collect(); // each is read before the first that can't be is missed
-    let relaxation: Option<Vec<Branch>> = relaxation.into_iter().collect();
+    }));
     let surface_tilt_mm = scene.table("surface").and_then(|mut table| {
         let tilt_mm = table.require_number("tilt_mm", TILT);
         table.finish();

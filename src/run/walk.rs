@@ -72,11 +72,12 @@ pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
         Ok(Ready { hand, devices, reaction, zero }) => {
             watcher.ready(&devices);
             folder.manifest.devices = devices;
+            let begun = folder.write_manifest();
             let permit =
                 Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero());
             let surface = SurfaceMap::new(spec.frame.uncertainty_mm);
             let mut walker = Walker { hand, permit, surface, limits: spec.limits, began, before_s, pressing: None };
-            let recorded = folder.record(zero).map_err(Halt::from);
+            let recorded = begun.and_then(|()| folder.record(zero)).map_err(Halt::from);
             ending.halt = match recorded {
                 Ok(()) => walker.presses(plan, folder, watcher).await.err(),
                 Err(halt) => Some(halt),
