@@ -19,7 +19,7 @@ use crate::wire::Link;
 pub const SIM_RIG: &str = include_str!("../../rigs/sim.toml");
 
 /// Clearance above the highest the surface may be, in which the indenter travels before the surface is learned, mm.
-pub const CLEARANCE_MM: f64 = 0.3;
+const CLEARANCE_MM: f64 = 0.3;
 
 /// A rig file, understood.
 #[derive(Clone, Debug)]
@@ -106,6 +106,11 @@ impl RigSpec {
     /// Whether our emulators are at the far ends: the run then passes in virtual time.
     pub fn is_simulated(&self) -> bool {
         self.stage.link == Link::Sim
+    }
+
+    /// The z at which nothing of the specimen can be touched, whatever its surface: the frame's word and a clearance, mm.
+    pub fn clear_mm(&self) -> f64 {
+        -self.frame.uncertainty_mm - CLEARANCE_MM
     }
 
     /// How far the axes may go once the specimen counts: z ends where its depth limit does.

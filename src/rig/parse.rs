@@ -1,5 +1,5 @@
 use super::scene::{paper_scene, read_scene};
-use super::{ArraySpec, CLEARANCE_MM, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
+use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::driver::modbus::{Profile, SHIPPED};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
@@ -202,7 +202,7 @@ fn check_links(spec: &RigSpec, root: &Table) {
 fn check_room(spec: &RigSpec, root: &Table) {
     let frame = &spec.frame;
     let travel = spec.stage.travel.along(Axis::Z);
-    let clear = frame.to_stage(Place::default(), -frame.uncertainty_mm - CLEARANCE_MM).z_mm;
+    let clear = frame.to_stage(Place::default(), spec.clear_mm()).z_mm;
     let deepest = frame.to_stage(Place::default(), frame.uncertainty_mm + spec.limits.depth_mm).z_mm;
     if !travel.contains(clear) || !travel.contains(deepest) {
         let Range { min, max } = travel;

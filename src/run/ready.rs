@@ -3,8 +3,8 @@ use super::{Cancel, Halt};
 use crate::control::{Reaction, Rule, Trip, Watch, Zero};
 use crate::dataset::Record;
 use crate::device::{Identity, Instruments, LoadCell, SensorArray, Stage};
-use crate::quantity::{Axis, ForceReading, Frame, Limits};
-use crate::rig::{CLEARANCE_MM, OpenRig};
+use crate::quantity::{Axis, ForceReading};
+use crate::rig::{OpenRig, RigSpec};
 use tokio::time::{Instant, sleep_until};
 
 /// Exchanges that are timed to know how fast the rig reacts.
@@ -28,8 +28,7 @@ pub(super) struct Ready<'a, S, C, A> {
 
 /// What a rig is made ready with, besides itself.
 pub(super) struct Means<'a> {
-    pub frame: Frame,
-    pub limits: Limits,
+    pub spec: &'a RigSpec,
     pub cancel: &'a Cancel,
     pub shown: &'a dyn Fn(f64),
     pub began: Instant,
@@ -46,16 +45,15 @@ pub(super) async fn make_ready<'a>(
     let Instruments { mut stage, load_cell, array } = instruments;
     // the stage first: whatever the readers say, it is brought to rest and away from the specimen
     let stage_identity = stage.prepare(&stage_use).await?;
-    let clear_mm = -means.frame.uncertainty_mm - CLEARANCE_MM;
     let unwatched =
-        Watch::new(&means.limits, Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None });
+        Watch::new(&means.spec.limits, Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None });
     let air = vec![0.0; array.units()];
     let gauge = Gauge::new(load_cell, unwatched, means.cancel, means.shown);
     let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, means.frame, stage_use, probe, air);
+    let mut hand = Hand::new(parts, means.spec.frame, stage_use, probe, air);
     // an axis that was homed before may stand anywhere: out of contact first
     hand.find_itself().await?;
-    hand.retreat(clear_mm).await?;
+    hand.retreat(means.spec.clear_mm()).await?;
     let cell_identity = hand.cell.cell.prepare().await?;
     let array_identity = hand.array.prepare().await?;
     let reaction = time(&mut hand).await?;
@@ -88,22 +86,22 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
             return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N").into());
         }
         if reading.health.saturated || reading.health.fault {
-            return Err(Trip::new(Rule::Unhealthy, reading.force_n, means.limits.force_n, "N").into());
+            return Err(Trip::new(Rule::Unhealthy, reading.force_n, means.spec.limits.force_n, "N").into());
         }
         readings.push(reading);
     }
     let zero = Zero::of(&readings);
-    let most_n = NOISE_SHARE * means.limits.force_n;
+    let most_n = NOISE_SHARE * means.spec.limits.force_n;
     if zero.sigma_n > most_n {
         return Err(Trip::new(Rule::Noisy, zero.sigma_n, most_n, "N").into());
     }
     if let Some(first_n) = means.first_zero_n {
-        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * means.limits.force_n);
+        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * means.spec.limits.force_n);
         if drift_n.abs() > most_n {
             return Err(Trip::new(Rule::ZeroDrifted, drift_n, most_n, "N").into());
         }
     }
-    hand.cell.watch = Watch::new(&means.limits, zero);
+    hand.cell.watch = Watch::new(&means.spec.limits, zero);
     let mut outputs = vec![0.0; hand.array.units()];
     let mut now = outputs.clone();
     for _ in 0..AIR_READINGS {

@@ -7,7 +7,7 @@ use crate::dataset::{Contact, Flag, Record, Row, RowTruth, RunFolder, Status, To
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::{Axis, Limits, Place};
 use crate::recipe::{Entry, Plan};
-use crate::rig::{CLEARANCE_MM, RigSpec};
+use crate::rig::RigSpec;
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
@@ -60,8 +60,7 @@ pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
     let began = Instant::now();
     // a run that goes on counts from where it was
     let before_s = folder.manifest.virtual_s;
-    let means =
-        Means { frame: spec.frame, limits: spec.limits, cancel, shown, began, first_zero_n: folder.first_zero_n() };
+    let means = Means { spec, cancel, shown, began, first_zero_n: folder.first_zero_n() };
     let mut ending = Ending { halt: None, unparked: None };
     let rig = spec.open(plan.seed).map_err(Halt::from);
     let ready = match rig {
@@ -82,11 +81,7 @@ pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
                 Ok(()) => walker.presses(plan, folder, watcher).await.err(),
                 Err(halt) => Some(halt),
             };
-            if ending.halt.is_some() {
-                ending.unparked = walker.stop_and_park(spec).await.err();
-            } else {
-                ending.unparked = walker.hand.retreat(-spec.frame.uncertainty_mm - CLEARANCE_MM).await.err();
-            }
+            ending.unparked = walker.park(spec.clear_mm()).await.err();
             note_trip(folder, &ending, walker.pressing, before_s + began.elapsed().as_secs_f64());
         }
         Err(halt) => {
@@ -258,8 +253,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Stops all axes and withdraws to the clear, whatever the load cell says or doesn't.
-    async fn stop_and_park(&mut self, spec: &RigSpec) -> Result<(), Halt> {
-        let clear_mm = -spec.frame.uncertainty_mm - CLEARANCE_MM;
+    async fn park(&mut self, clear_mm: f64) -> Result<(), Halt> {
         let mut parked = Ok(());
         for _ in 0..PARK_TRIES {
             parked = self.stop_and_retreat(clear_mm).await;
