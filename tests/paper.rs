@@ -10,7 +10,7 @@ use palpate::dataset::table::Table;
 use palpate::dataset::{Contact, Manifest, Origins, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Errand, Watcher, walk};
+use palpate::run::{Cancel, Errand, Watcher, estimated_s, walk};
 use palpate::solver::Evaluation;
 use std::io::Write;
 
@@ -38,6 +38,8 @@ struct Whole {
     spec: RigSpec,
     table: Table,
     contacts: Vec<Contact>,
+    /// How long it took over how long it was said to take.
+    over_estimate: f64,
 }
 
 /// Walks a recipe on a simulated rig to its end.
@@ -57,7 +59,8 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
     folder.finish(Status::Complete).unwrap();
     let table = Table::read_run(&out.join("presses.csv")).unwrap();
-    Whole { spec, table, contacts: folder.contacts().values().cloned().collect() }
+    let over_estimate = folder.manifest.virtual_s / estimated_s(&plan.entries, &spec);
+    Whole { spec, table, contacts: folder.contacts().values().cloned().collect(), over_estimate }
 }
 
 impl Whole {
@@ -86,7 +89,9 @@ fn the_golden_location_error_comes_back_over_the_wire() {
         points.join(", ")
     );
 
-    let evaluation = whole(&rig, &recipe, 1).evaluation();
+    let run = whole(&rig, &recipe, 1);
+    assert!((run.over_estimate - 1.0).abs() < 1.0 / 3.0, "it took {} of the estimated time", run.over_estimate);
+    let evaluation = run.evaluation();
     assert_eq!(evaluation.points, 100);
     let error_mm = evaluation.location_error_mm;
     // places are recorded to a nanometre
