@@ -6,7 +6,7 @@ use cpu_time::ProcessTime;
 use palpate::dataset::{Manifest, Origins, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig;
-use palpate::run::{Cancel, Errand, Watcher, walk};
+use palpate::run::{Cancel, Errand, Listener, walk};
 use std::time::{Duration, Instant};
 
 const RUNS: u64 = 5;
@@ -18,7 +18,7 @@ const RECIPES: [(&str, &str); 2] = [
 
 struct Silent;
 
-impl Watcher for Silent {}
+impl Listener for Silent {}
 
 struct Cost {
     wall: Duration,

@@ -10,7 +10,7 @@ use palpate::dataset::table::Table;
 use palpate::dataset::{Contact, Manifest, Origins, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Errand, Watcher, estimated_s, walk};
+use palpate::run::{Cancel, Errand, Listener, estimated_s, walk};
 use palpate::solver::Evaluation;
 use std::io::Write;
 
@@ -31,7 +31,7 @@ const TABLE_1: [(f64, f64); 9] = [
 
 struct Silent;
 
-impl Watcher for Silent {}
+impl Listener for Silent {}
 
 /// A finished run: its rig, its table and what really happened.
 struct Whole {

@@ -5,12 +5,12 @@ use palpate::control::{Permit, Rule, Standing, Zero};
 use palpate::dataset::{Manifest, Origins, RunFolder, Status};
 use palpate::device::{LoadCell as _, Stage, StageUse};
 use palpate::driver::Esp301;
-use palpate::driver::modbus::{Framing, ModbusLoadCell};
+use palpate::driver::modbus::{ModbusLoadCell, Transport};
 use palpate::emulator::{Instrument, Shared, serve};
 use palpate::quantity::{Axis, Down, Limits, Place, Range};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SimulatedRig};
-use palpate::run::{Cancel, Ending, Errand, Halt, Watcher, walk};
+use palpate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
 use palpate::scene::{Branch, Contact, LoadCell, Scene, SceneSpec, Trajectory};
 use palpate::wire::Connector;
 use std::cell::Cell;
@@ -69,7 +69,7 @@ struct Walked {
 
 struct Silent;
 
-impl Watcher for Silent {}
+impl Listener for Silent {}
 
 impl Bench {
     fn new(spec: RigSpec, recipe_text: &str, seed: u64) -> Bench {
@@ -527,7 +527,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
     in_virtual_time(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        bench.driver.prepare(&bench.usage).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Notify::new()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 10.0).await.unwrap();
         bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Notify::new()).await.unwrap();
         bench.command("1PA3");
@@ -536,10 +536,11 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
         assert!(bench.at_mm(Axis::Z) < -0.9, "pressing");
         let watch = sideways_in_contact(bench.scene.clone(), bench.origin, 0.3);
         // whether it homes x after a retreat of its own or refuses to go on is its choice
+        let never = Notify::new();
         let moved = tokio::select! {
             biased;
             moved = watch => moved,
-            _ = bench.driver.prepare(&bench.usage) => false,
+            _ = bench.driver.prepare(&bench.usage, &never) => false,
         };
         assert!(!moved, "x moved with the indenter {} mm in the specimen", -bench.at_mm(Axis::Z));
     });
@@ -551,9 +552,9 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
     in_virtual_time(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        bench.driver.prepare(&bench.usage).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Notify::new()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 1.0).await.unwrap();
-        bench.driver.prepare(&bench.usage).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Notify::new()).await.unwrap();
         let here_mm = bench.driver.position_mm(Axis::Z).await.unwrap();
         sleep(Duration::from_secs(1)).await;
         assert!((bench.at_mm(Axis::Z) - here_mm).abs() < 0.001, "from {here_mm} mm to {} mm", bench.at_mm(Axis::Z));
@@ -592,10 +593,11 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
                     sleep(Duration::from_millis(2)).await;
                 }
             };
+            let never = Notify::new();
             tokio::select! {
                 biased;
                 () = deepest => {}
-                prepared = driver.prepare(&usage) => drop(prepared.unwrap()),
+                prepared = driver.prepare(&usage, &never) => drop(prepared.unwrap()),
             }
         });
     }
@@ -729,8 +731,8 @@ fn a_reading_beyond_the_range_says_so_with_itself() {
         let origin = Instant::now();
         let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
         let line = serial_line(load_cell.instrument, scene.clone(), origin, |_| Duration::ZERO);
-        let profile = spec.load_cell.profile.profile.clone();
-        let mut cell = ModbusLoadCell::new(line, Framing::Rtu, profile, "line", 200.0, origin).unwrap();
+        let profile = spec.load_cell.map.profile.clone();
+        let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
         cell.prepare().await.unwrap();
         cell.read().await.unwrap();
         let now_s = origin.elapsed().as_secs_f64();
@@ -754,8 +756,8 @@ fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
         // the fourth request is answered after the driver gave it up (200 ms) and found the line quiet
         let late = |count| Duration::from_millis(if count == 3 { 240 } else { 0 });
         let line = serial_line(load_cell.instrument, scene.clone(), origin, late);
-        let profile = spec.load_cell.profile.profile.clone();
-        let mut cell = ModbusLoadCell::new(line, Framing::Rtu, profile, "line", 200.0, origin).unwrap();
+        let profile = spec.load_cell.map.profile.clone();
+        let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
         cell.prepare().await.unwrap(); // two requests
         assert_eq!(cell.read().await.unwrap().force_n, 0.0);
         let press = async {

@@ -49,7 +49,7 @@ pub fn emulate(args: &Args) -> Result<ExitCode, Failure> {
 
 async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
     let origin = Instant::now();
-    let simulated = spec.emulators(args.seed).map_err(|error| Failure::halted(error.into()))?;
+    let simulated = spec.emulators(args.seed).map_err(Failure::usage)?;
     let mut listening = Vec::new();
     for (device, role) in simulated.devices() {
         let EmulatedDevice { instrument, protocol, wiring } = device;

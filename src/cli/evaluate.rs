@@ -85,7 +85,7 @@ pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
 /// The presses of a run folder.
 fn read_presses(run: &Path) -> Result<Table, Failure> {
     RunFolder::read_manifest(run).map_err(Failure::usage)?; // says best that this is no run
-    Table::read_run(&run.join("presses.csv")).map_err(Failure::usage)
+    RunFolder::read_presses(run).map_err(Failure::usage)
 }
 
 #[cfg(test)]

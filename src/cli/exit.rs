@@ -36,6 +36,16 @@ impl Failure {
         Failure { code: USAGE, report: report.into() }
     }
 
+    /// Done, but what was measured can't be evaluated.
+    pub fn not_accepted(report: impl Into<Report>) -> Failure {
+        Failure { code: NOT_ACCEPTED, report: report.into() }
+    }
+
+    /// A result couldn't be written.
+    pub fn unwritten(report: impl Into<Report>) -> Failure {
+        Failure { code: RECORD, report: report.into() }
+    }
+
     /// The record couldn't be made or read.
     pub fn dataset(error: DatasetError) -> Failure {
         let code = match error {
@@ -54,7 +64,7 @@ impl Failure {
         match halt {
             Halt::Cancelled => Failure { code: CANCELLED, report: miette::miette!("cancelled") },
             Halt::Tripped(trip) => {
-                let help = "find the cause first; then `palpate resume RUN --after-trip`";
+                let help = "find the cause before going on";
                 Failure { code: TRIP, report: miette::miette!(help = help, "safety trip: {trip}") }
             }
             Halt::Device(error) => Failure { code: DEVICE, report: error.into() },

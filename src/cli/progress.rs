@@ -1,13 +1,17 @@
 use crate::dataset::Contact;
 use crate::device::Identity;
 use crate::recipe::{Entry, Phase, Plan};
-use crate::run::Watcher;
+use crate::run::Listener;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::cell::Cell;
 use std::io::{IsTerminal, Write};
+use std::time::Duration;
 
 /// Readings between two looks at the force on a terminal: ten a second on a cell of 200 Hz.
 const FORCE_EVERY: u32 = 20;
+
+/// How often the bar is drawn though nothing happens.
+const TICK: Duration = Duration::from_millis(250);
 
 /// Shows a run as it goes: a bar on a terminal, plain lines elsewhere, and on standard output the acknowledgements if
 /// asked for.
@@ -19,6 +23,8 @@ pub struct Progress {
     done: u64,
     planned: u64,
     percent_told: u64,
+    /// Whether there is a press yet from which the time that is left can be told.
+    timed: bool,
 }
 
 impl Progress {
@@ -30,13 +36,13 @@ impl Progress {
             Some(planned),
             if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
         );
-        let template = "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses, {eta} left, {msg}";
-        if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style.progress_chars("=> "));
-        }
+        set_template(&bar, "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses");
         bar.set_prefix("getting ready");
         bar.set_position(done as u64);
-        Progress { bar, on_terminal, json, phase: None, done: done as u64, planned, percent_told: 0 }
+        if on_terminal {
+            bar.enable_steady_tick(TICK); // a rest of minutes shows too
+        }
+        Progress { bar, on_terminal, json, phase: None, done: done as u64, planned, percent_told: 0, timed: false }
     }
 
     /// What is told of every force.
@@ -64,7 +70,7 @@ impl Progress {
     }
 }
 
-impl Watcher for Progress {
+impl Listener for Progress {
     fn ready(&mut self, devices: &[Identity]) {
         for device in devices {
             // what stands in brackets is for the manifest: serial numbers don't fit a line
@@ -89,6 +95,10 @@ impl Watcher for Progress {
     fn recorded(&mut self, contact: &Contact) {
         self.done += 1;
         self.bar.set_position(self.done);
+        if !self.timed {
+            self.timed = true;
+            set_template(&self.bar, "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses, {eta} left, {msg}");
+        }
         if self.json {
             let mut out = std::io::stdout().lock();
             for row in &contact.rows {
@@ -106,5 +116,12 @@ impl Watcher for Progress {
 
     fn rests(&mut self, seconds: f64) {
         self.bar.set_message(format!("rest {seconds:.0} s"));
+    }
+}
+
+fn set_template(bar: &ProgressBar, template: &str) {
+    // a template that can't be read would leave the bar as it is; both are seen in every run on a terminal
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style.progress_chars("=> "));
     }
 }

@@ -7,6 +7,7 @@ use crate::rig::RigSpec;
 use crate::run::{Cancel, Errand, Halt, keep_pace, walk};
 use jiff::Zoned;
 use miette::IntoDiagnostic;
+use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 use tokio::runtime::Builder;
@@ -30,9 +31,12 @@ pub fn carry_out(
     solvers: &[String],
     args: &SessionArgs,
 ) -> Result<ExitCode, Failure> {
+    let virtual_time = spec.is_simulated();
+    if args.pace.is_some() && !virtual_time {
+        return Err(Failure::usage(miette::miette!("--pace is for simulated rigs: a real one has its own pace")));
+    }
     let began = Instant::now();
     let wall_before_s = folder.manifest.wall_s;
-    let virtual_time = spec.is_simulated();
     let runtime = Builder::new_current_thread().enable_all().start_paused(virtual_time).build();
     let runtime = runtime.into_diagnostic().map_err(Failure::usage)?;
     let mut progress = Progress::new(plan, folder.contacts().len(), args.json);
@@ -41,9 +45,10 @@ pub fn carry_out(
         let asked = cancel.clone();
         tokio::spawn(async move {
             told_to_stop().await;
+            let _ = writeln!(std::io::stderr(), "\nstopping: the stage is brought to rest and parked");
             asked.ask();
         });
-        if let Some(pace) = args.pace.filter(|_| virtual_time) {
+        if let Some(pace) = args.pace {
             tokio::spawn(keep_pace(pace));
         }
         let shown = progress.gauge();

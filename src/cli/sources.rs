@@ -41,7 +41,10 @@ impl Sources {
         let recipe = recipe::parse(&recipe.display().to_string(), &recipe_text).map_err(Failure::usage)?;
         let (rig_text, spec) = read_rig(&rig.rig)?;
         let spec = if rig.simulate { spec.simulated() } else { spec };
-        let maps = [&spec.load_cell.profile, &spec.array.profile].into_iter().filter_map(own_map).collect();
+        if spec.is_simulated() {
+            spec.emulators(rig.seed).map_err(Failure::usage)?; // what can't be simulated is told before anything is made
+        }
+        let maps = [&spec.load_cell.map, &spec.array.map].into_iter().filter_map(own_map).collect();
         Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, maps } })
     }
 

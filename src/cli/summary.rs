@@ -29,12 +29,23 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     } else {
         let _ = writeln!(text, "time: {}", duration(manifest.wall_s));
     }
-    if manifest.status != Status::Complete {
-        let _ = writeln!(text, "to go on: palpate resume {}", folder.path().display());
+    let flagged =
+        folder.contacts().values().flat_map(|contact| &contact.rows).filter(|row| !row.flags.is_empty()).count();
+    if flagged > 0 {
+        let _ =
+            writeln!(text, "flagged: {flagged} rows missed their force; they are kept, and left out of evaluations");
+    }
+    match (manifest.status, manifest.presses_done) {
+        (Status::Complete, _) => {}
+        (_, 0) => _ = writeln!(text, "nothing was pressed: put right what is wrong and run again"),
+        (Status::Tripped, _) => _ = writeln!(text, "to go on: palpate resume {} --after-trip", folder.path().display()),
+        _ => _ = writeln!(text, "to go on: palpate resume {}", folder.path().display()),
     }
     let tables = ["presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
     let there: Vec<&str> = tables.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
-    let _ = writeln!(text, "its tables:\n{}", there.join(" ")); // all of them are 80 columns wide
+    if manifest.presses_done > 0 {
+        let _ = writeln!(text, "its tables:\n{}", there.join(" ")); // all of them are 80 columns wide
+    }
     text
 }
 
@@ -44,7 +55,8 @@ pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Re
         return Ok(Vec::new());
     }
     let table = presses(folder)?;
-    let evaluate = |solver: &String| evaluate_run(&table, Some(&spec.array.layout), solver).map_err(Failure::usage);
+    let evaluate =
+        |solver: &String| evaluate_run(&table, Some(&spec.array.layout), solver).map_err(Failure::not_accepted);
     solvers.iter().map(evaluate).collect()
 }
 
@@ -83,12 +95,12 @@ pub fn tell(text: &str) -> Result<(), Failure> {
 fn written(mut to: impl Write, text: &str) -> Result<(), Failure> {
     match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(error).into_diagnostic().wrap_err("can't write the result").map_err(Failure::usage)
+            Err(error).into_diagnostic().wrap_err("can't write the result").map_err(Failure::unwritten)
         }
         _ => Ok(()),
     }
 }
 
 fn presses(folder: &RunFolder) -> Result<Table, Failure> {
-    Table::read_run(&folder.path().join("presses.csv")).map_err(Failure::usage)
+    RunFolder::read_presses(folder.path()).map_err(Failure::usage)
 }

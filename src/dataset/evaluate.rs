@@ -16,7 +16,10 @@ pub enum EvaluateError {
     Table(#[from] TableError),
     /// A table has no press of the kind asked for.
     #[error("{file}: there is no {phase} press to evaluate with ({flagged} are flagged and left out)")]
-    #[diagnostic(help("an evaluation needs presses of both phases, calibration and test"))]
+    #[diagnostic(help(
+        "an evaluation needs presses of both phases, or two tables: \
+         --calibration runs/calibrate/presses.csv --test runs/test/presses.csv"
+    ))]
     NoPresses {
         /// The table.
         file: String,

@@ -1,4 +1,5 @@
-use super::views::{presses_header, presses_line, replace, write};
+use super::table::{Table, TableError};
+use super::views::{PRESSES, presses_header, presses_line, replace, write};
 use super::{Contact, DatasetError, Journal, Manifest, Record, Status};
 use crate::quantity::ArrayLayout;
 use std::collections::BTreeMap;
@@ -11,7 +12,6 @@ const NAMES_MAX: usize = 100_000;
 
 const JOURNAL: &str = "journal.log";
 const MANIFEST: &str = "manifest.json";
-const PRESSES: &str = "presses.csv";
 
 /// The texts a run is made from, kept with it as given.
 #[derive(Clone, Debug)]
@@ -89,6 +89,14 @@ impl RunFolder {
             _ => DatasetError::io("reading", &file)(error),
         })?;
         serde_json::from_str(&text).map_err(|error| DatasetError::Manifest { path: file, problem: error.to_string() })
+    }
+
+    /// The presses of a run, as its table says.
+    ///
+    /// # Errors
+    /// No table there, or one that can't be read.
+    pub fn read_presses(path: &Path) -> Result<Table, TableError> {
+        Table::read_run(&path.join(PRESSES))
     }
 
     /// Adds a record; when this returns it is on the disk.

@@ -6,6 +6,9 @@ use crate::recipe::Phase;
 use std::fs;
 use std::path::Path;
 
+/// The table of all presses.
+pub(super) const PRESSES: &str = "presses.csv";
+
 /// The columns of `presses.csv` before the outputs, and after them.
 const BEFORE: [&str; 9] = ["press", "level", "phase", "x_mm", "y_mm", "force_set_n", "force_n", "depth_mm", "t_s"];
 const AFTER: [&str; 2] = ["flags", "z_mm"];
@@ -14,7 +17,7 @@ const AFTER: [&str; 2] = ["flags", "z_mm"];
 pub(super) fn write(folder: &Path, contacts: &[&Contact], layout: &ArrayLayout) -> Result<(), DatasetError> {
     let rows: Vec<&Row> = contacts.iter().flat_map(|contact| &contact.rows).collect();
     let presses = rows.iter().fold(presses_header(layout.len()), |text, row| text + &presses_line(row));
-    replace(folder, "presses.csv", &presses)?;
+    replace(folder, PRESSES, &presses)?;
     for (phase, name) in [(Phase::Calibration, "calibration_matrix.csv"), (Phase::Test, "test_matrix.csv")] {
         let columns: Vec<&Row> = rows.iter().copied().filter(|row| row.phase == phase).collect();
         if !columns.is_empty() {
@@ -22,7 +25,7 @@ pub(super) fn write(folder: &Path, contacts: &[&Contact], layout: &ArrayLayout) 
         }
     }
     // from the table as it stands, so that who evaluates it later comes to the same
-    if let Ok(table) = Table::of_run("presses.csv", &presses)
+    if let Ok(table) = Table::of_run(PRESSES, &presses)
         && let Some(staircases) = Staircases::of_run(&table, layout)
     {
         replace(folder, "characteristics.csv", &characteristics(&staircases))?;

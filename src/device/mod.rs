@@ -1,7 +1,7 @@
 //! The roles of a rig as traits: a stage that moves, a load cell and an array that are read.
 //!
-//! A driver plays a role over a link. What is common to all drivers of a role (moving and waiting, checking the read-back)
-//! is written once over these traits, in [`mod@crate::run`]; a driver gives the few hooks it needs.
+//! A driver plays a role over a link. What is common to all drivers of a role in a press (moving and watching the force,
+//! checking the read-back) is written once over these traits, in [`mod@crate::run`]; a driver gives the few hooks it needs.
 
 mod error;
 
@@ -45,8 +45,9 @@ pub struct StageUse {
 /// A motion is begun and then followed: a controller finishes what was begun whatever becomes of the program, so only what
 /// is safe to finish is begun.
 pub trait Stage {
-    /// Connects, checks units and limits, and homes what isn't homed: z first, away from the specimen.
-    fn prepare(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
+    /// Connects, brings all axes to rest, checks units and limits, and homes what isn't homed: z first, away from the
+    /// specimen. `stop` ends a search for home at once, which is an error.
+    fn prepare(&mut self, usage: &StageUse, stop: &Notify) -> impl Future<Output = Result<Identity, DeviceError>>;
 
     /// Starts axes toward targets, each at most at `speed_mm_s`, and doesn't wait.
     fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> impl Future<Output = Result<(), DeviceError>>;

@@ -7,8 +7,8 @@ mod problem;
 mod table;
 
 pub use problem::{Problem, Problems};
-pub(crate) use table::all;
 pub use table::{Bounds, Span, Table};
+pub(crate) use table::{all, with_nearest};
 
 use problem::Collector;
 use toml::de::DeTable;

@@ -81,7 +81,7 @@ impl<'d> Table<'d> {
 
     /// Whether the key is there. It counts as asked for: a misspelt one is told its nearest spelling.
     pub fn has(&mut self, key: &'static str) -> bool {
-        self.asked.push(key);
+        self.ask(key);
         self.table.keys().any(|k| k.get_ref() == key)
     }
 
@@ -267,8 +267,14 @@ impl<'d> Table<'d> {
         Table { table, collector: self.collector, path, span, asked: Vec::new(), rest_is_others: false }
     }
 
+    fn ask(&mut self, key: &'static str) {
+        if !self.asked.contains(&key) {
+            self.asked.push(key);
+        }
+    }
+
     fn get(&mut self, key: &'static str) -> Option<&'d Spanned<DeValue<'d>>> {
-        self.asked.push(key);
+        self.ask(key);
         self.table.iter().find(|(k, _)| k.get_ref() == key).map(|(_, value)| value)
     }
 
@@ -325,13 +331,14 @@ pub(crate) fn all<T>(answers: impl Iterator<Item = Option<T>>) -> Option<Vec<T>>
     answers.into_iter().collect()
 }
 
-/// Adds the nearest known name as help, or the list of names where none is near.
-fn with_nearest(problem: Problem, name: &str, known: &[&str]) -> Problem {
-    let score = |candidate: &&&str| strsim::jaro_winkler(name, candidate);
+/// Adds the nearest known name as help; where none is near, and nothing else helps, the list of names.
+pub(crate) fn with_nearest(problem: Problem, name: &str, known: &[&str]) -> Problem {
+    let name = name.to_lowercase();
+    let score = |candidate: &&&str| strsim::jaro_winkler(&name, candidate);
     let nearest = known.iter().max_by(|a, b| score(a).total_cmp(&score(b)));
     match nearest {
         Some(nearest) if score(&nearest) >= SIMILAR => problem.help(format!("did you mean `{nearest}`?")),
-        Some(_) => problem.help(format!("known here: {}", known.join(", "))),
-        None => problem,
+        Some(_) if problem.help.is_none() => problem.help(format!("known here: {}", known.join(", "))),
+        _ => problem,
     }
 }

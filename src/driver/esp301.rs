@@ -106,27 +106,28 @@ impl Esp301 {
         Ok(())
     }
 
-    async fn home(&mut self, axis: Axis, mode: u8) -> Result<(), DeviceError> {
+    async fn home(&mut self, axis: Axis, mode: u8, stop: &Notify) -> Result<(), DeviceError> {
         let (doing, n) = ("homing", number(axis));
         self.tell(doing, &format!("{n}MO")).await?;
         self.tell(doing, &format!("{n}OR{mode}")).await?;
         let until = Instant::now() + HOME_DEADLINE;
-        while !self.is_done(doing, axis, None).await? {
+        while !self.is_done(doing, axis, Some(stop)).await? {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
                 let told = format!("axis {n} didn't find its home within {} s", HOME_DEADLINE.as_secs());
                 return Err(self.error(doing, Problem::Motion(told)));
             }
         }
-        Ok(())
+        // refused, or stopped half-way: the axis doesn't know where it is, and nothing else may move
+        self.no_complaints(doing).await
     }
 
     /// Homes z toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
-    async fn home_z(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+    async fn home_z(&mut self, usage: &StageUse, stop: &Notify) -> Result<(), DeviceError> {
         if self.is_homed(Axis::Z).await? {
             return Ok(());
         }
-        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }).await?;
+        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, stop).await?;
         let (at_mm, end_mm) = (self.position_mm(Axis::Z).await?, away_end_mm(usage));
         if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
             let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
@@ -145,10 +146,7 @@ impl Esp301 {
         let expected = Duration::try_from_secs_f64(way_mm / usage.speed_mm_s).unwrap_or_default();
         self.follow(&[Axis::Z], expected, &Notify::new()).await?;
         let at_mm = self.position_mm(Axis::Z).await?;
-        let complaints = self.complaints().await?;
-        if !complaints.is_empty() {
-            return Err(self.error(doing, Problem::Refused(complaints.join("; "))));
-        }
+        self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
             let told = format!("z was sent to {end_mm:.4} mm and is at {at_mm:.4} mm");
             return Err(self.error(doing, Problem::Motion(told)));
@@ -159,6 +157,11 @@ impl Esp301 {
     /// An axis whose motor is on was homed when it was switched on: power-up leaves the motor off (manual, page MO).
     async fn is_homed(&mut self, axis: Axis) -> Result<bool, DeviceError> {
         Ok(self.ask_number("homing", &format!("{}MO?", number(axis)), None).await? == 1.0)
+    }
+
+    async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let complaints = self.complaints().await?;
+        if complaints.is_empty() { Ok(()) } else { Err(self.error(doing, Problem::Refused(complaints.join("; ")))) }
     }
 
     async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -177,7 +180,7 @@ impl Esp301 {
 }
 
 impl Stage for Esp301 {
-    async fn prepare(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+    async fn prepare(&mut self, usage: &StageUse, stop: &Notify) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
         let version = self.ask(doing, "VE?").await?;
         if !version.contains("ESP30") {
@@ -193,20 +196,17 @@ impl Stage for Esp301 {
             stages.push(self.ask(doing, &format!("{}ID?", number(axis))).await?);
             self.check_axis(axis, usage).await?;
         }
-        self.home_z(usage).await?;
+        self.home_z(usage, stop).await?;
         for axis in [Axis::X, Axis::Y] {
             if !self.is_homed(axis).await? {
                 self.clear_z(usage).await?;
-                self.home(axis, 1).await?;
+                self.home(axis, 1, stop).await?;
             }
         }
         for axis in Axis::ALL {
             self.set_up(axis, usage).await?;
         }
-        let complaints = self.complaints().await?;
-        if !complaints.is_empty() {
-            return Err(self.error("preparing it", Problem::Refused(complaints.join("; "))));
-        }
+        self.no_complaints("preparing it").await?;
         let warnings = firmware_warning(&version).into_iter().collect();
         let identity = format!("{version} ({})", stages.join(" | "));
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })

@@ -39,7 +39,7 @@ pub enum Phase {
     Calibration,
     /// Points whose place and force the solver is to find.
     Test,
-    /// Presses from which the force loop learns; in no table but the presses themselves.
+    /// Kept for presses from which the force loop learns; no recipe asks for it, and no table but the presses would hold it.
     Teach,
 }
 

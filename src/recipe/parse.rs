@@ -6,7 +6,6 @@ use crate::solver::SOLVERS;
 const DAY_S: f64 = 86_400.0;
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
 const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
-const TOLERANCE: Bounds = Bounds::above(0.0, 100.0, "N");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Shorter windows hold less than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
@@ -68,7 +67,7 @@ fn is_folder_name(name: &str) -> bool {
 
 fn read_manner(table: &mut Table, base: Manner) -> Manner {
     Manner {
-        force_tolerance_n: table.number("force_tolerance_n", TOLERANCE).unwrap_or(base.force_tolerance_n),
+        force_tolerance_n: table.number("force_tolerance_n", FORCE).unwrap_or(base.force_tolerance_n),
         hold_s: table.number("hold_s", DWELL).unwrap_or(base.hold_s),
         sample_s: table.number("sample_s", WINDOW).unwrap_or(base.sample_s),
     }

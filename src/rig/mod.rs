@@ -64,7 +64,7 @@ pub enum StageDriver {
 #[derive(Clone, Debug)]
 pub struct LoadCellSpec {
     /// Its register map.
-    pub profile: MappedDevice,
+    pub map: MappedDevice,
     /// Where it is.
     pub link: Link,
     /// Conversions a second.
@@ -75,7 +75,7 @@ pub struct LoadCellSpec {
 #[derive(Clone, Debug)]
 pub struct ArraySpec {
     /// Its register map.
-    pub profile: MappedDevice,
+    pub map: MappedDevice,
     /// Where it is.
     pub link: Link,
     /// Where its units are, in channel order.

@@ -1,7 +1,7 @@
 use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec};
 use crate::device::{DeviceError, Instruments, Problem, StageUse};
 use crate::driver::Esp301;
-use crate::driver::modbus::{Framing, ModbusArray, ModbusLoadCell};
+use crate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
 use crate::emulator::{self, Instrument, LabJackT7, Modbus, Shared, Transmitter};
 use crate::quantity::{Axis, Place, Position};
 use crate::scene::{Device, Scene, Setting, Truth};
@@ -134,8 +134,8 @@ impl RigSpec {
             wiring: Wiring::Serial,
         };
         let range_n = RANGE_OVER_LIMIT * self.limits.force_n;
-        let load_cell = emulate(&self.load_cell.profile, Device::LoadCell, range_n)?;
-        let array = emulate(&self.array.profile, Device::Array, range_n)?;
+        let load_cell = emulate(&self.load_cell.map, Device::LoadCell, range_n)?;
+        let array = emulate(&self.array.map, Device::Array, range_n)?;
         Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
     }
 }
@@ -180,30 +180,29 @@ impl SceneProbe {
 
 impl LoadCellSpec {
     fn driver(&self, connector: Connector, origin: Instant) -> Result<ModbusLoadCell, DeviceError> {
-        let MappedDevice { name, profile, .. } = &self.profile;
-        let framing = framing(&self.link, name);
+        let MappedDevice { name, profile, .. } = &self.map;
+        let transport = transport(&self.link, profile);
         let link = self.link.to_string();
-        ModbusLoadCell::new(connector, framing, profile.clone(), &link, self.conversions_hz, origin)
+        ModbusLoadCell::new(connector, transport, profile.clone(), &link, self.conversions_hz, origin)
             .ok_or_else(|| unfit("load cell", name))
     }
 }
 
 impl ArraySpec {
     fn driver(&self, connector: Connector) -> Result<ModbusArray, DeviceError> {
-        let MappedDevice { name, profile, .. } = &self.profile;
-        let framing = framing(&self.link, name);
-        ModbusArray::new(connector, framing, profile.clone(), &self.link.to_string(), self.layout.len())
+        let MappedDevice { name, profile, .. } = &self.map;
+        let transport = transport(&self.link, profile);
+        ModbusArray::new(connector, transport, profile.clone(), &self.link.to_string(), self.layout.len())
             .ok_or_else(|| unfit("array", name))
     }
 }
 
-/// The link decides the framing; a simulated one is what the device really has.
-fn framing(link: &Link, map: &str) -> Framing {
+/// The link decides the framing; a simulated one is what the device itself speaks.
+fn transport(link: &Link, profile: &Profile) -> Transport {
     match link {
-        Link::Serial { .. } => Framing::Rtu,
-        Link::Tcp { .. } => Framing::Tcp,
-        Link::Sim if map == "labjack-t7" => Framing::Tcp,
-        Link::Sim => Framing::Rtu,
+        Link::Serial { .. } => Transport::Rtu,
+        Link::Tcp { .. } => Transport::Tcp,
+        Link::Sim => profile.transport,
     }
 }
 
@@ -222,7 +221,9 @@ fn emulate(map: &MappedDevice, role: Device, range_n: f64) -> Result<EmulatedDev
 }
 
 fn unfit(role: &str, map: &str) -> DeviceError {
-    let problem = Problem::Mismatch(format!("the register map \"{map}\" can't play this role, or has no emulator"));
+    let told = "simulated are generic-rs485 (load cell) and labjack-t7 (array)";
+    let problem =
+        Problem::Mismatch(format!("there is no emulator for the register map \"{map}\" in this role: {told}"));
     DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }
 }
 

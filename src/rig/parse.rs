@@ -1,6 +1,6 @@
 use super::scene::{paper_scene, read_scene};
 use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
-use crate::document::{self, Bounds, Problem, Problems, Table};
+use crate::document::{self, Bounds, Problem, Problems, Table, with_nearest};
 use crate::driver::modbus::{Profile, SHIPPED};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
 use crate::wire::Link;
@@ -16,6 +16,9 @@ const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
 const UNCERTAINTY: Bounds = Bounds::within(0.01, 10.0, "mm");
 const UNITS_MAX: u64 = 4096;
+
+/// What a search needs beyond the surface's uncertainty, to feel a soft specimen yield, mm.
+const SEARCH_ROOM_MM: f64 = 0.23;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
 /// maps of the user's own.
@@ -64,15 +67,15 @@ fn read_stage(mut table: Table) -> Option<StageSpec> {
 }
 
 fn read_load_cell(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<LoadCellSpec> {
-    let profile = read_map(&mut table, "force", |profile| profile.force.is_some(), beside);
+    let map = read_map(&mut table, "force", |profile| profile.force.is_some(), beside);
     let link = read_link(&mut table);
     let conversions_hz = table.require_number("conversions_hz", CONVERSIONS);
     table.finish();
-    Some(LoadCellSpec { profile: profile?, link: link?, conversions_hz: conversions_hz? })
+    Some(LoadCellSpec { map: map?, link: link?, conversions_hz: conversions_hz? })
 }
 
 fn read_array(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<ArraySpec> {
-    let profile = read_map(&mut table, "outputs", |profile| profile.outputs.is_some(), beside);
+    let map = read_map(&mut table, "outputs", |profile| profile.outputs.is_some(), beside);
     let link = read_link(&mut table);
     let layout = match (table.has("grid"), table.has("places_mm")) {
         (true, false) => table.table("grid").and_then(|mut grid| {
@@ -97,15 +100,18 @@ fn read_array(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>
             None
         }
     };
-    if let (Some(map), Some(layout)) = (&profile, &layout) {
+    let layout_key = if table.has("grid") { "grid" } else { "places_mm" };
+    let layout_span = table.span_of(layout_key);
+    if let (Some(map), Some(layout)) = (&map, &layout) {
         let most = map.profile.outputs.as_ref().map_or(0, |outputs| outputs.count_max);
         if layout.is_empty() || layout.len() > most {
             let told = format!("{} units, but {} has {most} outputs", layout.len(), map.profile.name);
-            table.complain(Problem::new(table.span(), told));
+            let help = "a register map of your own may have more, on real links only: it has no emulator";
+            table.complain(Problem::new(layout_span, told).help(help));
         }
     }
     table.finish();
-    Some(ArraySpec { profile: profile?, link: link?, layout: layout? })
+    Some(ArraySpec { map: map?, link: link?, layout: layout? })
 }
 
 fn read_limits(mut table: Table) -> Option<Limits> {
@@ -169,10 +175,13 @@ fn read_map(
         if !plain {
             let told = format!("there is no register map \"{name}\"");
             let help = format!("known: {}; or name a .toml file that lies beside this one", known());
-            table.complain(Problem::new(span, told).help(help));
+            let problem = Problem::new(span, told).help(help);
+            table.complain(with_nearest(problem, name, &SHIPPED.map(|(name, _)| name)));
             return None;
         }
-        let read = beside(name).map_err(|error| format!("{name}: {error}"));
+        let read = beside(name).map_err(|error| {
+            format!("{name}: {error}: it must lie beside the rig; maps that come with the program: {}", known())
+        });
         match read.and_then(|text| Ok((Profile::parse(name, &text).map_err(|error| error.to_string())?, text))) {
             Ok((profile, text)) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
             Err(told) => {
@@ -204,6 +213,15 @@ fn check_room(spec: &RigSpec, root: &Table) {
     let travel = spec.stage.travel.along(Axis::Z);
     let clear = frame.to_stage(Place::default(), spec.clear_mm()).z_mm;
     let deepest = frame.to_stage(Place::default(), frame.uncertainty_mm + spec.limits.depth_mm).z_mm;
+    let least_mm = 2.0 * frame.uncertainty_mm + SEARCH_ROOM_MM;
+    if spec.limits.depth_mm < least_mm {
+        let told = format!(
+            "`depth_mm` {} ends the search above the deepest the surface may be, {} mm either way",
+            spec.limits.depth_mm, frame.uncertainty_mm
+        );
+        let help = format!("at least {least_mm:.2} mm, or a surface that is known better (`surface_mm.uncertainty`)");
+        root.complain(Problem::new(root.span_of("limits"), told).help(help));
+    }
     if !travel.contains(clear) || !travel.contains(deepest) {
         let Range { min, max } = travel;
         let told =

@@ -25,12 +25,17 @@ impl Cancel {
         *self.sender.borrow()
     }
 
+    /// Waits until the stop is asked for.
+    pub async fn wait(&self) {
+        // the sender lives as long as this does, so that waiting can't fail
+        let _ = self.sender.subscribe().wait_for(|asked| *asked).await;
+    }
+
     /// Sleeps, but no longer than until the stop is asked for.
     pub async fn sleep(&self, duration: Duration) {
-        let mut asked = self.sender.subscribe();
         tokio::select! {
             biased;
-            _ = asked.wait_for(|asked| *asked) => {}
+            () = self.wait() => {}
             () = sleep(duration) => {}
         }
     }

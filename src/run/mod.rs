@@ -1,6 +1,6 @@
 //! Walks a plan on a rig: prepares the instruments, makes each press, records it, and parks the stage whatever happens.
 //!
-//! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Watcher`] is told what happens.
+//! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is told what happens.
 
 mod cancel;
 mod estimate;
@@ -14,7 +14,7 @@ mod window;
 pub use cancel::Cancel;
 pub use estimate::estimated_s;
 pub use pace::keep_pace;
-pub use walk::{Ending, Errand, Watcher, walk};
+pub use walk::{Ending, Errand, Listener, walk};
 
 use crate::control::Trip;
 use crate::dataset::DatasetError;

@@ -5,6 +5,7 @@ use crate::dataset::Record;
 use crate::device::{Identity, Instruments, LoadCell, SensorArray, Stage};
 use crate::quantity::{Axis, ForceReading};
 use crate::rig::{OpenRig, RigSpec};
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
 /// Exchanges that are timed to know how fast the rig reacts.
@@ -27,7 +28,7 @@ pub(super) struct Ready<'a, S, C, A> {
 }
 
 /// What a rig is made ready with, besides itself.
-pub(super) struct Means<'a> {
+pub(super) struct Conditions<'a> {
     pub spec: &'a RigSpec,
     pub cancel: &'a Cancel,
     pub shown: &'a dyn Fn(f64),
@@ -39,25 +40,41 @@ pub(super) struct Means<'a> {
 /// Identifies each device, homes what isn't homed (z first, away), goes to the clear, times the links and takes the zero.
 pub(super) async fn make_ready<'a>(
     rig: OpenRig,
-    means: &Means<'a>,
+    conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
     let OpenRig { instruments, stage_use, probe, .. } = rig;
     let Instruments { mut stage, load_cell, array } = instruments;
     // the stage first: whatever the readers say, it is brought to rest and away from the specimen
-    let stage_identity = stage.prepare(&stage_use).await?;
-    let unwatched =
-        Watch::new(&means.spec.limits, Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None });
+    let stop = Notify::new();
+    let told_to_stop = async {
+        conditions.cancel.wait().await;
+        stop.notify_one();
+        std::future::pending::<()>().await;
+    };
+    let prepared = tokio::select! {
+        biased;
+        prepared = stage.prepare(&stage_use, &stop) => prepared,
+        () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
+    };
+    if conditions.cancel.asked() {
+        return Err(Halt::Cancelled);
+    }
+    let stage_identity = prepared?;
+    let unwatched = Watch::new(
+        &conditions.spec.limits,
+        Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None },
+    );
     let air = vec![0.0; array.units()];
-    let gauge = Gauge::new(load_cell, unwatched, means.cancel, means.shown);
+    let gauge = Gauge::new(load_cell, unwatched, conditions.cancel, conditions.shown);
     let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, means.spec.frame, stage_use, probe, air);
+    let mut hand = Hand::new(parts, conditions.spec.frame, stage_use, probe, air);
     // an axis that was homed before may stand anywhere: out of contact first
     hand.find_itself().await?;
-    hand.retreat(means.spec.clear_mm()).await?;
+    hand.retreat(conditions.spec.clear_mm()).await?;
     let cell_identity = hand.cell.cell.prepare().await?;
     let array_identity = hand.array.prepare().await?;
     let reaction = time(&mut hand).await?;
-    let zero = take_zero(&mut hand, means).await?;
+    let zero = take_zero(&mut hand, conditions).await?;
     Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
 
@@ -76,7 +93,7 @@ async fn time<S: Stage, C: LoadCell, A: SensorArray>(hand: &mut Hand<'_, S, C, A
 
 async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
-    means: &Means<'_>,
+    conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
     let mut readings: Vec<ForceReading> = Vec::with_capacity(ZERO_READINGS);
     for _ in 0..ZERO_READINGS {
@@ -86,22 +103,22 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
             return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N").into());
         }
         if reading.health.saturated || reading.health.fault {
-            return Err(Trip::new(Rule::Unhealthy, reading.force_n, means.spec.limits.force_n, "N").into());
+            return Err(Trip::new(Rule::Unhealthy, reading.force_n, conditions.spec.limits.force_n, "N").into());
         }
         readings.push(reading);
     }
     let zero = Zero::of(&readings);
-    let most_n = NOISE_SHARE * means.spec.limits.force_n;
+    let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
     if zero.sigma_n > most_n {
         return Err(Trip::new(Rule::Noisy, zero.sigma_n, most_n, "N").into());
     }
-    if let Some(first_n) = means.first_zero_n {
-        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * means.spec.limits.force_n);
+    if let Some(first_n) = conditions.first_zero_n {
+        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * conditions.spec.limits.force_n);
         if drift_n.abs() > most_n {
             return Err(Trip::new(Rule::ZeroDrifted, drift_n, most_n, "N").into());
         }
     }
-    hand.cell.watch = Watch::new(&means.spec.limits, zero);
+    hand.cell.watch = Watch::new(&conditions.spec.limits, zero);
     let mut outputs = vec![0.0; hand.array.units()];
     let mut now = outputs.clone();
     for _ in 0..AIR_READINGS {
@@ -111,6 +128,6 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
         sleep_until(next).await;
     }
     hand.air.clone_from(&outputs);
-    let t_s = means.began.elapsed().as_secs_f64();
+    let t_s = conditions.began.elapsed().as_secs_f64();
     Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, outputs })
 }

@@ -1,5 +1,5 @@
 use super::hand::Hand;
-use super::ready::{Means, Ready, make_ready};
+use super::ready::{Conditions, Ready, make_ready};
 use super::window::Window;
 use super::{Cancel, Halt};
 use crate::control::{Command, Context, Event, Expected, Permit, Press, SurfaceMap};
@@ -8,6 +8,7 @@ use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::{Axis, Limits, Place};
 use crate::recipe::{Entry, Plan};
 use crate::rig::RigSpec;
+use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
@@ -15,7 +16,7 @@ use tokio::time::Instant;
 /// Clearance above the learned surface in which the indenter travels from place to place, mm.
 const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 
-/// How often parking is tried: a stage whose link stuttered is not left pressing for that.
+/// How often parking is tried: a link that stutters mostly answers the second time, and a third costs nothing but seconds.
 const PARK_TRIES: usize = 3;
 
 /// What is to be done: a plan on a rig, recorded in a folder.
@@ -42,7 +43,7 @@ pub struct Ending {
 }
 
 /// Who is told what happens.
-pub trait Watcher {
+pub trait Listener {
     /// The instruments are ready: what they said they are.
     fn ready(&mut self, _devices: &[crate::device::Identity]) {}
     /// An entry of the plan begins.
@@ -55,21 +56,21 @@ pub trait Watcher {
 
 /// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear, and the folder
 /// says how it ended.
-pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
+pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
     let Errand { plan, spec, folder, cancel, shown } = errand;
     let began = Instant::now();
     // a run that goes on counts from where it was
     let before_s = folder.manifest.virtual_s;
-    let means = Means { spec, cancel, shown, began, first_zero_n: folder.first_zero_n() };
+    let conditions = Conditions { spec, cancel, shown, began, first_zero_n: folder.first_zero_n() };
     let mut ending = Ending { halt: None, unparked: None };
     let rig = spec.open(plan.seed).map_err(Halt::from);
     let ready = match rig {
-        Ok(rig) => make_ready(rig, &means).await,
+        Ok(rig) => make_ready(rig, &conditions).await,
         Err(halt) => Err(halt),
     };
     match ready {
         Ok(Ready { hand, devices, reaction, zero }) => {
-            watcher.ready(&devices);
+            listener.ready(&devices);
             folder.manifest.devices = devices;
             let begun = folder.write_manifest();
             let permit =
@@ -78,7 +79,7 @@ pub async fn walk(errand: Errand<'_>, watcher: &mut dyn Watcher) -> Ending {
             let mut walker = Walker { hand, permit, surface, limits: spec.limits, began, before_s, pressing: None };
             let recorded = begun.and_then(|()| folder.record(zero)).map_err(Halt::from);
             ending.halt = match recorded {
-                Ok(()) => walker.presses(plan, folder, watcher).await.err(),
+                Ok(()) => walker.presses(plan, folder, listener).await.err(),
                 Err(halt) => Some(halt),
             };
             ending.unparked = walker.park(spec.clear_mm()).await.err();
@@ -137,14 +138,13 @@ struct Walker<'a, S, C, A> {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    async fn presses(&mut self, plan: &Plan, folder: &mut RunFolder, watcher: &mut dyn Watcher) -> Result<(), Halt> {
-        let mut left =
-            plan.entries.iter().filter(|entry| !folder.contacts().contains_key(&entry.press)).collect::<Vec<_>>();
-        left.reverse();
-        while let Some(entry) = left.pop() {
-            let next = left.last().map_or(entry.place, |next| next.place);
+    async fn presses(&mut self, plan: &Plan, folder: &mut RunFolder, listener: &mut dyn Listener) -> Result<(), Halt> {
+        let done: BTreeSet<u64> = folder.contacts().keys().copied().collect();
+        let mut left = plan.entries.iter().filter(|entry| !done.contains(&entry.press)).peekable();
+        while let Some(entry) = left.next() {
+            let next = left.peek().map_or(entry.place, |next| next.place);
             self.pressing = Some(entry.press);
-            watcher.begins(entry);
+            listener.begins(entry);
             let contact = self.press(entry, next).await?;
             if let Some(touch) = contact.touch {
                 self.surface.learn(touch.place, touch.z_mm);
@@ -152,10 +152,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             folder.record(Record::Contact(contact))?;
             self.pressing = None;
             if let Some(contact) = folder.contacts().get(&entry.press) {
-                watcher.recorded(contact);
+                listener.recorded(contact);
             }
-            if entry.rest_after_s > 0.0 && !left.is_empty() {
-                watcher.rests(entry.rest_after_s);
+            if entry.rest_after_s > 0.0 && left.peek().is_some() {
+                listener.rests(entry.rest_after_s);
                 self.hand.cell.watch.pause();
                 self.hand.cell.cancel.sleep(Duration::from_secs_f64(entry.rest_after_s)).await;
                 if self.hand.cell.cancel.asked() {

@@ -52,6 +52,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         ("3OR3", ""),
         ("3MD?", "0\r\n"),
         ("3MD?", "1\r\n"),
+        ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
         ("3TP", "12.5000\r\n"),
         ("1MO?", "1\r\n"),
         ("2MO?", "1\r\n"),
@@ -60,7 +61,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         ("3SL-12.5000;3SR12.5000;3AC100;3AG100", ""),
         ("TB?", "0, 12, NO ERROR DETECTED\r\n"),
     ]);
-    let identity = stage.prepare(&usage()).await.unwrap();
+    let identity = stage.prepare(&usage(), &Notify::new()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
     assert!(identity.warnings.is_empty());
     drop(stage);
@@ -69,10 +70,39 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
 
 #[tokio::test(start_paused = true)]
 async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
-    let (mut stage, device) =
-        scripted(&[("3MO?", "0\r\n"), ("3MO", ""), ("3OR3", ""), ("3MD?", "1\r\n"), ("3TP", "0.0000\r\n")]);
-    let error = stage.home_z(&usage()).await.unwrap_err().to_string();
+    let (mut stage, device) = scripted(&[
+        ("3MO?", "0\r\n"),
+        ("3MO", ""),
+        ("3OR3", ""),
+        ("3MD?", "1\r\n"),
+        ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
+        ("3TP", "0.0000\r\n"),
+    ]);
+    let error = stage.home_z(&usage(), &Notify::new()).await.unwrap_err().to_string();
     assert!(error.contains("z counts 0.0000 mm at the limit it homed to, the rig's travel ends at 12.5 mm"), "{error}");
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
+    let (mut stage, device) = scripted(&[
+        ("3MO?", "0\r\n"),
+        ("3MO", ""),
+        ("3OR3", ""),
+        ("3MD?", ""),
+        ("ST", "1\r\n"),
+        ("TB?", "320, 11, AXIS-3 HOMING ABORTED\r\n"),
+        ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
+    ]);
+    let stop = Notify::new();
+    let ask_for_it = async {
+        sleep(Duration::from_millis(30)).await;
+        stop.notify_one();
+    };
+    let usage = usage();
+    let (homed, ()) = tokio::join!(stage.home_z(&usage, &stop), ask_for_it);
+    assert!(homed.unwrap_err().to_string().contains("AXIS-3 HOMING ABORTED"));
     drop(stage);
     device.await.unwrap();
 }

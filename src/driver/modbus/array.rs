@@ -1,5 +1,5 @@
-use super::client::{Client, Framing};
-use super::profile::{Outputs, Probe, Profile};
+use super::client::Client;
+use super::profile::{Outputs, Probe, Profile, Transport};
 use crate::device::{DeviceError, Identity, Problem, SensorArray};
 use crate::wire::Connector;
 
@@ -14,8 +14,8 @@ pub struct ModbusArray {
 
 impl ModbusArray {
     /// An array of `units` units on a profile's outputs, or none if the profile has no `[outputs]` or too few.
-    pub fn new(connector: Connector, framing: Framing, profile: Profile, link: &str, units: usize) -> Option<Self> {
-        let client = Client::new(connector, framing, &profile, "array", link);
+    pub fn new(connector: Connector, transport: Transport, profile: Profile, link: &str, units: usize) -> Option<Self> {
+        let client = Client::new(connector, transport, &profile, "array", link);
         let outputs = profile.outputs.filter(|outputs| (1..=outputs.count_max).contains(&units))?;
         let identity = Identity {
             role: "array".to_owned(),

@@ -1,4 +1,4 @@
-use super::profile::{NumberType, Probe, Profile, WordOrder};
+use super::profile::{NumberType, Probe, Profile, Transport, WordOrder};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{ByteStream, Connector};
 use std::time::Duration;
@@ -16,19 +16,10 @@ const QUIET: Duration = Duration::from_millis(20);
 /// Most bytes that are thrown away while a line is brought to quiet.
 const STRAY_BYTES_MAX: usize = 4096;
 
-/// How Modbus is framed on a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Framing {
-    /// Serial line, CRC and silence.
-    Rtu,
-    /// TCP, with a header that numbers the transactions.
-    Tcp,
-}
-
 /// One Modbus device behind a link that is opened when it is needed, and again after anything that left it out of step.
 pub struct Client {
     connector: Connector,
-    framing: Framing,
+    transport: Transport,
     unit_id: u8,
     deadline: Duration,
     device: String,
@@ -41,10 +32,10 @@ pub struct Client {
 
 impl Client {
     /// A device of a profile; `role` and `link` name it in messages.
-    pub fn new(connector: Connector, framing: Framing, profile: &Profile, role: &str, link: &str) -> Self {
+    pub fn new(connector: Connector, transport: Transport, profile: &Profile, role: &str, link: &str) -> Self {
         Client {
             connector,
-            framing,
+            transport,
             unit_id: profile.unit_id,
             deadline: Duration::from_millis(profile.deadline_ms),
             device: format!("{role} ({} at {link})", profile.name),
@@ -136,15 +127,15 @@ impl Client {
             return Ok(context);
         }
         let mut stream = self.connector.open().await?;
-        if self.opened_before && self.framing == Framing::Rtu {
+        if self.opened_before && self.transport == Transport::Rtu {
             until_quiet(&mut stream).await?;
             self.doubtful = true;
         }
         self.opened_before = true;
         let slave = Slave(self.unit_id);
-        Ok(match self.framing {
-            Framing::Rtu => rtu::attach_slave(stream, slave),
-            Framing::Tcp => tcp::attach_slave(stream, slave),
+        Ok(match self.transport {
+            Transport::Rtu => rtu::attach_slave(stream, slave),
+            Transport::Tcp => tcp::attach_slave(stream, slave),
         })
     }
 }

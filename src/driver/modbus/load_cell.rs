@@ -1,5 +1,5 @@
-use super::client::{Client, Framing};
-use super::profile::{Force, Profile, Status};
+use super::client::Client;
+use super::profile::{Force, Profile, Status, Transport};
 use crate::device::{DeviceError, Identity, LoadCell, Problem};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
@@ -28,13 +28,13 @@ impl ModbusLoadCell {
     /// transmitter converts `conversions_hz` times a second.
     pub fn new(
         connector: Connector,
-        framing: Framing,
+        transport: Transport,
         profile: Profile,
         link: &str,
         conversions_hz: f64,
         origin: Instant,
     ) -> Option<Self> {
-        let client = Client::new(connector, framing, &profile, "load cell", link);
+        let client = Client::new(connector, transport, &profile, "load cell", link);
         let identity = Identity {
             role: "load_cell".to_owned(),
             identity: profile.name.clone(),

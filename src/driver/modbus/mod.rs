@@ -6,6 +6,6 @@ mod load_cell;
 mod profile;
 
 pub use array::ModbusArray;
-pub use client::{Client, Framing};
+pub use client::Client;
 pub use load_cell::ModbusLoadCell;
-pub use profile::{NumberType, Profile, ProfileError, SHIPPED, WordOrder};
+pub use profile::{NumberType, Profile, ProfileError, SHIPPED, Transport, WordOrder};

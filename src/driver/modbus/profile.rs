@@ -13,6 +13,8 @@ pub const SHIPPED: [(&str, &str); 2] = [
 pub struct Profile {
     /// The device's name in messages.
     pub name: String,
+    /// What the device itself speaks, whatever link a rig puts it on.
+    pub transport: Transport,
     /// Its Modbus unit (slave) id.
     pub unit_id: u8,
     /// Longest wait for an answer, ms.
@@ -26,6 +28,16 @@ pub struct Profile {
     /// Registers whose value is known: they show at connect that addresses and word order are right.
     #[serde(default)]
     pub probe: Vec<Probe>,
+}
+
+/// How Modbus is framed on a link.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum Transport {
+    /// Serial line, CRC and silence.
+    Rtu,
+    /// TCP, with a header that numbers the transactions.
+    Tcp,
 }
 
 /// The force register of a load cell.
