@@ -32,6 +32,7 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
     let rig = RigArgs { rig: args.run.join("rig.toml"), simulate: manifest.simulated, seed: manifest.seed };
     let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
     let plan = sources.plan(manifest.seed)?;
+    args.session.check(&sources.rig)?;
     if manifest.status == Status::Complete {
         summary::tell(&format!("{} is complete: nothing to do\n", args.run.display()))?;
         return Ok(ExitCode::SUCCESS);

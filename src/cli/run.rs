@@ -37,6 +37,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
+    args.session.check(&sources.rig)?;
     let started = Zoned::now().to_string();
     let manifest = Manifest::new(&plan, sources.rig.is_simulated(), args.sensor.clone(), started);
     let layout = &sources.rig.array.layout;

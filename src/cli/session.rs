@@ -23,6 +23,16 @@ pub struct SessionArgs {
     pub pace: Option<f64>,
 }
 
+impl SessionArgs {
+    /// Whether they fit a rig; asked before anything is made.
+    pub fn check(&self, spec: &RigSpec) -> Result<(), Failure> {
+        if self.pace.is_some() && !spec.is_simulated() {
+            return Err(Failure::usage(miette::miette!("--pace is for simulated rigs: a real one has its own pace")));
+        }
+        Ok(())
+    }
+}
+
 /// Walks a plan from where its folder is to its end, and tells the person how it went.
 pub fn carry_out(
     plan: &Plan,
@@ -32,9 +42,6 @@ pub fn carry_out(
     args: &SessionArgs,
 ) -> Result<ExitCode, Failure> {
     let virtual_time = spec.is_simulated();
-    if args.pace.is_some() && !virtual_time {
-        return Err(Failure::usage(miette::miette!("--pace is for simulated rigs: a real one has its own pace")));
-    }
     let began = Instant::now();
     let wall_before_s = folder.manifest.wall_s;
     let runtime = Builder::new_current_thread().enable_all().start_paused(virtual_time).build();
@@ -61,7 +68,7 @@ pub fn carry_out(
     folder.manifest.failure = ending.told();
     let finished = folder.finish(status);
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
-    show(&summary::ended(folder, virtual_time))?;
+    let shown = show(&summary::ended(folder, virtual_time));
     if let Some(unparked) = ending.unparked {
         eprintln!("the stage could not be parked: move it clear of the specimen by hand");
         // said even if it is not what the exit code is about
@@ -79,6 +86,7 @@ pub fn carry_out(
         Some(halt) => return Err(Failure::halted(halt)),
         None => finished.map_err(Failure::dataset)?,
     }
+    shown?; // whatever went wrong with the rig is said first
     let evaluations = summary::evaluations(folder, spec, solvers)?;
     show(&summary::results(folder, spec, &evaluations)?)?;
     Ok(accepted(&evaluations))

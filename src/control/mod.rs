@@ -21,5 +21,5 @@ pub use speed::{Reaction, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Task};
 pub use trip::{Rule, Trip};
-pub use watch::Watch;
+pub use watch::{Watch, check_sound};
 pub use zero::Zero;

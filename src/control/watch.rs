@@ -54,13 +54,8 @@ impl Watch {
     /// # Errors
     /// The rule it breaks.
     pub fn force_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
-        if !reading.force_n.is_finite() {
-            return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N"));
-        }
+        check_sound(reading)?;
         let force_n = reading.force_n - self.zero.offset_n;
-        if reading.health.saturated || reading.health.fault {
-            return Err(Trip::new(Rule::Unhealthy, force_n, self.limit_n, "N"));
-        }
         let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
         if gap_s > STALE_S {
             return Err(Trip::new(Rule::Stale, gap_s, STALE_S, "s"));
@@ -103,6 +98,20 @@ impl Watch {
         }
         Ok(())
     }
+}
+
+/// Whether a reading is a number and the cell says nothing against it.
+///
+/// # Errors
+/// The rule it breaks.
+pub fn check_sound(reading: &ForceReading) -> Result<(), Trip> {
+    if !reading.force_n.is_finite() {
+        return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N"));
+    }
+    if reading.health.saturated || reading.health.fault {
+        return Err(Trip::new(Rule::Unhealthy, reading.force_n, 0.0, "N as read"));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
-use crate::control::{Reaction, Rule, Trip, Watch, Zero};
+use crate::control::{Reaction, Rule, Trip, Watch, Zero, check_sound};
 use crate::dataset::Record;
 use crate::device::{Identity, Instruments, LoadCell, SensorArray, Stage};
 use crate::quantity::{Axis, ForceReading};
@@ -99,12 +99,7 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     for _ in 0..ZERO_READINGS {
         hand.cell.due().await?;
         let reading = hand.cell.cell.read().await?;
-        if !reading.force_n.is_finite() {
-            return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N").into());
-        }
-        if reading.health.saturated || reading.health.fault {
-            return Err(Trip::new(Rule::Unhealthy, reading.force_n, conditions.spec.limits.force_n, "N").into());
-        }
+        check_sound(&reading)?;
         readings.push(reading);
     }
     let zero = Zero::of(&readings);

@@ -77,7 +77,7 @@ impl TaxelState {
                 Some(cover) => force_n * lambda(place.distance_mm(self.layout.places()[unit]) / cover.depth_mm),
             };
             let u = straight / self.full_scale;
-            let loop_width = self.hysteresis.as_ref().map_or(0.0, |h| h[unit]) * 4.0 * u * (1.0 - u);
+            let loop_width = self.hysteresis.as_ref().map_or(0.0, |h| h[unit]) * (4.0 * u * (1.0 - u)).max(0.0);
             let error = self.contact_error.get(unit).copied().unwrap_or(0.0);
             *output = straight + branch * loop_width + error;
         }
