@@ -38,8 +38,15 @@ impl Sources {
     /// Reads a recipe and a rig from their files.
     pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
         let recipe_text = read(recipe)?;
-        let recipe = recipe::parse(&recipe.display().to_string(), &recipe_text).map_err(Failure::usage)?;
-        let (rig_text, spec) = read_rig(&rig.rig)?;
+        let recipe = recipe::parse(&recipe.display().to_string(), &recipe_text).map_err(Failure::usage);
+        let (recipe, (rig_text, spec)) = match (recipe, read_rig(&rig.rig)) {
+            (Ok(recipe), Ok(rig)) => (recipe, rig),
+            (Err(failure), Ok(_)) | (Ok(_), Err(failure)) => return Err(failure),
+            (Err(recipe), Err(rig)) => {
+                recipe.report(); // both are told at once
+                return Err(rig);
+            }
+        };
         let spec = if rig.simulate { spec.simulated() } else { spec };
         if spec.is_simulated() {
             spec.emulators(rig.seed).map_err(Failure::usage)?; // what can't be simulated is told before anything is made

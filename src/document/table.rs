@@ -110,11 +110,15 @@ impl<'d> Table<'d> {
     /// A whole number from `min` to `max`.
     pub fn integer(&mut self, key: &'static str, min: u64, max: u64) -> Option<u64> {
         let value = self.get(key)?;
-        let whole = value.get_ref().as_integer().map(|i| i64::from_str_radix(i.as_str(), i.radix()));
-        match whole {
-            Some(Ok(n)) if n >= 0 && (min..=max).contains(&(n as u64)) => Some(n as u64),
-            Some(_) => self.fail(value, format!("`{key}` must be {min} to {max}")),
-            None => self.wrong_kind(key, value, "a whole number"),
+        self.integer_of(key, value, min, max)
+    }
+
+    /// A list of whole numbers from `min` to `max`.
+    pub fn integers(&mut self, key: &'static str, min: u64, max: u64) -> Option<Vec<u64>> {
+        let value = self.get(key)?;
+        match value.get_ref().as_array() {
+            Some(items) => all(items.iter().map(|item| self.integer_of(key, item, min, max))),
+            None => self.wrong_kind(key, value, "a list of whole numbers"),
         }
     }
 
@@ -289,6 +293,15 @@ impl<'d> Table<'d> {
         match value.get_ref().as_array() {
             Some(items) => all(items.iter().map(|item| self.number_of(key, item, bounds))),
             None => self.wrong_kind(key, value, &format!("a list of numbers{}", bounds.unit())),
+        }
+    }
+
+    fn integer_of(&self, key: &str, value: &Spanned<DeValue<'d>>, min: u64, max: u64) -> Option<u64> {
+        let whole = value.get_ref().as_integer().map(|i| i64::from_str_radix(i.as_str(), i.radix()));
+        match whole {
+            Some(Ok(n)) if n >= 0 && (min..=max).contains(&(n as u64)) => Some(n as u64),
+            Some(_) => self.fail(value, format!("`{key}` must be {min} to {max}")),
+            None => self.wrong_kind(key, value, "a whole number"),
         }
     }
 

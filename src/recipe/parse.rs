@@ -10,7 +10,7 @@ const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Shorter windows hold less than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
-const UNITS_MAX: f64 = 4096.0;
+const UNITS_MAX: u64 = 4096;
 
 /// Largest departure from a whole number of spacings that counts as rounding.
 const WHOLE: f64 = 1e-6;
@@ -21,6 +21,11 @@ const WHOLE: f64 = 1e-6;
 /// Every problem of the text, each at its line.
 pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
     document::read(file, text, |root| {
+        if root.has("stage") && !root.has("step") {
+            root.leave_the_rest();
+            root.complain(Problem::new(root.span(), "this is a rig, not a recipe").help("give it with --rig"));
+            return None;
+        }
         let name = root.require_text("name", "what the run folder is named after");
         if let Some(name) = name.filter(|name| !is_folder_name(name)) {
             let help = "use letters, digits, '-', '_' and '.', not a '.' in front";
@@ -183,14 +188,11 @@ fn read_units(step: &mut Table) -> Option<Places> {
     if step.is_text("units") {
         return step.choice("units", &[("all", ())]).map(|()| Places::Units(UnitChoice::All));
     }
-    let numbers = step.numbers("units", Bounds::within(1.0, UNITS_MAX, "units, counted from 1"))?;
-    if numbers.is_empty() {
+    let units = step.integers("units", 1, UNITS_MAX)?;
+    if units.is_empty() {
         step.complain(Problem::new(span.clone(), "`units` is empty: nothing to press").help("write \"all\" or [1, 2]"));
     }
-    if let Some(broken) = numbers.iter().find(|n| n.fract() != 0.0) {
-        step.complain(Problem::new(span.clone(), format!("unit {broken} is not a whole number")));
-    }
-    Some(Places::Units(UnitChoice::Some(numbers.iter().map(|&n| (n as usize, span.clone())).collect())))
+    Some(Places::Units(UnitChoice::Some(units.iter().map(|&unit| (unit as usize, span.clone())).collect())))
 }
 
 fn read_staircase(step: &mut Table) -> Option<Load> {

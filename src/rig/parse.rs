@@ -27,6 +27,12 @@ const SEARCH_ROOM_MM: f64 = 0.23;
 /// Every problem of the text, each at its line.
 pub fn parse(file: &str, text: &str, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Result<RigSpec, Problems> {
     document::read(file, text, |root| {
+        if root.has("step") && !root.has("stage") {
+            root.leave_the_rest();
+            let problem = Problem::new(root.span(), "this is a recipe, not a rig");
+            root.complain(problem.help("name the recipe first, the rig with --rig"));
+            return None;
+        }
         let stage = root.require_table("stage").and_then(read_stage);
         let load_cell = root.require_table("load_cell").and_then(|table| read_load_cell(table, beside));
         let array = root.require_table("array").and_then(|table| read_array(table, beside));
@@ -179,13 +185,19 @@ fn read_map(
             table.complain(with_nearest(problem, name, &SHIPPED.map(|(name, _)| name)));
             return None;
         }
-        let read = beside(name).map_err(|error| {
-            format!("{name}: {error}: it must lie beside the rig; maps that come with the program: {}", known())
-        });
-        match read.and_then(|text| Ok((Profile::parse(name, &text).map_err(|error| error.to_string())?, text))) {
-            Ok((profile, text)) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
-            Err(told) => {
-                table.complain(Problem::new(span, told));
+        let text = match beside(name) {
+            Ok(text) => text,
+            Err(error) => {
+                let help = format!("it must lie beside the rig; maps that come with the program: {}", known());
+                table.complain(Problem::new(span, format!("{name}: {error}")).help(help));
+                return None;
+            }
+        };
+        match Profile::parse(name, &text) {
+            Ok(profile) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
+            Err(problems) => {
+                // each with the map's own line
+                problems.lines().into_iter().for_each(|line| table.complain(Problem::new(span.clone(), line)));
                 return None;
             }
         }

@@ -8,4 +8,4 @@ mod profile;
 pub use array::ModbusArray;
 pub use client::Client;
 pub use load_cell::ModbusLoadCell;
-pub use profile::{NumberType, Profile, ProfileError, SHIPPED, Transport, WordOrder};
+pub use profile::{NumberType, Profile, SHIPPED, Transport, WordOrder};

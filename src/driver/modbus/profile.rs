@@ -1,5 +1,4 @@
-use serde::Deserialize;
-use thiserror::Error;
+use crate::document::{self, Bounds, Problems, Table};
 
 /// The register maps that come with the program: name and text.
 pub const SHIPPED: [(&str, &str); 2] = [
@@ -8,8 +7,7 @@ pub const SHIPPED: [(&str, &str); 2] = [
 ];
 
 /// Which registers of a Modbus device mean what.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
     /// The device's name in messages.
     pub name: String,
@@ -26,13 +24,11 @@ pub struct Profile {
     /// Where an array's outputs are.
     pub outputs: Option<Outputs>,
     /// Registers whose value is known: they show at connect that addresses and word order are right.
-    #[serde(default)]
     pub probe: Vec<Probe>,
 }
 
 /// How Modbus is framed on a link.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
     /// Serial line, CRC and silence.
     Rtu,
@@ -41,13 +37,11 @@ pub enum Transport {
 }
 
 /// The force register of a load cell.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Force {
     /// Address on the wire of its first register.
     pub address: u16,
     /// What it holds.
-    #[serde(rename = "type")]
     pub number: NumberType,
     /// Which word comes first.
     pub word_order: WordOrder,
@@ -58,8 +52,7 @@ pub struct Force {
 }
 
 /// Where a device keeps its number of decimals.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Decimals {
     /// Address on the wire.
     pub address: u16,
@@ -68,27 +61,22 @@ pub struct Decimals {
 }
 
 /// The status word of a load cell.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Status {
     /// Address on the wire.
     pub address: u16,
     /// Bits that say the reading is beyond its range.
-    #[serde(default)]
     pub saturated_bits: Vec<u8>,
     /// Bits that say the cell or its converter is broken.
-    #[serde(default)]
     pub fault_bits: Vec<u8>,
 }
 
 /// The output registers of an array, one number a unit, without gaps.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
     /// Address on the wire of the first unit's first register.
     pub address: u16,
     /// What each holds.
-    #[serde(rename = "type")]
     pub number: NumberType,
     /// Which word comes first.
     pub word_order: WordOrder,
@@ -97,23 +85,20 @@ pub struct Outputs {
 }
 
 /// A register whose value is known.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Probe {
     /// Its name in the device's manual.
     pub what: String,
     /// Address on the wire.
     pub address: u16,
     /// What it holds.
-    #[serde(rename = "type")]
     pub number: NumberType,
     /// Its value.
     pub value: f64,
 }
 
 /// What registers hold.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {
     /// One register, unsigned.
     U16,
@@ -128,8 +113,7 @@ pub enum NumberType {
 }
 
 /// Which of two registers is the more significant; bytes within a register are always high first (Modbus specification).
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WordOrder {
     /// The one at the lower address.
     Big,
@@ -137,21 +121,47 @@ pub enum WordOrder {
     Little,
 }
 
-/// A register map that can't be used.
-#[derive(Debug, Error)]
-#[error("register map {name}: {problem}")]
-pub struct ProfileError {
-    name: String,
-    problem: String,
-}
+const TRANSPORTS: [(&str, Transport); 2] = [("rtu", Transport::Rtu), ("tcp", Transport::Tcp)];
+const WORD_ORDERS: [(&str, WordOrder); 2] = [("big", WordOrder::Big), ("little", WordOrder::Little)];
+const NUMBER_TYPES: [(&str, NumberType); 5] = [
+    ("u16", NumberType::U16),
+    ("i16", NumberType::I16),
+    ("u32", NumberType::U32),
+    ("i32", NumberType::I32),
+    ("f32", NumberType::F32),
+];
+const ADDRESS_MAX: u64 = 65_535;
+const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");
+const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
+/// One Modbus read carries at most 125 registers (Modbus specification).
+const REGISTERS_MAX: u64 = 125;
 
 impl Profile {
-    /// Reads a register map; `name` is its file's or its own name in messages.
+    /// Reads a register map; `file` is its name in messages.
     ///
     /// # Errors
-    /// What is wrong, at its line.
-    pub fn parse(name: &str, text: &str) -> Result<Profile, ProfileError> {
-        toml::from_str(text).map_err(|error| ProfileError { name: name.to_owned(), problem: error.to_string() })
+    /// Every problem of the text, each at its line.
+    pub fn parse(file: &str, text: &str) -> Result<Profile, Problems> {
+        document::read(file, text, |root| {
+            let name = root.require_text("name", "the device's name in messages");
+            let transport = root.require_choice("transport", &TRANSPORTS);
+            let unit_id = root.require_integer("unit_id", 0, 255);
+            let deadline_ms = root.require_integer("deadline_ms", 1, 60_000);
+            let force = optional(root.table("force"), read_force);
+            let status = optional(root.table("status"), read_status);
+            let outputs = optional(root.table("outputs"), read_outputs);
+            let probe = document::all(root.tables("probe").into_iter().map(read_probe));
+            Some(Profile {
+                name: name?.to_owned(),
+                transport: transport?,
+                unit_id: unit_id? as u8,
+                deadline_ms: deadline_ms?,
+                force: force?,
+                status: status?,
+                outputs: outputs?,
+                probe: probe?,
+            })
+        })
     }
 
     /// A register map that came with the program, or none of that name.
@@ -159,6 +169,66 @@ impl Profile {
         let (_, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
         Profile::parse(name, text).ok() // a test reads every one of them
     }
+}
+
+/// A table that may be missing, but must be right where it is there.
+fn optional<T>(table: Option<Table>, read: fn(Table) -> Option<T>) -> Option<Option<T>> {
+    match table {
+        Some(table) => read(table).map(Some),
+        None => Some(None),
+    }
+}
+
+fn read_force(mut table: Table) -> Option<Force> {
+    let address = read_address(&mut table);
+    let (number, word_order) = read_number(&mut table);
+    let newton_per_unit = table.require_number("newton_per_unit", FORCE_PER_UNIT);
+    let decimals = optional(table.table("decimals"), |mut decimals| {
+        let (address, mask) = (read_address(&mut decimals), decimals.require_integer("mask", 1, ADDRESS_MAX));
+        decimals.finish();
+        Some(Decimals { address: address?, mask: mask? as u16 })
+    });
+    table.finish();
+    Some(Force {
+        address: address?,
+        number: number?,
+        word_order: word_order?,
+        newton_per_unit: newton_per_unit?,
+        decimals: decimals?,
+    })
+}
+
+fn read_status(mut table: Table) -> Option<Status> {
+    let address = read_address(&mut table);
+    let mut bits = |key| table.integers(key, 0, 15).unwrap_or_default().into_iter().map(|bit| bit as u8).collect();
+    let (saturated_bits, fault_bits) = (bits("saturated_bits"), bits("fault_bits"));
+    table.finish();
+    Some(Status { address: address?, saturated_bits, fault_bits })
+}
+
+fn read_outputs(mut table: Table) -> Option<Outputs> {
+    let address = read_address(&mut table);
+    let (number, word_order) = read_number(&mut table);
+    let most = REGISTERS_MAX / number.map_or(1, |number| u64::from(number.registers()));
+    let count_max = table.require_integer("count_max", 1, most);
+    table.finish();
+    Some(Outputs { address: address?, number: number?, word_order: word_order?, count_max: count_max? as usize })
+}
+
+fn read_probe(mut table: Table) -> Option<Probe> {
+    let what = table.require_text("what", "its name in the device's manual");
+    let (address, number) = (read_address(&mut table), table.require_choice("type", &NUMBER_TYPES));
+    let value = table.require_number("value", VALUE);
+    table.finish();
+    Some(Probe { what: what?.to_owned(), address: address?, number: number?, value: value? })
+}
+
+fn read_address(table: &mut Table) -> Option<u16> {
+    table.require_integer("address", 0, ADDRESS_MAX).map(|address| address as u16)
+}
+
+fn read_number(table: &mut Table) -> (Option<NumberType>, Option<WordOrder>) {
+    (table.require_choice("type", &NUMBER_TYPES), table.require_choice("word_order", &WORD_ORDERS))
 }
 
 impl NumberType {
@@ -211,8 +281,17 @@ mod tests {
     }
 
     #[test]
-    fn a_misspelt_key_is_named_with_its_line() {
-        let error = Profile::parse("mine", "name = \"x\"\nunit = 1\n").unwrap_err().to_string();
-        assert!(error.contains("line 2") && error.contains("unit_id"), "{error}");
+    fn all_mistakes_of_a_map_are_told_at_their_lines() {
+        let (_, text) = SHIPPED[0];
+        let text = text.replace("unit_id", "unit").replace("\"i32\"", "\"i23\"").replace("[6, 9]", "[6, 19]");
+        assert_eq!(
+            Profile::parse("mine.toml", &text).unwrap_err().lines(),
+            [
+                "mine.toml:1:1: `unit_id` is missing: a whole number, 0 to 255",
+                "mine.toml:5:1: unknown key `unit`",
+                "mine.toml:10:8: `type` is \"i23\", expected one of u16, i16, u32, i32, f32",
+                "mine.toml:17:22: `saturated_bits` must be 0 to 15",
+            ]
+        );
     }
 }
