@@ -60,7 +60,7 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
     let out = parent.path().join("run");
     let mut folder = RunFolder::create(Some(&out), &origins, manifest, &spec.array.layout).expect("a run folder");
     let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().start_paused(true).build().expect("a runtime");
+        tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
     let errand = Errand { plan: &plan, spec: &spec, folder: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));

@@ -52,7 +52,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let origins = Origins { recipe: recipe_text.to_owned(), rig: rig_text.to_owned(), maps: Vec::new() };
     let manifest = Manifest::new(&plan, true, None, String::new());
     let mut folder = RunFolder::create(Some(&out), &origins, manifest, &spec.array.layout).unwrap();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().start_paused(true).build().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
     let errand = Errand { plan: &plan, spec: &spec, folder: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));

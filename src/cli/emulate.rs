@@ -1,5 +1,5 @@
 use super::exit::Failure;
-use super::session::told_to_stop;
+use super::session::stop_on_signal;
 use super::sources::read_rig;
 use super::summary::print;
 use crate::emulator::listen::{self, ListenError, Listening};
@@ -48,6 +48,7 @@ pub fn emulate(args: &Args) -> Result<ExitCode, Failure> {
 }
 
 async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
+    let cancel = stop_on_signal(None)?;
     let origin = Instant::now();
     let simulated = spec.emulators(args.seed).map_err(Failure::usage)?;
     let mut listening = Vec::new();
@@ -68,7 +69,7 @@ async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
         }
         listening.push(offered);
     }
-    told_to_stop().await;
+    cancel.wait().await;
     drop(listening);
     Ok(ExitCode::SUCCESS)
 }

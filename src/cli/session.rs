@@ -6,7 +6,7 @@ use crate::recipe::Plan;
 use crate::rig::RigSpec;
 use crate::run::{Cancel, Errand, Halt, keep_pace, walk};
 use jiff::Zoned;
-use miette::IntoDiagnostic;
+use miette::{IntoDiagnostic, WrapErr};
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -44,17 +44,15 @@ pub fn carry_out(
     let virtual_time = spec.is_simulated();
     let began = Instant::now();
     let wall_before_s = folder.manifest.wall_s;
-    let runtime = Builder::new_current_thread().enable_all().start_paused(virtual_time).build();
-    let runtime = runtime.into_diagnostic().map_err(Failure::usage)?;
+    let mut builder = Builder::new_current_thread();
+    builder.enable_time().start_paused(virtual_time);
+    if !virtual_time {
+        builder.enable_io();
+    }
+    let runtime = builder.build().into_diagnostic().map_err(Failure::usage)?;
+    let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
     let mut progress = Progress::new(plan, folder.contacts().len(), args.json);
     let ending = runtime.block_on(async {
-        let cancel = Cancel::default();
-        let asked = cancel.clone();
-        tokio::spawn(async move {
-            told_to_stop().await;
-            let _ = writeln!(std::io::stderr(), "\nstopping: the stage is brought to rest and parked");
-            asked.ask();
-        });
         if let Some(pace) = args.pace {
             tokio::spawn(keep_pace(pace));
         }
@@ -92,26 +90,19 @@ pub fn carry_out(
     Ok(accepted(&evaluations))
 }
 
-/// Waits for Ctrl-C, or on Unix for a polite end or a closed terminal.
-pub async fn told_to_stop() {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        let (Ok(mut interrupt), Ok(mut terminate), Ok(mut hang_up)) =
-            (signal(SignalKind::interrupt()), signal(SignalKind::terminate()), signal(SignalKind::hangup()))
-        else {
-            return std::future::pending().await;
-        };
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-            _ = hang_up.recv() => {}
+/// A stop that Ctrl-C asks for, and on Unix a polite end or a closed terminal. The signal is caught on a thread of its own, so
+/// that a simulated run needs no I/O driver: asking the system for events between any two instants would be its largest cost.
+pub fn stop_on_signal(told: Option<&'static str>) -> Result<Cancel, Failure> {
+    let cancel = Cancel::default();
+    let asked = cancel.clone();
+    let heard = move || {
+        if let Some(told) = told {
+            let _ = writeln!(std::io::stderr(), "\n{told}");
         }
-    }
-    #[cfg(not(unix))]
-    if tokio::signal::ctrl_c().await.is_err() {
-        std::future::pending::<()>().await;
-    }
+        asked.ask();
+    };
+    ctrlc::set_handler(heard).into_diagnostic().wrap_err("can't listen for Ctrl-C").map_err(Failure::usage)?;
+    Ok(cancel)
 }
 
 fn positive(text: &str) -> Result<f64, String> {
