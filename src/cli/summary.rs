@@ -37,7 +37,9 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     }
     match (manifest.status, manifest.presses_done) {
         (Status::Complete, _) => {}
-        (_, 0) => _ = writeln!(text, "nothing was pressed: put right what is wrong and run again"),
+        (Status::Failed | Status::Tripped, 0) => {
+            _ = writeln!(text, "nothing was pressed: put right what is wrong and run again")
+        }
         (Status::Tripped, _) => _ = writeln!(text, "to go on: palpate resume {} --after-trip", folder.path().display()),
         _ => _ = writeln!(text, "to go on: palpate resume {}", folder.path().display()),
     }
