@@ -3,7 +3,7 @@
 
 mod support;
 
-use support::{Bench, SMALL};
+use support::{Bench, SMALL, exchanged};
 
 #[test]
 fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
@@ -30,6 +30,28 @@ fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
     let other = tables(&bench, "other");
     let differing = differing(&one, &other);
     assert_eq!(differing, expected.into_iter().filter(|name| !name.ends_with(".toml")).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    // as a power cut before the last press would have left it, and a load cell that was exchanged since
+    let journal = bench.read("run/journal.log");
+    let kept: Vec<&str> = journal.lines().collect();
+    bench.write("run/journal.log", &(kept[..kept.len() - 1].join("\n") + "\n"));
+    let manifest = bench.read("run/manifest.json");
+    bench.write("run/manifest.json", &exchanged(&manifest, "\"status\": \"complete\"", "\"status\": \"stopped\""));
+    let rig = bench.read("run/rig.toml");
+    bench.write("run/rig.toml", &exchanged(&rig, "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.5"));
+    let told = bench.palpate_ends(4, "resume run");
+    assert!(told.running().contains("zero-drifted: 0.5"), "{}", told.err);
+    assert_eq!(bench.manifest("run")["status"], "tripped");
+    // the old cell back, and a person's word
+    bench.write("run/rig.toml", &rig);
+    bench.palpate_ends(2, "resume run");
+    bench.palpate_ends(0, "resume run --after-trip");
+    assert_eq!(bench.manifest("run")["status"], "complete");
 }
 
 #[test]

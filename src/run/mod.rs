@@ -50,3 +50,6 @@ impl From<DatasetError> for Halt {
         Halt::Record(error)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -99,3 +99,11 @@ fn a_force_in_air_is_a_drifted_zero_and_moves_nothing() {
     assert!(matches!(&drifted.end, Command::Trip(trip) if trip.rule == Rule::ZeroDrifted), "{:?}", drifted.end);
     assert!(drifted.moves.is_empty());
 }
+
+#[test]
+fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
+    // it slips away, or the cell gives what it gave
+    let (_, stuck) = walk(Task::press(1.0), 0.0, 0.02, |depth| force_at(depth).min(0.12));
+    assert!(matches!(&stuck.end, Command::Trip(trip) if trip.rule == Rule::NoResponse), "{:?}", stuck.end);
+    assert!(stuck.moves.iter().all(|&z| z < 1.0), "{:?}", stuck.moves);
+}

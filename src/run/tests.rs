@@ -1,0 +1,163 @@
+//! The hand with instruments of straw: what is commanded, and what isn't.
+
+use super::hand::{Gauge, Hand};
+use super::{Cancel, Halt};
+use crate::control::{Rule, Watch, Zero};
+use crate::device::{DeviceError, Identity, Instruments, LoadCell, SensorArray, Stage, StageUse};
+use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Travel};
+use std::cell::{Cell, RefCell};
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep};
+
+/// A stage that is where it was sent as soon as it was, and keeps what it was told.
+struct StrawStage<'a> {
+    told: &'a RefCell<Vec<String>>,
+    at_mm: [f64; 3],
+}
+
+impl Stage for StrawStage<'_> {
+    async fn prepare(&mut self, _: &StageUse, _: &Notify) -> Result<Identity, DeviceError> {
+        unreachable!("the hand gets it prepared")
+    }
+    async fn begin(&mut self, targets: &[(Axis, f64)], _: f64) -> Result<(), DeviceError> {
+        for (axis, target_mm) in targets {
+            self.told.borrow_mut().push(format!("{} to {target_mm}", axis.name()));
+            self.at_mm[axis.index()] = *target_mm;
+        }
+        Ok(())
+    }
+    async fn follow(&mut self, _: &[Axis], _: Duration, stop: &Notify) -> Result<(), DeviceError> {
+        tokio::select! {
+            biased;
+            () = stop.notified() => self.told.borrow_mut().push("stop".to_owned()),
+            () = sleep(Duration::from_secs(1)) => {}
+        }
+        Ok(())
+    }
+    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
+        Ok(self.at_mm[axis.index()])
+    }
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        Ok(Vec::new())
+    }
+}
+
+/// A load cell that reads one force before an instant and another after it.
+struct StrawCell {
+    began: Instant,
+    early_n: f64,
+    late_n: f64,
+}
+
+impl LoadCell for StrawCell {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        unreachable!("the hand gets it prepared")
+    }
+    async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+        sleep(Duration::from_millis(1)).await;
+        let at_s = self.began.elapsed().as_secs_f64();
+        let force_n = if at_s < 0.2 { self.early_n } else { self.late_n };
+        Ok(ForceReading { at_s, force_n, health: Health::default() })
+    }
+    fn conversion(&self) -> Duration {
+        Duration::from_millis(5)
+    }
+}
+
+struct StrawArray;
+
+impl SensorArray for StrawArray {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        unreachable!("the hand gets it prepared")
+    }
+    async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
+        outputs.fill(0.25);
+        Ok(())
+    }
+    fn units(&self) -> usize {
+        2
+    }
+}
+
+fn hand<'a>(
+    told: &'a RefCell<Vec<String>>,
+    cancel: &'a Cancel,
+    (early_n, late_n): (f64, f64),
+) -> Hand<'a, StrawStage<'a>, StrawCell, StrawArray> {
+    let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+    let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: None };
+    let cell = StrawCell { began: Instant::now(), early_n, late_n };
+    let parts = Instruments {
+        stage: StrawStage { told, at_mm: [0.0; 3] },
+        load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
+        array: StrawArray,
+    };
+    let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
+    let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
+    let usage = StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 };
+    Hand::new(parts, frame, usage, None, vec![0.1, 0.2])
+}
+
+fn rule(result: Result<(), Halt>) -> Rule {
+    match result {
+        Err(Halt::Tripped(trip)) => trip.rule,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn nothing_moves_sideways_that_is_not_in_the_clear() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&told, &cancel, (0.0, 0.0));
+    hand.z_mm = -0.12;
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), -0.1).await), Rule::NotPermitted);
+    assert!(told.borrow().is_empty());
+    hand.z_mm = -0.14;
+    hand.travel(Place::new(1.0, 0.0), -0.1).await.unwrap();
+    assert_eq!(*told.borrow(), ["x to 1", "y to 0"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn nothing_moves_sideways_under_a_force() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&told, &cancel, (0.05, 0.05));
+    hand.z_mm = -1.0;
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), 0.0).await), Rule::StillTouching);
+    assert!(told.borrow().is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn contact_on_the_way_stops_it() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&told, &cancel, (0.0, 0.05));
+    hand.z_mm = -1.0;
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), 0.0).await), Rule::StillTouching);
+    assert_eq!(*told.borrow(), ["x to 1", "y to 0", "stop"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_window_counts_from_the_outputs_in_air() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let window = hand(&told, &cancel, (0.5, 0.5)).sample(0.1).await.unwrap();
+    assert!((window.outputs[0] - 0.15).abs() < 1e-12 && (window.outputs[1] - 0.05).abs() < 1e-12);
+    assert!((window.force_n - 0.5).abs() < 1e-12);
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_force_is_shown_and_ages() {
+    let (told, cancel, shown) = (RefCell::default(), Cancel::default(), Cell::new(0.0));
+    let mut hand = hand(&told, &cancel, (0.5, 0.5));
+    let show = |force_n| shown.set(force_n);
+    hand.cell.shown = &show;
+    assert_eq!(hand.cell.age_s(), f64::INFINITY);
+    hand.cell.force_n().await.unwrap();
+    sleep(Duration::from_millis(300)).await;
+    assert_eq!(shown.get(), 0.5);
+    assert!((hand.cell.age_s() - 0.3).abs() < 1e-6);
+    cancel.ask();
+    assert!(matches!(hand.cell.force_n().await, Err(Halt::Cancelled)));
+}
