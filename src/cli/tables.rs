@@ -114,19 +114,8 @@ mod tests {
     use super::*;
     use crate::control::Branch;
     use crate::dataset::characteristics::Reading;
-    use crate::dataset::evaluate::evaluate_run;
+    use crate::dataset::evaluate::{evaluate_run, tests::RUN};
     use crate::dataset::table::Table;
-
-    const RUN: &str = "\
-press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
-0,0,calibration,-1,0,1,0.8,1,0.5,
-1,0,calibration,1,0,1,0.8,0.5,1,
-2,0,calibration,1,0,1,1,5,1,trip
-3,0,test,-1,0,0.5,0.4,0.55,0.2,
-4,0,test,1,0,0.5,0.4,0.2,0.55,trip
-5,0,test,1,0,0.5,0.4,0.2,0.2,
-6,0,teach,1,0,0.5,0.4,0.2,0.2,
-";
 
     fn evaluation(solver: &str) -> Evaluation {
         evaluate_run(&Table::of_run("presses.csv", RUN).unwrap(), None, solver).unwrap()

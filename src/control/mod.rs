@@ -16,7 +16,7 @@ mod watch;
 mod zero;
 
 pub use permit::{Permit, Permitted, Standing};
-pub use press::{Command, Context, Event, Press};
+pub use press::{Command, Context, Event, Press, SEARCH_ROOM_MM};
 pub use speed::{Reaction, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Task};

@@ -4,7 +4,7 @@ use super::zero::Zero;
 use crate::quantity::Limits;
 
 /// Part of the depth limit that is kept for the error of the touched surface, mm.
-const DEPTH_MARGIN_MM: f64 = 0.03;
+pub(super) const DEPTH_MARGIN_MM: f64 = 0.03;
 
 /// Oldest reading on which a motion may rest, s: an ESP301 takes up to 80 ms for the read-back between the two.
 const FRESH_S: f64 = 0.25;

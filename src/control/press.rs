@@ -1,4 +1,4 @@
-use super::permit::{Permit, Permitted, Standing};
+use super::permit::{DEPTH_MARGIN_MM, Permit, Permitted, Standing};
 use super::surface::Expected;
 use super::task::{Branch, Level, Task};
 use super::trip::{Rule, Trip};
@@ -24,6 +24,8 @@ const STANDOFF_MM: f64 = 0.02;
 const SHORT_DESCENT_MM: f64 = 0.10;
 /// How far beyond the latest contact the search goes on before there is none, mm: a soft surface yields before it is felt.
 const SEARCH_MM: f64 = 0.20;
+/// What a depth limit must leave beyond the surface's uncertainty for that search, mm.
+pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
 /// Share of the set force from which a gap is closed with the declared stiffness, and a step teaches the real one.
 const LEARN_SHARE: f64 = 0.25;
 /// What a learned stiffness is multiplied with: the specimen stiffens with depth, and stiffens more the faster it is pressed.

@@ -167,7 +167,7 @@ fn evaluate_selections<'a>(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use std::path::Path;
 
@@ -178,7 +178,8 @@ mod tests {
         read(&folder.path().join("a.csv")).unwrap()
     }
 
-    const RUN: &str = "\
+    /// A small run: what is flagged, unsolvable or of another phase is in it too.
+    pub(crate) const RUN: &str = "\
 press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 0,0,calibration,-1,0,1,0.8,1,0.5,
 1,0,calibration,1,0,1,0.8,0.5,1,

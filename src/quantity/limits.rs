@@ -1,4 +1,4 @@
-use super::{Axis, Position};
+use super::Axis;
 
 /// A closed interval, mm (or the unit its owner's name says).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,11 +32,6 @@ impl Travel {
     /// The travel of one axis.
     pub fn along(&self, axis: Axis) -> Range {
         self.axes[axis.index()]
-    }
-
-    /// The first axis on which a position is off the travel, or none.
-    pub fn violated_by(&self, position: &Position) -> Option<Axis> {
-        Axis::ALL.into_iter().find(|&axis| !self.along(axis).contains(position.along(axis)))
     }
 }
 

@@ -30,8 +30,6 @@ pub struct OpenRig {
     pub stage_use: StageUse,
     /// The truth behind a simulated rig.
     pub probe: Option<SceneProbe>,
-    /// The instant times are counted from.
-    pub origin: Instant,
 }
 
 /// A rig's emulators, acting on one scene.
@@ -102,7 +100,7 @@ impl RigSpec {
             speed_mm_s: self.stage.speed_mm_s,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
         };
-        Ok(OpenRig { instruments, stage_use, probe, origin })
+        Ok(OpenRig { instruments, stage_use, probe })
     }
 
     /// The rig's emulators in a scene of this seed.

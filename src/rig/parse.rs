@@ -1,5 +1,6 @@
 use super::scene::{paper_scene, read_scene};
 use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
+use crate::control::SEARCH_ROOM_MM;
 use crate::document::{self, Bounds, Problem, Problems, Table, with_nearest};
 use crate::driver::modbus::{Profile, SHIPPED};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
@@ -16,9 +17,6 @@ const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
 const UNCERTAINTY: Bounds = Bounds::within(0.01, 10.0, "mm");
 const UNITS_MAX: u64 = 4096;
-
-/// What a search needs beyond the surface's uncertainty, to feel a soft specimen yield, mm.
-const SEARCH_ROOM_MM: f64 = 0.23;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
 /// maps of the user's own.

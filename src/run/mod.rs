@@ -3,6 +3,7 @@
 //! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is told what happens.
 
 mod cancel;
+mod clock;
 mod estimate;
 mod hand;
 mod motion;

@@ -1,3 +1,4 @@
+use super::clock::RunClock;
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
 use crate::control::{Reaction, Rule, Trip, Watch, Zero, check_sound};
@@ -32,7 +33,7 @@ pub(super) struct Conditions<'a> {
     pub spec: &'a RigSpec,
     pub cancel: &'a Cancel,
     pub shown: &'a dyn Fn(f64),
-    pub began: Instant,
+    pub clock: RunClock,
     /// The load cell's zero when the run began, N, in a run that goes on.
     pub first_zero_n: Option<f64>,
 }
@@ -42,7 +43,7 @@ pub(super) async fn make_ready<'a>(
     rig: OpenRig,
     conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
-    let OpenRig { instruments, stage_use, probe, .. } = rig;
+    let OpenRig { instruments, stage_use, probe } = rig;
     let Instruments { mut stage, load_cell, array } = instruments;
     // the stage first: whatever the readers say, it is brought to rest and away from the specimen
     let stop = Notify::new();
@@ -123,6 +124,6 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
         sleep_until(next).await;
     }
     hand.air.clone_from(&outputs);
-    let t_s = conditions.began.elapsed().as_secs_f64();
+    let t_s = conditions.clock.now_s();
     Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, outputs })
 }

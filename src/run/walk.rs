@@ -1,3 +1,4 @@
+use super::clock::RunClock;
 use super::hand::Hand;
 use super::ready::{Conditions, Ready, make_ready};
 use super::window::Window;
@@ -11,7 +12,6 @@ use crate::rig::RigSpec;
 use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::Instant;
 
 /// Clearance above the learned surface in which the indenter travels from place to place, mm.
 const TRAVEL_CLEARANCE_MM: f64 = 0.10;
@@ -58,10 +58,8 @@ pub trait Listener {
 /// says how it ended.
 pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
     let Errand { plan, spec, folder, cancel, shown } = errand;
-    let began = Instant::now();
-    // a run that goes on counts from where it was
-    let before_s = folder.manifest.virtual_s;
-    let conditions = Conditions { spec, cancel, shown, began, first_zero_n: folder.first_zero_n() };
+    let clock = RunClock::going_on_from(folder.manifest.virtual_s);
+    let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: folder.first_zero_n() };
     let mut ending = Ending { halt: None, unparked: None };
     let rig = spec.open(plan.seed).map_err(Halt::from);
     let ready = match rig {
@@ -76,21 +74,21 @@ pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
             let permit =
                 Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero());
             let surface = SurfaceMap::new(spec.frame.uncertainty_mm);
-            let mut walker = Walker { hand, permit, surface, limits: spec.limits, began, before_s, pressing: None };
+            let mut walker = Walker { hand, permit, surface, limits: spec.limits, clock, pressing: None };
             let recorded = begun.and_then(|()| folder.record(zero)).map_err(Halt::from);
             ending.halt = match recorded {
                 Ok(()) => walker.presses(plan, folder, listener).await.err(),
                 Err(halt) => Some(halt),
             };
             ending.unparked = walker.park(spec.clear_mm()).await.err();
-            note_trip(folder, &ending, walker.pressing, before_s + began.elapsed().as_secs_f64());
+            note_trip(folder, &ending, walker.pressing, clock.now_s());
         }
         Err(halt) => {
             ending.halt = Some(halt);
-            note_trip(folder, &ending, None, before_s + began.elapsed().as_secs_f64());
+            note_trip(folder, &ending, None, clock.now_s());
         }
     }
-    folder.manifest.virtual_s = before_s + began.elapsed().as_secs_f64();
+    folder.manifest.virtual_s = clock.now_s();
     ending
 }
 
@@ -132,8 +130,7 @@ struct Walker<'a, S, C, A> {
     permit: Permit,
     surface: SurfaceMap,
     limits: Limits,
-    began: Instant,
-    before_s: f64,
+    clock: RunClock,
     pressing: Option<u64>,
 }
 
@@ -235,7 +232,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             force_set_n,
             force_n: window.force_n,
             depth_mm: touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm),
-            t_s: self.before_s + (window.began - self.began).as_secs_f64(),
+            t_s: self.clock.at_s(window.began),
             outputs: window.outputs.clone(),
             flags: if missed { vec![Flag::OutOfTolerance] } else { Vec::new() },
             z_mm: self.hand.frame.to_stage(entry.place, *z_mm).z_mm,

@@ -1,0 +1,25 @@
+use tokio::time::Instant;
+
+/// Time since the run's start: a run that goes on counts from where it was.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RunClock {
+    began: Instant,
+    before_s: f64,
+}
+
+impl RunClock {
+    /// A clock that goes on from `before_s`, s.
+    pub fn going_on_from(before_s: f64) -> Self {
+        RunClock { began: Instant::now(), before_s }
+    }
+
+    /// The time of an instant, s since the run's start.
+    pub fn at_s(&self, instant: Instant) -> f64 {
+        self.before_s + (instant - self.began).as_secs_f64()
+    }
+
+    /// The time now, s since the run's start.
+    pub fn now_s(&self) -> f64 {
+        self.at_s(Instant::now())
+    }
+}
