@@ -19,7 +19,7 @@ pub use permit::{Permit, Permitted, Standing};
 pub use press::{Command, Context, Event, Press, SEARCH_ROOM_MM};
 pub use speed::{Reaction, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
-pub use task::{Branch, Level, Task};
+pub use task::{Branch, Level, Strategy, Task};
 pub use trip::{Rule, Trip};
 pub use watch::{Watch, check_sound};
 pub use zero::Zero;

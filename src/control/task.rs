@@ -1,3 +1,5 @@
+use serde::{Deserialize, Serialize};
+
 /// Which way a level is reached: the sensor has hysteresis, so a level reached from the wrong side is another measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Branch {
@@ -5,6 +7,34 @@ pub enum Branch {
     Loading,
     /// Only from above.
     Unloading,
+}
+
+/// How a press finds its force.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Strategy {
+    /// A slow approach that contact stops, then steps from below: never above the force that is set.
+    #[default]
+    Guarded,
+    /// One permitted motion whose speed follows the force that is missing, and that is stopped when it is reached.
+    Velocity,
+    /// One motion to where the presses before say the force will be nearly reached, then corrections; guarded where they
+    /// can't say.
+    Map,
+}
+
+impl Strategy {
+    /// All strategies.
+    pub const ALL: [Strategy; 3] = [Strategy::Guarded, Strategy::Velocity, Strategy::Map];
+
+    /// The strategy as it stands in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Strategy::Guarded => "guarded",
+            Strategy::Velocity => "velocity",
+            Strategy::Map => "map",
+        }
+    }
 }
 
 /// One force to hold and sample.
@@ -27,6 +57,10 @@ pub struct Task {
     pub hold_s: f64,
     /// Length of the window, s.
     pub sample_s: f64,
+    /// How the force is found.
+    pub strategy: Strategy,
+    /// When the window of the first level begins, s from contact; none: when the level is reached and held.
+    pub sample_after_s: Option<f64>,
 }
 
 impl Task {

@@ -9,6 +9,7 @@ mod plan;
 pub use parse::parse;
 pub use plan::{Entry, Ground, Plan};
 
+use crate::control::Strategy;
 use crate::document::Span;
 use crate::quantity::{Place, Range};
 use serde::{Deserialize, Serialize};
@@ -137,11 +138,21 @@ pub struct Manner {
     pub hold_s: f64,
     /// Length of the window in which force and outputs are sampled, s.
     pub sample_s: f64,
+    /// How the force is found.
+    pub strategy: Strategy,
+    /// When the window begins, s from contact; none: as soon as the strategy can be sure of the force.
+    pub sample_after_s: Option<f64>,
 }
 
 impl Default for Manner {
     /// The paper's tolerance (PAPER S7), no extra dwell, a tenth of a second.
     fn default() -> Self {
-        Manner { force_tolerance_n: 0.05, hold_s: 0.0, sample_s: 0.1 }
+        Manner {
+            force_tolerance_n: 0.05,
+            hold_s: 0.0,
+            sample_s: 0.1,
+            strategy: Strategy::default(),
+            sample_after_s: None,
+        }
     }
 }

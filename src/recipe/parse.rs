@@ -1,4 +1,5 @@
 use super::{Load, Manner, Phase, Places, Recipe, Step, UnitChoice};
+use crate::control::Strategy;
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::Place;
 use crate::solver::SOLVERS;
@@ -9,6 +10,8 @@ const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Shorter windows hold less than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
+const STRATEGIES: [(&str, Strategy); 3] =
+    [("guarded", Strategy::Guarded), ("velocity", Strategy::Velocity), ("map", Strategy::Map)];
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const UNITS_MAX: u64 = 4096;
 
@@ -75,6 +78,8 @@ fn read_manner(table: &mut Table, base: Manner) -> Manner {
         force_tolerance_n: table.number("force_tolerance_n", FORCE).unwrap_or(base.force_tolerance_n),
         hold_s: table.number("hold_s", DWELL).unwrap_or(base.hold_s),
         sample_s: table.number("sample_s", WINDOW).unwrap_or(base.sample_s),
+        strategy: table.choice("strategy", &STRATEGIES).unwrap_or(base.strategy),
+        sample_after_s: table.number("sample_after_s", DWELL).or(base.sample_after_s),
     }
 }
 

@@ -155,6 +155,8 @@ impl Step {
                     force_tolerance_n: self.manner.force_tolerance_n,
                     hold_s: self.manner.hold_s,
                     sample_s: self.manner.sample_s,
+                    strategy: self.manner.strategy,
+                    sample_after_s: self.manner.sample_after_s,
                 },
                 rest_after_s,
             };

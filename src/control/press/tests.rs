@@ -1,5 +1,5 @@
 use super::*;
-use crate::control::SurfaceMap;
+use crate::control::{Strategy, SurfaceMap};
 use crate::quantity::Place;
 
 const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
@@ -23,7 +23,14 @@ fn walk(levels: Vec<Level>, surface_mm: f64, overrun_mm: f64, force_at: impl Fn(
     let permit = Permit::new(LIMITS, 0.05, 100.0, &zero);
     let expected = SurfaceMap::new(0.3).expect(Place::default());
     let context = Context { limits: LIMITS, permit, zero, expected, clear_mm: -0.5, speed_mm_s: 5.0 };
-    let task = Task { levels, force_tolerance_n: 0.05, hold_s: 0.5, sample_s: 0.1 };
+    let task = Task {
+        levels,
+        force_tolerance_n: 0.05,
+        hold_s: 0.5,
+        sample_s: 0.1,
+        strategy: Strategy::Guarded,
+        sample_after_s: None,
+    };
     let mut press = Press::new(task, context);
     let (mut z, mut walk) = (-0.5, Walk { forces: vec![], moves: vec![], end: Command::Done });
     let mut event = Event::Begin { z_mm: z };
