@@ -62,7 +62,7 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
-    let errand = Errand { plan: &plan, spec: &spec, folder: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert!(ending.status() == Status::Complete, "{:?}", ending.told());
     folder.finish(Status::Complete).expect("the tables");

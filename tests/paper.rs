@@ -54,7 +54,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let mut folder = RunFolder::create(Some(&out), &origins, manifest, &spec.array.layout).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
-    let errand = Errand { plan: &plan, spec: &spec, folder: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
     folder.finish(Status::Complete).unwrap();

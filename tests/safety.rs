@@ -112,7 +112,7 @@ impl Bench {
             cancel.ask();
         }
         let Bench { spec, plan, folder, .. } = self;
-        let errand = Errand { plan, spec, folder, cancel: &cancel, shown: &shown };
+        let errand = Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
         let (ending, virtual_s) = in_virtual_time(async {
             let began = Instant::now();
             (walk(errand, &mut Silent).await, began.elapsed().as_secs_f64())

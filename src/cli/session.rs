@@ -57,7 +57,7 @@ pub fn carry_out(
             tokio::spawn(keep_pace(pace));
         }
         let shown = progress.gauge();
-        walk(Errand { plan, spec, folder, cancel: &cancel, shown: &*shown }, &mut progress).await
+        walk(Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &*shown }, &mut progress).await
     });
     progress.end();
     let status = ending.status();

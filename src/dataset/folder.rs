@@ -1,6 +1,7 @@
 use super::table::{Table, TableError};
 use super::views::{PRESSES, presses_header, presses_line, replace, write};
-use super::{Contact, DatasetError, Journal, Manifest, Record, Status};
+use super::{Contact, DatasetError, Journal, Ledger, Manifest, Record, Status};
+use crate::device::Identity;
 use crate::quantity::ArrayLayout;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -99,22 +100,6 @@ impl RunFolder {
         Table::read_run(&path.join(PRESSES))
     }
 
-    /// Adds a record; when this returns it is on the disk.
-    ///
-    /// # Errors
-    /// The operating system's.
-    pub fn record(&mut self, record: Record) -> Result<(), DatasetError> {
-        self.journal.append(&record)?;
-        if let Record::Contact(contact) = &record {
-            let lines: String = contact.rows.iter().map(presses_line).collect();
-            let path = self.path.join(PRESSES);
-            // a view: it need not reach the disk now, since the journal has
-            self.presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))?;
-        }
-        self.take_in(record);
-        Ok(())
-    }
-
     /// Ends the run: tables and manifest as they are to stay.
     ///
     /// # Errors
@@ -136,11 +121,6 @@ impl RunFolder {
     /// Where the run is.
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    /// The load cell's reading in air when the run began, N.
-    pub fn first_zero_n(&self) -> Option<f64> {
-        self.first_zero_n
     }
 
     /// What has been measured, by its number in the plan.
@@ -185,6 +165,45 @@ impl RunFolder {
 
     fn write_views(&self) -> Result<(), DatasetError> {
         write(&self.path, &self.contacts.values().collect::<Vec<_>>(), &self.layout)
+    }
+}
+
+impl Ledger for RunFolder {
+    fn has(&self, press: u64) -> bool {
+        self.contacts.contains_key(&press)
+    }
+
+    fn first_zero_n(&self) -> Option<f64> {
+        self.first_zero_n
+    }
+
+    fn elapsed_s(&self) -> f64 {
+        self.manifest.virtual_s
+    }
+
+    /// A trip comes into the manifest too, even if the journal can't be written any more.
+    fn record(&mut self, record: &Record) -> Result<(), DatasetError> {
+        if let Record::Trip { trip, .. } = record {
+            self.manifest.trip = Some(trip.clone());
+        }
+        self.journal.append(record)?;
+        if let Record::Contact(contact) = record {
+            let lines: String = contact.rows.iter().map(presses_line).collect();
+            let path = self.path.join(PRESSES);
+            // a view: it need not reach the disk now, since the journal has
+            self.presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))?;
+        }
+        self.take_in(record.clone());
+        Ok(())
+    }
+
+    fn note_devices(&mut self, devices: &[Identity]) -> Result<(), DatasetError> {
+        self.manifest.devices = devices.to_vec();
+        self.write_manifest()
+    }
+
+    fn note_elapsed(&mut self, elapsed_s: f64) {
+        self.manifest.virtual_s = elapsed_s;
     }
 }
 

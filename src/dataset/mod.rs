@@ -1,12 +1,14 @@
 //! What a run leaves on disk: the journal, which is the truth, and plain tables that are views of it.
 //!
 //! A run folder appears by one rename with its recipe, its rig and its manifest in it. Each press is in the [`Journal`],
-//! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are written anew at the end.
+//! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are written anew at the end. Whoever
+//! makes presses sees a [`Ledger`] only: a run folder, or a [`Memory`] that leaves no files.
 
 pub mod characteristics;
 pub mod evaluate;
 mod folder;
 mod journal;
+mod ledger;
 mod manifest;
 mod record;
 pub mod table;
@@ -14,6 +16,7 @@ mod views;
 
 pub use folder::{Origins, RunFolder};
 pub use journal::{Journal, JournalError};
+pub use ledger::{Ledger, Memory};
 pub use manifest::{Manifest, Status};
 pub use record::{Contact, Flag, Record, Row, RowTruth, Touch};
 

@@ -32,6 +32,16 @@ pub enum Record {
     },
 }
 
+impl Record {
+    /// The contact, if it is one.
+    pub fn contact(&self) -> Option<&Contact> {
+        match self {
+            Record::Contact(contact) => Some(contact),
+            _ => None,
+        }
+    }
+}
+
 /// One contact: a plain press, or a staircase with all its levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contact {

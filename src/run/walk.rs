@@ -4,12 +4,12 @@ use super::ready::{Conditions, Ready, make_ready};
 use super::window::Window;
 use super::{Cancel, Halt};
 use crate::control::{Command, Context, Event, Expected, Permit, Press, SurfaceMap};
-use crate::dataset::{Contact, Flag, Record, Row, RowTruth, RunFolder, Status, Touch};
+use crate::dataset::{Contact, Flag, Ledger, Record, Row, RowTruth, Status, Touch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::{Axis, Limits, Place};
 use crate::recipe::{Entry, Plan};
 use crate::rig::RigSpec;
-use std::collections::BTreeSet;
+use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
 
@@ -19,14 +19,14 @@ const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 /// How often parking is tried: a link that stutters mostly answers the second time, and a third costs nothing but seconds.
 const PARK_TRIES: usize = 3;
 
-/// What is to be done: a plan on a rig, recorded in a folder.
+/// What is to be done: a plan on a rig, recorded in a ledger.
 pub struct Errand<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// The rig.
     pub spec: &'a RigSpec,
     /// Where it is recorded. Entries that are there already aren't made again.
-    pub folder: &'a mut RunFolder,
+    pub ledger: &'a mut dyn Ledger,
     /// A person's word to stop.
     pub cancel: &'a Cancel,
     /// Told of every force, N, for a person to see.
@@ -54,12 +54,11 @@ pub trait Listener {
     fn rests(&mut self, _seconds: f64) {}
 }
 
-/// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear, and the folder
-/// says how it ended.
+/// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear.
 pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
-    let Errand { plan, spec, folder, cancel, shown } = errand;
-    let clock = RunClock::going_on_from(folder.manifest.virtual_s);
-    let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: folder.first_zero_n() };
+    let Errand { plan, spec, ledger, cancel, shown } = errand;
+    let clock = RunClock::going_on_from(ledger.elapsed_s());
+    let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: ledger.first_zero_n() };
     let mut ending = Ending { halt: None, unparked: None };
     let rig = spec.open(plan.seed).map_err(Halt::from);
     let ready = match rig {
@@ -69,26 +68,25 @@ pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
     match ready {
         Ok(Ready { hand, devices, reaction, zero }) => {
             listener.ready(&devices);
-            folder.manifest.devices = devices;
-            let begun = folder.write_manifest();
+            let begun = ledger.note_devices(&devices);
             let permit =
                 Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero());
             let surface = SurfaceMap::new(spec.frame.uncertainty_mm);
             let mut walker = Walker { hand, permit, surface, limits: spec.limits, clock, pressing: None };
-            let recorded = begun.and_then(|()| folder.record(zero)).map_err(Halt::from);
+            let recorded = begun.and_then(|()| ledger.record(&zero)).map_err(Halt::from);
             ending.halt = match recorded {
-                Ok(()) => walker.presses(plan, folder, listener).await.err(),
+                Ok(()) => walker.presses(plan, ledger, listener).await.err(),
                 Err(halt) => Some(halt),
             };
             ending.unparked = walker.park(spec.clear_mm()).await.err();
-            note_trip(folder, &ending, walker.pressing, clock.now_s());
+            note_trip(ledger, &ending, walker.pressing, clock.now_s());
         }
         Err(halt) => {
             ending.halt = Some(halt);
-            note_trip(folder, &ending, None, clock.now_s());
+            note_trip(ledger, &ending, None, clock.now_s());
         }
     }
-    folder.manifest.virtual_s = clock.now_s();
+    ledger.note_elapsed(clock.now_s());
     ending
 }
 
@@ -117,11 +115,10 @@ impl Ending {
     }
 }
 
-/// A trip is in the journal and the manifest. A journal that can't be written any more is what failed, and is told as that.
-fn note_trip(folder: &mut RunFolder, ending: &Ending, press: Option<u64>, t_s: f64) {
+/// A trip is recorded. A record that can't be kept any more doesn't hide it.
+fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, t_s: f64) {
     if let Some(Halt::Tripped(trip)) = &ending.halt {
-        folder.manifest.trip = Some(trip.clone());
-        let _ = folder.record(Record::Trip { t_s, press, trip: trip.clone() });
+        let _ = ledger.record(&Record::Trip { t_s, press, trip: trip.clone() });
     }
 }
 
@@ -135,23 +132,21 @@ struct Walker<'a, S, C, A> {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    async fn presses(&mut self, plan: &Plan, folder: &mut RunFolder, listener: &mut dyn Listener) -> Result<(), Halt> {
-        let done: BTreeSet<u64> = folder.contacts().keys().copied().collect();
-        let mut left = plan.entries.iter().filter(|entry| !done.contains(&entry.press)).peekable();
-        while let Some(entry) = left.next() {
-            let next = left.peek().map_or(entry.place, |next| next.place);
+    async fn presses(&mut self, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
+        let mut left: VecDeque<&Entry> = plan.entries.iter().filter(|entry| !ledger.has(entry.press)).collect();
+        while let Some(entry) = left.pop_front() {
+            let next = left.front().map_or(entry.place, |next| next.place);
             self.pressing = Some(entry.press);
             listener.begins(entry);
             let contact = self.press(entry, next).await?;
             if let Some(touch) = contact.touch {
                 self.surface.learn(touch.place, touch.z_mm);
             }
-            folder.record(Record::Contact(contact))?;
+            let record = Record::Contact(contact);
+            ledger.record(&record)?;
             self.pressing = None;
-            if let Some(contact) = folder.contacts().get(&entry.press) {
-                listener.recorded(contact);
-            }
-            if entry.rest_after_s > 0.0 && left.peek().is_some() {
+            record.contact().into_iter().for_each(|contact| listener.recorded(contact));
+            if entry.rest_after_s > 0.0 && !left.is_empty() {
                 listener.rests(entry.rest_after_s);
                 self.hand.cell.watch.pause();
                 self.hand.cell.cancel.sleep(Duration::from_secs_f64(entry.rest_after_s)).await;
