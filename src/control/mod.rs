@@ -6,8 +6,12 @@
 //!
 //! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces count from the zero taken in air.
 
+mod curve;
+mod map;
 mod permit;
+mod plane;
 mod press;
+mod profile;
 mod speed;
 mod surface;
 mod task;
@@ -15,9 +19,11 @@ mod trip;
 mod watch;
 mod zero;
 
-pub use permit::{Permit, Permitted, Standing};
-pub use press::{Command, Context, Event, Press, SEARCH_ROOM_MM};
-pub use speed::{Reaction, safe_speed_mm_s};
+pub use map::{Lesson, Map, Shot};
+pub use permit::{Permit, Permitted, Sideways, Standing};
+pub use press::{AIR_READINGS, Air, Command, Context, Event, Moment, Press, SEARCH_ROOM_MM, Steer};
+pub use profile::Profile;
+pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Strategy, Task};
 pub use trip::{Rule, Trip};

@@ -15,6 +15,12 @@ const SPEED_LEAST_MM_S: f64 = 1e-4;
 /// Rounding that is not held against a motion, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
+/// Largest force in air, N: beyond it the zero has drifted (I4).
+const AIR_N: f64 = 0.020;
+
+/// Least clearance above the highest the surface can be at which x and y may move, mm (I7).
+const SIDEWAYS_MM: f64 = 0.030;
+
 /// A motion along z that may be commanded. Only [`Permit`] makes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Permitted {
@@ -33,6 +39,10 @@ impl Permitted {
         self.speed_mm_s
     }
 }
+
+/// Leave to move x and y. Only [`Permit`] gives it.
+#[derive(Debug)]
+pub struct Sideways(());
 
 /// What is known when a motion is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,6 +115,43 @@ impl Permit {
             return Err(Trip::new(Rule::NotPermitted, z_mm, deepest_mm, "mm"));
         }
         Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
+    }
+
+    /// The zero is still that of air (I4).
+    ///
+    /// # Errors
+    /// A trip if it has drifted.
+    pub fn zero_holds(&self, air_n: f64, sigma_n: f64) -> Result<(), Trip> {
+        let most_n = AIR_N + 3.0 * sigma_n;
+        let holds = air_n.abs() <= most_n; // asked for what must hold, so that a NaN is refused
+        if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroDrifted, air_n, most_n, "N")) }
+    }
+
+    /// A motion of x and y (I7): with z read back clear of the highest the surface can be on the way, and no force. `first_mm`
+    /// is the earliest z at which there can be contact.
+    ///
+    /// # Errors
+    /// A trip if it isn't clear.
+    pub fn sideways(&self, z_mm: f64, first_mm: f64, force_n: f64) -> Result<Sideways, Trip> {
+        let clear_mm = first_mm - SIDEWAYS_MM;
+        let (is_clear, is_free) = (z_mm <= clear_mm, force_n.abs() < self.detect_n);
+        if !is_clear {
+            return Err(Trip::new(Rule::NotPermitted, z_mm, clear_mm, "mm"));
+        }
+        if !is_free {
+            return Err(Trip::new(Rule::StillTouching, force_n, self.detect_n, "N"));
+        }
+        Ok(Sideways(()))
+    }
+
+    /// The z at which x and y may move, mm, where there can be contact from `first_mm` on.
+    pub fn clear_mm(first_mm: f64) -> f64 {
+        first_mm - SIDEWAYS_MM
+    }
+
+    /// The force that counts as contact, N.
+    pub fn detect_n(&self) -> f64 {
+        self.detect_n
     }
 
     /// A motion away from the specimen: always allowed.

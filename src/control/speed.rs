@@ -7,6 +7,23 @@ pub struct Reaction {
     pub load_cell_s: f64,
     /// Longest exchange with the stage seen, s.
     pub stage_s: f64,
+    /// How long the load cell's filters and its transport hold a force back, s.
+    pub lag_s: f64,
+}
+
+/// How fast the parts of a press follow each other on a rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Timing {
+    /// Longest exchange with the stage seen, s.
+    pub exchange_s: f64,
+    /// From the end of a motion as its controller says it to a force that can be read: the stage settles, the cell follows, s.
+    pub settle_s: f64,
+    /// From one conversion of the load cell to the next, s.
+    pub conversion_s: f64,
+    /// Acceleration of the stage, mm/s^2.
+    pub acceleration_mm_s2: f64,
+    /// From a force to a stage that moves otherwise, at worst, s.
+    pub reaction_s: f64,
 }
 
 impl Reaction {
@@ -17,7 +34,7 @@ impl Reaction {
 
     /// The time between a force and the beginning of the braking, at worst, s.
     pub fn worst_s(&self) -> f64 {
-        self.conversion_s + Self::MARGIN * (self.load_cell_s + self.stage_s) + Self::SERVO_S
+        self.conversion_s + self.lag_s + Self::MARGIN * (self.load_cell_s + self.stage_s) + Self::SERVO_S
     }
 }
 

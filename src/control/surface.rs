@@ -1,3 +1,4 @@
+use super::plane::Plane;
 use crate::quantity::Place;
 
 /// Standard deviation of one touch about a plane, mm: how well a surface is known before its own roughness is.
@@ -10,7 +11,7 @@ const SLOPE_ARM_MM: f64 = 6.0;
 const BOUND_SIGMAS: f64 = 5.0;
 
 /// Touches after which the scatter about the plane is taken from the touches themselves.
-const SCATTER_TOUCHES: usize = 6;
+const SCATTER_TOUCHES: usize = 5;
 
 /// Where the surface is expected at a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,20 +24,12 @@ pub struct Expected {
     pub last_mm: f64,
 }
 
-/// The surface as learned from touches: a plane, with the certainty it has earned.
-///
-/// A Bayesian linear fit of height, slope in x and slope in y; the prior is the rig's frame (flat, within its uncertainty), so
-/// that the map is usable from no touch on.
+/// The surface as learned from touches: a plane, with the certainty it has earned. The prior is the rig's frame (flat,
+/// within its uncertainty), so that the map is usable from no touch on.
 #[derive(Clone, Debug)]
 pub struct SurfaceMap {
     uncertainty_mm: f64,
-    /// Diagonal of the prior's precision, in units of 1/TOUCH_SIGMA^2.
-    prior: [f64; 3],
-    /// Sums over the touches: basis times basis, basis times height, height squared.
-    moments: [[f64; 3]; 3],
-    weighted: [f64; 3],
-    squares: f64,
-    touches: usize,
+    plane: Plane,
 }
 
 impl SurfaceMap {
@@ -44,40 +37,24 @@ impl SurfaceMap {
     pub fn new(uncertainty_mm: f64) -> Self {
         let prior = |sigma: f64| (TOUCH_SIGMA_MM / sigma).powi(2);
         let slope = prior(uncertainty_mm / SLOPE_ARM_MM);
-        SurfaceMap {
-            uncertainty_mm,
-            prior: [prior(uncertainty_mm), slope, slope],
-            moments: [[0.0; 3]; 3],
-            weighted: [0.0; 3],
-            squares: 0.0,
-            touches: 0,
-        }
+        let plane = Plane::new(Place::default(), [prior(uncertainty_mm), slope, slope]);
+        SurfaceMap { uncertainty_mm, plane }
     }
 
     /// Takes in a touch: contact began at `z_mm` at this place.
     pub fn learn(&mut self, place: Place, z_mm: f64) {
-        let basis = basis(place);
-        for (row, weight) in basis.iter().enumerate() {
-            for (column, other) in basis.iter().enumerate() {
-                self.moments[row][column] += weight * other;
-            }
-            self.weighted[row] += weight * z_mm;
-        }
-        self.squares += z_mm * z_mm;
-        self.touches += 1;
+        self.plane.take(place, z_mm, 1.0);
+    }
+
+    /// How many touches it rests on.
+    pub fn touches(&self) -> usize {
+        self.plane.count()
     }
 
     /// Where the surface is expected. The bounds never exceed what the rig's frame says.
     pub fn expect(&self, place: Place) -> Expected {
-        let basis = basis(place);
-        let mut precision = self.moments;
-        for (i, prior) in self.prior.iter().enumerate() {
-            precision[i][i] += prior;
-        }
-        let plane = solve(precision, self.weighted);
-        let z_mm = dot(basis, plane);
-        let spread = dot(basis, solve(precision, basis)).max(0.0);
-        let sigma_mm = self.scatter_mm(plane) * (spread + 1.0).sqrt();
+        let (z_mm, spread) = self.plane.at(place);
+        let sigma_mm = self.scatter_mm() * (spread + 1.0).sqrt();
         let bound_mm = BOUND_SIGMAS * sigma_mm;
         Expected {
             z_mm,
@@ -86,34 +63,16 @@ impl SurfaceMap {
         }
     }
 
-    /// Standard deviation of a touch about the plane, mm: never under the one assumed, and larger on a rough surface.
-    fn scatter_mm(&self, plane: [f64; 3]) -> f64 {
-        if self.touches < SCATTER_TOUCHES {
-            return TOUCH_SIGMA_MM;
-        }
-        let explained = 2.0 * dot(plane, self.weighted) - dot(plane, self.moments.map(|row| dot(row, plane)));
-        let residual = (self.squares - explained).max(0.0);
-        (residual / (self.touches - 3) as f64).sqrt().max(TOUCH_SIGMA_MM)
+    /// What touches scatter about the plane beyond what touches do anyway, mm: the specimen's relief.
+    pub(super) fn excess_mm(&self) -> f64 {
+        let scatter_mm = self.scatter_mm();
+        if scatter_mm > TOUCH_SIGMA_MM { scatter_mm } else { 0.0 }
     }
-}
 
-fn basis(place: Place) -> [f64; 3] {
-    [1.0, place.x_mm, place.y_mm]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Cramer's rule; the matrix is positive definite by its prior.
-fn solve(m: [[f64; 3]; 3], right: [f64; 3]) -> [f64; 3] {
-    let determinant = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
-        a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
-    };
-    // symmetric, so rows are columns
-    let [a, b, c] = m;
-    let whole = determinant(a, b, c);
-    [determinant(right, b, c) / whole, determinant(a, right, c) / whole, determinant(a, b, right) / whole]
+    /// Standard deviation of a touch about the plane, mm: never under the one assumed, and larger on a rough surface.
+    fn scatter_mm(&self) -> f64 {
+        if self.touches() < SCATTER_TOUCHES { TOUCH_SIGMA_MM } else { self.plane.scatter().sqrt().max(TOUCH_SIGMA_MM) }
+    }
 }
 
 #[cfg(test)]

@@ -35,6 +35,12 @@ pub enum Rule {
     Noisy,
     /// The force doesn't answer a step into the specimen.
     NoResponse,
+    /// The force is gone although nothing was withdrawn.
+    Fallen,
+    /// The contact pushes harder than the declared stiffness lets it.
+    HardContact,
+    /// The stage hasn't said for too long that a motion ended.
+    StageSilent,
     /// No contact where the surface must be.
     NoContact,
     /// The contact lasts after the indenter was withdrawn.
@@ -60,6 +66,9 @@ impl Rule {
             Rule::ZeroDrifted => "zero-drifted",
             Rule::Noisy => "noisy",
             Rule::NoResponse => "no-response",
+            Rule::Fallen => "fallen",
+            Rule::HardContact => "hard-contact",
+            Rule::StageSilent => "stage-silent",
             Rule::NoContact => "no-contact",
             Rule::StillTouching => "still-touching",
             Rule::OutOfReach => "out-of-reach",
@@ -80,6 +89,9 @@ impl Rule {
             Rule::ZeroDrifted => "does something touch the indenter, or has the cell drifted since it was zeroed?",
             Rule::Noisy => "does the cell stand free of vibration, and is its range right for this force limit?",
             Rule::NoResponse => "does the load cell still measure, and has the specimen not slipped away?",
+            Rule::Fallen => "has the specimen slipped or torn, or has the load cell's cable come loose?",
+            Rule::HardContact => "what does the indenter press on? Is `limits.stiffness_n_mm` right for it?",
+            Rule::StageSilent => "is the stage's link slow or broken? The motion has ended by itself",
             Rule::NoContact => "is the specimen where `frame.surface_mm` says?",
             Rule::StillTouching => "does the indenter stick, or is the surface higher than learned?",
             Rule::OutOfReach => "is the specimen softer than expected, or `limits.depth_mm` too small for this force?",

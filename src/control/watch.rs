@@ -49,6 +49,12 @@ impl Watch {
         self.recent.clear();
     }
 
+    /// The mean that the limits are held against, N; none before two readings.
+    pub fn mean_n(&self) -> Option<f64> {
+        let count = self.recent.len();
+        (count >= 2).then(|| self.recent.iter().map(|(_, n)| n).sum::<f64>() / count as f64)
+    }
+
     /// The force of a reading, N from the zero.
     ///
     /// # Errors
@@ -84,10 +90,8 @@ impl Watch {
             self.recent.pop_front();
         }
         self.recent.push_back((at_s, force_n));
-        if self.recent.len() < 2 {
-            return Ok(()); // one reading is no mean: a lone outlier is the loop's to bear, since no end point is unsafe
-        }
-        let mean_n = self.recent.iter().map(|(_, n)| n).sum::<f64>() / self.recent.len() as f64;
+        // one reading is no mean: a lone outlier is the loop's to bear, since no end point is unsafe
+        let Some(mean_n) = self.mean_n() else { return Ok(()) };
         let most_n = self.limit_n + 3.0 * self.zero.sigma_n;
         if mean_n > most_n {
             return Err(Trip::new(Rule::OverForce, mean_n, most_n, "N"));

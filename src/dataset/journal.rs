@@ -144,7 +144,7 @@ mod tests {
     use crate::dataset::record::example;
 
     fn contact(press: u64) -> Record {
-        Record::Contact(Contact { press, rows: vec![example(press, 0).rounded()], truth: vec![], touch: None })
+        Record::Contact(Contact { press, rows: vec![example(press, 0).rounded()], truth: vec![], lesson: None })
     }
 
     fn three_records(path: &Path) -> Vec<u8> {

@@ -96,7 +96,7 @@ mod tests {
         let mut memory = Memory::default();
         assert_eq!((memory.has(3), memory.first_zero_n(), memory.elapsed_s()), (false, None, 0.0));
         let zero = |offset_n| Record::Zero { t_s: 1.0, offset_n, sigma_n: 0.003, outputs: vec![] };
-        let contact = Contact { press: 3, rows: vec![], truth: vec![], touch: None };
+        let contact = Contact { press: 3, rows: vec![], truth: vec![], lesson: None };
         for record in [zero(0.25), Record::Contact(contact.clone()), zero(0.5)] {
             memory.record(&record).unwrap();
         }

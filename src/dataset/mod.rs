@@ -18,7 +18,7 @@ pub use folder::{Origins, RunFolder};
 pub use journal::{Journal, JournalError};
 pub use ledger::{Ledger, Memory};
 pub use manifest::{Manifest, Status};
-pub use record::{Contact, Flag, Record, Row, RowTruth, Touch};
+pub use record::{Contact, Flag, Record, Row, RowTruth};
 
 use miette::Diagnostic;
 use std::path::PathBuf;

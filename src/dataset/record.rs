@@ -1,5 +1,4 @@
-use crate::control::Trip;
-use crate::quantity::Place;
+use crate::control::{Lesson, Trip};
 use crate::recipe::Phase;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
@@ -52,18 +51,8 @@ pub struct Contact {
     /// What really happened at each level, in a simulated run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<RowTruth>,
-    /// Where the surface was touched; none if the entry never left the air.
-    pub touch: Option<Touch>,
-}
-
-/// Where contact began.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Touch {
-    /// The place, specimen frame.
-    #[serde(flatten)]
-    pub place: Place,
-    /// How far into the specimen from the nominal surface, mm.
-    pub z_mm: f64,
+    /// What the force loop learned from it for those to come; none if the entry never left the air.
+    pub lesson: Option<Lesson>,
 }
 
 /// One row of `presses.csv`: one held level of one press.

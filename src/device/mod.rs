@@ -4,14 +4,15 @@
 //! checking the read-back) is written once over these traits, in [`mod@crate::run`]; a driver gives the few hooks it needs.
 
 mod error;
+mod reins;
 
 pub use error::{DeviceError, Problem};
+pub use reins::{Order, Reins};
 
 use crate::quantity::{Axis, ForceReading, Travel};
 use serde::{Deserialize, Serialize};
 use std::future::Future;
 use std::time::Duration;
-use tokio::sync::Notify;
 
 /// What a device says it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,20 +47,21 @@ pub struct StageUse {
 /// is safe to finish is begun.
 pub trait Stage {
     /// Connects, brings all axes to rest, checks units and limits, and homes what isn't homed: z first, away from the
-    /// specimen. `stop` ends a search for home at once, which is an error.
-    fn prepare(&mut self, usage: &StageUse, stop: &Notify) -> impl Future<Output = Result<Identity, DeviceError>>;
+    /// specimen. A stop ends a search for home at once, which is an error.
+    fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// Starts axes toward targets, each at most at `speed_mm_s`, and doesn't wait.
+    /// Starts axes toward targets, each at most at `speed_mm_s`. When this returns the controller has taken the command and
+    /// finishes it by itself: the motion began just now.
     fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// Waits until the axes have come to rest. `expected` is how long the motion should take; `stop` ends it early,
-    /// at once, even while an answer is awaited.
+    /// Waits until the axes have come to rest, as the controller says, and gives where they are, in their order, mm.
+    /// `expected` is how long the motion should take; what the reins ask for is done at once, even while an answer is awaited.
     fn follow(
         &mut self,
         axes: &[Axis],
         expected: Duration,
-        stop: &Notify,
-    ) -> impl Future<Output = Result<(), DeviceError>>;
+        reins: &Reins,
+    ) -> impl Future<Output = Result<Vec<f64>, DeviceError>>;
 
     /// Where an axis is.
     fn position_mm(&mut self, axis: Axis) -> impl Future<Output = Result<f64, DeviceError>>;

@@ -3,12 +3,11 @@
 //! Commands and answers after the ESP300 manual (pages named at each) and a recording of a real ESP301. Set commands are
 //! silent, so what became of one is read from `MD?`, the read-back and the error queue.
 
-use crate::device::{DeviceError, Identity, Problem, Stage, StageUse};
+use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
 use crate::quantity::Axis;
-use crate::wire::{Connector, LineExchange, Stop, WireError};
+use crate::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
-use tokio::sync::Notify;
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, sleep_until};
 
 /// Longest wait for an answer. The controller can be silent for 2 to 5 s after it hit a travel limit.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(6);
@@ -45,12 +44,14 @@ const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
 pub struct Esp301 {
     line: LineExchange,
     link: String,
+    /// The quickest answer so far: a question that is sent that much before a motion ends finds it ended.
+    quickest: Duration,
 }
 
 impl Esp301 {
     /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
-        Esp301 { line: LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30"), link }
+        Esp301 { line: LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30"), link, quickest: ANSWER_DEADLINE }
     }
 
     async fn tell(&mut self, doing: &str, line: &str) -> Result<(), DeviceError> {
@@ -58,46 +59,70 @@ impl Esp301 {
     }
 
     async fn ask(&mut self, doing: &str, question: &str) -> Result<String, DeviceError> {
-        self.line.ask(question, None).await.map_err(|error| self.failed(doing, &error))
+        self.line.ask(question).await.map_err(|error| self.failed(doing, &error))
     }
 
-    async fn ask_number(&mut self, doing: &str, question: &str, stop: Option<&Notify>) -> Result<f64, DeviceError> {
+    async fn ask_number(&mut self, doing: &str, question: &str) -> Result<f64, DeviceError> {
+        Ok(self.ask_numbers(doing, question, 1, None).await?.first().copied().unwrap_or(f64::NAN))
+    }
+
+    /// The answers to a line of questions. What the reins ask for meanwhile is sent at once, to `axes`.
+    async fn ask_numbers(
+        &mut self,
+        doing: &str,
+        question: &str,
+        count: usize,
+        reins: Option<(&Reins, &[Axis])>,
+    ) -> Result<Vec<f64>, DeviceError> {
         let mut answer = String::new();
         for _ in 0..QUESTION_TRIES {
-            let stop = stop.map(|asked| Stop { asked, line: STOP_ALL });
-            answer = self.line.ask(question, stop.as_ref()).await.map_err(|error| self.failed(doing, &error))?;
-            match answer.parse::<f64>() {
-                Ok(number) if number.is_finite() => return Ok(number),
-                _ => self.line.misfit(),
+            let asked = Instant::now();
+            let answers = match reins {
+                None => self.line.ask_all(question, count, None).await,
+                Some((reins, axes)) => {
+                    let line = || reins.take().map(|order| line_of(order, axes));
+                    self.line.ask_all(question, count, Some(&Urgent { asked: reins.pulled(), line: &line })).await
+                }
+            };
+            let answers = answers.map_err(|error| self.failed(doing, &error))?;
+            self.quickest = self.quickest.min(asked.elapsed());
+            let number = |text: &String| text.parse::<f64>().ok().filter(|number| number.is_finite());
+            match answers.iter().map(number).collect::<Option<Vec<f64>>>() {
+                Some(numbers) => return Ok(numbers),
+                None => self.line.misfit(),
             }
+            answer = answers.join(", ");
         }
-        let expected = format!("a number to {question}");
-        Err(self.error(doing, Problem::Misfit { answer, expected }))
+        let expected = if count == 1 { "a number".to_owned() } else { format!("{count} numbers") };
+        Err(self.error(doing, Problem::Misfit { answer, expected: format!("{expected} to {question}") }))
     }
 
-    /// Whether an axis has come to rest (manual, page MD: 0 moving, 1 done; anything else is another question's answer).
-    async fn is_done(&mut self, doing: &str, axis: Axis, stop: Option<&Notify>) -> Result<bool, DeviceError> {
-        let question = format!("{}MD?", number(axis));
-        let mut answer = 0.0;
+    /// Where some axes are if all have come to rest, or none (manual, page MD: 0 moving, 1 done; anything else is another
+    /// question's answer).
+    async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
+        let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
+        let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";");
+        let mut answers = Vec::new();
         for _ in 0..QUESTION_TRIES {
-            answer = self.ask_number(doing, &question, stop).await?;
-            if answer == 0.0 || answer == 1.0 {
-                return Ok(answer == 1.0);
+            answers = self.ask_numbers(doing, &question, 2 * axes.len(), Some((reins, axes))).await?;
+            let (done, places_mm) = answers.split_at(axes.len());
+            if done.iter().all(|&done| done == 0.0 || done == 1.0) {
+                return Ok(done.iter().all(|&done| done == 1.0).then(|| places_mm.to_vec()));
             }
             self.line.misfit();
         }
-        let expected = format!("0 or 1 to {question}");
-        Err(self.error(doing, Problem::Misfit { answer: answer.to_string(), expected }))
+        let expected = format!("0 or 1 to each MD? of {question}");
+        Err(self.error(doing, Problem::Misfit { answer: format!("{answers:?}"), expected }))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
         let (doing, n) = ("checking an axis against the rig", number(axis));
-        let units = self.ask_number(doing, &format!("{n}SN?"), None).await?;
+        let units = self.ask_number(doing, &format!("{n}SN?")).await?;
         if units != MILLIMETRES {
             let told = format!("axis {n} counts in unit {units}, not in mm (2); set it on the controller, not here");
             return Err(self.error(doing, Problem::Mismatch(told)));
         }
-        let fastest = self.ask_number(doing, &format!("{n}VU?"), None).await?;
+        let fastest = self.ask_number(doing, &format!("{n}VU?")).await?;
         if fastest < usage.speed_mm_s {
             let told =
                 format!("axis {n} goes at most {fastest} mm/s, under the rig's speed_mm_s of {}", usage.speed_mm_s);
@@ -106,12 +131,12 @@ impl Esp301 {
         Ok(())
     }
 
-    async fn home(&mut self, axis: Axis, mode: u8, stop: &Notify) -> Result<(), DeviceError> {
+    async fn home(&mut self, axis: Axis, mode: u8, reins: &Reins) -> Result<(), DeviceError> {
         let (doing, n) = ("homing", number(axis));
         self.tell(doing, &format!("{n}MO")).await?;
         self.tell(doing, &format!("{n}OR{mode}")).await?;
         let until = Instant::now() + HOME_DEADLINE;
-        while !self.is_done(doing, axis, Some(stop)).await? {
+        while self.at_rest(doing, &[axis], reins).await?.is_none() {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
                 let told = format!("axis {n} didn't find its home within {} s", HOME_DEADLINE.as_secs());
@@ -123,11 +148,11 @@ impl Esp301 {
     }
 
     /// Homes z toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
-    async fn home_z(&mut self, usage: &StageUse, stop: &Notify) -> Result<(), DeviceError> {
+    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         if self.is_homed(Axis::Z).await? {
             return Ok(());
         }
-        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, stop).await?;
+        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, reins).await?;
         let (at_mm, end_mm) = (self.position_mm(Axis::Z).await?, away_end_mm(usage));
         if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
             let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
@@ -144,7 +169,7 @@ impl Esp301 {
         let way_mm = (end_mm - self.position_mm(Axis::Z).await?).abs();
         self.begin(&[(Axis::Z, end_mm)], usage.speed_mm_s).await?;
         let expected = Duration::try_from_secs_f64(way_mm / usage.speed_mm_s).unwrap_or_default();
-        self.follow(&[Axis::Z], expected, &Notify::new()).await?;
+        self.follow(&[Axis::Z], expected, &Reins::default()).await?;
         let at_mm = self.position_mm(Axis::Z).await?;
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
@@ -156,7 +181,7 @@ impl Esp301 {
 
     /// An axis whose motor is on was homed when it was switched on: power-up leaves the motor off (manual, page MO).
     async fn is_homed(&mut self, axis: Axis) -> Result<bool, DeviceError> {
-        Ok(self.ask_number("homing", &format!("{}MO?", number(axis)), None).await? == 1.0)
+        Ok(self.ask_number("homing", &format!("{}MO?", number(axis))).await? == 1.0)
     }
 
     async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
@@ -180,7 +205,7 @@ impl Esp301 {
 }
 
 impl Stage for Esp301 {
-    async fn prepare(&mut self, usage: &StageUse, stop: &Notify) -> Result<Identity, DeviceError> {
+    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
         let version = self.ask(doing, "VE?").await?;
         if !version.contains("ESP30") {
@@ -189,18 +214,18 @@ impl Stage for Esp301 {
         }
         // a program that died may have left a motion behind: where an axis is means nothing until it stands
         self.stop().await?;
-        self.follow(&Axis::ALL, Duration::ZERO, &Notify::new()).await?;
+        self.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
         self.complaints().await?; // of what happened before us
         let mut stages = Vec::new();
         for axis in Axis::ALL {
             stages.push(self.ask(doing, &format!("{}ID?", number(axis))).await?);
             self.check_axis(axis, usage).await?;
         }
-        self.home_z(usage, stop).await?;
+        self.home_z(usage, reins).await?;
         for axis in [Axis::X, Axis::Y] {
             if !self.is_homed(axis).await? {
                 self.clear_z(usage).await?;
-                self.home(axis, 1, stop).await?;
+                self.home(axis, 1, reins).await?;
             }
         }
         for axis in Axis::ALL {
@@ -217,36 +242,45 @@ impl Stage for Esp301 {
             let n = number(*axis);
             format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
         };
-        let line = targets.iter().map(command).collect::<Vec<_>>().join(";");
-        self.tell("starting a motion", &line).await
+        let Some(&(last, _)) = targets.last() else { return Ok(()) };
+        // set commands are silent: the answer to the question behind them says that they were taken, and when
+        let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + &format!(";{}MD?", number(last));
+        self.ask_number("starting a motion", &line).await.map(|_| ())
     }
 
-    async fn follow(&mut self, axes: &[Axis], expected: Duration, stop: &Notify) -> Result<(), DeviceError> {
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
         let doing = "waiting for a motion to end";
-        let until = Instant::now() + expected + MOTION_MARGIN;
-        tokio::select! {
-            biased;
-            () = stop.notified() => self.stop().await?,
-            () = sleep(expected) => {}
-        }
-        for &axis in axes {
-            while !self.is_done(doing, axis, Some(stop)).await? {
-                if Instant::now() > until {
-                    self.stop().await?;
-                    let told = format!(
-                        "the {} axis still moves {} s after it should have ended",
-                        axis.name(),
-                        MOTION_MARGIN.as_secs()
-                    );
-                    return Err(self.error(doing, Problem::Motion(told)));
-                }
+        let (first, until) = (expected.saturating_sub(self.quickest), expected + MOTION_MARGIN);
+        let began = Instant::now();
+        loop {
+            if let Some(order) = reins.take() {
+                let told = self.line.tell_now(&line_of(order, axes)).await;
+                told.map_err(|error| self.failed(doing, &error))?;
+            }
+            if reins.stopped() {
+                break;
+            }
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {}
+                () = sleep_until(began + first) => break,
             }
         }
-        Ok(())
+        loop {
+            if let Some(places_mm) = self.at_rest(doing, axes, reins).await? {
+                return Ok(places_mm);
+            }
+            if began.elapsed() > until {
+                self.stop().await?;
+                let names = axes.iter().map(|axis| axis.name()).collect::<Vec<_>>().join(", ");
+                let told = format!("{names} still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                return Err(self.error(doing, Problem::Motion(told)));
+            }
+        }
     }
 
     async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        self.ask_number("reading a position", &format!("{}TP", number(axis)), None).await
+        self.ask_number("reading a position", &format!("{}TP", number(axis))).await
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
@@ -277,6 +311,16 @@ impl Stage for Esp301 {
 fn away_end_mm(usage: &StageUse) -> f64 {
     let travel = usage.travel.along(Axis::Z);
     if usage.away > 0.0 { travel.max } else { travel.min }
+}
+
+/// What an order to axes under way is on the line (manual, pages ST and VA).
+fn line_of(order: Order, axes: &[Axis]) -> String {
+    match order {
+        Order::Stop => STOP_ALL.to_owned(),
+        Order::Speed(mm_s) => {
+            axes.iter().map(|&axis| format!("{}VA{mm_s:.5}", number(axis))).collect::<Vec<_>>().join(";")
+        }
+    }
 }
 
 /// The controller's number of an axis.

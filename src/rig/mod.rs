@@ -10,6 +10,7 @@ mod scene;
 pub use open::{EmulatedDevice, OpenRig, SceneProbe, SimulatedRig, Wiring};
 pub use parse::parse;
 
+use crate::control::Timing;
 use crate::driver::modbus::Profile;
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
 use crate::scene::SceneSpec;
@@ -51,6 +52,8 @@ pub struct StageSpec {
     pub speed_mm_s: f64,
     /// Acceleration to be used, mm/s^2.
     pub acceleration_mm_s2: f64,
+    /// How long it moves on after its controller says that it stands, s.
+    pub settle_s: f64,
 }
 
 /// The stage drivers there are.
@@ -69,6 +72,8 @@ pub struct LoadCellSpec {
     pub link: Link,
     /// Conversions a second.
     pub conversions_hz: f64,
+    /// How long its filter and its transport hold a force back, s.
+    pub lag_s: f64,
 }
 
 /// The array's part of a rig file.
@@ -124,6 +129,17 @@ impl RigSpec {
             crate::quantity::Down::Minus => Range { min: z.min.max(end_mm), ..*z },
         };
         travel
+    }
+
+    /// How fast the rig is as far as its file says; the links haven't been timed.
+    pub fn unmeasured_timing(&self) -> Timing {
+        Timing {
+            exchange_s: 0.0,
+            settle_s: self.stage.settle_s + self.load_cell.lag_s,
+            conversion_s: 1.0 / self.load_cell.conversions_hz,
+            acceleration_mm_s2: self.stage.acceleration_mm_s2,
+            reaction_s: 0.0,
+        }
     }
 
     /// What a plan is held against.

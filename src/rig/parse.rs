@@ -11,6 +11,9 @@ const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 /// A slower cell would be called stale between two of its readings.
 const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
+const SETTLE: Bounds = Bounds::within(0.0, 1000.0, "ms");
+/// A stage with a small payload: servo lag and half of its jerk time.
+const SETTLE_MS: f64 = 10.0;
 const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const FORCE_LIMIT: Bounds = Bounds::above(0.0, 100.0, "N");
 const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
@@ -66,16 +69,18 @@ fn read_stage(mut table: Table) -> Option<StageSpec> {
     });
     let speed_mm_s = table.number("speed_mm_s", SPEED).unwrap_or(10.0);
     let acceleration_mm_s2 = table.number("acceleration_mm_s2", ACCELERATION).unwrap_or(100.0);
+    let settle_s = table.number("settle_ms", SETTLE).unwrap_or(SETTLE_MS) / 1000.0;
     table.finish();
-    Some(StageSpec { driver: driver?, link: link?, travel: travel?, speed_mm_s, acceleration_mm_s2 })
+    Some(StageSpec { driver: driver?, link: link?, travel: travel?, speed_mm_s, acceleration_mm_s2, settle_s })
 }
 
 fn read_load_cell(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<LoadCellSpec> {
     let map = read_map(&mut table, "force", |profile| profile.force.is_some(), beside);
     let link = read_link(&mut table);
     let conversions_hz = table.require_number("conversions_hz", CONVERSIONS);
+    let lag_s = table.number("lag_ms", SETTLE).unwrap_or(0.0) / 1000.0;
     table.finish();
-    Some(LoadCellSpec { map: map?, link: link?, conversions_hz: conversions_hz? })
+    Some(LoadCellSpec { map: map?, link: link?, conversions_hz: conversions_hz?, lag_s })
 }
 
 fn read_array(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<ArraySpec> {

@@ -1,5 +1,5 @@
 use super::{Cancel, Halt};
-use crate::control::{Trip, Watch};
+use crate::control::{AIR_READINGS, Air, Timing, Trip, Watch};
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{Frame, Place};
 use crate::rig::SceneProbe;
@@ -13,6 +13,7 @@ pub(super) struct Hand<'a, S, C, A> {
     pub array: A,
     pub frame: Frame,
     pub usage: StageUse,
+    pub timing: Timing,
     pub probe: Option<SceneProbe>,
     /// The outputs in air.
     pub air: Vec<f64>,
@@ -28,13 +29,29 @@ pub(super) struct Gauge<'a, C> {
     pub cancel: &'a Cancel,
     /// Told of every force, for a person to see.
     pub shown: &'a dyn Fn(f64),
+    began: Instant,
     next: Instant,
     last: Option<Instant>,
+    /// No force before this instant is that of a stage at rest.
+    pub settled: Instant,
+    air: AirSums,
+}
+
+/// Readings in air, as they come.
+#[derive(Clone, Copy, Debug, Default)]
+struct AirSums {
+    /// Whether what comes is air.
+    open: bool,
+    count: u32,
+    mean_n: f64,
+    squares: f64,
 }
 
 impl<'a, C: LoadCell> Gauge<'a, C> {
     pub fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
-        Gauge { cell, watch, cancel, shown, next: Instant::now(), last: None }
+        let now = Instant::now();
+        let air = AirSums::default();
+        Gauge { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, air }
     }
 
     /// Waits for the cell's next conversion to be due.
@@ -62,7 +79,36 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         let force_n = self.watch.force_n(reading)?;
         (self.shown)(force_n);
         self.last = Some(Instant::now());
+        self.air.take(force_n);
         Ok(force_n)
+    }
+
+    /// The time that the parts of a press are told, s.
+    pub fn now_s(&self) -> f64 {
+        self.began.elapsed().as_secs_f64()
+    }
+
+    /// Whether what is read is taken for air.
+    pub fn is_air_open(&self) -> bool {
+        self.air.open
+    }
+
+    /// From here on what is read is air.
+    pub fn open_air(&mut self) {
+        self.air = AirSums { open: true, ..AirSums::default() };
+    }
+
+    /// What was read in air, and more of it until it is enough; what comes after it isn't air any more.
+    pub async fn close_air(&mut self) -> Result<Air, Halt> {
+        if !self.air.open {
+            self.open_air();
+        }
+        while self.air.count < AIR_READINGS {
+            self.force_n().await?;
+        }
+        self.air.open = false;
+        let AirSums { count, mean_n, squares, .. } = self.air;
+        Ok(Air { mean_n, sigma_n: (squares / f64::from(count - 1)).sqrt(), readings: count })
     }
 
     /// How old the last good reading is, s.
@@ -70,8 +116,17 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
     }
 
-    /// The mean of some readings, N from the zero.
+    /// Reads until the stage is at rest and the cell has followed.
+    pub async fn settle(&mut self) -> Result<(), Halt> {
+        while Instant::now() < self.settled {
+            self.force_n().await?;
+        }
+        Ok(())
+    }
+
+    /// The mean of some readings of a stage at rest, N from the zero.
     pub async fn mean_n(&mut self, readings: u32) -> Result<f64, Halt> {
+        self.settle().await?;
         let mut sum_n = 0.0;
         for _ in 0..readings {
             sum_n += self.force_n().await?;
@@ -89,16 +144,29 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 }
 
+impl AirSums {
+    /// Mean and squares about it as they grow (Welford).
+    fn take(&mut self, force_n: f64) {
+        if self.open {
+            self.count += 1;
+            let from_mean = force_n - self.mean_n;
+            self.mean_n += from_mean / f64::from(self.count);
+            self.squares += from_mean * (force_n - self.mean_n);
+        }
+    }
+}
+
 impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     /// Instruments that are prepared, with the zero taken; the axes are read back.
     pub fn new(
         instruments: Instruments<S, Gauge<'a, C>, A>,
         frame: Frame,
         usage: StageUse,
+        timing: Timing,
         probe: Option<SceneProbe>,
-        air: Vec<f64>,
     ) -> Self {
         let Instruments { stage, load_cell: cell, array } = instruments;
-        Hand { stage, cell, array, frame, usage, probe, air, place: Place::default(), z_mm: 0.0 }
+        let air = vec![0.0; array.units()];
+        Hand { stage, cell, array, frame, usage, timing, probe, air, place: Place::default(), z_mm: 0.0 }
     }
 }

@@ -1,41 +1,46 @@
 use super::Halt;
-use super::hand::Hand;
-use crate::control::{Permitted, Press, Rule, Trip};
-use crate::device::{DeviceError, LoadCell, Problem, SensorArray, Stage};
+use super::hand::{Gauge, Hand};
+use crate::control::{Permit, Permitted, Press, Profile, Rule, Sideways, Steer, Trip};
+use crate::device::{DeviceError, LoadCell, Problem, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Place, Range};
 use std::cell::Cell;
 use std::time::Duration;
-use tokio::sync::Notify;
+use tokio::time::{Instant, sleep, sleep_until};
 
 /// How far a read-back may be from where the axis was sent, mm.
 const IN_POSITION_MM: f64 = 0.003;
 
-/// Least clearance above the highest the surface can be at which x and y may move, mm.
-pub(super) const SIDEWAYS_CLEARANCE_MM: f64 = 0.030;
-
-/// Readings averaged before x and y move: nothing moves sideways in contact.
+/// Readings averaged before x and y move from rest: nothing moves sideways in contact.
 const SIDEWAYS_READINGS: u32 = 2;
 
-/// What a motion takes beyond its own profile, s: command, servo.
-const OVERHEAD_S: f64 = 0.005;
+/// How long after it should have ended a motion may go unanswered, s.
+const SILENT_S: f64 = 0.5;
 
-/// The time of a motion from rest to rest, s.
-pub(super) fn motion_s(way_mm: f64, speed_mm_s: f64, acceleration_mm_s2: f64) -> f64 {
-    let (way, v, a) = (way_mm.abs(), speed_mm_s, acceleration_mm_s2);
-    if way < v * v / a { 2.0 * (way / a).sqrt() } else { way / v + v / a }
+/// The axes that move the indenter from place to place.
+const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
+
+/// A motion that has ended.
+struct Driven {
+    /// Where the axes are, in the order they were told.
+    places_mm: Vec<f64>,
+    stopped: bool,
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Moves along z to a permitted end, the force read and watched meanwhile. `press` says when a force means to stop.
-    pub async fn move_z(&mut self, granted: Permitted, press: Option<&Press>) -> Result<(), Halt> {
-        let target_mm = self.frame.to_stage(self.place, granted.z_mm()).z_mm;
-        let from_mm = self.frame.to_stage(self.place, self.z_mm).z_mm;
-        let expected = self.expected(target_mm - from_mm, granted.speed_mm_s());
-        self.stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s()).await?;
-        let must_stop = |force_n| press.is_some_and(|press| press.must_stop(force_n));
-        let stopped = self.follow(&[Axis::Z], expected, must_stop).await?;
-        self.read_back_z((!stopped).then_some(target_mm)).await?;
-        let at_mm = self.frame.to_stage(self.place, self.z_mm).z_mm;
+    /// Moves along z to a permitted end, the force read meanwhile and told to the press, which may steer or stop it.
+    pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut Press>) -> Result<(), Halt> {
+        let target_mm = self.stage_z_mm(granted.z_mm());
+        let from_mm = self.stage_z_mm(self.z_mm);
+        let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
+        let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await?;
+        if driven.stopped {
+            // it still comes to rest after its controller says so
+            self.cell.settle().await?;
+            self.read_back_z().await?;
+        } else {
+            self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;
+        }
+        let at_mm = self.stage_z_mm(self.z_mm);
         let way = Range { min: from_mm.min(target_mm) - IN_POSITION_MM, max: from_mm.max(target_mm) + IN_POSITION_MM };
         if !way.contains(at_mm) {
             let told = format!("z went from {from_mm:.4} toward {target_mm:.4} mm and says it is at {at_mm:.4} mm");
@@ -44,88 +49,122 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Waits for a motion to end while every force is watched; whether a force ended it. Both run to their end, so that no
-    /// exchange is ever dropped half-way.
-    async fn follow(
+    /// Withdraws from a contact for good, and goes on sideways as soon as z reads back clear. What is read from then on is air.
+    /// `first_mm` is the earliest z at which there can be contact, here and there.
+    pub async fn depart(
         &mut self,
-        axes: &[Axis],
-        expected: Duration,
-        must_stop: impl Fn(f64) -> bool,
-    ) -> Result<bool, Halt> {
-        let (stop, stopped, ended) = (Notify::new(), Cell::new(false), Cell::new(false));
-        let ask_to_stop = || {
-            if !stopped.replace(true) {
-                stop.notify_one();
+        granted: Permitted,
+        next: Place,
+        permit: &Permit,
+        first_mm: f64,
+    ) -> Result<(), Halt> {
+        if next == self.place {
+            self.move_z(granted, None).await?;
+            self.cell.settle().await?;
+            self.cell.open_air();
+            return Ok(());
+        }
+        let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
+        let there = frame.to_stage(next, granted.z_mm());
+        let sideways = SIDEWAYS.map(|axis| (axis, there.along(axis)));
+        let withdrawal = Profile::new(granted.z_mm() - self.z_mm, granted.speed_mm_s(), self.usage.acceleration_mm_s2);
+        let clears_s = withdrawal.reaches_s(self.z_mm - Permit::clear_mm(first_mm));
+        let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
+        let travel_s = Profile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
+        let due_after = seconds(withdrawal.duration_s() + travel_s);
+        let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
+        let touch_n = permit.detect_n();
+        let stage = &mut self.stage;
+        let motion = async {
+            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s()).await?;
+            let begun = Instant::now();
+            due.set(Some(begun + due_after));
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {}
+                () = sleep_until(begun + seconds(clears_s)) => {}
             }
-        };
-        let (stage, gauge) = (&mut self.stage, &mut self.cell);
-        let follow = async {
-            let followed = stage.follow(axes, expected, &stop).await;
-            ended.set(true);
-            followed
-        };
-        let watch = async {
-            while !ended.get() {
-                match gauge.force_n().await {
-                    Ok(force_n) if must_stop(force_n) => ask_to_stop(),
-                    Ok(_) => {}
-                    Err(halt) => {
-                        ask_to_stop();
-                        return Err(halt);
+            let mut refused = None;
+            while !reins.stopped() {
+                let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z).await?);
+                match permit.sideways(z_mm, first_mm, force_n.get()) {
+                    Ok(leave) if !reins.stopped() => {
+                        clear.set(true);
+                        begin_sideways(stage, leave, &sideways, speed_mm_s).await?;
+                        due.set(Some(Instant::now() + seconds(travel_s)));
+                        refused = None;
+                        break;
                     }
+                    Ok(_) => {}
+                    Err(trip) => refused = Some(trip),
+                }
+                if begun.elapsed() > seconds(withdrawal.duration_s() + SILENT_S) {
+                    break;
                 }
             }
-            Ok(())
+            let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &reins).await?;
+            Ok((places_mm, refused))
         };
-        let (followed, watched) = tokio::join!(follow, watch);
-        watched?;
-        followed?;
-        Ok(stopped.get())
+        let steer = |gauge: &mut Gauge<'_, C>, now_n: f64| {
+            // two readings make a force: a lone outlier sends nothing sideways
+            let mean_n = gauge.watch.mean_n().unwrap_or(now_n);
+            force_n.set(mean_n);
+            if clear.get() && !gauge.is_air_open() {
+                gauge.open_air();
+            }
+            if clear.get() && now_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
+        };
+        let (places_mm, refused) = watched(&mut self.cell, motion, &reins, &due, steer).await?;
+        if let Some(trip) = refused {
+            return Err(trip.into());
+        }
+        if reins.stopped() {
+            return Err(Trip::new(Rule::StillTouching, touch_n, touch_n, "N").into());
+        }
+        for ((axis, target_mm), at_mm) in sideways.into_iter().zip(&places_mm) {
+            self.check_arrival(axis, *at_mm, target_mm).await?;
+        }
+        self.arrived_z(places_mm.last().copied(), target_mm).await?;
+        self.place = next;
+        Ok(())
+    }
+
+    /// Moves x and y from rest in the clear.
+    pub async fn travel(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
+        if place == self.place {
+            return Ok(());
+        }
+        self.cell.watch.pause();
+        let force_n = self.cell.mean_n(SIDEWAYS_READINGS).await?;
+        let Sideways { .. } = permit.sideways(self.z_mm, first_mm, force_n)?;
+        self.cell.open_air();
+        let target = self.frame.to_stage(place, self.z_mm);
+        let targets = SIDEWAYS.map(|axis| (axis, target.along(axis)));
+        let touch_n = permit.detect_n();
+        let steer = |force_n: f64, _| if force_n.abs() >= touch_n { Steer::Stop } else { Steer::On };
+        let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), steer).await?;
+        if driven.stopped {
+            return Err(Trip::new(Rule::StillTouching, touch_n, touch_n, "N").into());
+        }
+        for ((axis, target_mm), at_mm) in targets.into_iter().zip(driven.places_mm) {
+            self.check_arrival(axis, at_mm, target_mm).await?;
+        }
+        self.place = place;
+        Ok(())
     }
 
     /// Withdraws without looking at the force: for parking, when the load cell may be what failed.
     pub async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
-        self.read_back_z(None).await?;
+        self.read_back_z().await?;
         if self.z_mm <= z_mm {
             return Ok(());
         }
-        let target_mm = self.frame.to_stage(self.place, z_mm).z_mm;
-        let from_mm = self.frame.to_stage(self.place, self.z_mm).z_mm;
-        let expected = self.expected(target_mm - from_mm, self.usage.speed_mm_s);
+        let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.stage.begin(&[(Axis::Z, target_mm)], self.usage.speed_mm_s).await?;
-        self.stage.follow(&[Axis::Z], expected, &Notify::new()).await?;
-        self.read_back_z(Some(target_mm)).await
-    }
-
-    /// Moves x and y: only in the clear. `highest_mm` is the z above which no surface can be, here and there.
-    pub async fn travel(&mut self, place: Place, highest_mm: f64) -> Result<(), Halt> {
-        if place == self.place {
-            return Ok(());
-        }
-        if self.z_mm > highest_mm - SIDEWAYS_CLEARANCE_MM {
-            return Err(Trip::new(Rule::NotPermitted, self.z_mm, highest_mm - SIDEWAYS_CLEARANCE_MM, "mm").into());
-        }
-        let target = self.frame.to_stage(place, self.z_mm);
-        let way_mm = (place.x_mm - self.place.x_mm).abs().max((place.y_mm - self.place.y_mm).abs());
-        let expected = self.expected(way_mm, self.usage.speed_mm_s);
-        let axes = [Axis::X, Axis::Y];
-        let targets = axes.map(|axis| (axis, target.along(axis)));
-        let touch_n = self.cell.watch.zero().detect_n();
-        self.cell.watch.pause();
-        let force_n = self.cell.mean_n(SIDEWAYS_READINGS).await?;
-        if force_n.abs() >= touch_n {
-            return Err(Trip::new(Rule::StillTouching, force_n, touch_n, "N").into());
-        }
-        self.stage.begin(&targets, self.usage.speed_mm_s).await?;
-        if self.follow(&axes, expected, |force_n| force_n.abs() >= touch_n).await? {
-            return Err(Trip::new(Rule::StillTouching, touch_n, touch_n, "N").into());
-        }
-        for axis in axes {
-            let position_mm = self.stage.position_mm(axis).await?;
-            self.check_arrival(axis, position_mm, target.along(axis)).await?;
-        }
-        self.place = place;
-        Ok(())
+        let profile = Profile::new(target_mm - from_mm, self.usage.speed_mm_s, self.usage.acceleration_mm_s2);
+        let places_mm = self.stage.follow(&[Axis::Z], seconds(profile.duration_s()), &Reins::default()).await?;
+        sleep(seconds(self.timing.settle_s)).await;
+        self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
     /// Reads x, y and z back, wherever the axes are.
@@ -133,16 +172,46 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let x_mm = self.stage.position_mm(Axis::X).await?;
         let y_mm = self.stage.position_mm(Axis::Y).await?;
         self.place = self.frame.place_from_stage(x_mm, y_mm);
-        self.read_back_z(None).await
+        self.read_back_z().await
     }
 
-    async fn read_back_z(&mut self, target_mm: Option<f64>) -> Result<(), Halt> {
-        let position_mm = self.stage.position_mm(Axis::Z).await?;
-        self.z_mm = self.frame.z_from_stage(position_mm);
-        match target_mm {
-            Some(target_mm) => self.check_arrival(Axis::Z, position_mm, target_mm).await,
-            None => Ok(()),
-        }
+    /// Axes toward targets over a way, every force watched and told to `steer`, until they have come to rest.
+    async fn drive(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        way_mm: f64,
+        mut steer: impl FnMut(f64, f64) -> Steer,
+    ) -> Result<Driven, Halt> {
+        let expected = seconds(Profile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
+        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
+        let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now() + expected)));
+        let ends = Cell::new(None);
+        let stage = &mut self.stage;
+        let motion = async {
+            stage.begin(targets, speed_mm_s).await?;
+            ends.set(Some(Instant::now() + expected));
+            Ok(stage.follow(&axes, expected, &reins).await?)
+        };
+        let steered = |gauge: &mut Gauge<'_, C>, force_n: f64| steer(force_n, gauge.now_s());
+        let places_mm = watched(&mut self.cell, motion, &reins, &due, steered).await?;
+        let stopped = reins.stopped();
+        // a motion that ran its way ended when its profile did, however late that was heard
+        let ended = ends.get().filter(|_| !stopped).unwrap_or_else(Instant::now).min(Instant::now());
+        self.cell.settled = ended + seconds(self.timing.settle_s);
+        Ok(Driven { places_mm, stopped })
+    }
+
+    /// z is where it was sent: the read-back may still be short of it by what the stage has to settle.
+    async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
+        self.check_arrival(Axis::Z, at_mm.unwrap_or(f64::NAN), target_mm).await?;
+        self.z_mm = self.frame.z_from_stage(target_mm);
+        Ok(())
+    }
+
+    async fn read_back_z(&mut self) -> Result<(), Halt> {
+        self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z).await?);
+        Ok(())
     }
 
     /// A controller that refused a motion shows it here, and says why in its error queue.
@@ -156,10 +225,74 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Err(lost(told))
     }
 
-    fn expected(&self, way_mm: f64, speed_mm_s: f64) -> Duration {
-        let profile_s = motion_s(way_mm, speed_mm_s, self.usage.acceleration_mm_s2);
-        Duration::try_from_secs_f64(profile_s + OVERHEAD_S).unwrap_or(Duration::ZERO)
+    fn stage_z_mm(&self, z_mm: f64) -> f64 {
+        self.frame.to_stage(self.place, z_mm).z_mm
     }
+}
+
+/// Runs a motion to its end while every force is watched. Both run to their end, so that no exchange is ever dropped half-way.
+/// A motion that isn't reported done long after it was due trips.
+async fn watched<C: LoadCell, T>(
+    gauge: &mut Gauge<'_, C>,
+    motion: impl Future<Output = Result<T, Halt>>,
+    reins: &Reins,
+    due: &Cell<Option<Instant>>,
+    mut steer: impl FnMut(&mut Gauge<'_, C>, f64) -> Steer,
+) -> Result<T, Halt> {
+    let ended = Cell::new(false);
+    let motion = async {
+        let moved = motion.await;
+        ended.set(true);
+        moved
+    };
+    let watch = async {
+        while !ended.get() {
+            let force_n = match gauge.force_n().await {
+                Ok(force_n) => force_n,
+                Err(halt) => {
+                    reins.stop();
+                    return Err(halt);
+                }
+            };
+            match steer(gauge, force_n) {
+                Steer::On => {}
+                Steer::Stop => reins.stop(),
+                Steer::Speed(mm_s) => {
+                    due.set(None); // slower than it was reckoned
+                    reins.speed(mm_s);
+                }
+            }
+            let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
+            if silent_s > SILENT_S {
+                reins.stop();
+                return Err(Trip::new(Rule::StageSilent, silent_s, SILENT_S, "s").into());
+            }
+        }
+        Ok(())
+    };
+    let (moved, watched) = tokio::join!(motion, watch);
+    watched?;
+    moved
+}
+
+/// Leave is taken by moving.
+async fn begin_sideways<S: Stage>(
+    stage: &mut S,
+    _leave: Sideways,
+    targets: &[(Axis, f64)],
+    speed_mm_s: f64,
+) -> Result<(), DeviceError> {
+    stage.begin(targets, speed_mm_s).await
+}
+
+/// The longer of the two ways, mm.
+fn way_mm(from: Place, to: Place) -> f64 {
+    (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
+}
+
+/// What no clock can wait for is no wait.
+fn seconds(s: f64) -> Duration {
+    Duration::try_from_secs_f64(s).unwrap_or(Duration::ZERO)
 }
 
 fn lost(told: String) -> Halt {

@@ -1,18 +1,18 @@
 use super::clock::RunClock;
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
-use crate::control::{Reaction, Rule, Trip, Watch, Zero, check_sound};
+use crate::control::{Reaction, Rule, Timing, Trip, Watch, Zero, check_sound};
 use crate::dataset::Record;
-use crate::device::{Identity, Instruments, LoadCell, SensorArray, Stage};
+use crate::device::{Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, ForceReading};
 use crate::rig::{OpenRig, RigSpec};
-use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
 /// Exchanges that are timed to know how fast the rig reacts.
 const TIMED: usize = 10;
-/// Readings in air that make the zero.
+/// Readings in air that make the zero, at least, and how long they take, at least, s.
 const ZERO_READINGS: usize = 100;
+const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a share of the force limit: beyond it contact can't be told in time.
 const NOISE_SHARE: f64 = 0.02;
 /// How far the zero may be from the first one of the run, as a share of the force limit.
@@ -46,15 +46,15 @@ pub(super) async fn make_ready<'a>(
     let OpenRig { instruments, stage_use, probe } = rig;
     let Instruments { mut stage, load_cell, array } = instruments;
     // the stage first: whatever the readers say, it is brought to rest and away from the specimen
-    let stop = Notify::new();
+    let reins = Reins::default();
     let told_to_stop = async {
         conditions.cancel.wait().await;
-        stop.notify_one();
+        reins.stop();
         std::future::pending::<()>().await;
     };
     let prepared = tokio::select! {
         biased;
-        prepared = stage.prepare(&stage_use, &stop) => prepared,
+        prepared = stage.prepare(&stage_use, &reins) => prepared,
         () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
     };
     if conditions.cancel.asked() {
@@ -65,21 +65,24 @@ pub(super) async fn make_ready<'a>(
         &conditions.spec.limits,
         Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None },
     );
-    let air = vec![0.0; array.units()];
     let gauge = Gauge::new(load_cell, unwatched, conditions.cancel, conditions.shown);
     let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, conditions.spec.frame, stage_use, probe, air);
+    let mut hand = Hand::new(parts, conditions.spec.frame, stage_use, conditions.spec.unmeasured_timing(), probe);
     // an axis that was homed before may stand anywhere: out of contact first
     hand.find_itself().await?;
     hand.retreat(conditions.spec.clear_mm()).await?;
     let cell_identity = hand.cell.cell.prepare().await?;
     let array_identity = hand.array.prepare().await?;
-    let reaction = time(&mut hand).await?;
+    let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
+    hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
     let zero = take_zero(&mut hand, conditions).await?;
     Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
 
-async fn time<S: Stage, C: LoadCell, A: SensorArray>(hand: &mut Hand<'_, S, C, A>) -> Result<Reaction, Halt> {
+async fn time<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    lag_s: f64,
+) -> Result<Reaction, Halt> {
     let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
     for _ in 0..TIMED {
         let asked = Instant::now();
@@ -89,15 +92,16 @@ async fn time<S: Stage, C: LoadCell, A: SensorArray>(hand: &mut Hand<'_, S, C, A
         hand.cell.cell.read().await?;
         load_cell_s = load_cell_s.max(asked.elapsed().as_secs_f64());
     }
-    Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s })
+    Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s, lag_s })
 }
 
 async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
-    let mut readings: Vec<ForceReading> = Vec::with_capacity(ZERO_READINGS);
-    for _ in 0..ZERO_READINGS {
+    let count = ZERO_READINGS.max((ZERO_S / hand.timing.conversion_s) as usize);
+    let mut readings: Vec<ForceReading> = Vec::with_capacity(count);
+    for _ in 0..count {
         hand.cell.due().await?;
         let reading = hand.cell.cell.read().await?;
         check_sound(&reading)?;

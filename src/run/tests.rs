@@ -2,12 +2,11 @@
 
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
-use crate::control::{Rule, Watch, Zero};
-use crate::device::{DeviceError, Identity, Instruments, LoadCell, SensorArray, Stage, StageUse};
+use crate::control::{Permit, Rule, Timing, Watch, Zero};
+use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Travel};
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
-use tokio::sync::Notify;
 use tokio::time::{Instant, sleep};
 
 /// A stage that is where it was sent as soon as it was, and keeps what it was told.
@@ -17,7 +16,7 @@ struct StrawStage<'a> {
 }
 
 impl Stage for StrawStage<'_> {
-    async fn prepare(&mut self, _: &StageUse, _: &Notify) -> Result<Identity, DeviceError> {
+    async fn prepare(&mut self, _: &StageUse, _: &Reins) -> Result<Identity, DeviceError> {
         unreachable!("the hand gets it prepared")
     }
     async fn begin(&mut self, targets: &[(Axis, f64)], _: f64) -> Result<(), DeviceError> {
@@ -27,13 +26,13 @@ impl Stage for StrawStage<'_> {
         }
         Ok(())
     }
-    async fn follow(&mut self, _: &[Axis], _: Duration, stop: &Notify) -> Result<(), DeviceError> {
+    async fn follow(&mut self, axes: &[Axis], _: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
         tokio::select! {
             biased;
-            () = stop.notified() => self.told.borrow_mut().push("stop".to_owned()),
-            () = sleep(Duration::from_secs(1)) => {}
+            () = reins.pulled().notified() => self.told.borrow_mut().push("stop".to_owned()),
+            () = sleep(Duration::from_millis(400)) => {}
         }
-        Ok(())
+        Ok(axes.iter().map(|axis| self.at_mm[axis.index()]).collect())
     }
     async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
         Ok(self.at_mm[axis.index()])
@@ -99,7 +98,17 @@ fn hand<'a>(
     let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
     let usage = StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 };
-    Hand::new(parts, frame, usage, None, vec![0.1, 0.2])
+    let timing =
+        Timing { exchange_s: 0.02, settle_s: 0.01, conversion_s: 0.005, acceleration_mm_s2: 100.0, reaction_s: 0.05 };
+    let mut hand = Hand::new(parts, frame, usage, timing, None);
+    hand.air = vec![0.1, 0.2];
+    hand
+}
+
+fn permit() -> Permit {
+    let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+    let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: None };
+    Permit::new(limits, 0.05, 100.0, &zero)
 }
 
 fn rule(result: Result<(), Halt>) -> Rule {
@@ -114,10 +123,10 @@ async fn nothing_moves_sideways_that_is_not_in_the_clear() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
     let mut hand = hand(&told, &cancel, (0.0, 0.0));
     hand.z_mm = -0.12;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), -0.1).await), Rule::NotPermitted);
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await), Rule::NotPermitted);
     assert!(told.borrow().is_empty());
     hand.z_mm = -0.14;
-    hand.travel(Place::new(1.0, 0.0), -0.1).await.unwrap();
+    hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await.unwrap();
     assert_eq!(*told.borrow(), ["x to 1", "y to 0"]);
 }
 
@@ -126,7 +135,7 @@ async fn nothing_moves_sideways_under_a_force() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
     let mut hand = hand(&told, &cancel, (0.05, 0.05));
     hand.z_mm = -1.0;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), 0.0).await), Rule::StillTouching);
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), Rule::StillTouching);
     assert!(told.borrow().is_empty());
 }
 
@@ -135,7 +144,7 @@ async fn contact_on_the_way_stops_it() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
     let mut hand = hand(&told, &cancel, (0.0, 0.05));
     hand.z_mm = -1.0;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), 0.0).await), Rule::StillTouching);
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), Rule::StillTouching);
     assert_eq!(*told.borrow(), ["x to 1", "y to 0", "stop"]);
 }
 

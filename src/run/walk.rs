@@ -3,15 +3,14 @@ use super::hand::Hand;
 use super::ready::{Conditions, Ready, make_ready};
 use super::window::Window;
 use super::{Cancel, Halt};
-use crate::control::{Command, Context, Event, Expected, Permit, Press, SurfaceMap};
-use crate::dataset::{Contact, Flag, Ledger, Record, Row, RowTruth, Status, Touch};
-use crate::device::{LoadCell, SensorArray, Stage};
+use crate::control::{Command, Context, Event, Map, Moment, Permit, Press, Strategy};
+use crate::dataset::{Contact, Flag, Ledger, Record, Row, RowTruth, Status};
+use crate::device::{LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Limits, Place};
 use crate::recipe::{Entry, Plan};
 use crate::rig::RigSpec;
 use std::collections::VecDeque;
 use std::time::Duration;
-use tokio::sync::Notify;
 
 /// Clearance above the learned surface in which the indenter travels from place to place, mm.
 const TRAVEL_CLEARANCE_MM: f64 = 0.10;
@@ -71,8 +70,8 @@ pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
             let begun = ledger.note_devices(&devices);
             let permit =
                 Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero());
-            let surface = SurfaceMap::new(spec.frame.uncertainty_mm);
-            let mut walker = Walker { hand, permit, surface, limits: spec.limits, clock, pressing: None };
+            let map = Map::new(spec.frame.uncertainty_mm);
+            let mut walker = Walker { hand, permit, map, limits: spec.limits, clock, pressing: None };
             let recorded = begun.and_then(|()| ledger.record(&zero)).map_err(Halt::from);
             ending.halt = match recorded {
                 Ok(()) => walker.presses(plan, ledger, listener).await.err(),
@@ -125,7 +124,7 @@ fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, t_s: 
 struct Walker<'a, S, C, A> {
     hand: Hand<'a, S, C, A>,
     permit: Permit,
-    surface: SurfaceMap,
+    map: Map,
     limits: Limits,
     clock: RunClock,
     pressing: Option<u64>,
@@ -139,9 +138,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             self.pressing = Some(entry.press);
             listener.begins(entry);
             let contact = self.press(entry, next).await?;
-            if let Some(touch) = contact.touch {
-                self.surface.learn(touch.place, touch.z_mm);
-            }
+            contact.lesson.iter().for_each(|lesson| self.map.learn(lesson));
             let record = Record::Contact(contact);
             ledger.record(&record)?;
             self.pressing = None;
@@ -153,6 +150,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 if self.hand.cell.cancel.asked() {
                     return Err(Halt::Cancelled);
                 }
+                self.hand.cell.open_air(); // what was read before the rest is old
             }
         }
         Ok(())
@@ -163,17 +161,24 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         if let Some(probe) = &self.hand.probe {
             probe.begin_press(entry.press);
         }
-        let from = self.surface.expect(self.hand.place);
-        let expected = self.surface.expect(entry.place);
-        self.hand.travel(entry.place, from.first_mm.min(expected.first_mm)).await?;
-        let mut press = Press::new(entry.task.clone(), self.context(expected, next));
+        let first_mm = self.first_mm(self.hand.place, entry.place);
+        self.hand.travel(entry.place, &self.permit, first_mm).await?;
+        self.hand.cell.watch.pause();
+        let air = self.hand.cell.close_air().await?;
+        let first_mm = self.first_mm(entry.place, next);
+        let mut press = Press::new(entry.task.clone(), self.context(entry, first_mm));
         let mut levels: Vec<Held> = Vec::with_capacity(entry.task.levels.len());
-        let mut event = Event::Begin { z_mm: self.hand.z_mm };
+        let mut event = Event::Begin { z_mm: self.hand.z_mm, air };
         loop {
-            event = match press.next(event, self.hand.cell.age_s()) {
+            let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
+            event = match press.next(event, moment) {
                 Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
                 Command::Move(granted) => {
-                    self.hand.move_z(granted, Some(&press)).await?;
+                    self.hand.move_z(granted, Some(&mut press)).await?;
+                    Event::Moved { z_mm: self.hand.z_mm }
+                }
+                Command::Depart(granted) => {
+                    self.hand.depart(granted, next, &self.permit, first_mm).await?;
                     Event::Moved { z_mm: self.hand.z_mm }
                 }
                 Command::Dwell(seconds) => {
@@ -197,20 +202,28 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let touched_mm = press.touched_mm();
         let rows = levels.iter().enumerate().map(|(level, held)| self.row(entry, level, held, touched_mm)).collect();
         let truth = levels.iter().filter_map(|held| held.truth.map(RowTruth::rounded)).collect();
-        let touch = touched_mm.map(|z_mm| Touch { place: entry.place, z_mm });
-        Ok(Contact { press: entry.press, rows, truth, touch })
+        Ok(Contact { press: entry.press, rows, truth, lesson: press.lesson() })
     }
 
-    fn context(&self, expected: Expected, next: Place) -> Context {
-        let highest_mm = expected.first_mm.min(self.surface.expect(next).first_mm);
+    fn context(&self, entry: &Entry, first_mm: f64) -> Context {
+        let force_set_n = entry.task.most_n();
+        let asks = entry.task.strategy == Strategy::Map && entry.task.levels.len() == 1;
         Context {
+            place: entry.place,
             limits: self.limits,
             permit: self.permit,
             zero: *self.hand.cell.watch.zero(),
-            expected,
-            clear_mm: highest_mm - TRAVEL_CLEARANCE_MM,
+            expected: self.map.expect(entry.place),
+            shot: asks.then(|| self.map.shot(entry.place, force_set_n, &self.limits)).flatten(),
+            clear_mm: first_mm - TRAVEL_CLEARANCE_MM,
             speed_mm_s: self.hand.usage.speed_mm_s,
+            timing: self.hand.timing,
         }
+    }
+
+    /// The earliest z at which there can be contact at either of two places, mm.
+    fn first_mm(&self, here: Place, there: Place) -> f64 {
+        self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
     }
 
     fn row(&self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> Row {
@@ -260,7 +273,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// axis is, is asked each time, and the target is the same place in the clear.
     async fn stop_and_retreat(&mut self, clear_mm: f64) -> Result<(), Halt> {
         self.hand.stage.stop().await?;
-        self.hand.stage.follow(&Axis::ALL, Duration::ZERO, &Notify::new()).await?;
+        self.hand.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
         self.hand.retreat(clear_mm).await
     }
 }

@@ -2,10 +2,12 @@ use super::Halt;
 use super::hand::Hand;
 use crate::device::{LoadCell, SensorArray, Stage};
 use std::time::Duration;
-use tokio::time::Instant;
+use tokio::time::{Instant, sleep_until};
 
 /// Fewest readings in a window, however short it is.
 const READINGS_LEAST: u32 = 2;
+/// The outputs are read no more often than that: what taxels do in a window is slower.
+const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
 
 /// What a window came to.
 #[derive(Clone, Debug)]
@@ -21,27 +23,41 @@ pub(super) struct Window {
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Samples force and outputs together for so long, z at rest.
     pub async fn sample(&mut self, seconds: f64) -> Result<Window, Halt> {
+        self.cell.settle().await?;
         let began = Instant::now();
         let until = began + Duration::from_secs_f64(seconds);
         if let Some(probe) = &self.probe {
             probe.open_window();
         }
-        let mut now = vec![0.0; self.array.units()];
-        let mut sums = vec![0.0; now.len()];
-        let (mut force_sum_n, mut readings) = (0.0, 0);
-        while Instant::now() < until || readings < READINGS_LEAST {
-            self.cell.due().await?;
-            let (reading, outputs) = tokio::join!(self.cell.cell.read(), self.array.read(&mut now));
-            force_sum_n += self.cell.watched(&reading?)?;
-            outputs?;
-            sums.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output);
-            readings += 1;
-        }
+        let mut sums = vec![0.0; self.array.units()];
+        let mut now = sums.clone();
+        // each as fast as it goes: neither waits for the other
+        let (gauge, array) = (&mut self.cell, &mut self.array);
+        let forces = async {
+            let (mut sum_n, mut readings) = (0.0, 0);
+            while Instant::now() < until || readings < READINGS_LEAST {
+                sum_n += gauge.force_n().await?;
+                readings += 1;
+            }
+            Ok::<f64, Halt>(sum_n / f64::from(readings))
+        };
+        let outputs = async {
+            let mut readings = 0;
+            while Instant::now() < until || readings < READINGS_LEAST {
+                let next = Instant::now() + OUTPUTS_EVERY;
+                array.read(&mut now).await?;
+                sums.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output);
+                readings += 1;
+                sleep_until(next).await;
+            }
+            Ok::<f64, Halt>(f64::from(readings))
+        };
+        let (force_n, readings) = tokio::join!(forces, outputs);
+        let (force_n, count) = (force_n?, readings?);
         if let Some(probe) = &self.probe {
             probe.close_window();
         }
-        let count = f64::from(readings);
         let outputs = sums.iter().zip(&self.air).map(|(sum, air)| sum / count - air).collect();
-        Ok(Window { began, force_n: force_sum_n / count, outputs })
+        Ok(Window { began, force_n, outputs })
     }
 }

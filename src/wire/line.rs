@@ -36,12 +36,12 @@ pub enum WireError {
     Endless,
 }
 
-/// A stop that a waiting exchange sends at once when it is asked for, answer or no answer.
-pub struct Stop<'a> {
-    /// Told when to stop.
+/// What a waiting exchange sends at once when it is asked for, answer or no answer. It has no answer itself.
+pub struct Urgent<'a> {
+    /// Told when there is something to send.
     pub asked: &'a Notify,
-    /// What to send then.
-    pub line: &'a str,
+    /// What to send then, if anything is left to.
+    pub line: &'a dyn Fn() -> Option<String>,
 }
 
 /// One request at a time over a line protocol; lines go out with CR and come back with CR LF (ESP300 manual, RS-232).
@@ -94,18 +94,31 @@ impl LineExchange {
         self.send(line).await
     }
 
-    /// Sends a question and gives its answer without the line end. While it waits, `stop` is sent at once if asked for.
+    /// Sends a question and gives its answer without the line end.
+    ///
+    /// # Errors
+    /// As [`ask_all`](Self::ask_all).
+    pub async fn ask(&mut self, question: &str) -> Result<String, WireError> {
+        Ok(self.ask_all(question, 1, None).await?.pop().unwrap_or_default())
+    }
+
+    /// Sends a line of questions and gives their answers, a line each. While it waits, what is urgent is sent at once.
     ///
     /// # Errors
     /// No answer in time, or the link's own.
-    pub async fn ask(&mut self, question: &str, stop: Option<&Stop<'_>>) -> Result<String, WireError> {
+    pub async fn ask_all(
+        &mut self,
+        question: &str,
+        lines: usize,
+        urgent: Option<&Urgent<'_>>,
+    ) -> Result<Vec<String>, WireError> {
         // what came without being asked for would be taken for the answer
         if !self.inbox.is_empty() || self.something_came().await {
             self.out_of_step = true;
         }
-        self.bring_back_in_step(stop).await?;
+        self.bring_back_in_step(urgent).await?;
         self.out_of_step = true;
-        let answer = self.ask_in_step(question, stop).await?;
+        let answer = self.ask_in_step(question, lines, urgent).await?;
         self.out_of_step = false;
         Ok(answer)
     }
@@ -115,18 +128,27 @@ impl LineExchange {
         self.out_of_step = true;
     }
 
-    async fn ask_in_step(&mut self, question: &str, stop: Option<&Stop<'_>>) -> Result<String, WireError> {
+    async fn ask_in_step(
+        &mut self,
+        question: &str,
+        lines: usize,
+        urgent: Option<&Urgent<'_>>,
+    ) -> Result<Vec<String>, WireError> {
         self.send(question).await?;
         let until = Instant::now() + self.deadline;
-        self.line_by(until, stop).await?.ok_or_else(|| self.silent(question))
+        let mut answers = Vec::with_capacity(lines);
+        while answers.len() < lines {
+            answers.push(self.line_by(until, urgent).await?.ok_or_else(|| self.silent(question))?);
+        }
+        Ok(answers)
     }
 
-    async fn bring_back_in_step(&mut self, stop: Option<&Stop<'_>>) -> Result<(), WireError> {
+    async fn bring_back_in_step(&mut self, urgent: Option<&Urgent<'_>>) -> Result<(), WireError> {
         if !self.out_of_step {
             return Ok(());
         }
         for _ in 0..STRAY_LINES_MAX {
-            if self.line_by(Instant::now() + QUIET, stop).await?.is_none() {
+            if self.line_by(Instant::now() + QUIET, urgent).await?.is_none() {
                 break;
             }
         }
@@ -135,7 +157,7 @@ impl LineExchange {
         self.send(question).await?;
         let until = Instant::now() + self.deadline;
         for _ in 0..STRAY_LINES_MAX {
-            match self.line_by(until, stop).await? {
+            match self.line_by(until, urgent).await? {
                 Some(line) if line.contains(answer_contains) => {
                     self.out_of_step = false;
                     return Ok(());
@@ -147,16 +169,18 @@ impl LineExchange {
         Err(self.silent(question))
     }
 
-    /// The next line that comes until then, or none. A stop is sent at once, whatever is being waited for.
-    async fn line_by(&mut self, until: Instant, stop: Option<&Stop<'_>>) -> Result<Option<String>, WireError> {
+    /// The next line that comes until then, or none. What is urgent is sent at once, whatever is being waited for.
+    async fn line_by(&mut self, until: Instant, urgent: Option<&Urgent<'_>>) -> Result<Option<String>, WireError> {
         loop {
-            let line = match stop {
+            let line = match urgent {
                 None => timeout_at(until, self.read_line()).await,
-                Some(stop) => {
+                Some(urgent) => {
                     tokio::select! {
                         biased;
-                        () = stop.asked.notified() => {
-                            self.send(stop.line).await?;
+                        () = urgent.asked.notified() => {
+                            if let Some(line) = (urgent.line)() {
+                                self.send(&line).await?;
+                            }
                             continue;
                         }
                         line = timeout_at(until, self.read_line()) => line,

@@ -9,5 +9,5 @@ mod line;
 mod link;
 
 pub use connect::{ByteStream, Connector, Duplex};
-pub use line::{LineExchange, Stop, WireError};
+pub use line::{LineExchange, Urgent, WireError};
 pub use link::Link;

@@ -1,6 +1,5 @@
 use super::*;
-use crate::control::{Strategy, SurfaceMap};
-use crate::quantity::Place;
+use crate::control::SurfaceMap;
 
 const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
 
@@ -22,7 +21,19 @@ fn walk(levels: Vec<Level>, surface_mm: f64, overrun_mm: f64, force_at: impl Fn(
     let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
     let permit = Permit::new(LIMITS, 0.05, 100.0, &zero);
     let expected = SurfaceMap::new(0.3).expect(Place::default());
-    let context = Context { limits: LIMITS, permit, zero, expected, clear_mm: -0.5, speed_mm_s: 5.0 };
+    let timing =
+        Timing { exchange_s: 0.02, settle_s: 0.01, conversion_s: 0.001, acceleration_mm_s2: 100.0, reaction_s: 0.05 };
+    let context = Context {
+        place: Place::default(),
+        limits: LIMITS,
+        permit,
+        zero,
+        expected,
+        shot: None,
+        clear_mm: -0.5,
+        speed_mm_s: 5.0,
+        timing,
+    };
     let task = Task {
         levels,
         force_tolerance_n: 0.05,
@@ -33,15 +44,18 @@ fn walk(levels: Vec<Level>, surface_mm: f64, overrun_mm: f64, force_at: impl Fn(
     };
     let mut press = Press::new(task, context);
     let (mut z, mut walk) = (-0.5, Walk { forces: vec![], moves: vec![], end: Command::Done });
-    let mut event = Event::Begin { z_mm: z };
+    let air = Air { mean_n: force_at(z - surface_mm), sigma_n: 0.003, readings: AIR_READINGS };
+    let mut event = Event::Begin { z_mm: z, air };
+    let mut now_s = 0.0;
     for _ in 0..500 {
         let force = |z: f64| force_at(z - surface_mm);
-        event = match press.next(event, 0.0) {
+        now_s += 0.2;
+        event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
             Command::Average(_) => Event::Averaged { force_n: force(z) },
-            Command::Move(granted) => {
+            Command::Move(granted) | Command::Depart(granted) => {
                 let felt = (0..=10_000)
                     .map(|i| z + (granted.z_mm() - z) * f64::from(i) / 10_000.0)
-                    .find(|&z| press.must_stop(force(z)));
+                    .find(|&z| press.see(force(z), now_s + 0.1) == Steer::Stop);
                 z = felt.map_or(granted.z_mm(), |felt| (felt + overrun_mm).min(granted.z_mm()));
                 walk.moves.push(z);
                 Event::Moved { z_mm: z }

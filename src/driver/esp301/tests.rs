@@ -1,6 +1,7 @@
 use super::*;
 use crate::quantity::{Range, Travel};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+use tokio::time::sleep;
 
 /// A driver whose far end expects the lines that are sent and answers as the script says; left-over lines fail.
 fn scripted(script: &'static [(&'static str, &'static str)]) -> (Esp301, tokio::task::JoinHandle<()>) {
@@ -33,9 +34,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
     let (mut stage, device) = scripted(&[
         ("VE?", "ESP301 Version 1.1.1 16/01/14\r\n"),
         ("ST", ""),
-        ("1MD?", "1\r\n"),
-        ("2MD?", "1\r\n"),
-        ("3MD?", "1\r\n"),
+        ("1MD?;2MD?;3MD?;1TP;2TP;3TP", "1\r\n1\r\n1\r\n0.0000\r\n0.0000\r\n0.0000\r\n"),
         ("TB?", "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED\r\n"),
         ("TB?", "0, -2139482948, NO ERROR DETECTED\r\n"),
         ("1ID?", "VP-25XL, SN1\r\n"),
@@ -50,8 +49,8 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         ("3MO?", "0\r\n"),
         ("3MO", ""),
         ("3OR3", ""),
-        ("3MD?", "0\r\n"),
-        ("3MD?", "1\r\n"),
+        ("3MD?;3TP", "0\r\n11.9000\r\n"),
+        ("3MD?;3TP", "1\r\n12.5000\r\n"),
         ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
         ("3TP", "12.5000\r\n"),
         ("1MO?", "1\r\n"),
@@ -61,7 +60,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         ("3SL-12.5000;3SR12.5000;3AC100;3AG100", ""),
         ("TB?", "0, 12, NO ERROR DETECTED\r\n"),
     ]);
-    let identity = stage.prepare(&usage(), &Notify::new()).await.unwrap();
+    let identity = stage.prepare(&usage(), &Reins::default()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
     assert!(identity.warnings.is_empty());
     drop(stage);
@@ -74,11 +73,11 @@ async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_m
         ("3MO?", "0\r\n"),
         ("3MO", ""),
         ("3OR3", ""),
-        ("3MD?", "1\r\n"),
+        ("3MD?;3TP", "1\r\n0.0000\r\n"),
         ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
         ("3TP", "0.0000\r\n"),
     ]);
-    let error = stage.home_z(&usage(), &Notify::new()).await.unwrap_err().to_string();
+    let error = stage.home_z(&usage(), &Reins::default()).await.unwrap_err().to_string();
     assert!(error.contains("z counts 0.0000 mm at the limit it homed to, the rig's travel ends at 12.5 mm"), "{error}");
     drop(stage);
     device.await.unwrap();
@@ -90,18 +89,18 @@ async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
         ("3MO?", "0\r\n"),
         ("3MO", ""),
         ("3OR3", ""),
-        ("3MD?", ""),
-        ("ST", "1\r\n"),
+        ("3MD?;3TP", ""),
+        ("ST", "1\r\n0.0000\r\n"),
         ("TB?", "320, 11, AXIS-3 HOMING ABORTED\r\n"),
         ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
     ]);
-    let stop = Notify::new();
+    let reins = Reins::default();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await;
-        stop.notify_one();
+        reins.stop();
     };
     let usage = usage();
-    let (homed, ()) = tokio::join!(stage.home_z(&usage, &stop), ask_for_it);
+    let (homed, ()) = tokio::join!(stage.home_z(&usage, &reins), ask_for_it);
     assert!(homed.unwrap_err().to_string().contains("AXIS-3 HOMING ABORTED"));
     drop(stage);
     device.await.unwrap();
@@ -110,14 +109,14 @@ async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
 #[tokio::test(start_paused = true)]
 async fn a_move_is_one_line_and_its_end_is_asked_for() {
     let (mut stage, device) = scripted(&[
-        ("1VA10.00000;1PA-1.50000;2VA10.00000;2PA0.25000", ""),
-        ("1MD?", "0\r\n"),
-        ("1MD?", "1\r\n"),
-        ("2MD?", "1\r\n"),
+        ("1VA10.00000;1PA-1.50000;2VA10.00000;2PA0.25000;2MD?", "0\r\n"),
+        ("1MD?;2MD?;1TP;2TP", "0\r\n1\r\n-1.4990\r\n0.2500\r\n"),
+        ("1MD?;2MD?;1TP;2TP", "1\r\n1\r\n-1.5000\r\n0.2500\r\n"),
         ("3TP", "-10.2370\r\n"),
     ]);
     stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0).await.unwrap();
-    stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Notify::new()).await.unwrap();
+    let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Reins::default()).await.unwrap();
+    assert_eq!(arrived, [-1.5, 0.25]);
     assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), -10.237);
     drop(stage);
     device.await.unwrap();
@@ -125,15 +124,35 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_is_sent_while_an_answer_is_awaited() {
-    let (mut stage, device) = scripted(&[("3MD?", ""), ("ST", "1\r\n")]);
-    let stop = Notify::new();
+    let (mut stage, device) = scripted(&[("3MD?;3TP", ""), ("ST", "1\r\n-0.2000\r\n")]);
+    let reins = Reins::default();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await;
-        stop.notify_one();
+        reins.stop();
     };
     let axes = [Axis::Z];
-    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_millis(10), &stop), ask_for_it);
+    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_millis(10), &reins), ask_for_it);
     followed.unwrap();
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_speed_under_way_is_sent_at_once_and_a_stop_after_it() {
+    let (mut stage, device) =
+        scripted(&[("3VA2.00000", ""), ("3VA0.50000", ""), ("ST", ""), ("3MD?;3TP", "1\r\n-0.2000\r\n")]);
+    let reins = Reins::default();
+    let ask_for_it = async {
+        for mm_s in [2.0, 0.5] {
+            sleep(Duration::from_millis(30)).await;
+            reins.speed(mm_s);
+        }
+        sleep(Duration::from_millis(30)).await;
+        reins.stop();
+    };
+    let axes = [Axis::Z];
+    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_secs(10), &reins), ask_for_it);
+    assert_eq!(followed.unwrap(), [-0.2]);
     drop(stage);
     device.await.unwrap();
 }

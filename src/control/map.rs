@@ -1,0 +1,257 @@
+use super::curve::{Curve, Shape};
+use super::plane::Plane;
+use super::profile::Profile;
+use super::speed::Timing;
+use super::surface::{Expected, SurfaceMap};
+use crate::quantity::{Limits, Place};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Touches from which the surface counts as taught: a plane needs three, and one to check them.
+const TAUGHT: usize = 4;
+/// How near the force limit a first shot may aim, N: what it presses on is not known from this press.
+const SHOT_ROOM_N: f64 = 0.06;
+/// How far beyond the largest force it was learned from the curve is believed.
+const BEYOND: f64 = 1.3;
+/// Largest uncertainty of a shot, as a share of the force that is set: beyond it the map can't be trusted (CONTROL 1).
+const TRUST: f64 = 0.15;
+/// How far below the set force a shot ends: so many sd of where it may end, but at least and at most these shares of it.
+const SHORT_SIGMAS: f64 = 3.0;
+const SHORT_LEAST: f64 = 0.03;
+const SHORT_MOST: f64 = 0.45;
+/// What is assumed of a shot before any was made: sd of the height, mm, and of the depth, as a share of it.
+const HEIGHT_SIGMA_MM: f64 = 0.010;
+const DEPTH_SIGMA: f64 = 0.04;
+/// How many shots that assumption weighs as much as, and how many shots the memory of their misses spans.
+const MISS_PRIOR: f64 = 3.0;
+const MISS_MEMORY: f64 = 30.0;
+/// A miss counts as at most so many sd: one bad press doesn't end the trust in a map.
+const MISS_MOST: f64 = 5.0;
+/// Shots that are remembered, and how many of the nearest say what the next will meet.
+const SHOTS_MAX: usize = 2048;
+const NEIGHBOURS: usize = 12;
+/// The neighbour whose distance is the reach of the weights, counted from 0.
+const REACH: usize = 5;
+/// Sd of one shot's scale about the local plane, of that plane's height, and of its slope, 1/mm.
+const SCALE_SIGMA: f64 = 0.005;
+const SCALE_LEVEL: f64 = 0.06;
+const SCALE_SLOPE: f64 = 0.02;
+/// Least weight of a new press in the learned fading.
+const FADE_GAIN: f64 = 0.1;
+/// The clearance that a shot is reckoned to start from, mm.
+const START_MM: f64 = 0.1;
+/// What the time from contact to the window is rounded up to, s.
+const GRAIN_S: f64 = 0.01;
+/// How often the longest exchange that was seen is reckoned with, a motion.
+const EXCHANGES: f64 = 1.5;
+
+/// What one press teaches about those to come, as it stands in the journal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lesson {
+    /// A guarded press: where the surface is and how the force grows below it.
+    Touch {
+        /// The place, specimen frame.
+        #[serde(flatten)]
+        place: Place,
+        /// Where contact began, mm into the specimen.
+        z_mm: f64,
+        /// The loading path at rest: z, mm, and force, N.
+        path: Vec<(f64, f64)>,
+    },
+    /// A press whose first motion went where the map said.
+    Shot {
+        /// The place, specimen frame.
+        #[serde(flatten)]
+        place: Place,
+        /// Where the first motion ended, mm into the specimen.
+        z_mm: f64,
+        /// The force that was met there, N.
+        force_n: f64,
+        /// The force that the map had expected there, N.
+        expected_n: f64,
+        /// What the force lost from the last correction to the mean of the window, as a share of the force that is set.
+        faded: f64,
+    },
+}
+
+/// What is known of a specimen from the presses so far: its surface, its curve, and how both vary from place to place.
+#[derive(Clone, Debug)]
+pub struct Map {
+    surface: SurfaceMap,
+    curve: Curve,
+    /// Where shots went, and how much deeper than the curve says a force was met there, as a share.
+    scales: VecDeque<(Place, f64)>,
+    shots: f64,
+    /// Mean square of the misses in units of what was assumed.
+    miss: f64,
+    faded: Option<f64>,
+}
+
+/// What a map says about one place: how deep a force will be met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    surface_mm: f64,
+    shape: Shape,
+    /// Depth here over depth on the curve.
+    scale: f64,
+    /// Where to aim, as a share of the set force.
+    aim: f64,
+    /// What the force will lose until the middle of the window, as a share of the set force.
+    pub(super) faded: f64,
+}
+
+impl Map {
+    /// A map that knows only that the surface is within `uncertainty_mm` of z = 0.
+    pub fn new(uncertainty_mm: f64) -> Self {
+        Map {
+            surface: SurfaceMap::new(uncertainty_mm),
+            curve: Curve::default(),
+            scales: VecDeque::new(),
+            shots: 0.0,
+            miss: 1.0,
+            faded: None,
+        }
+    }
+
+    /// Where the surface is expected.
+    pub fn expect(&self, place: Place) -> Expected {
+        self.surface.expect(place)
+    }
+
+    /// Takes in what a press taught.
+    pub fn learn(&mut self, lesson: &Lesson) {
+        match lesson {
+            Lesson::Touch { place, z_mm, path } => {
+                self.surface.learn(*place, *z_mm);
+                self.curve.learn(path.iter().map(|(z, force_n)| (z - z_mm, *force_n)));
+            }
+            Lesson::Shot { place, z_mm, force_n, expected_n, faded } => {
+                let Some(shape) = self.curve.shape().filter(|_| *force_n > 0.0) else { return };
+                let (depth_mm, on_curve_mm) = (z_mm - self.expect(*place).z_mm, shape.depth_mm(*force_n));
+                let miss_mm = (force_n - expected_n) / shape.stiffness_n_mm(on_curve_mm);
+                let misses = (miss_mm / assumed_sigma_mm(on_curve_mm)).powi(2).min(MISS_MOST.powi(2));
+                self.miss += (misses - self.miss) / (self.shots + MISS_PRIOR).min(MISS_MEMORY);
+                self.shots += 1.0;
+                if self.scales.len() == SHOTS_MAX {
+                    self.scales.pop_front();
+                }
+                self.scales.push_back((*place, depth_mm / on_curve_mm - 1.0));
+                let gain = (1.0 / self.shots).max(FADE_GAIN);
+                let before = self.faded.unwrap_or(*faded);
+                self.faded = Some(before + gain * (faded - before));
+            }
+        }
+    }
+
+    /// What to expect of a shot at a place, or none where the map can't be trusted with it: not taught yet, a force too near
+    /// the limit or beyond what was learned, a surface or a stiffness that varies too much.
+    pub fn shot(&self, place: Place, force_set_n: f64, limits: &Limits) -> Option<Shot> {
+        let shape = self.curve.shape()?;
+        let known_n = (BEYOND * self.curve.most_n()).min(limits.force_n - SHOT_ROOM_N);
+        if self.surface.touches() < TAUGHT || force_set_n > known_n {
+            return None;
+        }
+        let depth_mm = shape.depth_mm(force_set_n);
+        let sigma_mm = (self.miss.sqrt() * assumed_sigma_mm(depth_mm)).max(self.roughness_mm());
+        let sigma = shape.stiffness_n_mm(depth_mm) * sigma_mm / force_set_n;
+        if sigma > TRUST {
+            return None;
+        }
+        Some(Shot {
+            surface_mm: self.expect(place).z_mm,
+            shape,
+            scale: 1.0 + self.scale(place),
+            aim: 1.0 - (SHORT_SIGMAS * sigma).clamp(SHORT_LEAST, SHORT_MOST),
+            faded: self.faded.unwrap_or(0.0),
+        })
+    }
+
+    /// What the touches scatter more than touches do anyway, mm.
+    fn roughness_mm(&self) -> f64 {
+        if self.shots > MISS_MEMORY { 0.0 } else { self.surface.excess_mm() }
+    }
+
+    /// The local plane through the nearest shots.
+    fn scale(&self, place: Place) -> f64 {
+        let mut near: Vec<(f64, usize)> =
+            self.scales.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();
+        let count = near.len().min(NEIGHBOURS);
+        if count == 0 {
+            return 0.0;
+        }
+        near.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        near.truncate(count);
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let reach_mm = near[REACH.min(count - 1)].0.max(0.1);
+        let mut plane = Plane::new(
+            place,
+            [
+                (SCALE_SIGMA / SCALE_LEVEL).powi(2),
+                (SCALE_SIGMA / SCALE_SLOPE).powi(2),
+                (SCALE_SIGMA / SCALE_SLOPE).powi(2),
+            ],
+        );
+        for (distance_mm, i) in near {
+            let (at, scale) = self.scales[i];
+            plane.take(at, scale, 1.0 / (1.0 + (distance_mm / reach_mm).powi(2)).powi(2));
+        }
+        plane.at(place).0
+    }
+}
+
+impl Shot {
+    /// Where a force will be met, mm into the specimen.
+    pub fn z_mm(&self, force_n: f64) -> f64 {
+        self.surface_mm + self.scale * self.shape.depth_mm(force_n)
+    }
+
+    /// The force to aim the first motion at, N: below the set one, by as much as it may miss.
+    pub fn aim_n(&self, force_set_n: f64) -> f64 {
+        self.aim * force_set_n
+    }
+
+    /// The force that is expected at a place, N.
+    pub fn force_n(&self, z_mm: f64) -> f64 {
+        self.shape.force_n((z_mm - self.surface_mm) / self.scale)
+    }
+
+    /// The stiffness at a force, N/mm, by what this shot met: `force_n` at `z_mm`.
+    pub fn stiffness_n_mm(&self, at_n: f64, z_mm: f64, force_n: f64) -> f64 {
+        let met = (z_mm - self.surface_mm) / self.shape.depth_mm(force_n);
+        let scale = if met.is_finite() { met.clamp(0.5 * self.scale, 2.0 * self.scale) } else { self.scale };
+        self.shape.stiffness_n_mm(self.shape.depth_mm(at_n)) / scale
+    }
+
+    /// Where the surface is, mm into the specimen.
+    pub fn surface_mm(&self) -> f64 {
+        self.surface_mm
+    }
+
+    /// The time from contact to the window that a press of this force can keep to, s: the same for every place, so that each
+    /// is sampled as relaxed as the others. From the curve and the rig's timing, not from the press.
+    pub fn sample_after_s(
+        &self,
+        force_set_n: f64,
+        speed_mm_s: f64,
+        steps: &[f64],
+        reading_s: f64,
+        timing: &Timing,
+    ) -> f64 {
+        let a = timing.acceleration_mm_s2;
+        let depth_mm = self.shape.depth_mm(force_set_n);
+        let whole = Profile::new(START_MM + depth_mm, speed_mm_s, a);
+        let mut total_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
+        for share in steps {
+            let way_mm = share * force_set_n / self.shape.stiffness_n_mm(depth_mm);
+            total_s += reading_s + EXCHANGES * timing.exchange_s + Profile::new(way_mm, speed_mm_s, a).duration_s();
+            total_s += timing.settle_s;
+        }
+        ((total_s / GRAIN_S).ceil() * GRAIN_S).max(GRAIN_S)
+    }
+}
+
+/// What is assumed of where a force is met, before shots say better, mm.
+fn assumed_sigma_mm(depth_mm: f64) -> f64 {
+    HEIGHT_SIGMA_MM.hypot(DEPTH_SIGMA * depth_mm)
+}

@@ -1,0 +1,157 @@
+//! The guarded press: contact stops a slow approach, then steps from below, each made with a stiffness that can't be too
+//! small: the force never exceeds the one that is set.
+
+use super::{Branch, Command, Press, Rule, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, Strategy, TELL_SIGMAS, Trip};
+
+/// Share of the first force that an approach may use up when contact comes, and the most it may, N.
+const TOUCH_SHARE: f64 = 0.6;
+const TOUCH_MOST_N: f64 = 0.2;
+/// How far above the earliest contact the fast descent ends, mm.
+const STANDOFF_MM: f64 = 0.02;
+/// A gap to the standoff that isn't worth a motion of its own, mm.
+const SHORT_DESCENT_MM: f64 = 0.10;
+/// Share of the set force from which a gap is closed with the declared stiffness, and a step teaches the real one.
+const LEARN_SHARE: f64 = 0.25;
+/// What a learned stiffness is multiplied with: the specimen stiffens with depth, and stiffens more the faster it is pressed.
+const STIFFENING: f64 = 1.15;
+/// How many sd of a mean the aim stays below a loading level, so that the true force does.
+const BELOW_SIGMAS: f64 = 4.0;
+/// Share of the tolerance within which a level counts as reached; the rest is for what the force does until it is sampled.
+const REACHED_SHARE: f64 = 0.1;
+/// Share of the declared stiffness with which the force must at least answer a step, where the step is large enough to tell.
+const RESPONSE_SHARE: f64 = 0.05;
+/// Fastest approach, mm/s: what is gained beyond it is lost in braking.
+const APPROACH_MOST_MM_S: f64 = 2.0;
+
+impl Press {
+    /// Fast to just above the earliest contact, if that is worth a motion of its own.
+    pub(super) fn descend(&mut self) -> Result<Command, Trip> {
+        let standoff_mm = self.first_mm - STANDOFF_MM;
+        if standoff_mm - self.z_mm < SHORT_DESCENT_MM {
+            return self.approach();
+        }
+        self.advance(State::Descending, standoff_mm, self.context.speed_mm_s)
+    }
+
+    /// Slowly, until the force says contact: the motion ends on a safe point even if nobody stops it.
+    pub(super) fn approach(&mut self) -> Result<Command, Trip> {
+        let search_mm = self.context.expected.last_mm + SEARCH_MM;
+        let target_mm = self.context.permit.deepest_mm(&self.standing()).min(search_mm);
+        self.steps += 1;
+        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > STEPS_MAX {
+            return Err(Trip::new(Rule::NoContact, self.z_mm, search_mm, "mm"));
+        }
+        let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
+        let detect_n = self.context.zero.detect_n();
+        let speed = self.context.permit.approach_speed_mm_s(touch_n.max(1.2 * detect_n));
+        self.advance(State::Approaching, target_mm, speed.min(APPROACH_MOST_MM_S).min(self.context.speed_mm_s))
+    }
+
+    pub(super) fn touched(&mut self, force_n: f64) -> Result<Command, Trip> {
+        self.force_n = force_n;
+        if force_n < self.context.zero.detect_n() / 2.0 {
+            return self.approach();
+        }
+        self.in_contact = true;
+        self.steps = 0;
+        self.anchor = (self.z_mm, force_n);
+        self.before_step = self.anchor;
+        self.note_path();
+        if self.task.strategy == Strategy::Velocity { self.push() } else { self.pursue() }
+    }
+
+    /// Whether the force has answered the step that was made: a cell that always says the same is held by nothing else.
+    pub(super) fn answered(&mut self) -> Result<(), Trip> {
+        let (z_mm, force_n) = std::mem::replace(&mut self.before_step, (self.z_mm, self.force_n));
+        let least_n = RESPONSE_SHARE * self.context.limits.stiffness_n_mm * (self.z_mm - z_mm);
+        let answer_n = self.force_n - force_n;
+        if least_n > TELL_SIGMAS * self.sigma_n && answer_n < least_n {
+            return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
+        }
+        Ok(())
+    }
+
+    /// A large step teaches the stiffness; a small one reads too soft, because the specimen relaxes meanwhile.
+    pub(super) fn learn(&mut self) {
+        let Some((_, level)) = self.level() else { return };
+        self.note_path();
+        let (z_mm, force_n) = (self.z_mm - self.anchor.0, self.force_n - self.anchor.1);
+        if force_n.abs() >= LEARN_SHARE * level.force_set_n && z_mm * force_n > 0.0 {
+            self.stiffness_n_mm = Some(force_n / z_mm);
+            self.anchor = (self.z_mm, self.force_n);
+            // depth counts from the surface as touched, which is known once the stiffness is; until then from the earliest
+            self.first_mm = self.first_mm.max(self.touched_mm().unwrap_or(self.first_mm));
+        }
+    }
+
+    /// Closer to the level from its own side, or on to the dwell and the window if it is reached.
+    pub(super) fn pursue(&mut self) -> Result<Command, Trip> {
+        let Some((_, level)) = self.level() else { return self.depart() };
+        let limit_n = self.context.limits.force_n - self.drift_n;
+        let (side, below_n) = match level.branch {
+            Branch::Loading => (1.0, BELOW_SIGMAS * self.sigma_n),
+            Branch::Unloading => (-1.0, 0.0),
+        };
+        let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n) - below_n;
+        let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n);
+        if gap_n <= reached_n {
+            return self.reached();
+        }
+        self.steps += 1;
+        if self.steps > STEPS_MAX {
+            return Err(Trip::new(Rule::NoConvergence, self.force_n, level.force_set_n, "N"));
+        }
+        let declared = self.context.limits.stiffness_n_mm;
+        let stiffness = match self.stiffness_n_mm {
+            Some(learned) if gap_n < LEARN_SHARE * level.force_set_n => {
+                (learned * STIFFENING).clamp(declared / 20.0, declared)
+            }
+            _ => declared,
+        };
+        let step_mm = side * (gap_n / stiffness).max(STEP_LEAST_MM);
+        if side < 0.0 {
+            let z_mm = self.z_mm + step_mm;
+            let granted = self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)?;
+            return self.go(State::Stepping, Command::Move(granted));
+        }
+        self.step_to(State::Stepping, self.z_mm + step_mm)
+    }
+
+    /// Deeper, as far as it is permitted. Where no more is permitted, within the tolerance that will do.
+    pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
+        let deepest_mm = self.context.permit.deepest_mm(&self.standing());
+        let target_mm = wanted_mm.min(deepest_mm);
+        if target_mm - self.z_mm < STEP_LEAST_MM {
+            let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
+            if force_set_n - self.force_n <= self.task.force_tolerance_n {
+                return self.reached();
+            }
+            return Err(Trip::new(Rule::OutOfReach, self.force_n, force_set_n, "N"));
+        }
+        self.advance(state, target_mm, self.context.speed_mm_s)
+    }
+}
+
+/// Where a loading path has no force: the parabola through its first, a middle and its last point, or the line through two, or
+/// a guess from the declared stiffness with one.
+pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
+    let &(z0, f0) = path.first()?;
+    let guess = z0 - f0 / (declared_n_mm / 2.0);
+    let Some(&(z2, f2)) = path.last().filter(|last| last.1 > f0 * 1.5) else { return Some(guess) };
+    let line = (f2 - f0) / (z2 - z0);
+    let root = path
+        .iter()
+        .copied()
+        .filter(|&(_, f)| f > f0 * 1.5 && f < f2 - 0.25 * (f2 - f0))
+        .map(|(z1, f1)| {
+            let curvature = ((f2 - f1) / (z2 - z1) - (f1 - f0) / (z1 - z0)) / (z2 - z0);
+            let slope = (f1 - f0) / (z1 - z0) - curvature * (z1 - z0);
+            // f0 - slope u + curvature u^2 = 0 for the way u back from z0
+            let discriminant = slope * slope - 4.0 * curvature * f0;
+            z0 - 2.0 * f0 / (slope + discriminant.max(0.0).sqrt())
+        })
+        .next()
+        .unwrap_or(z0 - f0 / line);
+    // the path relaxes while it is walked: hold the root between the line and the guess
+    Some(root.clamp(guess.min(z0 - f0 / line), z0))
+}

@@ -1,0 +1,508 @@
+//! One contact, as a state machine. What is common to all presses is here; how each strategy finds the force is in a file of
+//! its own: [`guarded`], [`velocity`], [`shot`] (the map's).
+
+mod guarded;
+mod shot;
+mod velocity;
+
+use super::map::{Lesson, Shot};
+use super::permit::{DEPTH_MARGIN_MM, Permit, Permitted, Standing};
+use super::profile::Profile;
+use super::speed::Timing;
+use super::surface::Expected;
+use super::task::{Branch, Level, Strategy, Task};
+use super::trip::{Rule, Trip};
+use super::zero::Zero;
+use crate::quantity::{Limits, Place};
+use shot::Landing;
+use velocity::Push;
+
+/// Readings in air that are looked at before a press.
+pub const AIR_READINGS: u32 = 8;
+/// Noise in air before a press over that at zeroing, at most; and what is allowed beyond, N.
+const NOISE_FACTOR: f64 = 3.0;
+const NOISE_LEAST_N: f64 = 0.001;
+/// Fewest readings averaged between two motions, and where the force is near the limit.
+const READINGS_LEAST: u32 = 4;
+const LIMIT_READINGS: u32 = 16;
+/// Share of the limit from which it counts as near.
+const NEAR_LIMIT: f64 = 0.85;
+/// What a mean is to be known to, as a share of the tolerance; and how long it may take to read, s.
+const MEAN_SHARE: f64 = 0.02;
+const READ_MOST_S: f64 = 0.020;
+/// How far beyond the latest contact the search goes on before there is none, mm: a soft surface yields before it is felt.
+const SEARCH_MM: f64 = 0.20;
+/// What a depth limit must leave beyond the surface's uncertainty for that search, mm.
+pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
+/// How far a force may be above what the declared stiffness allows at most before the contact counts as harder, N.
+const HARD_N: f64 = 0.12;
+/// Share of a force that must still be there at the next look, nothing having been withdrawn.
+const LEFT_SHARE: f64 = 0.5;
+/// How many sd of a mean a rule on its fall or its answer leaves.
+const TELL_SIGMAS: f64 = 6.0;
+/// Smallest step worth commanding, mm.
+const STEP_LEAST_MM: f64 = 0.000_5;
+/// Most steps to one level, and most looks for contact.
+const STEPS_MAX: u32 = 60;
+/// Most points of a loading path that are kept.
+const PATH_MAX: usize = 12;
+
+/// What a press rests on, besides its task.
+#[derive(Clone, Copy, Debug)]
+pub struct Context {
+    /// The place, specimen frame.
+    pub place: Place,
+    /// The rig's limits.
+    pub limits: Limits,
+    /// Who may move where.
+    pub permit: Permit,
+    /// The zero in air.
+    pub zero: Zero,
+    /// Where the surface is expected.
+    pub expected: Expected,
+    /// What the map says of this place and this force; none where it can't be trusted, or isn't asked.
+    pub shot: Option<Shot>,
+    /// Where to withdraw to, mm: clear of the surface here and on the way on.
+    pub clear_mm: f64,
+    /// Speed of steps in contact and of motions in air, mm/s.
+    pub speed_mm_s: f64,
+    /// How fast the rig is.
+    pub timing: Timing,
+}
+
+/// What the loop is to do next. Only the moves move, and only toward a permitted end.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Average this many readings; answered by [`Event::Averaged`].
+    Average(u32),
+    /// Move along z, every reading told to [`Press::see`]; answered by [`Event::Moved`].
+    Move(Permitted),
+    /// Keep still and read the force; answered by [`Event::Dwelt`].
+    Dwell(f64),
+    /// Sample force and outputs for so long; answered by [`Event::Sampled`].
+    Sample(f64),
+    /// Withdraw for good; what comes next may begin once the specimen is clear. Answered by [`Event::Moved`].
+    Depart(Permitted),
+    /// The contact is over.
+    Done,
+    /// A rule is broken: stop, withdraw, record.
+    Trip(Trip),
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The indenter is in the clear above its place.
+    Begin {
+        /// Its z, read back, mm.
+        z_mm: f64,
+        /// What the load cell said in the clear, from the zero.
+        air: Air,
+    },
+    /// Readings were averaged.
+    Averaged {
+        /// Mean force from the zero, N.
+        force_n: f64,
+    },
+    /// A motion ended, on its target or by a stop.
+    Moved {
+        /// Where, mm.
+        z_mm: f64,
+    },
+    /// The dwell is over.
+    Dwelt,
+    /// The window is over.
+    Sampled {
+        /// Mean force in it, N.
+        force_n: f64,
+    },
+}
+
+/// Readings in air.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Air {
+    /// Their mean from the zero, N.
+    pub mean_n: f64,
+    /// Their standard deviation, N.
+    pub sigma_n: f64,
+    /// How many.
+    pub readings: u32,
+}
+
+/// When an event is told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// The time, s, from any origin that stays.
+    pub now_s: f64,
+    /// How old the last good reading is, s.
+    pub age_s: f64,
+}
+
+/// What is to become of the motion under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Steer {
+    /// It goes on as it is.
+    On,
+    /// It goes on at this speed, mm/s.
+    Speed(f64),
+    /// It is stopped.
+    Stop,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum State {
+    Idle,
+    Descending,
+    Approaching,
+    Touching,
+    Pushing,
+    Shooting,
+    Landing,
+    Stepping,
+    Trimming,
+    Reading,
+    Dwelling,
+    Waiting,
+    Sampling,
+    Withdrawing,
+    Leaving,
+    Departing,
+}
+
+/// One contact: find the surface from above, reach each level from its own side, hold it, sample it, withdraw.
+pub struct Press {
+    task: Task,
+    context: Context,
+    state: State,
+    level: usize,
+    z_mm: f64,
+    force_n: f64,
+    sigma_n: f64,
+    /// How far the zero has drifted below air, N: the true force is larger by that.
+    drift_n: f64,
+    moment: Moment,
+    /// The earliest surface, expected or, once touched, touched.
+    first_mm: f64,
+    in_contact: bool,
+    dwelt: bool,
+    steps: u32,
+    motion: Option<Motion>,
+    /// A rule that a reading broke while a motion was under way.
+    broken: Option<Trip>,
+    /// When contact was first felt, s.
+    contact_s: Option<f64>,
+    /// Where stiffness is measured from: z and force.
+    anchor: (f64, f64),
+    /// Where the last step began: z and force.
+    before_step: (f64, f64),
+    stiffness_n_mm: Option<f64>,
+    /// The loading path: z and force at rest, from the touch to the first level.
+    path: Vec<(f64, f64)>,
+    push: Push,
+    landing: Option<Landing>,
+}
+
+/// The motion under way: where it began, when at the earliest, and how it goes.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    from_mm: f64,
+    from_n: f64,
+    began_s: f64,
+    profile: Profile,
+}
+
+impl Press {
+    /// A press that hasn't begun.
+    pub fn new(task: Task, context: Context) -> Self {
+        Press {
+            task,
+            context,
+            state: State::Idle,
+            level: 0,
+            z_mm: 0.0,
+            force_n: 0.0,
+            sigma_n: 0.0,
+            drift_n: 0.0,
+            moment: Moment { now_s: 0.0, age_s: f64::INFINITY },
+            first_mm: context.expected.first_mm,
+            in_contact: false,
+            dwelt: false,
+            steps: 0,
+            motion: None,
+            broken: None,
+            contact_s: None,
+            anchor: (0.0, 0.0),
+            before_step: (0.0, 0.0),
+            stiffness_n_mm: None,
+            path: Vec::new(),
+            push: Push::default(),
+            landing: None,
+        }
+    }
+
+    /// The level that is being reached, held or sampled: its number and itself.
+    pub fn level(&self) -> Option<(usize, Level)> {
+        self.task.levels.get(self.level).map(|level| (self.level, *level))
+    }
+
+    /// Where contact began, mm: as the loading path leads back to no force, or where the map has the surface; none before
+    /// there was contact.
+    pub fn touched_mm(&self) -> Option<f64> {
+        match (self.landing, self.context.shot) {
+            (Some(_), Some(shot)) => Some(shot.surface_mm()),
+            _ => guarded::root_of(&self.path, self.context.limits.stiffness_n_mm),
+        }
+    }
+
+    /// What this press teaches about those to come; none if it never met the specimen.
+    pub fn lesson(&self) -> Option<Lesson> {
+        let place = self.context.place;
+        match self.landing {
+            Some(landing) => landing.lesson(place),
+            None => {
+                let z_mm = self.touched_mm()?;
+                Some(Lesson::Touch { place, z_mm, path: self.path.clone() })
+            }
+        }
+    }
+
+    /// A reading came while a motion is under way: what is to become of the motion.
+    pub fn see(&mut self, force_n: f64, now_s: f64) -> Steer {
+        if force_n >= self.context.zero.detect_n() && self.contact_s.is_none() {
+            self.contact_s = Some(now_s);
+        }
+        if let Some(trip) = self.harder_than_declared(force_n, now_s) {
+            self.broken.get_or_insert(trip);
+            return Steer::Stop;
+        }
+        match self.state {
+            State::Descending | State::Approaching if force_n >= self.context.zero.detect_n() => Steer::Stop,
+            State::Shooting | State::Stepping | State::Trimming => self.hold_below(force_n),
+            State::Pushing => self.steer(force_n, now_s),
+            _ => Steer::On,
+        }
+    }
+
+    /// The next command. An event that doesn't fit the state ends the press with a trip rather than a guess.
+    pub fn next(&mut self, event: Event, moment: Moment) -> Command {
+        self.moment = moment;
+        self.motion = None;
+        if let Some(trip) = self.broken.take() {
+            return Command::Trip(trip);
+        }
+        let next = match (self.state, event) {
+            (State::Idle, Event::Begin { z_mm, air }) => {
+                self.z_mm = z_mm;
+                self.begin(air)
+            }
+            (State::Descending | State::Approaching, Event::Moved { z_mm }) => {
+                let descended = self.state == State::Descending && z_mm < self.first_mm;
+                self.z_mm = z_mm;
+                if descended { self.approach() } else { self.average(State::Touching) }
+            }
+            (State::Touching, Event::Averaged { force_n }) => self.touched(force_n),
+            (State::Shooting, Event::Moved { z_mm }) => {
+                self.z_mm = z_mm;
+                self.average(State::Landing)
+            }
+            (State::Landing, Event::Averaged { force_n }) => self.landed(force_n),
+            (State::Pushing | State::Stepping, Event::Moved { z_mm }) => {
+                self.before_step = (self.z_mm, self.force_n);
+                self.z_mm = z_mm;
+                self.average(State::Reading)
+            }
+            (State::Trimming, Event::Moved { z_mm }) => {
+                self.z_mm = z_mm;
+                self.reached()
+            }
+            (State::Reading, Event::Averaged { force_n }) => self.read(force_n),
+            (State::Dwelling, Event::Dwelt) => self.average(State::Reading),
+            (State::Waiting, Event::Dwelt) => self.sample(),
+            (State::Sampling, Event::Sampled { force_n }) => self.sampled(force_n),
+            (State::Withdrawing, Event::Moved { z_mm }) => {
+                self.z_mm = z_mm;
+                self.average(State::Leaving)
+            }
+            (State::Leaving, Event::Averaged { force_n }) => self.left(force_n),
+            (State::Departing, Event::Moved { .. }) => Ok(Command::Done),
+            _ => Err(Trip::new(Rule::NotPermitted, 0.0, 0.0, "event out of turn")),
+        };
+        next.unwrap_or_else(Command::Trip)
+    }
+
+    /// The zero is looked at before every press; the permit holds it against its limit.
+    fn begin(&mut self, air: Air) -> Result<Command, Trip> {
+        let noise_n = NOISE_FACTOR * self.context.zero.sigma_n + NOISE_LEAST_N;
+        // asked for what must hold, so that a NaN is refused
+        let is_quiet = air.sigma_n <= noise_n && air.readings >= AIR_READINGS;
+        if !is_quiet {
+            return Err(Trip::new(Rule::Noisy, air.sigma_n, noise_n, "N"));
+        }
+        self.sigma_n = self.context.zero.sigma_mean_n(air.readings);
+        self.context.permit.zero_holds(air.mean_n, self.sigma_n)?;
+        self.force_n = 0.0;
+        self.drift_n = (-air.mean_n).max(0.0);
+        self.next_level()
+    }
+
+    fn next_level(&mut self) -> Result<Command, Trip> {
+        match self.level() {
+            None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.depart(),
+            None => Ok(Command::Done),
+            Some((_, Level { force_set_n: 0.0, .. })) if self.in_contact => self.withdraw(),
+            Some((_, Level { force_set_n: 0.0, .. })) => self.sample(),
+            Some(_) if self.in_contact => self.average(State::Reading),
+            Some((_, level)) => match self.context.shot {
+                Some(shot) if self.task.strategy == Strategy::Map && level.branch == Branch::Loading => {
+                    self.shoot(shot, level)
+                }
+                _ => self.descend(),
+            },
+        }
+    }
+
+    /// A mean after a step: has the force answered, has it fallen by itself; then on.
+    fn read(&mut self, force_n: f64) -> Result<Command, Trip> {
+        self.check_fall(force_n)?;
+        self.force_n = force_n;
+        self.answered()?;
+        if self.landing.is_some() {
+            return self.correct();
+        }
+        self.learn();
+        self.pursue()
+    }
+
+    /// A force that is gone although nothing was withdrawn: the specimen slipped, or the cell doesn't measure any more.
+    fn check_fall(&self, force_n: f64) -> Result<(), Trip> {
+        let withdrawn = self.before_step.0 > self.z_mm + STEP_LEAST_MM;
+        let least_n = LEFT_SHARE * self.force_n - TELL_SIGMAS * self.sigma_n;
+        if self.in_contact && !withdrawn && force_n < least_n {
+            return Err(Trip::new(Rule::Fallen, force_n, least_n, "N"));
+        }
+        Ok(())
+    }
+
+    fn reached(&mut self) -> Result<Command, Trip> {
+        if self.task.hold_s > 0.0 && !self.dwelt {
+            self.dwelt = true;
+            return self.go(State::Dwelling, Command::Dwell(self.task.hold_s));
+        }
+        if let Some(wait_s) = self.wait_s().filter(|wait_s| *wait_s > 0.0) {
+            return self.go(State::Waiting, Command::Dwell(wait_s));
+        }
+        self.sample()
+    }
+
+    /// How long the first level's window has still to wait, s: all are sampled at one time after contact.
+    fn wait_s(&self) -> Option<f64> {
+        let shot = self.landing.and(self.context.shot);
+        let (level, contact_s) = (self.level()?.1, self.contact_s?);
+        if self.level != self.first_loaded() {
+            return None;
+        }
+        let after_s = self.task.sample_after_s.or_else(|| Some(self.after_shot_s(shot?, level.force_set_n)))?;
+        Some(contact_s + after_s - self.moment.now_s)
+    }
+
+    fn sample(&mut self) -> Result<Command, Trip> {
+        self.go(State::Sampling, Command::Sample(self.task.sample_s))
+    }
+
+    fn sampled(&mut self, force_n: f64) -> Result<Command, Trip> {
+        self.check_fall(force_n)?;
+        let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
+        if let Some(landing) = self.landing.as_mut() {
+            landing.sampled(force_n, force_set_n);
+        }
+        self.force_n = force_n;
+        self.level += 1;
+        self.steps = 0;
+        self.dwelt = false;
+        self.next_level()
+    }
+
+    fn withdraw(&mut self) -> Result<Command, Trip> {
+        let granted = self.context.permit.withdraw(self.z_mm, self.context.clear_mm, self.context.speed_mm_s)?;
+        self.go(State::Withdrawing, Command::Move(granted))
+    }
+
+    fn depart(&mut self) -> Result<Command, Trip> {
+        let granted = self.context.permit.withdraw(self.z_mm, self.context.clear_mm, self.context.speed_mm_s)?;
+        self.go(State::Departing, Command::Depart(granted))
+    }
+
+    /// Out of contact, as the force must show; then the next level, in air.
+    fn left(&mut self, force_n: f64) -> Result<Command, Trip> {
+        let most_n = self.context.zero.detect_n();
+        if force_n.abs() >= most_n {
+            return Err(Trip::new(Rule::StillTouching, force_n, most_n, "N"));
+        }
+        self.in_contact = false;
+        self.force_n = 0.0;
+        self.before_step = (self.z_mm, 0.0);
+        self.next_level()
+    }
+
+    fn advance(&mut self, state: State, z_mm: f64, speed_mm_s: f64) -> Result<Command, Trip> {
+        let granted = self.context.permit.advance(&self.standing(), z_mm, speed_mm_s)?;
+        let profile = Profile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
+        self.motion = Some(Motion { from_mm: self.z_mm, from_n: self.force_n, began_s: self.moment.now_s, profile });
+        self.go(state, Command::Move(granted))
+    }
+
+    /// No contact may push harder than the rig's declared stiffness lets it at the deepest the stage can be by now (E+).
+    fn harder_than_declared(&self, force_n: f64, now_s: f64) -> Option<Trip> {
+        let Motion { from_mm, from_n, began_s, profile } = self.motion?;
+        let deepest_mm = from_mm + profile.at_mm(now_s - began_s);
+        let way_mm = (deepest_mm - from_mm.max(self.first_mm)).max(0.0);
+        let noise_n = TELL_SIGMAS * self.context.zero.sigma_n;
+        let most_n = from_n.max(0.0) + self.context.limits.stiffness_n_mm * way_mm + HARD_N.max(noise_n);
+        (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
+    }
+
+    fn go(&mut self, state: State, command: Command) -> Result<Command, Trip> {
+        self.state = state;
+        Ok(command)
+    }
+
+    fn average(&mut self, state: State) -> Result<Command, Trip> {
+        let readings = self.readings();
+        self.sigma_n = self.context.zero.sigma_mean_n(readings);
+        self.go(state, Command::Average(readings))
+    }
+
+    /// How many readings the next look at the force takes: what the tolerance asks for, as far as there is time.
+    fn readings(&self) -> u32 {
+        let most_n = self.force_n.max(self.level().map_or(0.0, |(_, level)| level.force_set_n));
+        let least = if most_n > NEAR_LIMIT * self.context.limits.force_n { LIMIT_READINGS } else { READINGS_LEAST };
+        let wanted = (self.context.zero.sigma_n / (MEAN_SHARE * self.task.force_tolerance_n)).powi(2);
+        let most = READ_MOST_S / self.context.timing.conversion_s;
+        (wanted.min(most) as u32).max(least)
+    }
+
+    fn first_loaded(&self) -> usize {
+        self.task.levels.iter().position(|level| level.force_set_n > 0.0).unwrap_or(0)
+    }
+
+    /// A point of the loading path to the first level.
+    fn note_path(&mut self) {
+        let is_deeper = self.path.last().is_none_or(|last| self.z_mm > last.0);
+        if self.level == self.first_loaded() && is_deeper && self.path.len() < PATH_MAX {
+            self.path.push((self.z_mm, self.force_n));
+        }
+    }
+
+    fn standing(&self) -> Standing {
+        Standing {
+            z_mm: self.z_mm,
+            force_n: self.force_n + self.drift_n,
+            sigma_n: self.sigma_n,
+            age_s: self.moment.age_s,
+            first_mm: self.first_mm,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

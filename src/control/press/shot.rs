@@ -1,0 +1,129 @@
+//! The map's press: one motion to where the presses before say that nearly the whole force will be met, a correction from
+//! below, and a late trim that allows for what the force will fade until it is sampled.
+
+use super::{Command, Level, Press, Rule, STEP_LEAST_MM, STEPS_MAX, State, Steer, TELL_SIGMAS, Trip};
+use crate::control::map::{Lesson, Shot};
+use crate::quantity::Place;
+
+/// How far below the set force a correction ends that isn't the last: at least this share of the force, and of its own way.
+const SHORT_OF_FORCE: f64 = 0.01;
+const SHORT_OF_GAP: f64 = 0.05;
+/// A gap of so many tolerances is closed by the last trim: the stiffness is known to a twentieth.
+const TRIM_TOLERANCES: f64 = 3.0;
+/// The ways of the corrections that time is kept for, as shares of the set force, where the last one alone won't do.
+const CORRECTIONS: [f64; 2] = [0.05, 0.02];
+/// The same, where one will do: from this tolerance on, as a share of the set force.
+const COARSE: f64 = 0.02;
+const COARSE_CORRECTION: [f64; 1] = [0.10];
+/// A force that is so far above the set one stops a motion under way, as a share of it.
+const OVER_SHARE: f64 = 0.02;
+/// The least that a shot must meet of what was expected, and what is allowed beyond, N (E-).
+const MET_SHARE: f64 = 0.4;
+const MET_N: f64 = 0.05;
+
+/// A first motion as it ended, and what came of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Landing {
+    z_mm: f64,
+    force_n: f64,
+    expected_n: f64,
+    /// The force that the last correction should have left, N.
+    left_n: f64,
+    /// What of it was gone in the window, as a share of the set force.
+    faded: Option<f64>,
+}
+
+impl Landing {
+    /// The window of the first level is over.
+    pub(super) fn sampled(&mut self, force_n: f64, force_set_n: f64) {
+        self.faded.get_or_insert((self.left_n - force_n) / force_set_n);
+    }
+
+    pub(super) fn lesson(&self, place: Place) -> Option<Lesson> {
+        let Landing { z_mm, force_n, expected_n, faded, .. } = *self;
+        Some(Lesson::Shot { place, z_mm, force_n, expected_n, faded: faded? })
+    }
+}
+
+impl Press {
+    /// To where the aim will be met, or as far as it is permitted; guarded if that isn't into the specimen.
+    pub(super) fn shoot(&mut self, shot: Shot, level: Level) -> Result<Command, Trip> {
+        let wanted_mm = shot.z_mm(shot.aim_n(level.force_set_n));
+        let target_mm = wanted_mm.min(self.context.permit.deepest_mm(&self.standing()));
+        if shot.force_n(target_mm) < self.context.zero.detect_n() {
+            return self.descend();
+        }
+        self.advance(State::Shooting, target_mm, self.context.speed_mm_s)
+    }
+
+    /// The first look after the shot.
+    pub(super) fn landed(&mut self, force_n: f64) -> Result<Command, Trip> {
+        let Some(shot) = self.context.shot else { return self.descend() };
+        let expected_n = shot.force_n(self.z_mm);
+        let least_n = MET_SHARE * expected_n - MET_N.max(TELL_SIGMAS * self.sigma_n);
+        if force_n < least_n {
+            return Err(Trip::new(Rule::NoResponse, force_n, least_n, "N"));
+        }
+        self.force_n = force_n;
+        if force_n < self.context.zero.detect_n() / 2.0 {
+            return self.approach();
+        }
+        self.in_contact = true;
+        self.before_step = (self.z_mm, force_n);
+        self.note_path();
+        self.landing = Some(Landing { z_mm: self.z_mm, force_n, expected_n, left_n: force_n, faded: None });
+        self.correct()
+    }
+
+    /// Closer to the force from below; the last trim goes beyond it by what the force will fade.
+    pub(super) fn correct(&mut self) -> Result<Command, Trip> {
+        let (Some(landing), Some(shot), Some((_, level))) = (self.landing, self.context.shot, self.level()) else {
+            return self.pursue();
+        };
+        let set_n = level.force_set_n;
+        let goal_n = set_n * (1.0 + shot.faded.max(0.0));
+        let gap_n = goal_n - self.force_n;
+        let declared = self.context.limits.stiffness_n_mm;
+        let stiffness = shot.stiffness_n_mm(set_n, landing.z_mm, landing.force_n).clamp(declared / 20.0, declared);
+        self.leave(self.force_n);
+        if gap_n < STEP_LEAST_MM * stiffness {
+            return self.reached();
+        }
+        self.steps += 1;
+        if self.steps > STEPS_MAX {
+            return Err(Trip::new(Rule::NoConvergence, self.force_n, set_n, "N"));
+        }
+        if gap_n > TRIM_TOLERANCES * self.task.force_tolerance_n {
+            let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n);
+            return self.step_to(State::Stepping, self.z_mm + (gap_n - short_n) / stiffness);
+        }
+        let before_mm = self.z_mm;
+        let command = self.step_to(State::Trimming, before_mm + gap_n / stiffness)?;
+        if let Command::Move(granted) = &command {
+            self.leave(self.force_n + stiffness * (granted.z_mm() - before_mm));
+        }
+        Ok(command)
+    }
+
+    /// A shot or a step that meets more than it should is stopped.
+    pub(super) fn hold_below(&self, force_n: f64) -> Steer {
+        let Some((_, level)) = self.level() else { return Steer::On };
+        let over_n = (OVER_SHARE * level.force_set_n).max(TELL_SIGMAS * self.context.zero.sigma_n);
+        if force_n > level.force_set_n + over_n { Steer::Stop } else { Steer::On }
+    }
+
+    /// The time from contact to the window of a press that begins with a shot, s.
+    pub(super) fn after_shot_s(&self, shot: Shot, force_set_n: f64) -> f64 {
+        let coarse = self.task.force_tolerance_n >= COARSE * force_set_n;
+        let steps: &[f64] = if coarse { &COARSE_CORRECTION } else { &CORRECTIONS };
+        let reading_s = f64::from(self.readings()) * self.context.timing.conversion_s;
+        self.task.hold_s
+            + shot.sample_after_s(force_set_n, self.context.speed_mm_s, steps, reading_s, &self.context.timing)
+    }
+
+    fn leave(&mut self, force_n: f64) {
+        if let Some(landing) = self.landing.as_mut() {
+            landing.left_n = force_n;
+        }
+    }
+}

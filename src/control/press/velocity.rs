@@ -1,0 +1,71 @@
+//! The velocity press: one finite, permitted motion toward the force, its speed in proportion to the force that is missing,
+//! stopped when little is. A host that dies leaves a motion that ends on its safe point. What is left is the guarded press'.
+
+use super::{Command, Press, State, Steer, Trip};
+
+/// Gain times dead time: no overshoot up to 1/e, and this leaves room for a dead time that is longer than measured (CONTROL 3.1).
+const GAIN_TIMES_DEAD_TIME: f64 = 0.30;
+/// Slowest speed that is asked for, mm/s: below it steps are quicker.
+const SLOWEST_MM_S: f64 = 0.05;
+/// The shortest time between two orders, s, and how many of the longest exchanges it spans.
+const PERIOD_LEAST_S: f64 = 0.010;
+const PERIOD_EXCHANGES: f64 = 2.0;
+/// A speed is ordered that is so much below the last.
+const SLOWER: f64 = 0.9;
+/// How many sd of a mean the goal stays below the set force.
+const BELOW_SIGMAS: f64 = 4.0;
+
+/// The state of a motion that is steered.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Push {
+    goal_n: f64,
+    speed_mm_s: f64,
+    ordered_s: f64,
+    sum_n: f64,
+    count: f64,
+}
+
+impl Press {
+    /// Toward the force, at a speed that is safe for the dead time of the rig.
+    pub(super) fn push(&mut self) -> Result<Command, Trip> {
+        let Some((_, level)) = self.level() else { return self.depart() };
+        let goal_n = level.force_set_n.min(self.context.limits.force_n - self.drift_n) - BELOW_SIGMAS * self.sigma_n;
+        let speed_mm_s = self.speed_for(goal_n - self.force_n).min(self.context.speed_mm_s);
+        let target_mm = self.context.permit.deepest_mm(&self.standing());
+        if speed_mm_s < SLOWEST_MM_S || target_mm - self.z_mm < super::STEP_LEAST_MM {
+            return self.pursue();
+        }
+        self.push = Push { goal_n, speed_mm_s, ordered_s: self.moment.now_s, sum_n: 0.0, count: 0.0 };
+        self.advance(State::Pushing, target_mm, speed_mm_s)
+    }
+
+    /// What becomes of the motion after a reading.
+    pub(super) fn steer(&mut self, force_n: f64, now_s: f64) -> Steer {
+        self.push.sum_n += force_n;
+        self.push.count += 1.0;
+        if now_s - self.push.ordered_s < self.period_s() {
+            return Steer::On;
+        }
+        let mean_n = self.push.sum_n / self.push.count;
+        (self.push.sum_n, self.push.count, self.push.ordered_s) = (0.0, 0.0, now_s);
+        let speed_mm_s = self.speed_for(self.push.goal_n - mean_n);
+        if speed_mm_s < SLOWEST_MM_S {
+            return Steer::Stop;
+        }
+        if speed_mm_s > SLOWER * self.push.speed_mm_s {
+            return Steer::On;
+        }
+        self.push.speed_mm_s = speed_mm_s;
+        Steer::Speed(speed_mm_s)
+    }
+
+    /// The stiffness is the declared one, which the specimen never exceeds: the loop is at most as fast as it may be.
+    fn speed_for(&self, missing_n: f64) -> f64 {
+        let dead_time_s = self.context.timing.reaction_s + self.period_s() / 2.0;
+        GAIN_TIMES_DEAD_TIME / dead_time_s * missing_n.max(0.0) / self.context.limits.stiffness_n_mm
+    }
+
+    fn period_s(&self) -> f64 {
+        (PERIOD_EXCHANGES * self.context.timing.exchange_s).max(PERIOD_LEAST_S)
+    }
+}

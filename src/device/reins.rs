@@ -1,0 +1,71 @@
+use std::cell::Cell;
+use tokio::sync::Notify;
+
+/// What is asked of a motion under way, by whoever watches the force meanwhile.
+#[derive(Debug, Default)]
+pub struct Reins {
+    pulled: Notify,
+    order: Cell<Option<Order>>,
+    stopped: Cell<bool>,
+}
+
+/// One thing to do with a motion under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// Bring it to rest.
+    Stop,
+    /// Go on toward the same target at this speed, mm/s.
+    Speed(f64),
+}
+
+impl Reins {
+    /// Asks for rest. Nothing that is asked later takes it back.
+    pub fn stop(&self) {
+        if !self.stopped.replace(true) {
+            self.order.set(Some(Order::Stop));
+            self.pulled.notify_one();
+        }
+    }
+
+    /// Asks for another speed, mm/s.
+    pub fn speed(&self, mm_s: f64) {
+        if !self.stopped.get() {
+            self.order.set(Some(Order::Speed(mm_s)));
+            self.pulled.notify_one();
+        }
+    }
+
+    /// Whether rest was asked for.
+    pub fn stopped(&self) -> bool {
+        self.stopped.get()
+    }
+
+    /// Told when something is asked for.
+    pub fn pulled(&self) -> &Notify {
+        &self.pulled
+    }
+
+    /// What was asked for last and not taken yet.
+    pub fn take(&self) -> Option<Order> {
+        self.order.take()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_is_not_taken_back_and_only_the_last_speed_counts() {
+        let reins = Reins::default();
+        reins.speed(2.0);
+        reins.speed(1.0);
+        assert_eq!((reins.take(), reins.take()), (Some(Order::Speed(1.0)), None));
+        reins.speed(0.5);
+        reins.stop();
+        reins.speed(3.0);
+        assert_eq!((reins.take(), reins.stopped()), (Some(Order::Stop), true));
+        reins.stop();
+        assert_eq!(reins.take(), None);
+    }
+}
