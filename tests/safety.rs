@@ -264,7 +264,8 @@ fn a_load_cell_that_is_slow_is_waited_for() {
 #[test]
 fn an_offset_of_the_load_cell_is_no_force() {
     for offset_n in [-1.5, -0.4, 0.4, 1.5] {
-        let spec = rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n }));
+        let spec =
+            rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n, ..LoadCell::default() }));
         Bench::new(spec, &recipe("[[1, 2]]", STAIRCASE), 5).must_complete(&format!("offset {offset_n} N"));
     }
 }
@@ -272,7 +273,9 @@ fn an_offset_of_the_load_cell_is_no_force() {
 #[test]
 fn a_noisy_load_cell_doesnt_cost_force() {
     for seed in 1..=10 {
-        let spec = rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.02, offset_n: 0.0 }));
+        let spec = rig_with(|_, scene| {
+            scene.load_cell = Some(LoadCell { noise_n: 0.02, offset_n: 0.0, ..LoadCell::default() })
+        });
         let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
         let walked = bench.walk(None);
         assert!(walked.ending.unparked.is_none());
@@ -377,7 +380,8 @@ fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
 
 #[test]
 fn a_cell_beyond_its_range_in_air_trips_and_the_trip_is_recorded() {
-    let spec = rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n: 6.0 }));
+    let spec =
+        rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n: 6.0, ..LoadCell::default() }));
     Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[Rule::Unhealthy], "offset beyond range");
 }
 

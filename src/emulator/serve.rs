@@ -15,7 +15,7 @@ pub const INBOX_MOST: usize = 1024;
 const LEAST_LATENCY: Duration = Duration::from_millis(1);
 
 /// Serves one link until its far end is closed: requests are answered one after another, each after the scene's latency
-/// for the device. `origin` is the instant the scene counts from.
+/// for the device; those to a device whose link the scene has gone silent are lost. `origin` is the instant the scene counts from.
 ///
 /// Nothing is locked while this waits, so other links and other devices go on meanwhile.
 ///
@@ -69,7 +69,8 @@ where
     if deaf_until > Instant::now() {
         sleep_until(deaf_until).await;
     }
-    sleep(latency(instrument, scene)).await;
+    let Some(latency) = latency(instrument, scene, origin) else { return Ok(()) };
+    sleep(latency).await;
     let reply = answer(request, instrument, scene, origin);
     if !reply.is_empty() {
         stream.write_all(&reply).await?;
@@ -88,9 +89,12 @@ fn fall_silent<I: Instrument + ?Sized>(instrument: &Mutex<I>, inbox: &mut Vec<u8
     lock(instrument).fall_silent(inbox)
 }
 
-fn latency<I: Instrument + ?Sized>(instrument: &Mutex<I>, scene: &Mutex<Scene>) -> Duration {
+/// None where the link is silent: the request is lost.
+fn latency<I: Instrument + ?Sized>(instrument: &Mutex<I>, scene: &Mutex<Scene>, origin: Instant) -> Option<Duration> {
     let device = lock(instrument).device();
-    duration(lock(scene).latency_s(device)).max(LEAST_LATENCY)
+    let now_s = (Instant::now() - origin).as_secs_f64();
+    let latency_s = lock(scene).latency_s(device, now_s)?;
+    Some(duration(latency_s).max(LEAST_LATENCY))
 }
 
 /// The instrument is locked before the scene, here and nowhere else both at once.

@@ -16,16 +16,20 @@ pub const STIFFNESS_N_MM: f64 = 2.0;
 
 /// A quiet scene: surface at true z = 0, pressed toward -z, nine taxels under 5 mm, no noise, no latency.
 pub fn scene() -> Scene {
-    let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0) };
+    let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
     let spec = SceneSpec {
         elastomer: Some(Elastomer { depth_mm: 5.0 }),
         contact: Contact { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
         relaxation: Vec::new(),
         surface_tilt_mm: 0.0,
+        relief: None,
+        stiffness: None,
+        stage: None,
         load_cell: None,
         taxel_noise_percent: None,
         hysteresis_percent: None,
         latencies,
+        faults: Vec::new(),
     };
     let frame = Frame { origin: Place::new(0.0, 0.0), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
     let setting = Setting {

@@ -1,6 +1,8 @@
 use super::SIM_RIG;
 use crate::document::{self, Bounds, Problem, Problems, Table};
-use crate::scene::{Branch, Contact, Elastomer, Latencies, LoadCell, SceneSpec};
+use crate::scene::{
+    Branch, Contact, Elastomer, Fault, FaultKind, Latencies, LoadCell, Relief, SceneSpec, Servo, Spikes, Stiffness,
+};
 
 const DEPTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
@@ -8,16 +10,27 @@ const CURVATURE: Bounds = Bounds::within(0.0, 100_000.0, "N/mm^2");
 const TOE: Bounds = Bounds::within(0.0, 10.0, "mm");
 const SHARE: Bounds = Bounds::within(0.0, 10.0, "");
 const TIME: Bounds = Bounds::within(0.01, 86_400.0, "s");
-const TILT: Bounds = Bounds::within(0.0, 10.0, "mm");
+const HEIGHT: Bounds = Bounds::within(0.0, 10.0, "mm");
+const WAVELENGTH: Bounds = Bounds::within(0.1, 1000.0, "mm");
+const STIFFER: Bounds = Bounds::within(0.0, 50.0, "%");
+const LAG: Bounds = Bounds::within(0.0, 1000.0, "ms");
+const QUANTUM: Bounds = Bounds::within(0.0, 1.0, "mm");
+const CORNER: Bounds = Bounds::within(0.1, 1e6, "Hz");
 const FORCE: Bounds = Bounds::within(0.0, 100.0, "N");
 const OFFSET: Bounds = Bounds::within(-100.0, 100.0, "N");
 const PERCENT: Bounds = Bounds::within(0.0, 100.0, "%");
 const LATENCY: Bounds = Bounds::within(0.0, 10_000.0, "ms");
+const ANY_SHARE: Bounds = Bounds::within(0.0, 1.0, "");
+const FROM: Bounds = Bounds::within(0.0, 1e9, "s");
+const TIMES: Bounds = Bounds::within(0.0, 1e6, "times");
+
+/// Wavelengths of a surface's bumps unless it says others, mm.
+const BUMPS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
 
 /// What a rig answers in unless its scene says otherwise, s: an ESP301 in 5 to 20 ms; a transmitter at 115200 baud needs 1.5 ms
 /// for the bytes of an exchange and two silences of 1.75 ms less what the driver waits itself; a T7 in 1 to 2 ms.
 const LATENCIES: Latencies =
-    Latencies { stage_s: (0.005, 0.020), load_cell_s: (0.002, 0.003), array_s: (0.001, 0.002) };
+    Latencies { stage_s: (0.005, 0.020), load_cell_s: (0.002, 0.003), array_s: (0.001, 0.002), stage_spikes: None };
 
 /// The paper's rig's scene: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through
 /// Table 1 again from its top.
@@ -51,31 +64,85 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         table.finish();
         Some(Branch { share: share?, time_s: time_s? })
     }));
-    let surface_tilt_mm = scene.table("surface").and_then(|mut table| {
-        let tilt_mm = table.require_number("tilt_mm", TILT);
+    let (surface_tilt_mm, relief) = scene.table("surface").map_or((0.0, None), read_surface);
+    let stiffness = scene.table("stiffness").map(|mut table| {
+        let smooth_percent = table.number("smooth_percent", STIFFER).unwrap_or(0.0);
+        let white_percent = table.number("white_percent", STIFFER).unwrap_or(0.0);
         table.finish();
-        tilt_mm
+        Stiffness { smooth_percent, white_percent }
+    });
+    let stage = scene.table("stage").map(|mut table| {
+        let lag_s = table.number("servo_ms", LAG).unwrap_or(0.0) / 1000.0;
+        let quantum_mm = table.number("quantum_mm", QUANTUM).unwrap_or(0.0);
+        table.finish();
+        Servo { lag_s, quantum_mm }
     });
     let load_cell = scene.table("load_cell").map(|mut table| {
         let noise_n = table.number("noise_n", FORCE).unwrap_or(0.0);
         let offset_n = table.number("offset_n", OFFSET).unwrap_or(0.0);
+        let transport_s = table.number("transport_ms", LAG).unwrap_or(0.0) / 1000.0;
+        let low_pass_hz = table.number("low_pass_hz", CORNER);
         table.finish();
-        LoadCell { noise_n, offset_n }
+        LoadCell { noise_n, offset_n, transport_s, low_pass_hz }
     });
     let taxel_noise_percent = read_percents(&mut scene, "taxel_noise", "repeatability_percent", units);
     let hysteresis_percent = read_percents(&mut scene, "hysteresis", "hysteresis_percent", units);
     let latencies = read_latencies(&mut scene);
+    let faults = document::all(scene.tables("fault").into_iter().map(read_fault));
     scene.finish();
     Some(SceneSpec {
         elastomer,
         contact: contact?,
         relaxation: relaxation?,
-        surface_tilt_mm: surface_tilt_mm.unwrap_or(0.0),
+        surface_tilt_mm,
+        relief,
+        stiffness,
+        stage,
         load_cell,
         taxel_noise_percent,
         hysteresis_percent,
         latencies,
+        faults: faults?,
     })
+}
+
+/// The plane's tilt, mm, and what is over the plane.
+fn read_surface(mut table: Table) -> (f64, Option<Relief>) {
+    let tilt_mm = table.number("tilt_mm", HEIGHT).unwrap_or(0.0);
+    let bumps_mm = table.number("bumps_mm", HEIGHT);
+    let wavelength = table.range("bumps_wavelength_mm", WAVELENGTH);
+    let roughness_mm = table.number("roughness_mm", HEIGHT);
+    if wavelength.is_some() && bumps_mm.is_none() {
+        let told = "`bumps_wavelength_mm` without `bumps_mm`: there is nothing of that length";
+        table.complain(Problem::new(table.span_of("bumps_wavelength_mm"), told));
+    }
+    table.finish();
+    let relief = (bumps_mm.is_some() || roughness_mm.is_some()).then(|| Relief {
+        bumps_mm: bumps_mm.unwrap_or(0.0),
+        bumps_wavelength_mm: wavelength.map_or(BUMPS_WAVELENGTH_MM, |range| (range.min, range.max)),
+        roughness_mm: roughness_mm.unwrap_or(0.0),
+    });
+    (tilt_mm, relief)
+}
+
+fn read_fault(mut table: Table) -> Option<Fault> {
+    let kind = table.require_choice("kind", &FaultKind::ALL);
+    let from_s = table.require_number("from_s", FROM);
+    let value_bounds = match kind? {
+        FaultKind::Saturated => FORCE,
+        FaultKind::HardContact => STIFFNESS,
+        FaultKind::SlowStage => LATENCY,
+        FaultKind::Noisy => TIMES,
+        FaultKind::DriftedZero => OFFSET,
+        _ => {
+            // one that isn't there to be read is told of by finish()
+            table.finish();
+            return Some(Fault { kind: kind?, from_s: from_s?, value: None });
+        }
+    };
+    let value = table.number("value", value_bounds);
+    table.finish();
+    Some(Fault { kind: kind?, from_s: from_s?, value })
 }
 
 /// One percentage a unit.
@@ -109,6 +176,12 @@ fn read_latencies(scene: &mut Table) -> Latencies {
         read("stage", &mut latencies.stage_s);
         read("load_cell", &mut latencies.load_cell_s);
         read("array", &mut latencies.array_s);
+        latencies.stage_spikes = table.table("spikes").and_then(|mut table| {
+            let share = table.require_number("share", ANY_SHARE);
+            let longer_ms = table.require_number("ms", LATENCY);
+            table.finish();
+            Some(Spikes { share: share?, longer_s: longer_ms? / 1000.0 })
+        });
         table.finish();
     }
     latencies

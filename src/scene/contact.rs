@@ -14,9 +14,14 @@ const GAUSS: [(f64, f64); 5] = [
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
 
+/// What is left of the force when the tip has slipped.
+const SLIPPED: f64 = 0.35;
+
 /// The contact: relaxed curve plus Zener branches, each following q' = share F_el' - q / time.
+#[derive(Clone)]
 pub(super) struct ContactState {
     curve: Contact,
+    relaxes: bool,
     branches: Vec<Branch>,
     /// What each branch adds now, N.
     extra_n: Vec<f64>,
@@ -24,13 +29,49 @@ pub(super) struct ContactState {
     depth_mm: f64,
     peak_n: f64,
     peak_mm: f64,
+    will_slip: bool,
+    slipped: bool,
+    gone: bool,
 }
 
 impl ContactState {
     pub fn new(curve: Contact, branches: Vec<Branch>) -> Self {
         let extra_n = vec![0.0; branches.len()];
         let depth_mm = f64::NEG_INFINITY;
-        ContactState { curve, branches, extra_n, force_n: 0.0, depth_mm, peak_n: 0.0, peak_mm: 0.0 }
+        ContactState {
+            curve,
+            relaxes: true,
+            branches,
+            extra_n,
+            force_n: 0.0,
+            depth_mm,
+            peak_n: 0.0,
+            peak_mm: 0.0,
+            will_slip: false,
+            slipped: false,
+            gone: false,
+        }
+    }
+
+    /// What the tip, in air now, will find where it touches next.
+    pub fn will_meet(&mut self, curve: Contact, relaxes: bool) {
+        self.curve = curve;
+        self.relaxes = relaxes;
+        if !relaxes {
+            self.forget_load();
+        }
+    }
+
+    /// The tip slips: in the contact under way or the next one, and until it leaves the specimen.
+    pub fn slip(&mut self) {
+        self.will_slip = true;
+        self.settle(self.depth_mm);
+    }
+
+    /// The specimen is gone. The depth still counts from where its surface was.
+    pub fn vanish(&mut self) {
+        self.gone = true;
+        self.settle(self.depth_mm);
     }
 
     /// True contact force, N, never negative: the tip doesn't stick.
@@ -38,9 +79,9 @@ impl ContactState {
         self.force_n
     }
 
-    /// Whether the tip is below the surface.
+    /// Whether the tip is below the surface of a specimen that is there.
     pub fn touching(&self) -> bool {
-        self.depth_mm > 0.0
+        self.depth_mm > 0.0 && !self.gone
     }
 
     /// The largest force, N, and depth, mm, since they were last forgotten. Between two looks (2 ms of motion at most) the
@@ -68,11 +109,15 @@ impl ContactState {
             return;
         }
         // the curve's law changes where the tip touches and where its toe ends
-        let mut ends: Vec<f64> =
-            depth.crossings(0.0, dt_s).chain(depth.crossings(self.curve.toe_mm, dt_s)).chain([dt_s]).collect();
+        let mut ends = [dt_s; 5];
+        let changes = depth.crossings(0.0, dt_s).chain(depth.crossings(self.curve.toe_mm, dt_s));
+        ends.iter_mut().zip(changes).for_each(|(end, at_s)| *end = at_s);
         ends.sort_by(f64::total_cmp);
         let mut from_s = 0.0;
         for end_s in ends {
+            if end_s == from_s {
+                continue;
+            }
             let pieces = ((end_s - from_s) / STRETCH_S).ceil().max(1.0);
             let piece_s = (end_s - from_s) / pieces;
             for piece in 0..pieces as usize {
@@ -91,7 +136,8 @@ impl ContactState {
         });
         for (extra, branch) in self.extra_n.iter_mut().zip(&self.branches) {
             let fed: f64 = rates.iter().map(|(before_end_s, part)| part * (-before_end_s / branch.time_s).exp()).sum();
-            *extra = *extra * (-for_s / branch.time_s).exp() + branch.share * fed;
+            let share = if self.relaxes { branch.share } else { 0.0 };
+            *extra = *extra * (-for_s / branch.time_s).exp() + share * fed;
         }
         self.settle(depth.after(from_s + for_s));
     }
@@ -107,13 +153,24 @@ impl ContactState {
     fn settle(&mut self, depth_mm: f64) {
         self.depth_mm = depth_mm;
         let bearing_n = self.curve.force_n(depth_mm) + self.extra_n.iter().sum::<f64>();
-        self.force_n = if depth_mm > 0.0 { bearing_n.max(0.0) } else { 0.0 };
+        self.force_n = if self.touching() { bearing_n.max(0.0) } else { 0.0 };
+        self.slipped = self.touching() && (self.slipped || self.will_slip);
+        if self.slipped {
+            self.will_slip = false;
+            self.force_n *= SLIPPED;
+        }
         self.peak_n = self.peak_n.max(self.force_n);
         self.peak_mm = self.peak_mm.max(depth_mm);
     }
 }
 
 impl Contact {
+    /// The curve with `factor` times the force everywhere.
+    pub(super) fn times(self, factor: f64) -> Contact {
+        let Contact { linear_n_mm, quadratic_n_mm2, toe_mm } = self;
+        Contact { linear_n_mm: factor * linear_n_mm, quadratic_n_mm2: factor * quadratic_n_mm2, toe_mm }
+    }
+
     /// Relaxed force at a depth, N.
     pub fn force_n(&self, depth_mm: f64) -> f64 {
         let s = self.bearing_mm(depth_mm);

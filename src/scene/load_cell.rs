@@ -1,58 +1,133 @@
+use super::faults::{FaultKind, Faults};
 use super::spec::LoadCell;
 use crate::quantity::Stream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
 
-/// The load cell: the force at its last conversion, and noise that is one draw a conversion.
+/// Longest stretch over which the low-pass takes the force for a ramp, s. Within it a contact's force bends by some 0.1 mN at
+/// 10 mm/s, and where the tip touches by a few mN that the low-pass forgets in its time constant.
+const STRETCH_S: f64 = 0.002;
+
+/// What happened so many time constants ago a low-pass has forgotten to 2e-9.
+const MEMORY: f64 = 20.0;
+
+/// The load cell: the low-passed force at its conversions, those that can't be read yet waiting, and noise that is one draw a
+/// conversion.
+#[derive(Clone)]
 pub(super) struct LoadCellState {
     spec: Option<LoadCell>,
     conversions_hz: f64,
+    transport_s: f64,
+    /// Rate of the low-pass, 1/s.
+    low_pass: Option<f64>,
     rng: Stream,
-    conversion: u64,
-    held_n: f64,
+    /// The force behind the low-pass, N.
+    passed_n: f64,
+    /// The conversion that is read now and those after it: number and force, N. Never empty.
+    held: VecDeque<(u64, f64)>,
     read: Option<(u64, f64)>,
 }
 
 impl LoadCellState {
     pub fn new(spec: Option<LoadCell>, conversions_hz: f64) -> Self {
-        let rng = crate::quantity::stream(0, 0, "load cell noise");
-        LoadCellState { spec, conversions_hz, rng, conversion: 0, held_n: 0.0, read: None }
+        LoadCellState {
+            spec,
+            conversions_hz,
+            transport_s: spec.map_or(0.0, |cell| cell.transport_s),
+            low_pass: spec.and_then(|cell| cell.low_pass_hz).map(|hz| TAU * hz),
+            rng: crate::quantity::stream(0, 0, "load cell noise"),
+            passed_n: 0.0,
+            held: VecDeque::from([(0, 0.0)]),
+            read: None,
+        }
     }
 
     pub fn reseed(&mut self, rng: Stream) {
         self.rng = rng;
     }
 
-    /// When the last conversion at or before `to_s` happens, s.
-    pub fn last_conversion_before(&self, to_s: f64) -> f64 {
-        self.conversion_at(to_s) as f64 / self.conversions_hz
+    /// Where the scene must stop on its way from `now_s` to `to_s` at the latest, s: at every conversion that can be read at
+    /// `to_s` or later, of which a long way has few, and often where the low-pass still remembers.
+    pub fn next_knot(&self, now_s: f64, to_s: f64) -> f64 {
+        let earliest = self.conversion_at(to_s - self.transport_s);
+        let conversion = earliest.max(self.newest() + 1);
+        let mut knot_s = to_s;
+        if conversion <= self.conversion_at(to_s) {
+            knot_s = knot_s.min(conversion as f64 / self.conversions_hz);
+        }
+        if let Some(rate) = self.low_pass {
+            let remembered_s = to_s - self.transport_s - 1.0 / self.conversions_hz - MEMORY / rate;
+            knot_s = knot_s.min(if now_s < remembered_s { remembered_s } else { now_s + STRETCH_S });
+        }
+        knot_s
+    }
+
+    /// The force went from one value to another in `dt_s`.
+    pub fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
+        self.passed_n = match self.low_pass {
+            None => to_n,
+            Some(rate) => {
+                // the response to a ramp, less what is left of where it began
+                let slope = (to_n - from_n) / dt_s;
+                let left = (-rate * dt_s).exp();
+                to_n + slope / rate * (-rate * dt_s).exp_m1() + (self.passed_n - from_n) * left
+            }
+        };
     }
 
     /// Holds the force if `now_s` is, or lies beyond, a conversion that hasn't been held yet.
-    pub fn latch(&mut self, now_s: f64, force_n: f64) {
+    pub fn latch(&mut self, now_s: f64) {
         let conversion = self.conversion_at(now_s);
-        if conversion > self.conversion {
-            self.conversion = conversion;
-            self.held_n = force_n;
+        if conversion > self.newest() {
+            self.held.push_back((conversion, self.passed_n));
+        }
+        let readable = self.conversion_at(now_s - self.transport_s);
+        while self.held.get(1).is_some_and(|(next, _)| *next <= readable) {
+            self.held.pop_front();
         }
     }
 
-    /// Whether this conversion is read for the first time, the true force it held, and what the cell makes of it, N.
-    pub fn read(&mut self) -> (bool, f64, f64) {
-        if let Some((conversion, read_n)) = self.read
-            && conversion == self.conversion
+    /// What the cell reads at `now_s`, to which the scene has advanced, N.
+    pub fn read(&mut self, now_s: f64, faults: &Faults) -> f64 {
+        let (conversion, held_n) = self.held[0];
+        if let Some((last, read_n)) = self.read
+            && (last == conversion || faults.any(FaultKind::Stuck, now_s))
         {
-            return (false, self.held_n, read_n);
+            return read_n;
         }
-        let read_n = match self.spec {
-            None => self.held_n,
-            Some(cell) => {
-                let draw: f64 = StandardNormal.sample(&mut self.rng);
-                self.held_n + cell.offset_n + cell.noise_n * draw
-            }
+        let read_n = if faults.is_empty() { self.sound(held_n) } else { self.faulty(held_n, now_s, faults) };
+        self.read = Some((conversion, read_n));
+        read_n
+    }
+
+    fn sound(&mut self, held_n: f64) -> f64 {
+        match self.spec {
+            None => held_n,
+            Some(cell) => held_n + cell.offset_n + cell.noise_n * self.draw(),
+        }
+    }
+
+    fn faulty(&mut self, held_n: f64, now_s: f64, faults: &Faults) -> f64 {
+        let cell = self.spec.unwrap_or_default();
+        let share = match (faults.any(FaultKind::NoSensor, now_s), faults.any(FaultKind::WrongSign, now_s)) {
+            (true, _) => 0.0,
+            (false, true) => -1.0,
+            (false, false) => 1.0,
         };
-        self.read = Some((self.conversion, read_n));
-        (true, self.held_n, read_n)
+        let zero_n = cell.offset_n + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
+        let noise_n = cell.noise_n * faults.values(FaultKind::Noisy, now_s).product::<f64>();
+        let most_n = faults.values(FaultKind::Saturated, now_s).fold(f64::INFINITY, f64::min);
+        (share * held_n + zero_n + noise_n * self.draw()).min(most_n)
+    }
+
+    fn draw(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.rng)
+    }
+
+    fn newest(&self) -> u64 {
+        self.held.back().map_or(0, |(conversion, _)| *conversion)
     }
 
     /// The small shift keeps an instant that was computed as n / hz from falling to conversion n - 1 by rounding.

@@ -4,52 +4,66 @@
 //! changes. What a [`SceneSpec`] doesn't name isn't computed. Emulators act on it: they set motions and read values.
 
 mod contact;
+mod faults;
 mod load_cell;
 mod motion;
 mod spec;
+mod spots;
 mod surface;
 mod taxels;
+mod truth;
 
+pub use faults::{Fault, FaultKind};
 pub use motion::Trajectory;
-pub use spec::{Branch, Contact, Device, Elastomer, Latencies, LoadCell, SceneSpec, Setting};
+pub use spec::{
+    Branch, Contact, Device, Elastomer, Latencies, LoadCell, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness,
+};
+pub use truth::Truth;
 
-use crate::quantity::{Axis, Stream, stream};
+use crate::quantity::{Axis, Place, Stream, stream};
 use contact::ContactState;
+use faults::Faults;
 use load_cell::LoadCellState;
 use rand::RngExt;
+use spots::SpotMap;
 use surface::Surface;
 use taxels::TaxelState;
+use truth::Witness;
 
-/// What really happened in a press, as no instrument of the rig can know it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Truth {
-    /// Mean of the true contact force at the load cell's conversions in the window, N.
-    pub force_true_n: f64,
-    /// The largest true force since the truth was last taken, N.
-    pub force_peak_n: f64,
-    /// The deepest indentation below the true surface since the truth was last taken, mm.
-    pub depth_peak_mm: f64,
-}
+/// Wavelengths of the smooth part of a stiffness map, mm.
+const STIFFNESS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
 
-/// A simulated specimen under a simulated indenter, at one moment.
+/// The least that a stiffness map leaves of the contact curve: a normal draw knows no bound.
+const SOFTEST: f64 = 0.1;
+
+/// A simulated specimen under a simulated indenter, at one moment. A copy goes its own way from there.
+#[derive(Clone)]
 pub struct Scene {
     setting: Setting,
     seed: u64,
     now_s: f64,
+    /// What the controller has the axes do.
+    profiles: [Trajectory; 3],
+    /// What they do.
     axes: [Trajectory; 3],
+    servo: Servo,
     surface: Surface,
+    /// How far the surface lies beyond its plane, into the specimen, mm.
+    relief: Option<SpotMap>,
+    curve: CurveAt,
     contact: ContactState,
     load_cell: LoadCellState,
     taxels: TaxelState,
     latency: [Stream; 3],
-    window: Option<WindowMean>,
-    window_force_n: f64,
+    faults: Faults,
+    witness: Witness,
 }
 
-#[derive(Default)]
-struct WindowMean {
-    sum_n: f64,
-    count: usize,
+/// The contact curve, and how its force differs from it from place to place (1 = twice as much).
+#[derive(Clone)]
+struct CurveAt {
+    nominal: Contact,
+    more: Option<SpotMap>,
 }
 
 impl Scene {
@@ -58,20 +72,33 @@ impl Scene {
         let power_on = setting.power_on;
         let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
         let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed);
+        let relief = spec.relief.map(|relief| {
+            let Relief { bumps_mm, bumps_wavelength_mm, roughness_mm } = relief;
+            SpotMap::new(bumps_mm, bumps_wavelength_mm, roughness_mm, ["bumps", "roughness"], seed)
+        });
+        let more = spec.stiffness.map(|stiffness| {
+            let (smooth, white) = (stiffness.smooth_percent / 100.0, stiffness.white_percent / 100.0);
+            SpotMap::new(smooth, STIFFNESS_WAVELENGTH_MM, white, ["stiffness", "stiffness of spots"], seed)
+        });
         let mut scene = Scene {
             seed,
             now_s: 0.0,
+            profiles: axes.clone(),
             axes,
+            servo: spec.stage.unwrap_or_default(),
             surface,
+            relief,
+            curve: CurveAt { nominal: spec.contact, more },
             contact: ContactState::new(spec.contact, spec.relaxation),
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
             taxels: TaxelState::new(spec.elastomer, spec.taxel_noise_percent, spec.hysteresis_percent, &setting),
             latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Setting { latencies: spec.latencies, ..setting },
-            window: None,
-            window_force_n: 0.0,
+            faults: Faults::new(spec.faults),
+            witness: Witness::default(),
         };
         scene.reseed(0);
+        scene.strike(f64::NEG_INFINITY, 0.0);
         scene
     }
 
@@ -88,29 +115,34 @@ impl Scene {
         (trajectory.position_mm(now_s), trajectory.speed_mm_s(now_s))
     }
 
-    /// The motion an axis is on.
+    /// The motion that the controller has an axis do; the axis itself is late by the scene's servo lag.
     pub fn motion(&self, axis: Axis) -> &Trajectory {
-        &self.axes[axis.index()]
+        &self.profiles[axis.index()]
     }
 
-    /// Puts an axis on a new motion from `now_s` on. The trajectory must start where the axis is.
+    /// The target that a stage goes to when it is asked for another, mm.
+    pub fn target_mm(&self, wanted_mm: f64) -> f64 {
+        let quantum_mm = self.servo.quantum_mm;
+        if quantum_mm > 0.0 { (wanted_mm / quantum_mm).round() * quantum_mm } else { wanted_mm }
+    }
+
+    /// Puts an axis on a new motion from `now_s` on. The trajectory must start where the last [`motion`](Self::motion) is by
+    /// then.
     pub fn set_motion(&mut self, axis: Axis, trajectory: Trajectory, now_s: f64) {
         self.advance(now_s);
-        self.axes[axis.index()] = trajectory;
+        let real = &mut self.axes[axis.index()];
+        *real = real.followed_by(&trajectory, now_s, self.servo.lag_s);
+        self.profiles[axis.index()] = trajectory;
         if axis != Axis::Z && !self.contact.touching() {
             self.contact.forget_load(); // another spot knows nothing of what this one bore
         }
     }
 
-    /// The last conversion of the load cell at `now_s`, N: pressing positive, noise included, no zero taken.
+    /// The load cell's reading at `now_s`, N: its last conversion that has come through, pressing positive, noise included, no
+    /// zero taken.
     pub fn load_cell_n(&mut self, now_s: f64) -> f64 {
         self.advance(now_s);
-        let (fresh, true_n, read_n) = self.load_cell.read();
-        if let (true, Some(window)) = (fresh, self.window.as_mut()) {
-            window.sum_n += true_n;
-            window.count += 1;
-        }
-        read_n
+        self.load_cell.read(now_s, &self.faults)
     }
 
     /// The outputs of all taxels at `now_s`, in units of the reading for 1 N straight above, written to `outputs`.
@@ -127,10 +159,28 @@ impl Scene {
         self.setting.layout.len()
     }
 
-    /// How long a device takes over its next request, s.
-    pub fn latency_s(&mut self, device: Device) -> f64 {
+    /// How long a device takes over its next request, which it has at `now_s`, s; none: it never acts on it.
+    pub fn latency_s(&mut self, device: Device, now_s: f64) -> Option<f64> {
+        let silent = match device {
+            Device::Stage => self.faults.any(FaultKind::StageLost, now_s),
+            Device::LoadCell => self.faults.any(FaultKind::Stale, now_s),
+            Device::Array => false,
+        };
+        if silent {
+            return None;
+        }
         let (least, most) = self.setting.latencies.of(device);
-        self.latency[device as usize].random_range(least..=most)
+        let rng = &mut self.latency[device as usize];
+        let mut latency_s = rng.random_range(least..=most);
+        if device == Device::Stage {
+            if let Some(spikes) = self.setting.latencies.stage_spikes
+                && rng.random_bool(spikes.share)
+            {
+                latency_s += spikes.longer_s;
+            }
+            latency_s += self.faults.values(FaultKind::SlowStage, now_s).sum::<f64>() / 1000.0;
+        }
+        Some(latency_s)
     }
 
     /// The true contact force at `now_s`, N.
@@ -139,27 +189,33 @@ impl Scene {
         self.contact.force_n()
     }
 
-    /// Begins to average the true force at the load cell's conversions.
+    /// Begins to average the true force.
     pub fn open_window(&mut self, now_s: f64) {
         self.advance(now_s);
-        self.window = Some(WindowMean::default());
+        self.witness.open_window();
     }
 
-    /// Ends the average that [`open_window`](Self::open_window) began; with no conversion in it, the force of this moment.
+    /// Ends the average that [`open_window`](Self::open_window) began; if no time has passed, the force of this moment.
     pub fn close_window(&mut self, now_s: f64) {
         self.advance(now_s);
-        if let Some(window) = self.window.take() {
-            let force_n = self.contact.force_n();
-            self.window_force_n = if window.count == 0 { force_n } else { window.sum_n / window.count as f64 };
-        }
+        self.witness.close_window(self.contact.force_n());
     }
 
-    /// What really happened since this was last asked (or since the press began): the window's mean and the worst.
+    /// What really happened since this was last asked (peaks: or since the press began): the window's mean and the worst.
     pub fn take_truth(&mut self, now_s: f64) -> Truth {
         self.advance(now_s);
-        let (force_peak_n, depth_peak_mm) = self.contact.peaks();
+        let peaks = self.contact.peaks();
         self.contact.forget_peaks();
-        Truth { force_true_n: self.window_force_n, force_peak_n, depth_peak_mm }
+        self.witness.take(peaks)
+    }
+
+    /// What would come of it if nobody asked for anything any more: the worst from `now_s` until the axes rest, and the force
+    /// they rest at for `force_true_n`. The scene itself stays as it is.
+    pub fn run_out(&self, now_s: f64) -> Truth {
+        let mut scene = self.clone();
+        scene.take_truth(now_s);
+        let rest_s = scene.axes.iter().map(Trajectory::end_s).fold(scene.now_s, f64::max);
+        Truth { force_true_n: scene.true_force_n(rest_s), ..scene.take_truth(rest_s) }
     }
 
     fn reseed(&mut self, press: u64) {
@@ -173,33 +229,72 @@ impl Scene {
         while self.now_s < to_s {
             let until_s = self.next_knot(to_s);
             self.advance_smooth(until_s);
+            self.strike(self.now_s, until_s);
             self.now_s = until_s;
-            self.load_cell.latch(self.now_s, self.contact.force_n());
+            self.load_cell.latch(self.now_s);
         }
     }
 
-    /// The next instant at which an axis changes its acceleration, or the last conversion of the load cell before
-    /// `to_s` happens; at the latest `to_s`.
+    /// The next instant at which an axis changes its acceleration, a fault begins, or the load cell must know the force; at
+    /// the latest `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
-        let conversion_s = self.load_cell.last_conversion_before(to_s);
-        let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain([conversion_s]);
+        let others = [self.load_cell.next_knot(self.now_s, to_s), self.faults.next_s(self.now_s)];
+        let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain(others);
         knots.filter(|&knot_s| knot_s > self.now_s).fold(to_s, f64::min)
     }
 
-    /// One stretch in which all axes keep their accelerations: the depth is a quadratic in time.
+    /// One stretch in which all axes keep their accelerations: the depth is a quadratic in time. What the specimen has from
+    /// spot to spot is that of the place at its beginning; x and y move in air.
     fn advance_smooth(&mut self, until_s: f64) {
+        let dt_s = until_s - self.now_s;
         let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
-        let depth = self.surface.depth(x, y, z);
+        let place = self.setting.frame.place_from_stage(x.0, y.0);
+        let mut depth = self.surface.depth(x, y, z);
+        if let Some(relief) = &mut self.relief {
+            depth.mm -= relief.at(place);
+        }
         let was_touching = self.contact.touching();
         let before_n = self.contact.force_n();
-        self.contact.advance(depth, until_s - self.now_s);
-        if self.contact.touching() && !was_touching {
+        if !was_touching {
+            self.lay_under_the_tip(place);
+        }
+        self.contact.advance(depth, dt_s);
+        let (touching, after_n) = (self.contact.touching(), self.contact.force_n());
+        if touching && !was_touching {
             self.taxels.touch();
         }
-        self.taxels.follow(before_n, self.contact.force_n(), self.contact.touching());
+        self.taxels.follow(before_n, after_n, touching);
+        self.load_cell.follow(dt_s, before_n, after_n);
+        self.witness.follow(dt_s, before_n, after_n);
+        let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
+        if sideways && (touching || was_touching) {
+            self.witness.slide(self.place(until_s).distance_mm(place));
+        }
     }
 
-    fn place(&self, now_s: f64) -> crate::quantity::Place {
+    /// The tip is in air: what it will meet is what lies under it.
+    fn lay_under_the_tip(&mut self, place: Place) {
+        if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
+            self.contact.will_meet(Contact { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
+        } else if let Some(more) = &mut self.curve.more {
+            self.contact.will_meet(self.curve.nominal.times((1.0 + more.at(place)).max(SOFTEST)), true);
+        }
+    }
+
+    /// Lets the faults that begin after one instant and by another act on the contact.
+    fn strike(&mut self, after_s: f64, now_s: f64) {
+        for kind in self.faults.beginning(after_s, now_s) {
+            let before_n = self.contact.force_n();
+            match kind {
+                FaultKind::Slip => self.contact.slip(),
+                FaultKind::NoContact => self.contact.vanish(),
+                _ => continue,
+            }
+            self.taxels.follow(before_n, self.contact.force_n(), self.contact.touching());
+        }
+    }
+
+    fn place(&self, now_s: f64) -> Place {
         let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(now_s));
         self.setting.frame.place_from_stage(x, y)
     }

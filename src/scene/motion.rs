@@ -44,6 +44,25 @@ impl Trajectory {
         Trajectory { stretches: plan.stretches, end_s: plan.at_s, end_mm: plan.position_mm }
     }
 
+    /// What a stage that is `lag_s` late makes of a new profile at `now_s`: it goes on as it was for so long, then is where
+    /// the profile was that long before.
+    pub(super) fn followed_by(&self, profile: &Trajectory, now_s: f64, lag_s: f64) -> Trajectory {
+        if lag_s == 0.0 {
+            return profile.clone();
+        }
+        let splice_s = now_s + lag_s;
+        let gone = self.stretches.iter().filter(|s| s.from_s <= now_s).count().saturating_sub(1);
+        let mut stretches: Vec<Stretch> =
+            self.stretches[gone..].iter().filter(|s| s.from_s < splice_s).copied().collect();
+        if self.end_s < splice_s {
+            let rest =
+                Stretch { from_s: self.end_s, position_mm: self.end_mm, speed_mm_s: 0.0, acceleration_mm_s2: 0.0 };
+            stretches.push(rest);
+        }
+        stretches.extend(profile.stretches.iter().map(|s| Stretch { from_s: s.from_s + lag_s, ..*s }));
+        Trajectory { stretches, end_s: splice_s.max(profile.end_s + lag_s), end_mm: profile.end_mm }
+    }
+
     /// When the axis comes to rest, s.
     pub fn end_s(&self) -> f64 {
         self.end_s
@@ -155,6 +174,45 @@ mod tests {
         let t = Trajectory::to(0.0, (2.0, 0.0), -8.0, 5.0, 100.0);
         assert!((t.end_s() - (10.0 / 5.0 + 5.0 / 100.0)).abs() < 1e-12);
         assert!((t.speed_mm_s(1.0) + 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_lagging_stage_is_where_the_profile_was_however_often_that_changes() {
+        let lag_s = 0.007;
+        let mut profile = Trajectory::to(1.0, (0.0, 0.0), 8.0, 10.0, 100.0);
+        let mut real = Trajectory::at_rest(0.0).followed_by(&profile, 1.0, lag_s);
+        let mut past = vec![(0.0, Trajectory::at_rest(0.0)), (1.0, profile.clone())];
+        // a new speed, another within the lag of it, a stop, and a move off again before the stop is done
+        for (now_s, stop, target_mm, speed_mm_s) in
+            [(1.2, false, 8.0, 2.0), (1.203, false, 8.0, 20.0), (1.35, true, 0.0, 0.0), (1.36, false, -3.0, 5.0)]
+        {
+            let state = (profile.position_mm(now_s), profile.speed_mm_s(now_s));
+            profile = if stop {
+                Trajectory::stop(now_s, state, 100.0)
+            } else {
+                Trajectory::to(now_s, state, target_mm, speed_mm_s, 100.0)
+            };
+            real = real.followed_by(&profile, now_s, lag_s);
+            past.push((now_s, profile.clone()));
+            for step in 0..=400 {
+                let at_s = now_s + f64::from(step) * 1e-4;
+                let then_s = at_s - lag_s;
+                let (_, was) = past.iter().rev().find(|(from_s, _)| *from_s <= then_s).expect("a profile");
+                let (found, expected) = (real.state(at_s), was.state(then_s));
+                assert!((found.0 - expected.0).abs() < 1e-9 && (found.1 - expected.1).abs() < 1e-7, "{at_s} s");
+            }
+        }
+        assert!((real.end_s() - profile.end_s() - lag_s).abs() < 1e-12 && real.end_mm() == -3.0);
+        assert!(real.stretches.len() <= 12, "what has passed is forgotten");
+    }
+
+    #[test]
+    fn a_lagging_stage_rests_until_a_new_profile_reaches_it() {
+        let profile = Trajectory::to(5.0, (2.0, 0.0), 3.0, 10.0, 100.0);
+        let real = Trajectory::at_rest(2.0).followed_by(&profile, 5.0, 0.01);
+        assert_eq!((real.state(5.0), real.state(5.0099)), ((2.0, 0.0, 0.0), (2.0, 0.0, 0.0)));
+        assert_eq!(real.next_knot(5.0), Some(5.01));
+        assert!(real.moving(profile.end_s() + 0.0099) && !real.moving(profile.end_s() + 0.0101));
     }
 
     proptest! {

@@ -1,3 +1,4 @@
+use super::faults::Fault;
 use crate::quantity::{ArrayLayout, Frame, Position};
 
 /// The physical terms a scene names; what is `None` or empty isn't modelled.
@@ -11,6 +12,12 @@ pub struct SceneSpec {
     pub relaxation: Vec<Branch>,
     /// How far the surface plane may lie from the nominal one, anywhere in the loading area, mm; 0: flat.
     pub surface_tilt_mm: f64,
+    /// What the surface has over its plane; none: nothing.
+    pub relief: Option<Relief>,
+    /// How the stiffness differs from place to place; none: it doesn't.
+    pub stiffness: Option<Stiffness>,
+    /// What the stage makes of its controller's motions; none: just those.
+    pub stage: Option<Servo>,
     /// What the load cell does to the force; none: it reads the truth.
     pub load_cell: Option<LoadCell>,
     /// Loading repeatability of each taxel, % of full scale (PAPER Table 1); one sd is a third of it. None: no noise.
@@ -19,6 +26,8 @@ pub struct SceneSpec {
     pub hysteresis_percent: Option<Vec<f64>>,
     /// How long the devices take to answer.
     pub latencies: Latencies,
+    /// What goes wrong, and when.
+    pub faults: Vec<Fault>,
 }
 
 /// The elastomer cover as an elastic half-space (PAPER S2).
@@ -48,13 +57,47 @@ pub struct Branch {
     pub time_s: f64,
 }
 
-/// The load cell's imperfections.
+/// What the surface has over its plane; it belongs to the specimen.
 #[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Relief {
+    /// What the smooth part never exceeds either way, mm.
+    pub bumps_mm: f64,
+    /// Least and most wavelength of the smooth part, mm.
+    pub bumps_wavelength_mm: (f64, f64),
+    /// Standard deviation of what each spot of 1 um has for itself, mm.
+    pub roughness_mm: f64,
+}
+
+/// How the contact curve is stretched from place to place; it belongs to the specimen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stiffness {
+    /// What the smooth part never exceeds either way, % of the curve.
+    pub smooth_percent: f64,
+    /// Standard deviation of what each spot of 1 um has for itself, % of the curve.
+    pub white_percent: f64,
+}
+
+/// What the stage makes of its controller's motions.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Servo {
+    /// How much later than the controller's profile the stage is anywhere, s. The controller calls a motion done when its
+    /// profile is, which is that much before the stage rests.
+    pub lag_s: f64,
+    /// What targets are rounded to a multiple of, mm; 0: they aren't.
+    pub quantum_mm: f64,
+}
+
+/// The load cell's imperfections. The force goes through the low-pass, is converted, and can be read after the transport.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoadCell {
     /// Standard deviation of one conversion, N.
     pub noise_n: f64,
     /// What the cell reads with nothing on it, N.
     pub offset_n: f64,
+    /// From a conversion to when it can be read, s.
+    pub transport_s: f64,
+    /// Corner of the first-order low-pass before the converter, Hz; none: there is no low-pass.
+    pub low_pass_hz: Option<f64>,
 }
 
 /// A device of a rig, as the scene tells them apart.
@@ -87,6 +130,17 @@ pub struct Latencies {
     pub load_cell_s: (f64, f64),
     /// The array's converter.
     pub array_s: (f64, f64),
+    /// What some exchanges of the stage take longer; none: they don't.
+    pub stage_spikes: Option<Spikes>,
+}
+
+/// Exchanges that take much longer than others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spikes {
+    /// Their share of all, 1.
+    pub share: f64,
+    /// What they take longer, s.
+    pub longer_s: f64,
 }
 
 impl Latencies {

@@ -1,7 +1,8 @@
 use crate::quantity::{Frame, stream};
 use rand::RngExt;
 
-/// The specimen's true surface: a plane near the nominal one.
+/// The plane of the specimen's true surface, near the nominal one.
+#[derive(Clone)]
 pub(super) struct Surface {
     frame: Frame,
     /// How far the surface lies beyond the nominal one, into the specimen, at the origin (mm) and per mm of x and y.

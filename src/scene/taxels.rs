@@ -9,6 +9,7 @@ use rand_distr::StandardNormal;
 const CROSSING_N: f64 = 0.5;
 
 /// The taxels: half-space stress, noise that is one draw per unit and contact, hysteresis that is a state.
+#[derive(Clone)]
 pub(super) struct TaxelState {
     elastomer: Option<Elastomer>,
     layout: ArrayLayout,

@@ -9,10 +9,14 @@ fn plain() -> SceneSpec {
         contact: CONTACT,
         relaxation: vec![Branch { share: 0.05, time_s: 0.3 }, Branch { share: 0.05, time_s: 5.0 }],
         surface_tilt_mm: 0.0,
+        relief: None,
+        stiffness: None,
+        stage: None,
         load_cell: None,
         taxel_noise_percent: None,
         hysteresis_percent: None,
-        latencies: Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0) },
+        latencies: Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None },
+        faults: vec![],
     }
 }
 
@@ -168,7 +172,8 @@ fn the_relaxation_of_a_hold_does_not_flip_the_branch() {
 
 #[test]
 fn the_load_cell_gives_one_draw_a_conversion() {
-    let spec = SceneSpec { load_cell: Some(LoadCell { noise_n: 0.003, offset_n: 0.1 }), ..plain() };
+    let spec =
+        SceneSpec { load_cell: Some(LoadCell { noise_n: 0.003, offset_n: 0.1, ..LoadCell::default() }), ..plain() };
     let mut scene = scene(spec, 3);
     let first = scene.load_cell_n(0.0121);
     assert_eq!(first, scene.load_cell_n(0.0149));
@@ -182,7 +187,7 @@ fn the_load_cell_gives_one_draw_a_conversion() {
 #[test]
 fn a_press_draws_the_same_whatever_came_before() {
     let noisy = SceneSpec {
-        load_cell: Some(LoadCell { noise_n: 0.003, offset_n: 0.0 }),
+        load_cell: Some(LoadCell { noise_n: 0.003, ..LoadCell::default() }),
         taxel_noise_percent: Some(vec![3.0; 9]),
         ..plain()
     };
@@ -193,7 +198,7 @@ fn a_press_draws_the_same_whatever_came_before() {
         }
         scene.begin_press(42);
         let in_s = go(&mut scene, 0.5, 10.0, 1000.0, 5.0);
-        (scene.load_cell_n(6.0), centre(&mut scene, in_s.max(6.0)), scene.latency_s(Device::Stage))
+        (scene.load_cell_n(6.0), centre(&mut scene, in_s.max(6.0)), scene.latency_s(Device::Stage, 6.0))
     };
     assert_eq!(drawn(0), drawn(500));
 }

@@ -101,7 +101,7 @@ impl Drive {
         self.errand != Errand::Idle
     }
 
-    /// When the motion ends, s.
+    /// When the controller takes the motion to end, s.
     pub fn end_s(&self, scene: &Scene) -> f64 {
         scene.motion(self.axis).end_s()
     }
@@ -179,7 +179,7 @@ impl Drive {
         match fault {
             Some(fault) => Err(self.fault(fault)),
             None => {
-                self.start_move(count_mm + self.offset_mm, None, scene, now_s);
+                self.start_move(scene.target_mm(count_mm) + self.offset_mm, None, scene, now_s);
                 Ok(())
             }
         }
@@ -203,7 +203,7 @@ impl Drive {
             (self.left_limit_count_mm, AxisFault::MinusSoftwareLimit)
         };
         let limit_mm = limit_count_mm + self.offset_mm;
-        let place_mm = scene.axis(self.axis, now_s).0;
+        let place_mm = self.commanded(scene, now_s).0;
         // an axis that is beyond its limit already isn't taken back to it
         if (limit_mm > place_mm) != plus {
             return Err(self.fault(fault));
@@ -241,7 +241,7 @@ impl Drive {
     /// `DH`: where the axis stands is `count_mm` from now on.
     pub fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
         self.stands()?;
-        self.offset_mm = scene.axis(self.axis, now_s).0 - count_mm;
+        self.offset_mm = self.commanded(scene, now_s).0 - count_mm;
         Ok(())
     }
 
@@ -311,6 +311,12 @@ impl Drive {
         Err(self.fault(fault))
     }
 
+    /// Where the controller has the axis by now and how fast, mm and mm/s: what it plans from. The stage may lag behind.
+    fn commanded(&self, scene: &Scene, now_s: f64) -> (f64, f64) {
+        let motion = scene.motion(self.axis);
+        (motion.position_mm(now_s), motion.speed_mm_s(now_s))
+    }
+
     fn soft_limits_checked(&self) -> bool {
         self.configuration[1] & SOFT_LIMITS_CHECKED != 0
     }
@@ -352,7 +358,7 @@ impl Drive {
     }
 
     fn run_at(&mut self, speed_mm_s: f64, scene: &mut Scene, now_s: f64) {
-        let state = scene.axis(self.axis, now_s);
+        let state = self.commanded(scene, now_s);
         let speed_mm_s = speed_mm_s.min(self.most_speed_mm_s);
         let way = Trajectory::to(now_s, state, self.target_mm, speed_mm_s, self.ramp_mm_s2);
         scene.set_motion(self.axis, way, now_s);
@@ -362,7 +368,7 @@ impl Drive {
         if self.errand == Errand::Idle {
             return false;
         }
-        let (place_mm, speed_mm_s) = scene.axis(self.axis, now_s);
+        let (place_mm, speed_mm_s) = self.commanded(scene, now_s);
         // the end of travel stops it if the brake doesn't
         let room_mm = TRAVEL_MM - place_mm * speed_mm_s.signum();
         let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm);
