@@ -7,7 +7,8 @@
 //! so that a wrong scale factor cannot cancel out.
 //!
 //! - [`Esp301`]: a Newport ESP301 motion controller with three VP-25XL stages.
-//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (array).
+//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (load
+//!   cell or array).
 
 mod esp301;
 pub mod listen;

@@ -2,7 +2,7 @@
 
 use super::{Instrument, Shared, serve};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position};
-use crate::scene::{Contact, Elastomer, Latencies, Scene, SceneSpec, Setting, Trajectory};
+use crate::scene::{Contact, Elastomer, Latencies, LoadCell, Scene, SceneSpec, Setting, Trajectory};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -14,10 +14,20 @@ pub const POWER_ON: Position = Position { x_mm: -1.0, y_mm: 2.0, z_mm: 8.0 };
 /// Stiffness of the contact of [`scene`], N/mm: no toe, nothing quadratic, nothing that relaxes.
 pub const STIFFNESS_N_MM: f64 = 2.0;
 
+/// A quiet scene but for its load cell's noise.
+pub fn noisy() -> Scene {
+    scene_with(|spec| spec.load_cell = Some(LoadCell { noise_n: 0.1, ..LoadCell::default() }))
+}
+
 /// A quiet scene: surface at true z = 0, pressed toward -z, nine taxels under 5 mm, no noise, no latency.
 pub fn scene() -> Scene {
+    scene_with(|_| {})
+}
+
+/// A quiet scene but for what is changed.
+pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
     let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
-    let spec = SceneSpec {
+    let mut spec = SceneSpec {
         elastomer: Some(Elastomer { depth_mm: 5.0 }),
         contact: Contact { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
         relaxation: Vec::new(),
@@ -31,6 +41,7 @@ pub fn scene() -> Scene {
         latencies,
         faults: Vec::new(),
     };
+    change(&mut spec);
     let frame = Frame { origin: Place::new(0.0, 0.0), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
     let setting = Setting {
         frame,
@@ -39,7 +50,7 @@ pub fn scene() -> Scene {
         half_extent_mm: 6.0,
         power_on: POWER_ON,
         conversions_hz: 1000.0,
-        latencies,
+        latencies: spec.latencies,
     };
     Scene::new(spec, setting, 1)
 }

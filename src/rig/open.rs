@@ -215,8 +215,8 @@ fn emulate(map: &MappedDevice, role: Device, range_n: f64) -> Result<EmulatedDev
             let device = Modbus::rtu(Transmitter::new(range_n), map.profile.unit_id);
             (Arc::new(Mutex::new(device)), "modbus-rtu", Wiring::Serial)
         }
-        ("labjack-t7", Device::Array) => {
-            (Arc::new(Mutex::new(Modbus::tcp(LabJackT7::new()))), "modbus-tcp", Wiring::Network)
+        ("labjack-t7", Device::LoadCell | Device::Array) => {
+            (Arc::new(Mutex::new(Modbus::tcp(LabJackT7::new(role)))), "modbus-tcp", Wiring::Network)
         }
         (name, role) => return Err(unfit(role.name(), name)),
     };
@@ -224,7 +224,7 @@ fn emulate(map: &MappedDevice, role: Device, range_n: f64) -> Result<EmulatedDev
 }
 
 fn unfit(role: &str, map: &str) -> DeviceError {
-    let told = "simulated are generic-rs485 (load cell) and labjack-t7 (array)";
+    let told = "simulated are generic-rs485 (load cell) and labjack-t7 (load cell or array)";
     let problem =
         Problem::Mismatch(format!("there is no emulator for the register map \"{map}\" in this role: {told}"));
     DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }

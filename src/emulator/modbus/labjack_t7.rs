@@ -3,6 +3,7 @@
 
 use super::{READ_MOST, Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
+use std::ops::Range;
 
 /// Analog inputs AIN0 to AIN13.
 const CHANNELS: usize = 14;
@@ -27,15 +28,23 @@ const BAD_RANGE: u16 = 2370;
 const BAD_NEGATIVE_CHANNEL: u16 = 2373;
 const BAD_RESOLUTION: u16 = 2375;
 
-/// A LabJack T7 whose analog inputs AIN0, AIN1 ... are the taxels of the scene's array, in their order, 1 V a reading unit;
-/// inputs beyond the array read 0 V. Quantisation isn't modelled, nor is stream mode.
+/// The input that a load cell's amplifier is on, and what the amplifier makes of a newton, V.
+const CELL_CHANNEL: usize = 13;
+const VOLTS_PER_N: f64 = 1.0;
+/// Steps of a load cell's input from 0 to the end of its range: 16 bit with both signs.
+const CELL_STEPS: f64 = 32_768.0;
+
+/// A LabJack T7. As the array its analog inputs AIN0, AIN1 ... are the taxels of the scene, in their order, 1 V a reading unit.
+/// As the load cell its AIN13 is the scene's load cell, 1 V a newton, in steps of 16 bit of the range. Other inputs read 0 V.
+/// Quantisation of taxels isn't modelled, nor is stream mode.
 pub struct LabJackT7 {
+    role: Device,
     inputs: [Input; CHANNELS],
     dac_v: [f32; 2],
     fio: [u16; 8],
     last_error: u16,
-    /// What the taxels read, reading units: a scratch place, filled once a request.
-    outputs: Vec<f64>,
+    /// What is on the inputs, V: a scratch place, filled once a request.
+    wires_v: Vec<f64>,
 }
 
 #[derive(Clone, Copy)]
@@ -52,17 +61,12 @@ enum Value {
     Pair([u8; 4]),
 }
 
-impl Default for LabJackT7 {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl LabJackT7 {
-    /// A T7 as it is switched on: all inputs against ground, at 10 V.
-    pub fn new() -> Self {
+    /// A T7 as it is switched on: all inputs against ground, at 10 V. `role` is what is wired to it: the array, or the load
+    /// cell; to one that is to play the stage, nothing.
+    pub fn new(role: Device) -> Self {
         let input = Input { range_v: RANGES_V[0], negative_channel: GROUND, resolution: 0, settling_us: 0.0 };
-        LabJackT7 { inputs: [input; CHANNELS], dac_v: [0.0; 2], fio: [1; 8], last_error: 0, outputs: Vec::new() }
+        LabJackT7 { role, inputs: [input; CHANNELS], dac_v: [0.0; 2], fio: [1; 8], last_error: 0, wires_v: Vec::new() }
     }
 
     fn fail<T>(&mut self, detail: u16) -> Result<T, Refusal> {
@@ -73,10 +77,38 @@ impl LabJackT7 {
     /// What an input reads: the difference of its two, as far as its range goes, V.
     fn volts(&self, channel: usize) -> f32 {
         let input = &self.inputs[channel];
-        let against_ground = |channel: usize| self.outputs.get(channel).map_or(0.0, |output| output * VOLTS_PER_UNIT);
+        let against_ground = |channel: usize| self.wires_v.get(channel).copied().unwrap_or(0.0);
         let negative =
             if input.negative_channel == GROUND { 0.0 } else { against_ground(input.negative_channel.into()) };
-        ((against_ground(channel) - negative) as f32).clamp(-input.range_v, input.range_v)
+        let volts = ((against_ground(channel) - negative) as f32).clamp(-input.range_v, input.range_v);
+        if self.role != Device::LoadCell {
+            return volts;
+        }
+        let step_v = f64::from(input.range_v) / CELL_STEPS;
+        ((f64::from(volts) / step_v).round() * step_v) as f32
+    }
+
+    /// Looks at what is wired to the inputs. A load cell's conversion is looked at only if `channels` need it, which draws its
+    /// noise.
+    fn sense(&mut self, channels: Range<usize>, scene: &mut Scene, now_s: f64) {
+        match self.role {
+            Device::Array => {
+                self.wires_v.resize(scene.taxels(), 0.0);
+                scene.outputs(now_s, &mut self.wires_v);
+                self.wires_v.iter_mut().for_each(|volts| *volts *= VOLTS_PER_UNIT);
+            }
+            Device::LoadCell => {
+                let inputs = self.inputs.iter().enumerate().take(channels.end).skip(channels.start);
+                let of_cell = |(n, input): (usize, &Input)| {
+                    n == CELL_CHANNEL || usize::from(input.negative_channel) == CELL_CHANNEL
+                };
+                if inputs.into_iter().any(of_cell) {
+                    self.wires_v.resize(CHANNELS, 0.0);
+                    self.wires_v[CELL_CHANNEL] = scene.load_cell_n(now_s) * VOLTS_PER_N;
+                }
+            }
+            Device::Stage => {}
+        }
     }
 
     fn value(&self, address: u16, now_s: f64) -> Option<Value> {
@@ -168,13 +200,14 @@ impl LabJackT7 {
 
 impl RegisterMap for LabJackT7 {
     fn device(&self) -> Device {
-        Device::Array
+        self.role
     }
 
     fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
-        if usize::from(address) < 2 * CHANNELS {
-            self.outputs.resize(scene.taxels(), 0.0);
-            scene.outputs(now_s, &mut self.outputs);
+        let first = usize::from(address) / 2;
+        if first < CHANNELS {
+            let end = (usize::from(address) + words.len()).div_ceil(2).min(CHANNELS);
+            self.sense(first..end, scene, now_s);
         }
         let mut address = address;
         let mut left = words;
@@ -215,7 +248,7 @@ impl RegisterMap for LabJackT7 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::testbed::{pressed, scene};
+    use crate::emulator::testbed::{noisy, pressed, scene};
     use crate::mechanics::lambda;
 
     fn floats<const N: usize>(daq: &mut LabJackT7, scene: &mut Scene, address: u16) -> [f32; N] {
@@ -237,7 +270,7 @@ mod tests {
 
     #[test]
     fn the_inputs_are_the_taxels_in_order_and_nothing_after_them() {
-        let mut daq = LabJackT7::new();
+        let mut daq = LabJackT7::new(Device::Array);
         let volts: [f32; CHANNELS] = floats(&mut daq, &mut pressed(0.5), 0);
         let side = (0.5 * lambda(4.5 / 5.0)) as f32;
         let corner = (0.5 * lambda(4.5 * 2f64.sqrt() / 5.0)) as f32;
@@ -249,8 +282,39 @@ mod tests {
     }
 
     #[test]
+    fn as_a_load_cell_it_has_the_force_on_ain13_in_steps_of_its_range_and_nothing_beyond() {
+        let mut daq = LabJackT7::new(Device::LoadCell);
+        let step_v = 10.0 / 32768.0;
+        let [volts] = floats(&mut daq, &mut pressed(0.9), 26);
+        assert!((volts - 0.9).abs() < step_v / 2.0 + 1e-6, "{volts}");
+        assert!((volts / step_v - (volts / step_v).round()).abs() < 1e-3, "{volts} is no step");
+        let volts: [f32; CHANNELS] = floats(&mut daq, &mut pressed(0.9), 0);
+        assert_eq!(volts[..13], [0.0; 13], "the taxels are not on this one");
+        assert_eq!(floats::<1>(&mut daq, &mut pressed(12.0), 26), [10.0]);
+        assert_eq!(daq.device(), Device::LoadCell);
+    }
+
+    #[test]
+    fn a_load_cells_conversion_is_spent_only_by_those_who_read_it() {
+        let read_after = |others: &[u16]| {
+            let mut scene = noisy();
+            let mut daq = LabJackT7::new(Device::LoadCell);
+            for (address, at_s) in others.iter().zip([0.1, 0.2, 0.3]) {
+                daq.read(*address, &mut [[0; 2]; 2], &mut scene, at_s).expect("registers");
+            }
+            floats::<1>(&mut daq, &mut scene, 26)
+        };
+        assert_eq!(read_after(&[0, 24, 60000]), read_after(&[]));
+        assert_ne!(read_after(&[26]), read_after(&[]));
+        let mut daq = LabJackT7::new(Device::LoadCell);
+        write(&mut daq, 41012, &[[0, 13]]).expect("a channel");
+        let [volts] = floats(&mut daq, &mut pressed(0.5), 24);
+        assert!((volts + 0.5).abs() < 1e-3, "AIN12 against AIN13: {volts}");
+    }
+
+    #[test]
     fn a_range_a_negative_channel_and_what_they_do() {
-        let mut daq = LabJackT7::new();
+        let mut daq = LabJackT7::new(Device::Array);
         write(&mut daq, 40008, &float_words(0.1)).expect("a range");
         let volts: [f32; 10] = floats(&mut daq, &mut pressed(0.5), 0);
         assert_eq!(volts[4], 0.1);
@@ -262,7 +326,7 @@ mod tests {
 
     #[test]
     fn what_a_host_probes_is_what_a_t7_says() {
-        let mut daq = LabJackT7::new();
+        let mut daq = LabJackT7::new(Device::Array);
         let mut words = [[0; 2]; 2];
         for (address, bytes) in [
             (55100, [[0x00, 0x11], [0x22, 0x33]]),
@@ -278,7 +342,7 @@ mod tests {
 
     #[test]
     fn what_it_refuses_stands_in_detail_at_55000() {
-        let mut daq = LabJackT7::new();
+        let mut daq = LabJackT7::new(Device::Array);
         let mut odd = [[0; 2]; 3];
         assert_eq!(daq.read(0, &mut odd, &mut scene(), 0.0), Err(Refusal::Value));
         let mut detail = [[0; 2]];
