@@ -122,9 +122,11 @@ fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testbed::{Wire, scene, shared};
+    use super::super::Esp301;
+    use super::super::testbed::{POWER_ON, Wire, scene, scene_with, shared};
     use super::*;
-    use crate::scene::Device;
+    use crate::quantity::Axis;
+    use crate::scene::{Device, Fault, FaultKind};
 
     /// Sends back each byte, and is deaf for a second after a `!`.
     struct Echo {
@@ -203,5 +205,22 @@ mod tests {
         drop(near);
         let echo = shared(Echo { deaf_until_s: 0.0 });
         assert!(serve(far, echo, shared(scene()), Instant::now()).await.is_ok());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_silent_link_loses_what_is_asked_and_others_go_on() {
+        let lost = Fault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
+        let scene = shared(scene_with(|spec| spec.faults.push(lost)));
+        let origin = Instant::now();
+        let esp = shared(Esp301::new(&lock(&scene)));
+        let mut stage = Wire::to(esp, scene.clone(), origin);
+        assert_eq!(stage.ask(b"1MO;1PA1;1MO?\r", 3).await, b"1\r\n");
+        sleep(Duration::from_secs(1)).await;
+        stage.send(b"1PA5;1MD?\r").await;
+        assert!(stage.is_silent().await);
+        let mut other = Wire::to(shared(Echo { deaf_until_s: 0.0 }), scene.clone(), origin);
+        assert_eq!(other.ask(b"a", 1).await, b"a");
+        let way_mm = lock(&scene).axis(Axis::X, 60.0).0 - POWER_ON.x_mm;
+        assert!((way_mm - 1.0).abs() < 1e-9, "it ended what it had begun, and began nothing: {way_mm} mm");
     }
 }

@@ -200,4 +200,77 @@ mod tests {
         let noise = scene(&wider).taxel_noise_percent.unwrap();
         assert_eq!((noise.len(), noise[9]), (12, noise[0]));
     }
+
+    fn changed(from: &str, to: &str) -> Result<SceneSpec, Vec<String>> {
+        assert!(SIM_RIG.contains(from), "{from}");
+        let text = SIM_RIG.replace(from, to);
+        let rig = super::super::parse("rig.toml", &text, &|_| unreachable!());
+        rig.map(|rig| rig.scene).map_err(|problems| problems.lines())
+    }
+
+    #[test]
+    fn each_term_is_there_if_it_is_named_and_in_the_units_it_is_named_in() {
+        let plain = changed("[scene]", "[scene]").unwrap();
+        assert_eq!(
+            (plain.relief, plain.stiffness, plain.stage, plain.latencies.stage_spikes),
+            (None, None, None, None)
+        );
+        assert!(plain.faults.is_empty());
+        let cell = LoadCell { noise_n: 0.003, ..LoadCell::default() };
+        assert_eq!(plain.load_cell, Some(cell));
+
+        let scene = changed("noise_n = 0.003", "noise_n = 0.003, transport_ms = 2.0, low_pass_hz = 100.0").unwrap();
+        assert_eq!(scene.load_cell, Some(LoadCell { transport_s: 0.002, low_pass_hz: Some(100.0), ..cell }));
+        let scene = changed("tilt_mm = 0.2", "bumps_mm = 0.03, bumps_wavelength_mm = [1.0, 2.0]").unwrap();
+        let short = Relief { bumps_mm: 0.03, bumps_wavelength_mm: (1.0, 2.0), roughness_mm: 0.0 };
+        assert_eq!((scene.surface_tilt_mm, scene.relief), (0.0, Some(short)));
+        let scene = changed("tilt_mm = 0.2", "tilt_mm = 0.2, bumps_mm = 0.005, roughness_mm = 0.001").unwrap();
+        let nominal = Relief { bumps_mm: 0.005, bumps_wavelength_mm: (6.0, 12.0), roughness_mm: 0.001 };
+        assert_eq!((scene.surface_tilt_mm, scene.relief), (0.2, Some(nominal)));
+        let more = "stiffness = { smooth_percent = 6.0, white_percent = 0.5 }\nstage = { servo_ms = 7.0, quantum_mm = 0.0001 }\nelastomer";
+        let scene = changed("elastomer", more).unwrap();
+        assert_eq!(scene.stiffness, Some(Stiffness { smooth_percent: 6.0, white_percent: 0.5 }));
+        assert_eq!(scene.stage, Some(Servo { lag_s: 0.007, quantum_mm: 0.0001 }));
+        let scene = changed("latency_ms = {", "latency_ms = { spikes = { share = 0.02, ms = 200.0 },").unwrap();
+        assert_eq!(scene.latencies.stage_spikes, Some(Spikes { share: 0.02, longer_s: 0.2 }));
+    }
+
+    #[test]
+    fn every_fault_can_be_named() {
+        let last = "array = [1.0, 2.0] }";
+        for (name, kind) in FaultKind::ALL {
+            let fault = format!("{last}\n[[scene.fault]]\nkind = \"{name}\"\nfrom_s = 12.0\n");
+            assert_eq!(changed(last, &fault).unwrap().faults, [Fault { kind, from_s: 12.0, value: None }]);
+            let valued = changed(last, &format!("{fault}value = 1.5\n"));
+            match kind.usual() {
+                Some(_) => assert_eq!(valued.unwrap().faults[0].value, Some(1.5), "{name}"),
+                None => assert!(valued.unwrap_err()[0].contains("value"), "{name} takes no value"),
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_in_a_scene_is_told() {
+        let last = "array = [1.0, 2.0] }";
+        let fault = |text: &str| format!("{last}\n[[scene.fault]]\n{text}\n");
+        for (from, to, told) in [
+            ("tilt_mm = 0.2", "tilt_mm = 0.2, bumps_wavelength_mm = [6.0, 12.0]", "without `bumps_mm`"),
+            ("tilt_mm = 0.2", "bumps_mm = -0.1", "bumps_mm"),
+            ("tilt_mm = 0.2", "bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]", "bumps_wavelength_mm"),
+            ("noise_n = 0.003", "low_pass_hz = 0.0", "low_pass_hz"),
+            ("noise_n = 0.003", "transport_ms = -1.0", "transport_ms"),
+            ("elastomer", "stiffness = { smooth_percent = 60.0 }\nelastomer", "smooth_percent"),
+            ("elastomer", "stage = { servo_ms = -1.0 }\nelastomer", "servo_ms"),
+            ("elastomer", "stage = { lag_ms = 1.0 }\nelastomer", "lag_ms"),
+            ("latency_ms = {", "latency_ms = { spikes = { share = 1.5, ms = 200.0 },", "share"),
+            ("latency_ms = {", "latency_ms = { spikes = { share = 0.5 },", "`ms` is missing"),
+            (last, &fault("kind = \"stuk\"\nfrom_s = 1.0"), "stuck"),
+            (last, &fault("kind = \"stuck\""), "`from_s` is missing"),
+            (last, &fault("kind = \"slow-stage\"\nfrom_s = 1.0\nvalue = -1.0"), "value"),
+            (last, &fault("from_s = 1.0"), "`kind` is missing"),
+        ] {
+            let problems = changed(from, to).expect_err(to);
+            assert!(problems.iter().any(|line| line.contains(told)), "{to}: {problems:?}");
+        }
+    }
 }

@@ -235,10 +235,14 @@ impl Scene {
         }
     }
 
-    /// The next instant at which an axis changes its acceleration, a fault begins, or the load cell must know the force; at
-    /// the latest `to_s`.
+    /// The next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window must know the
+    /// force; at the latest `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
-        let others = [self.load_cell.next_knot(self.now_s, to_s), self.faults.next_s(self.now_s)];
+        let others = [
+            self.load_cell.next_knot(self.now_s, to_s),
+            self.faults.next_s(self.now_s),
+            self.witness.next_knot(self.now_s),
+        ];
         let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain(others);
         knots.filter(|&knot_s| knot_s > self.now_s).fold(to_s, f64::min)
     }

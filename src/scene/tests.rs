@@ -217,3 +217,6 @@ fn the_surface_lies_within_its_tilt_and_belongs_to_the_seed() {
     assert!(heights.iter().all(|h| h.abs() <= 0.2 + 1e-12));
     assert!(heights.iter().any(|h| h.abs() > 0.15), "the tilt is used");
 }
+
+mod faults;
+mod plant;

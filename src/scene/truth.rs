@@ -1,3 +1,6 @@
+/// Longest stretch of a window that is taken for a trapezoid, s: what relaxes bends by some 1 uN within it.
+const STRETCH_S: f64 = 0.005;
+
 /// What really happened in a press, as no instrument of the rig can know it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
@@ -26,7 +29,12 @@ struct Window {
 }
 
 impl Witness {
-    /// The force went from one value to another in `dt_s`: a trapezoid, since stretches are short while a window is open.
+    /// Where the scene must stop after `now_s` at the latest, s: often while a window is open.
+    pub fn next_knot(&self, now_s: f64) -> f64 {
+        if self.window.is_some() { now_s + STRETCH_S } else { f64::INFINITY }
+    }
+
+    /// The force went from one value to another in `dt_s`: a trapezoid.
     pub fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
         if let Some(window) = &mut self.window {
             window.area_n_s += dt_s * (from_n + to_n) / 2.0;

@@ -1,5 +1,6 @@
 use super::*;
-use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, shared};
+use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
+use crate::scene::Servo;
 use proptest::prelude::*;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -12,13 +13,20 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let scene = scene();
+        Bench::on(scene())
+    }
+
+    fn on(scene: Scene) -> Self {
         Bench { esp: Esp301::new(&scene), scene }
     }
 
     /// Motors on and homed by `OR1`, at true zero from 10 s on.
     fn homed() -> Self {
-        let mut bench = Bench::new();
+        Bench::homed_on(scene())
+    }
+
+    fn homed_on(scene: Scene) -> Self {
+        let mut bench = Bench::on(scene);
         // z away from the specimen first, or it would be homed into it
         assert_eq!(bench.say(0.0, "1MO;2MO;3MO;1OR1;2OR1;3OR3"), "");
         bench.say(10.0, "TP?");
@@ -72,6 +80,50 @@ fn the_start_up_of_the_recorded_session_goes_as_recorded() {
     ] {
         assert_eq!(bench.say(now_s, sent), answered, "{sent} at {now_s} s");
     }
+}
+
+#[test]
+fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
+    let lag_s = 0.007;
+    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s, quantum_mm: 0.0 })));
+    bench.say(11.0, "1VA10;1PA5");
+    let mut before = (0.0, 0.0);
+    for step in 0..=10_000 {
+        let now_s = 11.0 + f64::from(step) * 1e-4;
+        match step {
+            2000 => assert_eq!(bench.say(now_s, "1VA3"), ""),
+            2030 => assert_eq!(bench.say(now_s, "1VA6"), ""),
+            5000 => assert_eq!(bench.say(now_s, "1ST"), ""),
+            _ => {}
+        }
+        let (place_mm, speed_mm_s) = bench.scene.axis(Axis::X, now_s);
+        let jump_mm = place_mm - before.0 - (speed_mm_s + before.1) / 2.0 * 1e-4;
+        assert!(jump_mm.abs() < 1e-6, "{jump_mm} mm at {now_s} s");
+        assert!((speed_mm_s - before.1).abs() < 100.0 * 1e-4 + 1e-9, "{} to {speed_mm_s} at {now_s} s", before.1);
+        before = (place_mm, speed_mm_s);
+    }
+    assert_eq!(bench.errors(12.0), [""; 0]);
+    assert_eq!(bench.say(12.0, "1MD?"), "1");
+}
+
+#[test]
+fn a_lagging_stage_is_called_done_before_it_rests_and_tp_tells_where_it_is() {
+    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.05, quantum_mm: 0.0 })));
+    bench.say(11.0, "1VA10;1PA1");
+    let done_s = bench.scene.motion(Axis::X).end_s() + 1e-6;
+    assert_eq!(bench.say(done_s - 1e-5, "1MD?"), "0");
+    assert_eq!(bench.say(done_s, "1MD?"), "1");
+    let there_mm: f64 = bench.say(done_s, "1TP?").parse().expect("a place");
+    assert!((there_mm - 0.9375).abs() < 1e-3, "50 ms at 50 mm/s^2 are 0.0625 mm: {there_mm}");
+    assert_eq!(bench.say(done_s + 0.05, "1TP?"), "1.0000");
+}
+
+#[test]
+fn targets_are_rounded_to_the_stages_quantum() {
+    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01 })));
+    bench.say(11.0, "1PA0.1263");
+    assert_eq!(bench.say(12.0, "1TP?;1PA?"), "0.1300|0.1300");
+    assert!((bench.true_mm(Axis::X, 12.0) - 0.13).abs() < 1e-12);
 }
 
 #[test]
