@@ -60,7 +60,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     folder.finish(Status::Complete).unwrap();
     let table = Table::read_run(&out.join("presses.csv")).unwrap();
     let over_estimate = folder.manifest.virtual_s / estimated_s(&plan.entries, &spec);
-    Whole { spec, table, contacts: folder.contacts().values().cloned().collect(), over_estimate }
+    Whole { spec, table, contacts: folder.contacts().unwrap().map(Result::unwrap).collect(), over_estimate }
 }
 
 impl Whole {

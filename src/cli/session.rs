@@ -51,7 +51,7 @@ pub fn carry_out(
     }
     let runtime = builder.build().into_diagnostic().map_err(Failure::usage)?;
     let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
-    let mut progress = Progress::new(plan, folder.contacts().len(), args.json);
+    let mut progress = Progress::new(plan, folder.manifest.presses_done as usize, args.json);
     let ending = runtime.block_on(async {
         if let Some(pace) = args.pace {
             tokio::spawn(keep_pace(pace));
@@ -86,7 +86,7 @@ pub fn carry_out(
     }
     shown?; // whatever went wrong with the rig is said first
     let evaluations = summary::evaluations(folder, spec, solvers)?;
-    show(&summary::results(folder, spec, &evaluations)?)?;
+    show(&summary::results(folder, &evaluations)?)?;
     Ok(accepted(&evaluations))
 }
 

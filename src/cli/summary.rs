@@ -1,6 +1,6 @@
 use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
-use crate::dataset::characteristics::{Repeatability, Staircases};
+use crate::dataset::characteristics::Repeatability;
 use crate::dataset::evaluate::evaluate_run;
 use crate::dataset::table::Table;
 use crate::dataset::{RunFolder, Status};
@@ -29,8 +29,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     } else {
         let _ = writeln!(text, "time: {}", duration(manifest.wall_s));
     }
-    let flagged =
-        folder.contacts().values().flat_map(|contact| &contact.rows).filter(|row| !row.flags.is_empty()).count();
+    let flagged = folder.flagged_rows();
     if flagged > 0 {
         let _ =
             writeln!(text, "flagged: {flagged} rows missed their force; they are kept, and left out of evaluations");
@@ -63,12 +62,12 @@ pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Re
 }
 
 /// What a complete run came to: the evaluation beside the paper's, and Table 1.
-pub fn results(folder: &RunFolder, spec: &RigSpec, evaluations: &[Evaluation]) -> Result<String, Failure> {
+pub fn results(folder: &RunFolder, evaluations: &[Evaluation]) -> Result<String, Failure> {
     let mut text = String::new();
     if !evaluations.is_empty() {
         let _ = write!(text, "\n{}", evaluation_table(evaluations));
     }
-    if let Some(staircases) = Staircases::of_run(&presses(folder)?, &spec.array.layout) {
+    if let Some(staircases) = folder.staircases().map_err(Failure::dataset)? {
         let _ = write!(text, "\n{}", characteristics_table(&staircases, Repeatability::default()));
     }
     Ok(text)

@@ -9,9 +9,11 @@
 //! - **full scale** is the mean loading output at the top force;
 //! - the zero level is left out: in air nothing is there to repeat.
 
+use super::Contact;
 use super::table::{Row, Table};
 use crate::control::Branch;
-use crate::quantity::ArrayLayout;
+use crate::quantity::{ArrayLayout, Place};
+use crate::recipe::Phase;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -148,34 +150,70 @@ impl Staircases {
                 presses.entry(record.press).or_default().push((record.level, record.force_set_n, row));
             }
         }
-        if presses.is_empty() {
-            return None;
-        }
-        let mut staircases = Staircases { readings: vec![Vec::new(); layout.len()], left_out: 0 };
+        let mut staircases = Staircases::none(layout);
         for mut levels in presses.into_values() {
             levels.sort_by_key(|(level, ..)| *level);
-            staircases.add(&levels, layout);
+            let held = levels.iter().map(|(_, force_set_n, row)| Held {
+                place: row.place,
+                force_set_n: *force_set_n,
+                force_n: row.force_n,
+                outputs: &row.outputs,
+                flagged: row.flagged,
+            });
+            staircases.add(&held.collect::<Vec<_>>(), layout);
         }
-        Some(staircases)
+        staircases.some()
     }
 
-    /// Adds the levels (number, set force, row) of one press, in the order they were held.
-    fn add(&mut self, levels: &[(u64, f64, &Row)], layout: &ArrayLayout) {
-        let top_n = levels.iter().map(|(_, force_set_n, _)| *force_set_n).fold(f64::MIN, f64::max);
-        let top = levels.iter().position(|(_, force_set_n, _)| *force_set_n == top_n).unwrap_or(0);
-        for (order, (_, force_set_n, row)) in levels.iter().enumerate() {
-            let remoteness = |unit: &usize| row.place.distance_mm(layout.places()[*unit]);
+    /// None yet, for the units of an array.
+    pub(super) fn none(layout: &ArrayLayout) -> Self {
+        Staircases { readings: vec![Vec::new(); layout.len()], left_out: 0 }
+    }
+
+    /// These; none where there is not a row.
+    pub(super) fn some(self) -> Option<Self> {
+        (self.left_out > 0 || self.readings.iter().any(|readings| !readings.is_empty())).then_some(self)
+    }
+
+    /// Adds the rows of a contact, if it is a characterisation's.
+    pub(super) fn add_contact(&mut self, contact: &Contact, layout: &ArrayLayout) {
+        let rows = contact.rows.iter().filter(|row| row.phase == Phase::Characterisation);
+        let held = rows.map(|row| Held {
+            place: Place::new(row.x_mm, row.y_mm),
+            force_set_n: row.force_set_n,
+            force_n: Some(row.force_n),
+            outputs: &row.outputs,
+            flagged: !row.flags.is_empty(),
+        });
+        self.add(&held.collect::<Vec<_>>(), layout);
+    }
+
+    /// Adds the levels of one press, in the order they were held.
+    fn add(&mut self, levels: &[Held], layout: &ArrayLayout) {
+        let top_n = levels.iter().map(|held| held.force_set_n).fold(f64::MIN, f64::max);
+        let top = levels.iter().position(|held| held.force_set_n == top_n).unwrap_or(0);
+        for (order, held) in levels.iter().enumerate() {
+            let remoteness = |unit: &usize| held.place.distance_mm(layout.places()[*unit]);
             let closest = (0..layout.len()).min_by(|a, b| remoteness(a).total_cmp(&remoteness(b)));
-            let reading = closest.and_then(|unit| Some((unit, row.force_n?, *row.outputs.get(unit)?)));
+            let reading = closest.and_then(|unit| Some((unit, held.force_n?, *held.outputs.get(unit)?)));
             match reading {
-                Some((unit, force_n, output)) if !row.flagged => {
+                Some((unit, force_n, output)) if !held.flagged => {
                     let branch = if order <= top { Branch::Loading } else { Branch::Unloading };
-                    self.readings[unit].push(Reading { branch, force_set_n: *force_set_n, force_n, output });
+                    self.readings[unit].push(Reading { branch, force_set_n: held.force_set_n, force_n, output });
                 }
                 _ => self.left_out += 1,
             }
         }
     }
+}
+
+/// One held level, whether it comes from a table or from the journal.
+struct Held<'a> {
+    place: Place,
+    force_set_n: f64,
+    force_n: Option<f64>,
+    outputs: &'a [f64],
+    flagged: bool,
 }
 
 fn characterise_unit(unit: usize, readings: &[Reading], repeatability: Repeatability) -> UnitCharacteristics {
@@ -281,7 +319,6 @@ fn student_t95(degrees_of_freedom: usize) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::dataset::table::Record;
-    use crate::quantity::Place;
 
     const LEVELS: [f64; 9] = [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0, 0.5, 0.0];
 

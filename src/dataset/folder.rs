@@ -1,9 +1,10 @@
+use super::characteristics::Staircases;
+use super::index::Index;
 use super::table::{Table, TableError};
 use super::views::{PRESSES, presses_header, presses_line, replace, write};
-use super::{Contact, DatasetError, Journal, Ledger, Manifest, Record, Status};
+use super::{Contacts, DatasetError, Journal, Ledger, Manifest, Record, Status};
 use crate::device::Identity;
 use crate::quantity::ArrayLayout;
-use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ pub struct Origins {
     pub maps: Vec<(String, String)>,
 }
 
-/// A run on disk that is being written.
+/// A run on disk that is being written. Of its presses it holds the places in the journal, and no more.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
@@ -34,8 +35,16 @@ pub struct RunFolder {
     layout: ArrayLayout,
     /// What the run is, kept up to date by its writer.
     pub manifest: Manifest,
-    contacts: BTreeMap<u64, Contact>,
+    known: Known,
+}
+
+/// What is known of a journal without reading it again.
+#[derive(Debug)]
+struct Known {
+    contacts: Index,
+    flagged_rows: u64,
     first_zero_n: Option<f64>,
+    last_s: f64,
 }
 
 impl RunFolder {
@@ -74,9 +83,10 @@ impl RunFolder {
     /// No manifest, a damaged journal, or the operating system's.
     pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
         let manifest = Self::read_manifest(path)?;
-        let folder = Self::attach(path.to_owned(), manifest, layout)?;
+        let mut folder = Self::attach(path.to_owned(), manifest, layout)?;
         folder.write_views()?; // what a power cut left of the tables
-        Self::attach(folder.path, folder.manifest, layout)
+        folder.presses = open_presses(path)?;
+        Ok(folder)
     }
 
     /// The manifest of a run.
@@ -123,58 +133,78 @@ impl RunFolder {
         &self.path
     }
 
-    /// What has been measured, by its number in the plan.
-    pub fn contacts(&self) -> &BTreeMap<u64, Contact> {
-        &self.contacts
+    /// What has been measured, in the order of the plan's numbers, read from the journal one by one.
+    ///
+    /// # Errors
+    /// The operating system's; a journal that was damaged since it was opened comes with the contacts.
+    pub fn contacts(&self) -> Result<Contacts<'_>, DatasetError> {
+        Ok(self.known.contacts.contacts(Journal::records(&self.path.join(JOURNAL))?))
+    }
+
+    /// The staircases among them; none where there are none.
+    ///
+    /// # Errors
+    /// A journal that can't be read.
+    pub fn staircases(&self) -> Result<Option<Staircases>, DatasetError> {
+        let mut staircases = Staircases::none(&self.layout);
+        for contact in self.contacts()? {
+            staircases.add_contact(&contact?, &self.layout);
+        }
+        Ok(staircases.some())
+    }
+
+    /// How many rows have something wrong with them.
+    pub fn flagged_rows(&self) -> u64 {
+        self.known.flagged_rows
     }
 
     fn attach(path: PathBuf, manifest: Manifest, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        let (journal, records) = Journal::open(&path.join(JOURNAL))?;
-        let presses = path.join(PRESSES);
-        let presses = OpenOptions::new()
-            .append(true)
-            .create(true)
-            .open(&presses)
-            .map_err(DatasetError::io("opening", presses))?;
-        let mut folder = RunFolder {
-            path,
-            journal,
-            presses,
-            layout: layout.clone(),
-            manifest,
-            contacts: BTreeMap::new(),
+        let mut known = Known {
+            contacts: Index::with_room(manifest.presses_planned),
+            flagged_rows: 0,
             first_zero_n: None,
+            last_s: 0.0,
         };
-        records.into_iter().for_each(|record| folder.take_in(record));
+        let journal = Journal::open(&path.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
+        let presses = open_presses(&path)?;
+        let mut folder = RunFolder { path, journal, presses, layout: layout.clone(), manifest, known };
+        folder.say_how_far();
         Ok(folder)
     }
 
     /// What is on disk is what is known: a run that was killed couldn't say how far it had come.
-    fn take_in(&mut self, record: Record) {
-        match record {
-            Record::Contact(contact) => {
-                let last_s = contact.rows.iter().map(|row| row.t_s).fold(0.0, f64::max);
-                self.manifest.virtual_s = self.manifest.virtual_s.max(last_s);
-                self.contacts.insert(contact.press, contact);
-            }
-            Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(offset_n),
-            Record::Trip { .. } => {}
-        }
-        self.manifest.presses_done = self.contacts.len() as u64;
+    fn say_how_far(&mut self) {
+        self.manifest.virtual_s = self.manifest.virtual_s.max(self.known.last_s);
+        self.manifest.presses_done = self.known.contacts.done();
     }
 
     fn write_views(&self) -> Result<(), DatasetError> {
-        write(&self.path, &self.contacts.values().collect::<Vec<_>>(), &self.layout)
+        write(&self.path, &self.layout, &|| self.contacts())
+    }
+}
+
+impl Known {
+    fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
+        match record {
+            Record::Contact(contact) => {
+                self.contacts.insert(contact.press, offset)?;
+                self.flagged_rows += contact.rows.iter().filter(|row| !row.flags.is_empty()).count() as u64;
+                self.last_s = contact.rows.iter().map(|row| row.t_s).fold(self.last_s, f64::max);
+            }
+            Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
+            Record::Trip { .. } => {}
+        }
+        Ok(())
     }
 }
 
 impl Ledger for RunFolder {
     fn has(&self, press: u64) -> bool {
-        self.contacts.contains_key(&press)
+        self.known.contacts.has(press)
     }
 
     fn first_zero_n(&self) -> Option<f64> {
-        self.first_zero_n
+        self.known.first_zero_n
     }
 
     fn elapsed_s(&self) -> f64 {
@@ -186,14 +216,15 @@ impl Ledger for RunFolder {
         if let Record::Trip { trip, .. } = record {
             self.manifest.trip = Some(trip.clone());
         }
-        self.journal.append(record)?;
+        let offset = self.journal.append(record)?;
+        self.known.take_in(offset, record).map_err(|problem| self.journal.damaged(offset, problem))?;
         if let Record::Contact(contact) = record {
             let lines: String = contact.rows.iter().map(presses_line).collect();
             let path = self.path.join(PRESSES);
             // a view: it need not reach the disk now, since the journal has
             self.presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))?;
         }
-        self.take_in(record.clone());
+        self.say_how_far();
         Ok(())
     }
 
@@ -205,6 +236,12 @@ impl Ledger for RunFolder {
     fn note_elapsed(&mut self, elapsed_s: f64) {
         self.manifest.virtual_s = elapsed_s;
     }
+}
+
+/// The table of presses, to add rows to.
+fn open_presses(folder: &Path) -> Result<File, DatasetError> {
+    let path = folder.join(PRESSES);
+    OpenOptions::new().append(true).create(true).open(&path).map_err(DatasetError::io("opening", path))
 }
 
 /// Everything a run folder holds before its first press.

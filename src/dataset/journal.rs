@@ -1,6 +1,6 @@
 use super::Record;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -10,12 +10,23 @@ const JOURNAL_MAX_BYTES: u64 = 1 << 30;
 /// The append-only record of a run: one line a record, `sequence checksum json`.
 ///
 /// The checksum is CRC-32 over the sequence number and the text. A torn last line, left by a power cut, is cut off; anything
-/// else that doesn't fit is damage and named with its offset.
+/// else that doesn't fit is damage and named with its offset. It is read record by record and never held in memory whole.
 #[derive(Debug)]
 pub struct Journal {
     file: File,
     path: PathBuf,
     next: u64,
+    end: u64,
+    line: Vec<u8>,
+}
+
+/// The records of a journal in the order they were made, each with the byte it begins at; without a torn tail.
+#[derive(Debug)]
+pub struct Records {
+    reader: BufReader<File>,
+    path: PathBuf,
+    next: u64,
+    offset: u64,
     line: Vec<u8>,
 }
 
@@ -28,7 +39,7 @@ pub enum JournalError {
         /// The journal.
         path: PathBuf,
         /// Where the record begins.
-        offset: usize,
+        offset: u64,
         /// What is wrong with it.
         problem: String,
     },
@@ -49,40 +60,121 @@ impl Journal {
     /// The operating system's.
     pub fn create(path: &Path) -> Result<Journal, JournalError> {
         let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(failed(path))?;
-        Ok(Journal { file, path: path.to_owned(), next: 0, line: Vec::new() })
+        Ok(Journal { file, path: path.to_owned(), next: 0, end: 0, line: Vec::new() })
     }
 
-    /// Opens a journal to go on with it: its records, and itself with a torn tail cut off.
+    /// Opens a journal to go on with it, its torn tail cut off. Its records are shown on the way, each with the byte it
+    /// begins at; one that `accept` refuses is damage.
     ///
     /// # Errors
     /// Damage before the last line, or the operating system's.
-    pub fn open(path: &Path) -> Result<(Journal, Vec<Record>), JournalError> {
-        let (records, sound_bytes) = read(path)?;
+    pub fn open(
+        path: &Path,
+        mut accept: impl FnMut(u64, &Record) -> Result<(), String>,
+    ) -> Result<Journal, JournalError> {
+        let mut records = Journal::records(path)?;
+        while let Some((offset, record)) = records.advance()? {
+            accept(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
+        }
         let file = OpenOptions::new().append(true).open(path).map_err(failed(path))?;
-        file.set_len(sound_bytes as u64).map_err(failed(path))?;
-        Ok((Journal { file, path: path.to_owned(), next: records.len() as u64, line: Vec::new() }, records))
+        file.set_len(records.offset).map_err(failed(path))?;
+        Ok(Journal { file, path: records.path, next: records.next, end: records.offset, line: records.line })
     }
 
-    /// The records of a journal, without a torn tail.
-    ///
-    /// # Errors
-    /// Damage before the last line, or the operating system's.
-    pub fn records(path: &Path) -> Result<Vec<Record>, JournalError> {
-        Ok(read(path)?.0)
-    }
-
-    /// Adds a record. When this returns it is on the disk.
+    /// The records of a journal from its beginning. Damage before the last line comes in its place; no record after it can be relied on.
     ///
     /// # Errors
     /// The operating system's.
-    pub fn append(&mut self, record: &Record) -> Result<(), JournalError> {
+    pub fn records(path: &Path) -> Result<Records, JournalError> {
+        let file = File::open(path).map_err(failed(path))?;
+        if file.metadata().map_err(failed(path))?.len() > JOURNAL_MAX_BYTES {
+            let too_large = io::Error::new(io::ErrorKind::FileTooLarge, format!("over {JOURNAL_MAX_BYTES} bytes"));
+            return Err(failed(path)(too_large));
+        }
+        Ok(Records { reader: BufReader::new(file), path: path.to_owned(), next: 0, offset: 0, line: Vec::new() })
+    }
+
+    /// Adds a record and gives the byte it begins at. When this returns it is on the disk.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn append(&mut self, record: &Record) -> Result<u64, JournalError> {
         let text = serde_json::to_string(record).map_err(|error| failed(&self.path)(error.into()))?;
         self.line.clear();
         // writing to memory can't fail
         let _ = writeln!(self.line, "{} {:08x} {text}", self.next, checksum(self.next, &text));
         self.file.write_all(&self.line).and_then(|()| self.file.sync_data()).map_err(failed(&self.path))?;
+        let offset = self.end;
         self.next += 1;
+        self.end += self.line.len() as u64;
+        Ok(offset)
+    }
+
+    pub(super) fn damaged(&self, offset: u64, problem: String) -> JournalError {
+        JournalError::Damaged { path: self.path.clone(), offset, problem }
+    }
+}
+
+impl Records {
+    /// The record that begins at a byte that the journal named; the one after it is next.
+    ///
+    /// # Errors
+    /// Damage since then, or the operating system's.
+    pub fn at(&mut self, offset: u64) -> Result<Record, JournalError> {
+        // keeps what has been read ahead: in the order of the journal nothing is read twice
+        let way = offset as i64 - self.offset as i64;
+        self.reader.seek_relative(way).map_err(failed(&self.path))?;
+        self.offset = offset;
+        self.read_line()?;
+        let (sequence, record) = parse(&self.line).map_err(|problem| self.damaged(offset, problem))?;
+        self.pass(sequence);
+        Ok(record)
+    }
+
+    fn advance(&mut self) -> Result<Option<(u64, Record)>, JournalError> {
+        let offset = self.offset;
+        self.read_line()?;
+        let parsed = parse(&self.line).and_then(|(sequence, record)| {
+            let wrong = || format!("sequence number {sequence}, expected {}", self.next);
+            if sequence == self.next { Ok(record) } else { Err(wrong()) }
+        });
+        match parsed {
+            Ok(record) => {
+                self.pass(self.next);
+                Ok(Some((offset, record)))
+            }
+            Err(_) if self.is_at_end()? => Ok(None), // torn: it was never acknowledged
+            Err(problem) => Err(self.damaged(offset, problem)),
+        }
+    }
+
+    /// Reads the line that is next; an empty one at the end.
+    fn read_line(&mut self) -> Result<(), JournalError> {
+        self.line.clear();
+        let mut rest = self.reader.by_ref().take(JOURNAL_MAX_BYTES);
+        rest.read_until(b'\n', &mut self.line).map_err(failed(&self.path))?;
         Ok(())
+    }
+
+    fn pass(&mut self, sequence: u64) {
+        self.next = sequence + 1;
+        self.offset += self.line.len() as u64;
+    }
+
+    fn is_at_end(&mut self) -> Result<bool, JournalError> {
+        Ok(self.reader.fill_buf().map_err(failed(&self.path))?.is_empty())
+    }
+
+    pub(super) fn damaged(&self, offset: u64, problem: String) -> JournalError {
+        JournalError::Damaged { path: self.path.clone(), offset, problem }
+    }
+}
+
+impl Iterator for Records {
+    type Item = Result<(u64, Record), JournalError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.advance().transpose()
     }
 }
 
@@ -91,43 +183,19 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> JournalError {
     move |source| JournalError::Io { path, source }
 }
 
-/// The records and the bytes they take.
-fn read(path: &Path) -> Result<(Vec<Record>, usize), JournalError> {
-    let mut bytes = Vec::new();
-    let file = File::open(path).map_err(failed(path))?;
-    file.take(JOURNAL_MAX_BYTES + 1).read_to_end(&mut bytes).map_err(failed(path))?;
-    if bytes.len() as u64 > JOURNAL_MAX_BYTES {
-        let too_large = io::Error::new(io::ErrorKind::FileTooLarge, format!("over {JOURNAL_MAX_BYTES} bytes"));
-        return Err(failed(path)(too_large));
-    }
-    let mut records = Vec::new();
-    let mut offset = 0;
-    for line in bytes.split_inclusive(|&byte| byte == b'\n') {
-        let is_last = offset + line.len() == bytes.len();
-        match parse(line, records.len() as u64) {
-            Ok(record) => records.push(record),
-            Err(_) if is_last => break, // torn: it was never acknowledged
-            Err(problem) => return Err(JournalError::Damaged { path: path.to_owned(), offset, problem }),
-        }
-        offset += line.len();
-    }
-    Ok((records, offset))
-}
-
-fn parse(line: &[u8], expected: u64) -> Result<Record, String> {
+/// A line's sequence number and record.
+fn parse(line: &[u8]) -> Result<(u64, Record), String> {
     let text = std::str::from_utf8(line).map_err(|_| "not text")?;
     let text = text.strip_suffix('\n').ok_or("no line end")?;
     let mut parts = text.splitn(3, ' ');
     let (Some(sequence), Some(sum), Some(json)) = (parts.next(), parts.next(), parts.next()) else {
         return Err("not `sequence checksum json`".to_owned());
     };
-    if sequence.parse() != Ok(expected) {
-        return Err(format!("sequence number {sequence}, expected {expected}"));
-    }
-    if u32::from_str_radix(sum, 16) != Ok(checksum(expected, json)) {
+    let sequence = sequence.parse().map_err(|_| format!("sequence number {sequence}"))?;
+    if u32::from_str_radix(sum, 16) != Ok(checksum(sequence, json)) {
         return Err("the checksum doesn't fit".to_owned());
     }
-    serde_json::from_str(json).map_err(|error| error.to_string())
+    Ok((sequence, serde_json::from_str(json).map_err(|error| error.to_string())?))
 }
 
 fn checksum(sequence: u64, text: &str) -> u32 {
@@ -163,10 +231,19 @@ mod tests {
         for cut in 0..=whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
             let complete = whole[..cut].iter().filter(|&&byte| byte == b'\n').count();
-            let (mut journal, records) = Journal::open(&path).unwrap();
-            assert_eq!(records, (0..complete as u64).map(contact).collect::<Vec<_>>());
-            journal.append(&contact(9)).unwrap();
-            assert_eq!(Journal::records(&path).unwrap().len(), complete + 1);
+            let mut records = Vec::new();
+            let keep = |offset, record: &Record| {
+                records.push((offset, record.clone()));
+                Ok(())
+            };
+            let mut journal = Journal::open(&path, keep).unwrap();
+            let kept: Vec<&Record> = records.iter().map(|(_, record)| record).collect();
+            assert_eq!(kept, (0..complete as u64).map(contact).collect::<Vec<_>>().iter().collect::<Vec<_>>());
+            records.push((journal.append(&contact(9)).unwrap(), contact(9)));
+            assert_eq!(Journal::records(&path).unwrap().map(Result::unwrap).collect::<Vec<_>>(), records);
+            // and each is found again by its place, in any order
+            let mut reader = Journal::records(&path).unwrap();
+            records.iter().rev().for_each(|(offset, record)| assert_eq!(reader.at(*offset).unwrap(), *record));
         }
     }
 
@@ -178,9 +255,24 @@ mod tests {
         let second = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
         bytes[second + 40] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        match Journal::records(&path).unwrap_err() {
-            JournalError::Damaged { offset, .. } => assert_eq!(offset, second),
+        let records = Journal::records(&path).unwrap();
+        match records.collect::<Result<Vec<_>, _>>().unwrap_err() {
+            JournalError::Damaged { offset, .. } => assert_eq!(offset, second as u64),
             other => panic!("{other}"),
         }
+        assert!(Journal::open(&path, |_, _| Ok(())).is_err());
+    }
+
+    #[test]
+    fn a_whole_line_out_of_sequence_or_refused_is_damage() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("journal");
+        let bytes = three_records(&path);
+        let refused = Journal::open(&path, |offset, _| if offset > 0 { Err("no".to_owned()) } else { Ok(()) });
+        assert!(refused.unwrap_err().to_string().ends_with("is damaged: no"));
+        let second = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+        std::fs::write(&path, &bytes[second..]).unwrap();
+        let told = Journal::records(&path).unwrap().next().unwrap().unwrap_err().to_string();
+        assert!(told.ends_with("the record at byte 0 is damaged: sequence number 1, expected 0"), "{told}");
     }
 }

@@ -7,6 +7,7 @@
 pub mod characteristics;
 pub mod evaluate;
 mod folder;
+mod index;
 mod journal;
 mod ledger;
 mod manifest;
@@ -15,7 +16,8 @@ pub mod table;
 mod views;
 
 pub use folder::{Origins, RunFolder};
-pub use journal::{Journal, JournalError};
+pub use index::Contacts;
+pub use journal::{Journal, JournalError, Records};
 pub use ledger::{Ledger, Memory};
 pub use manifest::{Manifest, Status};
 pub use record::{Contact, Flag, Record, Row, RowTruth};

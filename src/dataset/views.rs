@@ -1,10 +1,10 @@
 use super::characteristics::{Repeatability, Staircases, characterise};
-use super::table::Table;
-use super::{Contact, DatasetError, Row};
+use super::{Contact, Contacts, DatasetError, Row, RowTruth};
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
-use std::fs;
-use std::path::Path;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
 
 /// The table of all presses.
 pub(super) const PRESSES: &str = "presses.csv";
@@ -13,27 +13,47 @@ pub(super) const PRESSES: &str = "presses.csv";
 const BEFORE: [&str; 9] = ["press", "level", "phase", "x_mm", "y_mm", "force_set_n", "force_n", "depth_mm", "t_s"];
 const AFTER: [&str; 2] = ["flags", "z_mm"];
 
-/// Writes every table that follows from a run's contacts, in the plan's order, each whole or not at all.
-pub(super) fn write(folder: &Path, contacts: &[&Contact], layout: &ArrayLayout) -> Result<(), DatasetError> {
-    let rows: Vec<&Row> = contacts.iter().flat_map(|contact| &contact.rows).collect();
-    let presses = rows.iter().fold(presses_header(layout.len()), |text, row| text + &presses_line(row));
-    replace(folder, PRESSES, &presses)?;
-    for (phase, name) in [(Phase::Calibration, "calibration_matrix.csv"), (Phase::Test, "test_matrix.csv")] {
-        let columns: Vec<&Row> = rows.iter().copied().filter(|row| row.phase == phase).collect();
-        if !columns.is_empty() {
-            replace(folder, name, &matrix(&columns, layout.len()))?;
+/// Most outputs that are held at once to turn columns into rows: 8 MB.
+const OUTPUTS_MAX: usize = 1 << 19;
+
+/// Writes every table that follows from a run's contacts, each whole or not at all. `contacts` reads them anew each time, in
+/// the order of their numbers; one is held at a time.
+pub(super) fn write<'a>(
+    folder: &Path,
+    layout: &ArrayLayout,
+    contacts: &dyn Fn() -> Result<Contacts<'a>, DatasetError>,
+) -> Result<(), DatasetError> {
+    let mut presses = Draft::new(folder, PRESSES)?;
+    let mut scene: Option<Draft> = None;
+    // a reading a level of the characterisation alone, of one unit: what its statistics need
+    let mut staircases = Staircases::none(layout);
+    let mut matrices = [(Phase::Calibration, "calibration_matrix.csv", 0), (Phase::Test, "test_matrix.csv", 0)];
+    presses.write(&presses_header(layout.len()))?;
+    for contact in contacts()? {
+        let contact = contact?;
+        for row in &contact.rows {
+            presses.write(&presses_line(row))?;
+            matrices.iter_mut().filter(|(phase, ..)| row.phase == *phase).for_each(|(_, _, points)| *points += 1);
+        }
+        staircases.add_contact(&contact, layout);
+        if !contact.truth.is_empty() {
+            let scene = match &mut scene {
+                Some(scene) => scene,
+                None => scene.insert(Draft::with(folder, "scene.csv", SCENE_HEADER)?),
+            };
+            scene.write(&scene_lines(&contact))?;
         }
     }
-    // from the table as it stands, so that who evaluates it later comes to the same
-    if let Ok(table) = Table::of_run(PRESSES, &presses)
-        && let Some(staircases) = Staircases::of_run(&table, layout)
-    {
+    presses.publish()?;
+    for (phase, name, points) in matrices.into_iter().filter(|(_, _, points)| *points > 0) {
+        let mut matrix = Draft::new(folder, name)?;
+        write_matrix(&mut matrix, phase, points, layout.len(), contacts)?;
+        matrix.publish()?;
+    }
+    if let Some(staircases) = staircases.some() {
         replace(folder, "characteristics.csv", &characteristics(&staircases))?;
     }
-    if contacts.iter().any(|contact| !contact.truth.is_empty()) {
-        replace(folder, "scene.csv", &scene(contacts))?;
-    }
-    Ok(())
+    scene.map_or(Ok(()), Draft::publish)
 }
 
 /// The first line of `presses.csv`.
@@ -52,13 +72,33 @@ pub(super) fn presses_line(row: &Row) -> String {
     format!("{press},{level},{phase},{x_mm},{y_mm},{force_set_n},{force_n},{depth_mm},{t_s},{outputs}{flags},{z_mm}\n")
 }
 
-/// A row a unit, a column a point, no header: what the paper calls its calibration matrix.
-fn matrix(columns: &[&Row], units: usize) -> String {
-    let line = |unit: usize| {
-        let cell = |row: &&Row| row.outputs.get(unit).map_or_else(String::new, f64::to_string);
-        columns.iter().map(cell).collect::<Vec<_>>().join(",") + "\n"
-    };
-    (0..units).map(line).collect()
+/// A row a unit, a column a point, no header: what the paper calls its calibration matrix. The contacts come point by point,
+/// so they are read once for as many units as may be held: once in all, but for a great many points.
+fn write_matrix<'a>(
+    matrix: &mut Draft,
+    phase: Phase,
+    points: usize,
+    units: usize,
+    contacts: &dyn Fn() -> Result<Contacts<'a>, DatasetError>,
+) -> Result<(), DatasetError> {
+    let units_at_once = (OUTPUTS_MAX / points).max(1);
+    for first in (0..units).step_by(units_at_once) {
+        let here = first..units.min(first + units_at_once);
+        let mut lines: Vec<Vec<_>> = here.clone().map(|_| Vec::with_capacity(points)).collect();
+        for contact in contacts()? {
+            for row in contact?.rows.iter().filter(|row| row.phase == phase) {
+                here.clone().zip(&mut lines).for_each(|(unit, line)| line.push(row.outputs.get(unit).copied()));
+            }
+        }
+        for line in lines {
+            for (point, output) in line.into_iter().enumerate() {
+                matrix.write(if point > 0 { "," } else { "" })?;
+                matrix.write(&output.map_or_else(String::new, |output: f64| output.to_string()))?;
+            }
+            matrix.write("\n")?;
+        }
+    }
+    Ok(())
 }
 
 fn characteristics(staircases: &Staircases) -> String {
@@ -71,21 +111,47 @@ fn characteristics(staircases: &Staircases) -> String {
     text
 }
 
-fn scene(contacts: &[&Contact]) -> String {
-    let mut text = "press,level,force_true_n,force_peak_n,depth_peak_mm\n".to_owned();
-    for contact in contacts {
-        for (row, truth) in contact.rows.iter().zip(&contact.truth) {
-            let super::RowTruth { force_true_n, force_peak_n, depth_peak_mm } = truth;
-            text += &format!("{},{},{force_true_n},{force_peak_n},{depth_peak_mm}\n", row.press, row.level);
-        }
-    }
-    text
+const SCENE_HEADER: &str = "press,level,force_true_n,force_peak_n,depth_peak_mm\n";
+
+fn scene_lines(contact: &Contact) -> String {
+    let line = |(row, truth): (&Row, &RowTruth)| {
+        let RowTruth { force_true_n, force_peak_n, depth_peak_mm } = truth;
+        format!("{},{},{force_true_n},{force_peak_n},{depth_peak_mm}\n", row.press, row.level)
+    };
+    contact.rows.iter().zip(&contact.truth).map(line).collect()
 }
 
 /// Writes a file beside its place and renames it there.
 pub(super) fn replace(folder: &Path, name: &str, text: &str) -> Result<(), DatasetError> {
-    let path = folder.join(name);
-    let beside = folder.join(format!(".{name}.new"));
-    fs::write(&beside, text).map_err(DatasetError::io("writing", &beside))?;
-    fs::rename(&beside, &path).map_err(DatasetError::io("renaming to", &path))
+    Draft::with(folder, name, text)?.publish()
+}
+
+/// A file on its way: written beside its place, then renamed there.
+struct Draft {
+    out: BufWriter<File>,
+    beside: PathBuf,
+    path: PathBuf,
+}
+
+impl Draft {
+    fn new(folder: &Path, name: &str) -> Result<Draft, DatasetError> {
+        let beside = folder.join(format!(".{name}.new"));
+        let file = File::create(&beside).map_err(DatasetError::io("writing", &beside))?;
+        Ok(Draft { out: BufWriter::new(file), beside, path: folder.join(name) })
+    }
+
+    fn with(folder: &Path, name: &str, text: &str) -> Result<Draft, DatasetError> {
+        let mut draft = Draft::new(folder, name)?;
+        draft.write(text)?;
+        Ok(draft)
+    }
+
+    fn write(&mut self, text: &str) -> Result<(), DatasetError> {
+        self.out.write_all(text.as_bytes()).map_err(DatasetError::io("writing", &self.beside))
+    }
+
+    fn publish(mut self) -> Result<(), DatasetError> {
+        self.out.flush().map_err(DatasetError::io("writing", &self.beside))?;
+        fs::rename(&self.beside, &self.path).map_err(DatasetError::io("renaming to", &self.path))
+    }
 }

@@ -17,6 +17,9 @@ use serde::{Deserialize, Serialize};
 /// Most presses one recipe may come to. A night of 10 hours holds some 20,000.
 pub const PRESSES_MAX: usize = 100_000;
 
+/// Most entries a plan has: the recipe's presses, and those that teach.
+pub const ENTRIES_MAX: usize = PRESSES_MAX + 5;
+
 /// A recipe, understood but not yet held against a rig.
 #[derive(Clone, Debug)]
 pub struct Recipe {

@@ -1,0 +1,92 @@
+use super::{Contact, DatasetError, JournalError, Record, Records};
+use crate::recipe::ENTRIES_MAX;
+use std::slice::Iter;
+
+/// Where no contact stands.
+const NOWHERE: u64 = u64::MAX;
+
+/// Which entries of a plan are in the journal, and at which byte: 8 bytes an entry, set aside when the run begins, so that
+/// a run takes no more memory as it grows.
+#[derive(Debug)]
+pub(super) struct Index {
+    offsets: Vec<u64>,
+    done: u64,
+}
+
+/// The contacts of a run in the order of their numbers, read from its journal one by one.
+#[derive(Debug)]
+pub struct Contacts<'a> {
+    records: Records,
+    offsets: Iter<'a, u64>,
+}
+
+impl Index {
+    /// An empty index for so many entries.
+    pub fn with_room(entries: u64) -> Index {
+        Index { offsets: vec![NOWHERE; entries.min(ENTRIES_MAX as u64) as usize], done: 0 }
+    }
+
+    /// Keeps where an entry's contact begins.
+    ///
+    /// # Errors
+    /// No plan has such an entry.
+    pub fn insert(&mut self, press: u64, offset: u64) -> Result<(), String> {
+        let entry = usize::try_from(press).ok().filter(|&entry| entry < ENTRIES_MAX);
+        let entry = entry.ok_or_else(|| format!("no plan has a press {press}"))?;
+        if entry >= self.offsets.len() {
+            self.offsets.resize(entry + 1, NOWHERE);
+        }
+        self.done += u64::from(self.offsets[entry] == NOWHERE);
+        self.offsets[entry] = offset;
+        Ok(())
+    }
+
+    /// Whether an entry's contact is there.
+    pub fn has(&self, press: u64) -> bool {
+        usize::try_from(press).is_ok_and(|entry| self.offsets.get(entry).is_some_and(|&offset| offset != NOWHERE))
+    }
+
+    /// How many contacts there are.
+    pub fn done(&self) -> u64 {
+        self.done
+    }
+
+    /// The contacts, out of the records of the journal that was indexed.
+    pub fn contacts(&self, records: Records) -> Contacts<'_> {
+        Contacts { records, offsets: self.offsets.iter() }
+    }
+}
+
+impl Contacts<'_> {
+    fn at(&mut self, offset: u64) -> Result<Contact, JournalError> {
+        match self.records.at(offset)? {
+            Record::Contact(contact) => Ok(contact),
+            _ => Err(self.records.damaged(offset, "not a contact any more".to_owned())),
+        }
+    }
+}
+
+impl Iterator for Contacts<'_> {
+    type Item = Result<Contact, DatasetError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let offset = *self.offsets.find(|offset| **offset != NOWHERE)?;
+        Some(self.at(offset).map_err(DatasetError::from))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_index_counts_each_entry_once_and_refuses_what_no_plan_has() {
+        let mut index = Index::with_room(2);
+        for (press, offset) in [(5, 0), (1, 100), (1, 200)] {
+            index.insert(press, offset).unwrap();
+        }
+        assert_eq!((index.done(), index.has(1), index.has(5), index.has(0)), (2, true, true, false));
+        assert_eq!(index.insert(u64::MAX, 0), Err(format!("no plan has a press {}", u64::MAX)));
+        assert!(!index.has(u64::MAX));
+    }
+}
