@@ -79,7 +79,7 @@ pub struct Step {
 /// Where a step presses, in the specimen frame, mm.
 #[derive(Clone, Debug)]
 pub enum Places {
-    /// Rows of constant y, both ends included; x changes fastest.
+    /// Rows of constant y, both ends included; x changes fastest in their numbers, whatever the order they are visited in.
     Grid {
         /// First and last x.
         x_mm: Range,
@@ -87,6 +87,8 @@ pub enum Places {
         y_mm: Range,
         /// From one point to the next.
         spacing_mm: f64,
+        /// In which order.
+        order: Order,
     },
     /// Places as given, each with its own stretch of the text.
     List(Vec<(Place, Span)>),
@@ -101,6 +103,43 @@ pub enum Places {
     },
     /// Straight above the units of the rig's array.
     Units(UnitChoice),
+}
+
+/// In which order the points of a grid are visited.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Order {
+    /// As they are numbered.
+    #[default]
+    Raster,
+    /// Every second one of every second row, four times over: what is pressed next is no neighbour, whose dent may still be
+    /// there.
+    Interleaved,
+}
+
+impl Order {
+    /// All orders.
+    pub const ALL: [Order; 2] = [Order::Raster, Order::Interleaved];
+
+    /// The order as it stands in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Order::Raster => "raster",
+            Order::Interleaved => "interleaved",
+        }
+    }
+
+    /// The numbers of the points of so many columns and rows, as they are visited.
+    pub fn visits(self, columns: usize, rows: usize) -> Vec<usize> {
+        let pass = |(from_x, from_y, stride): (usize, usize, usize)| {
+            let row = move |y: usize| (from_x..columns).step_by(stride).map(move |x| y * columns + x);
+            (from_y..rows).step_by(stride).flat_map(row)
+        };
+        let passes: &[(usize, usize, usize)] = match self {
+            Order::Raster => &[(0, 0, 1)],
+            Order::Interleaved => &[(0, 0, 2), (1, 0, 2), (0, 1, 2), (1, 1, 2)],
+        };
+        passes.iter().copied().flat_map(pass).collect()
+    }
 }
 
 /// Which units of the array.

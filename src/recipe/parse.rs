@@ -1,4 +1,4 @@
-use super::{Load, Manner, Phase, Places, Recipe, Step, UnitChoice};
+use super::{Load, Manner, Order, Phase, Places, Recipe, Step, UnitChoice};
 use crate::control::Strategy;
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::Place;
@@ -10,8 +10,6 @@ const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Shorter windows hold less than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
-const STRATEGIES: [(&str, Strategy); 3] =
-    [("guarded", Strategy::Guarded), ("velocity", Strategy::Velocity), ("map", Strategy::Map)];
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const UNITS_MAX: u64 = 4096;
 
@@ -78,7 +76,9 @@ fn read_manner(table: &mut Table, base: Manner) -> Manner {
         force_tolerance_n: table.number("force_tolerance_n", FORCE).unwrap_or(base.force_tolerance_n),
         hold_s: table.number("hold_s", DWELL).unwrap_or(base.hold_s),
         sample_s: table.number("sample_s", WINDOW).unwrap_or(base.sample_s),
-        strategy: table.choice("strategy", &STRATEGIES).unwrap_or(base.strategy),
+        strategy: table
+            .choice("strategy", &Strategy::ALL.map(|strategy| (strategy.name(), strategy)))
+            .unwrap_or(base.strategy),
         sample_after_s: table.number("sample_after_s", DWELL).or(base.sample_after_s),
     }
 }
@@ -143,6 +143,7 @@ fn read_grid(step: &mut Table) -> Option<Places> {
     let x_mm = grid.require_range("x_mm", PLACE);
     let y_mm = grid.require_range("y_mm", PLACE);
     let spacing_mm = grid.require_number("spacing_mm", SPACING);
+    let order = grid.choice("order", &Order::ALL.map(|order| (order.name(), order))).unwrap_or_default();
     if let (Some(x), Some(y), Some(spacing)) = (x_mm, y_mm, spacing_mm) {
         for (name, width) in [("x_mm", x.width()), ("y_mm", y.width())] {
             let spaces = width / spacing;
@@ -158,7 +159,7 @@ fn read_grid(step: &mut Table) -> Option<Places> {
         }
     }
     grid.finish();
-    Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm? })
+    Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm?, order })
 }
 
 fn read_list(step: &mut Table) -> Option<Places> {
@@ -230,6 +231,14 @@ impl Load {
         }
     }
 
+    /// How many entries it makes of a place.
+    pub(super) fn repeats(&self) -> usize {
+        match self {
+            Load::Staircase { repeats, .. } => *repeats as usize,
+            _ => 1,
+        }
+    }
+
     /// The largest force that it asks for, N.
     pub fn most_n(&self) -> f64 {
         match self {
@@ -279,6 +288,23 @@ mod tests {
             ("force_n = 1.0", "force_mn = 1.0", "r.toml:2:1: this step has no force"),
         ] {
             assert_eq!(step(&good.replacen(from, to, 1))[0], told);
+        }
+    }
+
+    #[test]
+    fn an_order_and_a_strategy_are_known_by_their_names_alone() {
+        let good = "grid = { x_mm = [-6, 6], y_mm = [-6, 6], spacing_mm = 0.5, order = \"interleaved\" }\n\
+                    force_n = 1.0\nstrategy = \"map\"";
+        assert_eq!(step(good), [""; 0]);
+        for (from, to, told) in [
+            (
+                "interleaved",
+                "interlaced",
+                "r.toml:4:68: `order` is \"interlaced\", expected one of raster, interleaved",
+            ),
+            ("map", "mapped", "r.toml:6:12: `strategy` is \"mapped\", expected one of guarded, velocity, map"),
+        ] {
+            assert_eq!(step(&good.replacen(from, to, 1)), [told]);
         }
     }
 

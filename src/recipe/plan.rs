@@ -1,4 +1,4 @@
-use super::{Load, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
+use super::{Load, Order, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::control::Task;
 use crate::document::{Problem, Problems, Span};
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, stream};
@@ -11,14 +11,14 @@ pub struct Plan {
     pub name: String,
     /// What random places and forces were drawn from.
     pub seed: u64,
-    /// The presses in their order; an entry's number is its place in this list.
+    /// The presses in the order they are made, which need not be that of their numbers.
     pub entries: Vec<Entry>,
 }
 
 /// One contact of the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Its number, from 0.
+    /// Its number, from 0 in the order of the recipe: tables keep to it.
     pub press: u64,
     /// What it is made for.
     pub phase: Phase,
@@ -51,28 +51,26 @@ impl Plan {
     /// too long, at its line.
     pub fn new(recipe: &Recipe, ground: &Ground, seed: u64) -> Result<Plan, Problems> {
         let mut problems = Vec::new();
-        let mut entries: Vec<Entry> = Vec::new();
+        let mut steps: Vec<Vec<Entry>> = Vec::new();
+        let mut presses = 0;
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground.limits, &mut problems);
-            let repeats = match step.load {
-                Load::Staircase { repeats, .. } => repeats as usize,
-                _ => 1,
-            };
-            let count = step.places.count(ground.layout) * repeats;
-            if entries.len() + count > PRESSES_MAX {
-                let told = format!("the plan comes to {} presses, over {PRESSES_MAX}", entries.len() + count);
+            let count = step.places.count(ground.layout).saturating_mul(step.load.repeats());
+            let together = count.saturating_add(presses);
+            if together > PRESSES_MAX {
+                let told = format!("the plan comes to {together} presses, over {PRESSES_MAX}");
                 problems.push(Problem::new(step.places_span.clone(), told).help("split the recipe"));
                 break;
             }
             let places = step.places(ground.layout, seed, index, &mut problems);
             check_travel(&places, ground, &mut problems);
-            entries.extend(step.entries(&places, seed, index));
-        }
-        for (press, entry) in entries.iter_mut().enumerate() {
-            entry.press = press as u64;
+            let mut entries = step.entries(&places, seed, index);
+            entries.iter_mut().zip(presses as u64..).for_each(|(entry, press)| entry.press = press);
+            presses += entries.len();
+            steps.push(step.visited(&entries));
         }
         if problems.is_empty() {
-            Ok(Plan { name: recipe.name.clone(), seed, entries })
+            Ok(Plan { name: recipe.name.clone(), seed, entries: steps.concat() })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
         }
@@ -97,7 +95,7 @@ impl Plan {
 impl Places {
     fn count(&self, layout: &ArrayLayout) -> usize {
         match self {
-            Places::Grid { x_mm, y_mm, spacing_mm } => {
+            Places::Grid { x_mm, y_mm, spacing_mm, .. } => {
                 points(*x_mm, *spacing_mm).saturating_mul(points(*y_mm, *spacing_mm))
             }
             Places::List(places) => places.len(),
@@ -113,7 +111,7 @@ impl Step {
     fn places(&self, layout: &ArrayLayout, seed: u64, index: usize, problems: &mut Vec<Problem>) -> Vec<(Place, Span)> {
         let here = |place: Place| (place, self.places_span.clone());
         match &self.places {
-            Places::Grid { x_mm, y_mm, spacing_mm } => {
+            Places::Grid { x_mm, y_mm, spacing_mm, .. } => {
                 let along = |range: Range| {
                     let last = points(range, *spacing_mm) - 1;
                     (0..=last).map(move |i| range.min + range.width() * i as f64 / last.max(1) as f64)
@@ -141,13 +139,25 @@ impl Step {
         }
     }
 
+    /// The step's entries in the order their places are visited; those of one place stay together.
+    fn visited(&self, entries: &[Entry]) -> Vec<Entry> {
+        let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats()).collect();
+        let order = match &self.places {
+            Places::Grid { x_mm, y_mm, spacing_mm, order } => {
+                order.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm))
+            }
+            _ => Order::Raster.visits(by_place.len(), 1),
+        };
+        order.into_iter().flat_map(|place| by_place[place]).cloned().collect()
+    }
+
+    /// The step's entries in the order of their numbers, which they don't have yet.
     fn entries(&self, places: &[(Place, Span)], seed: u64, index: usize) -> Vec<Entry> {
         let mut rng = stream(seed, index as u64, "plan forces");
         let mut entries = Vec::new();
-        let last_place = places.len().saturating_sub(1);
-        for (i, (place, _)) in places.iter().enumerate() {
+        for (place, _) in places {
             let entry = |levels, rest_after_s| Entry {
-                press: 0, // numbered when all steps are known
+                press: 0,
                 phase: self.phase,
                 place: *place,
                 task: Task {
@@ -168,8 +178,7 @@ impl Step {
                 }
                 Load::Staircase { to_n, step_n, repeats, rest_s } => {
                     for repeat in 1..=*repeats {
-                        let very_last = i == last_place && repeat == *repeats;
-                        let rest_after_s = if repeat < *repeats && !very_last { *rest_s } else { 0.0 };
+                        let rest_after_s = if repeat < *repeats { *rest_s } else { 0.0 };
                         entries.push(entry(Task::staircase(*to_n, *step_n), rest_after_s));
                     }
                 }
@@ -181,7 +190,7 @@ impl Step {
 
 /// How many points lie on an interval, both ends included.
 fn points(range: Range, spacing_mm: f64) -> usize {
-    (range.width() / spacing_mm).round() as usize + 1
+    ((range.width() / spacing_mm).round() as usize).saturating_add(1)
 }
 
 /// Rounded to what the instruments can do, and still inside.
@@ -250,6 +259,40 @@ mod tests {
         assert_eq!(plan.most_n(), 1.0);
     }
 
+    /// The numbers of a plan's entries as they are visited.
+    fn visits(steps: &str) -> Vec<u64> {
+        plan(steps, 1).unwrap().entries.iter().map(|entry| entry.press).collect()
+    }
+
+    #[test]
+    fn an_interleaved_grid_is_visited_in_four_passes_and_numbered_as_ever() {
+        let grid = |x_mm: &str| {
+            format!(
+                "[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
+                 grid = {{ x_mm = {x_mm}, y_mm = [0, 2], spacing_mm = 1, order = \"interleaved\" }}\n"
+            )
+        };
+        let raster = grid("[0, 2]").replace("interleaved", "raster");
+        assert_eq!(visits(&raster), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(visits(&grid("[0, 2]")), [0, 2, 6, 8, 1, 7, 3, 5, 4]);
+        assert_eq!(visits(&grid("[0, 3]")), [0, 2, 8, 10, 1, 3, 9, 11, 4, 6, 5, 7]);
+        assert_eq!(visits(&grid("[1, 1]")), [0, 2, 1]);
+        // a number means the same place in any order, and goes on counting where the step before ended
+        let twice = format!("{raster}{}", grid("[0, 2]"));
+        let mut twice = plan(&twice, 1).unwrap().entries;
+        twice.sort_by_key(|entry| entry.press);
+        assert!(twice.iter().map(|entry| entry.press).eq(0..18));
+        assert!((0..9).all(|i| twice[i].place == twice[i + 9].place));
+    }
+
+    #[test]
+    fn the_repeats_at_a_place_stay_together_in_any_order() {
+        let text = "[[step]]\nphase = \"calibration\"\n\
+                    grid = { x_mm = [0, 1], y_mm = [0, 1], spacing_mm = 0.5, order = \"interleaved\" }\n\
+                    staircase = { to_n = 1.0, step_n = 0.5, repeats = 2 }\n";
+        assert_eq!(visits(text)[..6], [0, 1, 4, 5, 12, 13]);
+    }
+
     #[test]
     fn a_seed_decides_the_random_points() {
         let text = "[[step]]\nphase = \"test\"\n\
@@ -283,5 +326,8 @@ mod tests {
         let text = "[[step]]\nphase = \"test\"\nforce_n = 1.0\n\
                     grid = { x_mm = [-6, 6], y_mm = [-6, 6], spacing_mm = 0.01 }\n";
         assert_eq!(plan(text, 1).unwrap_err(), ["r.toml:5:8: the plan comes to 1442401 presses, over 100000"]);
+        // more points than can be counted
+        let most = format!("r.toml:5:8: the plan comes to {} presses, over 100000", usize::MAX);
+        assert_eq!(plan(&text.replace("0.01", "1e-310"), 1).unwrap_err(), [most]);
     }
 }
