@@ -40,7 +40,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     // writing to a string can't fail
     let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
     let _ = writeln!(text, "  {:<18}{:>8}{:>8}   estimated", "phase", "presses", "levels");
-    for phase in [Phase::Characterisation, Phase::Calibration, Phase::Test] {
+    for phase in [Phase::Teach, Phase::Characterisation, Phase::Calibration, Phase::Test] {
         let part: Vec<Entry> = plan.entries.iter().filter(|entry| entry.phase == phase).cloned().collect();
         if !part.is_empty() {
             let _ = writeln!(text, "{}", counted(phase.name(), &part, rig));

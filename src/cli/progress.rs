@@ -87,7 +87,7 @@ impl Listener for Progress {
             self.phase = Some(entry.phase);
             self.bar.set_prefix(entry.phase.name());
             if !self.on_terminal {
-                self.line(&format!("{}: from press {} of {}", entry.phase.name(), entry.press + 1, self.planned));
+                self.line(&format!("{}: from press {} of {}", entry.phase.name(), self.done + 1, self.planned));
             }
         }
     }

@@ -5,6 +5,7 @@
 
 mod parse;
 mod plan;
+mod teach;
 
 pub use parse::parse;
 pub use plan::{Entry, Ground, Plan};
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub const PRESSES_MAX: usize = 100_000;
 
 /// Most entries a plan has: the recipe's presses, and those that teach.
-pub const ENTRIES_MAX: usize = PRESSES_MAX + 5;
+pub const ENTRIES_MAX: usize = PRESSES_MAX + teach::TEACHES;
 
 /// A recipe, understood but not yet held against a rig.
 #[derive(Clone, Debug)]
@@ -43,7 +44,8 @@ pub enum Phase {
     Calibration,
     /// Points whose place and force the solver is to find.
     Test,
-    /// Kept for presses from which the force loop learns; no recipe asks for it, and no table but the presses would hold it.
+    /// Presses from which the force loop learns before others rely on it. A plan begins with them where it has such presses;
+    /// no recipe asks for them, and no table but the presses holds them.
     Teach,
 }
 
@@ -198,3 +200,6 @@ impl Default for Manner {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,3 +1,4 @@
+use super::teach::teach;
 use super::{Load, Order, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::control::Task;
 use crate::document::{Problem, Problems, Span};
@@ -18,7 +19,7 @@ pub struct Plan {
 /// One contact of the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Its number, from 0 in the order of the recipe: tables keep to it.
+    /// Its number, from 0 in the order of the recipe, with those that teach last: tables keep to it.
     pub press: u64,
     /// What it is made for.
     pub phase: Phase,
@@ -44,7 +45,8 @@ pub struct Ground<'a> {
 }
 
 impl Plan {
-    /// The plan of a recipe.
+    /// The plan of a recipe. Where enough presses find their force from those before (`strategy = "map"`), it begins with
+    /// presses that teach.
     ///
     /// # Errors
     /// Every step that leaves the stage's travel, exceeds the specimen's force, names a unit there isn't, or makes the plan
@@ -70,6 +72,7 @@ impl Plan {
             steps.push(step.visited(&entries));
         }
         if problems.is_empty() {
+            teach(&mut steps, presses, ground.limits);
             Ok(Plan { name: recipe.name.clone(), seed, entries: steps.concat() })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
@@ -229,105 +232,5 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
         );
         problems.push(Problem::new(span.clone(), message).help("keep places within `stage.travel_mm` of the rig"));
         told = Some(span.clone());
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::quantity::Down;
-    use crate::recipe::parse;
-
-    fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
-        let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-        let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
-        let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-        let layout = ArrayLayout::grid(3, 3, 4.5);
-        let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout };
-        let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}")).map_err(|p| p.lines())?;
-        Plan::new(&recipe, &ground, seed).map_err(|p| p.lines())
-    }
-
-    #[test]
-    fn the_papers_grid_is_625_points_x_fastest() {
-        let text = "[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
-                    grid = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], spacing_mm = 0.5 }\n";
-        let plan = plan(text, 1).unwrap();
-        assert_eq!(plan.entries.len(), 625);
-        assert_eq!(plan.entries[1].place, Place::new(-5.5, -6.0));
-        assert_eq!(plan.entries[624].place, Place::new(6.0, 6.0));
-        assert_eq!(plan.most_n(), 1.0);
-    }
-
-    /// The numbers of a plan's entries as they are visited.
-    fn visits(steps: &str) -> Vec<u64> {
-        plan(steps, 1).unwrap().entries.iter().map(|entry| entry.press).collect()
-    }
-
-    #[test]
-    fn an_interleaved_grid_is_visited_in_four_passes_and_numbered_as_ever() {
-        let grid = |x_mm: &str| {
-            format!(
-                "[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
-                 grid = {{ x_mm = {x_mm}, y_mm = [0, 2], spacing_mm = 1, order = \"interleaved\" }}\n"
-            )
-        };
-        let raster = grid("[0, 2]").replace("interleaved", "raster");
-        assert_eq!(visits(&raster), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(visits(&grid("[0, 2]")), [0, 2, 6, 8, 1, 7, 3, 5, 4]);
-        assert_eq!(visits(&grid("[0, 3]")), [0, 2, 8, 10, 1, 3, 9, 11, 4, 6, 5, 7]);
-        assert_eq!(visits(&grid("[1, 1]")), [0, 2, 1]);
-        // a number means the same place in any order, and goes on counting where the step before ended
-        let twice = format!("{raster}{}", grid("[0, 2]"));
-        let mut twice = plan(&twice, 1).unwrap().entries;
-        twice.sort_by_key(|entry| entry.press);
-        assert!(twice.iter().map(|entry| entry.press).eq(0..18));
-        assert!((0..9).all(|i| twice[i].place == twice[i + 9].place));
-    }
-
-    #[test]
-    fn the_repeats_at_a_place_stay_together_in_any_order() {
-        let text = "[[step]]\nphase = \"calibration\"\n\
-                    grid = { x_mm = [0, 1], y_mm = [0, 1], spacing_mm = 0.5, order = \"interleaved\" }\n\
-                    staircase = { to_n = 1.0, step_n = 0.5, repeats = 2 }\n";
-        assert_eq!(visits(text)[..6], [0, 1, 4, 5, 12, 13]);
-    }
-
-    #[test]
-    fn a_seed_decides_the_random_points() {
-        let text = "[[step]]\nphase = \"test\"\n\
-                    random = { count = 100, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }\n";
-        assert_eq!(plan(text, 3), plan(text, 3));
-        assert_ne!(plan(text, 3), plan(text, 4));
-        let drawn = plan(text, 3).unwrap();
-        assert!(drawn.entries.iter().all(|e| (0.1..=1.0).contains(&e.task.most_n()) && e.place.x_mm.abs() <= 6.0));
-    }
-
-    #[test]
-    fn rests_lie_between_the_repeats_at_a_place() {
-        let text = "[[step]]\nphase = \"characterisation\"\nunits = [1, 9]\n\
-                    staircase = { to_n = 2.0, step_n = 0.5, repeats = 2, rest_s = 300.0 }\n";
-        let rests: Vec<f64> = plan(text, 1).unwrap().entries.iter().map(|e| e.rest_after_s).collect();
-        assert_eq!(rests, [300.0, 0.0, 300.0, 0.0]);
-    }
-
-    #[test]
-    fn what_the_rig_cannot_or_must_not_do_has_no_plan() {
-        let text = "[[step]]\nphase = \"test\"\nforce_n = 2.5\nlist = { places_mm = [[0, 0], [13, 0]] }\n\
-                    [[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [10]\n";
-        assert_eq!(
-            plan(text, 1).unwrap_err(),
-            [
-                "r.toml:4:11: this step presses with 2.5 N, over the specimen's limit of 2 N",
-                "r.toml:5:31: (13, 0) mm is off the stage's travel: x runs from -12.5 to 12.5 mm",
-                "r.toml:9:9: there is no unit 10: the rig's array has 9",
-            ]
-        );
-        let text = "[[step]]\nphase = \"test\"\nforce_n = 1.0\n\
-                    grid = { x_mm = [-6, 6], y_mm = [-6, 6], spacing_mm = 0.01 }\n";
-        assert_eq!(plan(text, 1).unwrap_err(), ["r.toml:5:8: the plan comes to 1442401 presses, over 100000"]);
-        // more points than can be counted
-        let most = format!("r.toml:5:8: the plan comes to {} presses, over 100000", usize::MAX);
-        assert_eq!(plan(&text.replace("0.01", "1e-310"), 1).unwrap_err(), [most]);
     }
 }

@@ -1,0 +1,67 @@
+use super::{Entry, Phase};
+use crate::control::{Branch, Strategy, Task};
+use crate::quantity::{Limits, Place};
+
+/// Most presses that teach: near the four corners and the centre of what is to be learned.
+pub(super) const TEACHES: usize = 5;
+
+/// Fewest presses that are worth teaching for.
+const WORTH: usize = 10;
+
+/// Largest share of the specimen's force limit that teaches: there is nothing to learn at the edge.
+const FORCE_SHARE: f64 = 0.9;
+
+/// Puts presses that teach in front of a plan's steps, numbered on from `next`, where enough entries are to find their force
+/// from what was learned. The force is the largest that these ask for, so that nothing has to be guessed beyond what was
+/// seen. A place that was just pressed to teach is measured as late as its step allows: its dent has had time to go.
+pub(super) fn teach(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits) {
+    let mut pupils: Vec<&Entry> = steps.iter().flatten().filter(|entry| is_pupil(entry)).collect();
+    if pupils.len() < WORTH {
+        return;
+    }
+    pupils.sort_by_key(|entry| entry.press); // of two equally near, the first in the recipe
+    let force_n = pupils.iter().map(|entry| entry.task.most_n()).fold(0.0, f64::max).min(FORCE_SHARE * limits.force_n);
+    let lesson = |(entry, press): (&Entry, u64)| Entry {
+        press,
+        phase: Phase::Teach,
+        place: entry.place,
+        task: Task {
+            levels: Task::press(force_n),
+            hold_s: 0.0,
+            strategy: Strategy::Guarded,
+            sample_after_s: None,
+            ..entry.task
+        },
+        rest_after_s: 0.0,
+    };
+    let lessons: Vec<Entry> = spread(&pupils).into_iter().zip(next as u64..).map(lesson).collect();
+    for step in steps.iter_mut() {
+        step.sort_by_key(|entry| lessons.iter().any(|lesson| lesson.place == entry.place)); // stable: only those move
+    }
+    steps.insert(0, lessons);
+}
+
+/// Whether an entry finds its force from what was learned. A staircase comes slowly anyway.
+fn is_pupil(entry: &Entry) -> bool {
+    let is_plain = matches!(entry.task.levels[..], [level] if level.branch == Branch::Loading);
+    entry.task.strategy == Strategy::Map && is_plain
+}
+
+/// The entries nearest to the corners and the centre of the box around them all, each at a place of its own.
+fn spread<'a>(entries: &[&'a Entry]) -> Vec<&'a Entry> {
+    let ends = |along: fn(&Place) -> f64| {
+        let all = entries.iter().map(|entry| along(&entry.place));
+        (all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max))
+    };
+    let ((left, right), (front, back)) = (ends(|place| place.x_mm), ends(|place| place.y_mm));
+    let centre = ((left + right) / 2.0, (front + back) / 2.0);
+    let wanted: [(f64, f64); TEACHES] = [(left, front), (right, front), (left, back), (right, back), centre];
+    let mut chosen: Vec<&Entry> = Vec::with_capacity(TEACHES);
+    for (x_mm, y_mm) in wanted {
+        let way_mm = |entry: &&&Entry| entry.place.distance_mm(Place::new(x_mm, y_mm));
+        let free = entries.iter().filter(|entry| chosen.iter().all(|other| other.place != entry.place));
+        let nearest = free.min_by(|a, b| way_mm(a).total_cmp(&way_mm(b))).copied();
+        chosen.extend(nearest);
+    }
+    chosen
+}
