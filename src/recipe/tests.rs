@@ -75,6 +75,8 @@ fn a_plan_of_mapped_presses_begins_with_five_that_teach() {
     let expected =
         [(20, -2.0, -1.0, 1.0), (21, 2.0, -1.0, 1.0), (22, -2.0, 2.0, 1.0), (23, 2.0, 2.0, 1.0), (24, 0.0, 0.0, 1.0)];
     assert_eq!(lessons(&taught), expected);
+    let interleaved = MAPPED.replace("spacing_mm = 1", "spacing_mm = 1, order = \"interleaved\"");
+    assert_eq!(lessons(&plan(&interleaved, 1).unwrap()), expected);
     for lesson in &taught.entries[..5] {
         assert_eq!((lesson.task.strategy, lesson.task.levels.len()), (Strategy::Guarded, 1));
         assert_eq!((lesson.task.hold_s, lesson.task.sample_s, lesson.rest_after_s), (0.0, 0.1, 0.0));
@@ -111,7 +113,7 @@ fn nothing_is_taught_for_a_few_presses_or_for_staircases() {
     numbers.sort_unstable();
     assert!(numbers.into_iter().eq(0..70));
     // ten presses at one place teach it once
-    let here = format!("{MAPPED}").replace(
+    let here = MAPPED.replace(
         "grid = { x_mm = [-2, 2], y_mm = [-1, 2], spacing_mm = 1 }",
         &format!("list = {{ places_mm = [{}] }}", ["[1, 1]"; 10].join(", ")),
     );
