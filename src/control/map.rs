@@ -1,7 +1,5 @@
 use super::curve::{Curve, Shape};
 use super::plane::Plane;
-use super::profile::Profile;
-use super::speed::Timing;
 use super::surface::{Expected, SurfaceMap};
 use crate::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
@@ -17,7 +15,7 @@ const BEYOND: f64 = 1.3;
 const TRUST: f64 = 0.15;
 /// How far below the set force a shot ends: so many sd of where it may end, but at least and at most these shares of it.
 const SHORT_SIGMAS: f64 = 3.0;
-const SHORT_LEAST: f64 = 0.03;
+const SHORT_LEAST: f64 = 0.02;
 const SHORT_MOST: f64 = 0.45;
 /// What is assumed of a shot before any was made: sd of the height, mm, and of the depth, as a share of it.
 const HEIGHT_SIGMA_MM: f64 = 0.010;
@@ -38,12 +36,6 @@ const SCALE_LEVEL: f64 = 0.06;
 const SCALE_SLOPE: f64 = 0.02;
 /// Least weight of a new press in the learned fading.
 const FADE_GAIN: f64 = 0.1;
-/// The clearance that a shot is reckoned to start from, mm.
-const START_MM: f64 = 0.1;
-/// What the time from contact to the window is rounded up to, s.
-const GRAIN_S: f64 = 0.01;
-/// How often the longest exchange that was seen is reckoned with, a motion.
-const EXCHANGES: f64 = 1.5;
 
 /// What one press teaches about those to come, as it stands in the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -228,26 +220,10 @@ impl Shot {
         self.surface_mm
     }
 
-    /// The time from contact to the window that a press of this force can keep to, s: the same for every place, so that each
-    /// is sampled as relaxed as the others. From the curve and the rig's timing, not from the press.
-    pub fn sample_after_s(
-        &self,
-        force_set_n: f64,
-        speed_mm_s: f64,
-        steps: &[f64],
-        reading_s: f64,
-        timing: &Timing,
-    ) -> f64 {
-        let a = timing.acceleration_mm_s2;
-        let depth_mm = self.shape.depth_mm(force_set_n);
-        let whole = Profile::new(START_MM + depth_mm, speed_mm_s, a);
-        let mut total_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
-        for share in steps {
-            let way_mm = share * force_set_n / self.shape.stiffness_n_mm(depth_mm);
-            total_s += reading_s + EXCHANGES * timing.exchange_s + Profile::new(way_mm, speed_mm_s, a).duration_s();
-            total_s += timing.settle_s;
-        }
-        ((total_s / GRAIN_S).ceil() * GRAIN_S).max(GRAIN_S)
+    /// Depth and stiffness at a force where the curve holds as it is, mm and N/mm.
+    pub fn on_curve(&self, force_n: f64) -> (f64, f64) {
+        let depth_mm = self.shape.depth_mm(force_n);
+        (depth_mm, self.shape.stiffness_n_mm(depth_mm))
     }
 }
 

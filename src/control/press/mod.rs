@@ -162,6 +162,7 @@ enum State {
     Trimming,
     Reading,
     Dwelling,
+    Lingering,
     Waiting,
     Sampling,
     Withdrawing,
@@ -316,7 +317,7 @@ impl Press {
                 self.reached()
             }
             (State::Reading, Event::Averaged { force_n }) => self.read(force_n),
-            (State::Dwelling, Event::Dwelt) => self.average(State::Reading),
+            (State::Dwelling | State::Lingering, Event::Dwelt) => self.average(State::Reading),
             (State::Waiting, Event::Dwelt) => self.sample(),
             (State::Sampling, Event::Sampled { force_n }) => self.sampled(force_n),
             (State::Withdrawing, Event::Moved { z_mm }) => {

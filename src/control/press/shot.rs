@@ -3,6 +3,7 @@
 
 use super::{Command, Level, Press, Rule, STEP_LEAST_MM, STEPS_MAX, State, Steer, TELL_SIGMAS, Trip};
 use crate::control::map::{Lesson, Shot};
+use crate::control::profile::Profile;
 use crate::quantity::Place;
 
 /// How far below the set force a correction ends that isn't the last: at least this share of the force, and of its own way.
@@ -10,11 +11,16 @@ const SHORT_OF_FORCE: f64 = 0.01;
 const SHORT_OF_GAP: f64 = 0.05;
 /// A gap of so many tolerances is closed by the last trim: the stiffness is known to a twentieth.
 const TRIM_TOLERANCES: f64 = 3.0;
-/// The ways of the corrections that time is kept for, as shares of the set force, where the last one alone won't do.
-const CORRECTIONS: [f64; 2] = [0.05, 0.02];
-/// The same, where one will do: from this tolerance on, as a share of the set force.
-const COARSE: f64 = 0.02;
-const COARSE_CORRECTION: [f64; 1] = [0.10];
+/// The way of the trim that time is kept for, as a share of the set force.
+const TRIM_SHARE: f64 = 0.03;
+/// A wait for the last trim that isn't worth another look at the force, s.
+const SHORT_WAIT_S: f64 = 0.005;
+/// The clearance that a shot is reckoned to start from, mm.
+const START_MM: f64 = 0.1;
+/// What the time from contact to the window is rounded up to, s.
+const GRAIN_S: f64 = 0.01;
+/// How often the longest exchange that was seen is reckoned with, a motion: it is begun, and heard to have ended.
+const EXCHANGES: f64 = 1.2;
 /// A force that is so far above the set one stops a motion under way, as a share of it.
 const OVER_SHARE: f64 = 0.02;
 /// The least that a shot must meet of what was expected, and what is allowed beyond, N (E-).
@@ -97,6 +103,12 @@ impl Press {
             let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n);
             return self.step_to(State::Stepping, self.z_mm + (gap_n - short_n) / stiffness);
         }
+        // what is trimmed late has less time to fade
+        let trim_s = self.trim_s(gap_n / stiffness);
+        let linger_s = self.wait_s().unwrap_or(0.0) - trim_s - self.reading_s();
+        if linger_s > SHORT_WAIT_S {
+            return self.go(State::Lingering, Command::Dwell(linger_s));
+        }
         let before_mm = self.z_mm;
         let command = self.step_to(State::Trimming, before_mm + gap_n / stiffness)?;
         if let Command::Move(granted) = &command {
@@ -112,13 +124,27 @@ impl Press {
         if force_n > level.force_set_n + over_n { Steer::Stop } else { Steer::On }
     }
 
-    /// The time from contact to the window of a press that begins with a shot, s.
+    /// The time from contact to the window of a press that begins with a shot, s: the same for every place, so that each is
+    /// sampled as relaxed as the others. From the curve and the rig's timing, not from the press.
     pub(super) fn after_shot_s(&self, shot: Shot, force_set_n: f64) -> f64 {
-        let coarse = self.task.force_tolerance_n >= COARSE * force_set_n;
-        let steps: &[f64] = if coarse { &COARSE_CORRECTION } else { &CORRECTIONS };
-        let reading_s = f64::from(self.readings()) * self.context.timing.conversion_s;
-        self.task.hold_s
-            + shot.sample_after_s(force_set_n, self.context.speed_mm_s, steps, reading_s, &self.context.timing)
+        let (depth_mm, stiffness) = shot.on_curve(force_set_n);
+        let timing = &self.context.timing;
+        let whole = Profile::new(START_MM + depth_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
+        let shot_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
+        let total_s = shot_s + self.reading_s() + self.trim_s(TRIM_SHARE * force_set_n / stiffness) + self.task.hold_s;
+        (total_s / GRAIN_S).ceil() * GRAIN_S
+    }
+
+    /// How long a trim takes, to a stage at rest, s.
+    fn trim_s(&self, way_mm: f64) -> f64 {
+        let timing = &self.context.timing;
+        let way = Profile::new(way_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
+        EXCHANGES * timing.exchange_s + way.duration_s() + timing.settle_s
+    }
+
+    /// How long a look at the force takes, s.
+    fn reading_s(&self) -> f64 {
+        f64::from(self.readings()) * self.context.timing.conversion_s
     }
 
     fn leave(&mut self, force_n: f64) {
