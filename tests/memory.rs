@@ -89,6 +89,7 @@ fn manifest() -> Manifest {
         presses_planned: PRESSES,
         presses_done: 0,
         seed: 1,
+        strategy: None,
         simulated: true,
         virtual_s: 0.0,
         wall_s: 0.0,

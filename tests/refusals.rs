@@ -166,6 +166,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run", ["required", "<RECIPE>"]),
         ("run r.toml --sede 7", ["'--sede'", "'--seed"]),
         ("run r.toml --seed x", ["'x'", "--seed"]),
+        ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
         ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
         ("resume none", ["none", "manifest.json"]),

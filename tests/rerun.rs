@@ -3,7 +3,11 @@
 
 mod support;
 
-use support::{Bench, SMALL, exchanged};
+use palpate::dataset::{Journal, Memory, Status};
+use palpate::recipe::{self, Plan};
+use palpate::rig;
+use palpate::run::{Cancel, Errand, Listener, walk};
+use support::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 
 #[test]
 fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
@@ -30,6 +34,58 @@ fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
     let other = tables(&bench, "other");
     let differing = differing(&one, &other);
     assert_eq!(differing, expected.into_iter().filter(|name| !name.ends_with(".toml")).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
+    struct Silent;
+    impl Listener for Silent {}
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
+    let records: Vec<_> = journal.map(|record| record.expect("a record").1).collect();
+
+    let spec = rig::parse("rig.toml", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");
+    let plan = Plan::new(&recipe::parse("r.toml", SMALL).expect("a recipe"), &spec.ground(), 1).expect("a plan");
+    let (mut memory, cancel) = (Memory::default(), Cancel::default());
+    let mut walk_on = |expected: &[_]| {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
+        let errand = Errand { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let ending = runtime.expect("a runtime").block_on(walk(errand, &mut Silent));
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        assert_eq!(memory.records()[..records.len()], *expected);
+        assert_eq!((memory.contacts().count(), memory.devices().len()), (SMALL_PRESSES as usize, 3));
+    };
+    walk_on(&records);
+    walk_on(&records); // what is there isn't made again
+}
+
+#[test]
+fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
+    let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 2.0"); // 1 staircase, 9 and 2 plain presses
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let told = bench.palpate_ends(0, "run r.toml --out run --strategy map");
+    assert!(told.err.contains("teach: from press 1 of 17"), "{}", told.err);
+    assert_eq!(bench.manifest("run")["strategy"], "map");
+    assert_eq!(bench.manifest("run")["presses_done"], 17);
+    let whole = bench.read("run/presses.csv");
+    let teaches: Vec<String> = bench.column("run/presses.csv", "phase").into_iter().rev().take(5).collect();
+    assert_eq!(teaches, ["teach"; 5], "numbered after all others");
+    assert_eq!(bench.read("run/calibration_matrix.csv").lines().next().map(|line| line.split(',').count()), Some(9));
+
+    // as a power cut after the presses that teach would have left it
+    let journal = bench.read("run/journal.log");
+    bench.write("run/journal.log", &journal.lines().take(6).map(|line| line.to_owned() + "\n").collect::<String>());
+    let manifest = bench.read("run/manifest.json");
+    bench.write("run/manifest.json", &exchanged(&manifest, "\"status\": \"complete\"", "\"status\": \"stopped\""));
+    let told = bench.palpate_ends(0, "resume run");
+    assert!(told.err.contains("characterisation: from press 6 of 17"), "{}", told.err);
+    assert_eq!(bench.manifest("run")["presses_done"], 17);
+    let cells = |text: &str| text.lines().map(|line| line.split(',').take(6).collect::<String>()).collect::<Vec<_>>();
+    assert_eq!(cells(&bench.read("run/presses.csv")), cells(&whole), "the same plan");
+
+    bench.palpate_ends(0, "run r.toml --out other");
+    assert_eq!(bench.manifest("other").get("strategy"), None);
 }
 
 #[test]

@@ -84,6 +84,7 @@ impl Bench {
             presses_planned: plan.entries.len() as u64,
             presses_done: 0,
             seed,
+            strategy: None,
             simulated: true,
             virtual_s: 0.0,
             wall_s: 0.0,

@@ -10,7 +10,7 @@ use support::{Bench, exchanged, shipped, shipped_text};
 #[test]
 fn every_recipe_can_be_run_on_every_rig() {
     let (recipes, rigs) = (files("recipes"), files("rigs"));
-    assert!(recipes.len() >= 4 && rigs.len() >= 2, "{recipes:?} {rigs:?}");
+    assert!(recipes.len() >= 5 && rigs.len() >= 2, "{recipes:?} {rigs:?}");
     let bench = Bench::new();
     for recipe in &recipes {
         for rig in &rigs {
@@ -30,6 +30,20 @@ fn a_plan_is_described_in_presses_levels_force_and_time() {
     for expected in ["together 770 1130", "largest force 2 N, limit 2 N", "travel -12.5 to 12.5 mm"] {
         assert!(rows.iter().any(|row| row.join(" ").contains(expected)), "{expected:?} isn't in\n{}", told.out);
     }
+}
+
+#[test]
+fn the_bench_is_the_papers_grid_taught_first_and_visited_in_another_order() {
+    let described = |more: &str| {
+        let told = Bench::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
+        told.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
+    };
+    let (mapped, guarded) = (described(""), described("--strategy guarded"));
+    let has = |lines: &[String], start: &str| lines.iter().any(|line| line.starts_with(start));
+    for start in ["teach 5 5 ", "calibration 625 625 ", "together 630 630 "] {
+        assert!(has(&mapped, start), "{start}: {mapped:?}");
+    }
+    assert!(has(&guarded, "together 625 625 ") && !has(&guarded, "teach"), "{guarded:?}");
 }
 
 #[test]

@@ -12,6 +12,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate check recipes/paper.toml
   palpate check recipes/test.toml --rig rigs/esp301.toml --seed 7
+  palpate check recipes/bench.toml --strategy guarded
 
 Exit code: 0 the recipe can be run, 2 it can't: every problem is told at its line.";
 

@@ -29,7 +29,12 @@ pub struct Args {
 /// Goes on from the journal.
 pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
     let manifest = RunFolder::read_manifest(&args.run).map_err(Failure::usage)?;
-    let rig = RigArgs { rig: args.run.join("rig.toml"), simulate: manifest.simulated, seed: manifest.seed };
+    let rig = RigArgs {
+        rig: args.run.join("rig.toml"),
+        simulate: manifest.simulated,
+        seed: manifest.seed,
+        strategy: manifest.strategy,
+    };
     let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
     let plan = sources.plan(manifest.seed)?;
     args.session.check(&sources.rig)?;

@@ -11,6 +11,7 @@ Examples:
   palpate run recipes/paper.toml
   palpate run recipes/test.toml --seed 7 --out runs/seven
   palpate run recipes/calibrate.toml --rig rigs/esp301.toml --sensor A-017
+  palpate run recipes/bench.toml --strategy guarded
   palpate run recipes/paper.toml --rig rigs/esp301.toml --simulate
 
 Ctrl-C parks the stage and keeps what was measured; `palpate resume RUN` goes on.";
@@ -39,7 +40,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Failure> {
     let plan = sources.plan(args.rig.seed)?;
     args.session.check(&sources.rig)?;
     let started = Zoned::now().to_string();
-    let manifest = Manifest::new(&plan, sources.rig.is_simulated(), args.sensor.clone(), started);
+    let mut manifest = Manifest::new(&plan, sources.rig.is_simulated(), args.sensor.clone(), started);
+    manifest.strategy = args.rig.strategy;
     let layout = &sources.rig.array.layout;
     let mut folder =
         RunFolder::create(args.out.as_deref(), &sources.origins, manifest, layout).map_err(Failure::dataset)?;

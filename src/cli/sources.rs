@@ -1,4 +1,5 @@
 use super::exit::Failure;
+use crate::control::Strategy;
 use crate::dataset::Origins;
 use crate::document::TEXT_MAX_BYTES;
 use crate::recipe::{self, Plan, Recipe};
@@ -20,7 +21,7 @@ pub struct Sources {
     pub origins: Origins,
 }
 
-/// What a recipe runs on.
+/// What a recipe runs on, and with what of its own replaced.
 #[derive(Debug, clap::Args)]
 pub struct RigArgs {
     /// The rig to use
@@ -32,6 +33,9 @@ pub struct RigArgs {
     /// What random places and forces are drawn from, and all simulated noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// How every press finds its force, whatever the recipe says: guarded, velocity or map
+    #[arg(long, value_name = "NAME", value_parser = strategy)]
+    pub strategy: Option<Strategy>,
 }
 
 impl Sources {
@@ -46,6 +50,10 @@ impl Sources {
                 recipe.report(); // both are told at once
                 return Err(rig);
             }
+        };
+        let recipe = match rig.strategy {
+            Some(strategy) => recipe.with_strategy(strategy),
+            None => recipe,
         };
         let spec = if rig.simulate { spec.simulated() } else { spec };
         if spec.is_simulated() {
@@ -87,6 +95,12 @@ fn bounded(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     File::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
     Ok(text)
+}
+
+fn strategy(name: &str) -> Result<Strategy, String> {
+    let names = || Strategy::ALL.map(Strategy::name).join(", ");
+    let named = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name);
+    named.ok_or_else(|| format!("expected one of {}", names()))
 }
 
 fn own_map(device: &MappedDevice) -> Option<(String, String)> {

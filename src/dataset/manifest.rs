@@ -1,4 +1,4 @@
-use crate::control::Trip;
+use crate::control::{Strategy, Trip};
 use crate::device::Identity;
 use crate::recipe::Plan;
 use serde::{Deserialize, Serialize};
@@ -21,6 +21,9 @@ pub struct Manifest {
     pub presses_done: u64,
     /// What random points, and all simulated noise, were drawn from.
     pub seed: u64,
+    /// The strategy of every press, if it was given in place of the recipe's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strategy: Option<Strategy>,
     /// Whether our emulators were at the far ends of the links.
     pub simulated: bool,
     /// Time that passed in the run, s: in a simulated one that of the simulation.
@@ -53,6 +56,7 @@ impl Manifest {
             presses_planned: plan.entries.len() as u64,
             presses_done: 0,
             seed: plan.seed,
+            strategy: None,
             simulated,
             virtual_s: 0.0,
             wall_s: 0.0,

@@ -34,6 +34,15 @@ pub struct Recipe {
     pub(super) text: String,
 }
 
+impl Recipe {
+    /// The recipe with every press made by one strategy, whatever its steps say.
+    #[must_use]
+    pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
+        self.steps.iter_mut().for_each(|step| step.manner.strategy = strategy);
+        self
+    }
+}
+
 /// What a press is made for: it decides which table its row lands in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
