@@ -194,6 +194,7 @@ mod tests {
             };
             real = real.followed_by(&profile, now_s, lag_s);
             past.push((now_s, profile.clone()));
+            assert!(real.stretches.is_sorted_by(|a, b| a.from_s < b.from_s), "each knot in its turn");
             for step in 0..=400 {
                 let at_s = now_s + f64::from(step) * 1e-4;
                 let then_s = at_s - lag_s;

@@ -122,6 +122,18 @@ fn without_a_specimen_there_is_no_force_and_no_contact() {
 }
 
 #[test]
+fn a_fault_strikes_at_its_instant_though_nobody_looks() {
+    let mut watched = with_faults(&[]);
+    let end_s = go(&mut watched, 1.0, 10.0, 100.0, 0.0);
+    let strikes_s = end_s - 0.05;
+    let force_n = watched.true_force_n(strikes_s);
+    let mut scene = with_faults(&[(FaultKind::NoContact, strikes_s, None)]);
+    go(&mut scene, 1.0, 10.0, 100.0, 0.0);
+    let truth = scene.take_truth(end_s + 1.0);
+    assert!((truth.force_peak_n - force_n).abs() < 1e-9, "{truth:?}, not {force_n} N");
+}
+
+#[test]
 fn a_silent_link_is_the_device_s_own_and_a_slow_stage_takes_longer() {
     for (kind, silent) in [(FaultKind::Stale, Device::LoadCell), (FaultKind::StageLost, Device::Stage)] {
         let mut scene = with_faults(&[(kind, 2.0, None)]);
