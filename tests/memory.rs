@@ -1,7 +1,8 @@
 //! A run takes no more memory as it grows: what it has measured is on the disk, and only there.
 
 use cap::Cap;
-use palpate::dataset::{Contact, Ledger, Manifest, Origins, Record, Row, RowTruth, RunFolder, Status, Touch};
+use palpate::control::Lesson;
+use palpate::dataset::{Contact, Ledger, Manifest, Origins, Record, Row, RowTruth, RunFolder, Status};
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
 use std::alloc::System;
@@ -76,8 +77,8 @@ fn contact(press: u64) -> Contact {
         z_mm: -0.5,
     };
     let truth = RowTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
-    let touch = Some(Touch { place: Place::new(1.0, -1.0), z_mm: 0.0 });
-    Contact { press, rows: vec![row.rounded()], truth: vec![truth], touch }
+    let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
+    Contact { press, rows: vec![row.rounded()], truth: vec![truth], lesson }
 }
 
 fn manifest() -> Manifest {

@@ -3,7 +3,7 @@
 
 use palpate::control::{Permit, Rule, Standing, Zero};
 use palpate::dataset::{self, Manifest, Origins, RunFolder, Status};
-use palpate::device::{LoadCell as _, Stage, StageUse};
+use palpate::device::{LoadCell as _, Reins, Stage, StageUse};
 use palpate::driver::Esp301;
 use palpate::driver::modbus::{ModbusLoadCell, Transport};
 use palpate::emulator::{Instrument, Shared, serve};
@@ -18,7 +18,7 @@ use std::future::Future;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep};
 
 /// What the conversion of the load cell to whole mN may add to what is shown, N.
@@ -537,16 +537,16 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
     in_virtual_time(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        bench.driver.prepare(&bench.usage, &Notify::new()).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 10.0).await.unwrap();
-        bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Notify::new()).await.unwrap();
+        bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Reins::default()).await.unwrap();
         bench.command("1PA3");
         sleep(Duration::from_secs(2)).await;
         bench.command("1MF");
         assert!(bench.at_mm(Axis::Z) < -0.9, "pressing");
         let watch = sideways_in_contact(bench.scene.clone(), bench.origin, 0.3);
         // whether it homes x after a retreat of its own or refuses to go on is its choice
-        let never = Notify::new();
+        let never = Reins::default();
         let moved = tokio::select! {
             biased;
             moved = watch => moved,
@@ -562,9 +562,9 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
     in_virtual_time(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        bench.driver.prepare(&bench.usage, &Notify::new()).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 1.0).await.unwrap();
-        bench.driver.prepare(&bench.usage, &Notify::new()).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
         let here_mm = bench.driver.position_mm(Axis::Z).await.unwrap();
         sleep(Duration::from_secs(1)).await;
         assert!((bench.at_mm(Axis::Z) - here_mm).abs() < 0.001, "from {here_mm} mm to {} mm", bench.at_mm(Axis::Z));
@@ -603,7 +603,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
                     sleep(Duration::from_millis(2)).await;
                 }
             };
-            let never = Notify::new();
+            let never = Reins::default();
             tokio::select! {
                 biased;
                 () = deepest => {}
@@ -646,7 +646,7 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
                 far.write_all(answer).await.unwrap();
             }
         });
-        driver.follow(&[Axis::Z], Duration::ZERO, &Notify::new()).await.unwrap();
+        driver.follow(&[Axis::Z], Duration::ZERO, &Reins::default()).await.unwrap();
         assert_eq!(driver.position_mm(Axis::Z).await.unwrap(), -0.4321);
     });
 }
@@ -678,12 +678,12 @@ fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
                 far.write_all(answer).await.unwrap();
             }
         });
-        let stop = Notify::new();
+        let reins = Reins::default();
         let ask_for_it = async {
             sleep(Duration::from_millis(30)).await;
-            stop.notify_one();
+            reins.stop();
         };
-        let (followed, ()) = tokio::join!(driver.follow(&[Axis::Z], Duration::ZERO, &stop), ask_for_it);
+        let (followed, ()) = tokio::join!(driver.follow(&[Axis::Z], Duration::ZERO, &reins), ask_for_it);
         followed.unwrap();
         let stopped_s = stopped_s.lock().unwrap().expect("ST was sent");
         assert!(stopped_s < 0.05, "asked for at 0.03 s, sent at {stopped_s} s");
