@@ -63,56 +63,59 @@ impl Esp301 {
     }
 
     async fn ask_number(&mut self, doing: &str, question: &str) -> Result<f64, DeviceError> {
-        Ok(self.ask_numbers(doing, question, 1, None).await?.first().copied().unwrap_or(f64::NAN))
+        self.ask_for(doing, question, 1, None, "a number", |answers| number_in(answers.first()?)).await
     }
 
-    /// The answers to a line of questions. What the reins ask for meanwhile is sent at once, to `axes`.
-    async fn ask_numbers(
-        &mut self,
-        doing: &str,
-        question: &str,
-        count: usize,
-        reins: Option<(&Reins, &[Axis])>,
-    ) -> Result<Vec<f64>, DeviceError> {
-        let mut answer = String::new();
-        for _ in 0..QUESTION_TRIES {
-            let asked = Instant::now();
-            let answers = match reins {
-                None => self.line.ask_all(question, count, None).await,
-                Some((reins, axes)) => {
-                    let line = || reins.take().map(|order| line_of(order, axes));
-                    self.line.ask_all(question, count, Some(&Urgent { asked: reins.pulled(), line: &line })).await
-                }
-            };
-            let answers = answers.map_err(|error| self.failed(doing, &error))?;
-            self.quickest = self.quickest.min(asked.elapsed());
-            let number = |text: &String| text.parse::<f64>().ok().filter(|number| number.is_finite());
-            match answers.iter().map(number).collect::<Option<Vec<f64>>>() {
-                Some(numbers) => return Ok(numbers),
-                None => self.line.misfit(),
-            }
-            answer = answers.join(", ");
-        }
-        let expected = if count == 1 { "a number".to_owned() } else { format!("{count} numbers") };
-        Err(self.error(doing, Problem::Misfit { answer, expected: format!("{expected} to {question}") }))
-    }
-
-    /// Where some axes are if all have come to rest, or none (manual, page MD: 0 moving, 1 done; anything else is another
-    /// question's answer).
+    /// Where some axes are if all have come to rest, or none (manual, pages MD: 0 moving, 1 done, and TP).
     async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";");
+        let read = |answers: &[String]| {
+            let (done, places) = answers.split_at_checked(axes.len())?;
+            let done = done.iter().map(|text| match text.as_str() {
+                "0" => Some(false),
+                "1" => Some(true),
+                _ => None,
+            });
+            // a place has its decimals: the answer of MD that came twice isn't one
+            let places = places.iter().map(|text| number_in(text).filter(|_| text.contains('.')));
+            let (done, places): (Vec<bool>, Vec<f64>) = (done.collect::<Option<_>>()?, places.collect::<Option<_>>()?);
+            Some(done.iter().all(|&done| done).then_some(places))
+        };
+        self.ask_for(doing, &question, 2 * axes.len(), Some((reins, axes)), "0 or 1 and a place for each axis", read)
+            .await
+    }
+
+    /// The answers to a line of questions, asked again if they make no sense. What the reins ask for meanwhile is sent at once,
+    /// to `axes`.
+    async fn ask_for<T>(
+        &mut self,
+        doing: &str,
+        question: &str,
+        lines: usize,
+        reins: Option<(&Reins, &[Axis])>,
+        expected: &str,
+        read: impl Fn(&[String]) -> Option<T>,
+    ) -> Result<T, DeviceError> {
         let mut answers = Vec::new();
         for _ in 0..QUESTION_TRIES {
-            answers = self.ask_numbers(doing, &question, 2 * axes.len(), Some((reins, axes))).await?;
-            let (done, places_mm) = answers.split_at(axes.len());
-            if done.iter().all(|&done| done == 0.0 || done == 1.0) {
-                return Ok(done.iter().all(|&done| done == 1.0).then(|| places_mm.to_vec()));
+            let asked = Instant::now();
+            let answered = match reins {
+                None => self.line.ask_all(question, lines, None).await,
+                Some((reins, axes)) => {
+                    let line = || reins.take().map(|order| line_of(order, axes));
+                    self.line.ask_all(question, lines, Some(&Urgent { asked: reins.pulled(), line: &line })).await
+                }
+            };
+            answers = answered.map_err(|error| self.failed(doing, &error))?;
+            self.quickest = self.quickest.min(asked.elapsed());
+            match read(&answers) {
+                Some(value) => return Ok(value),
+                None => self.line.misfit(),
             }
-            self.line.misfit();
         }
-        let expected = format!("0 or 1 to each MD? of {question}");
-        Err(self.error(doing, Problem::Misfit { answer: format!("{answers:?}"), expected }))
+        let expected = format!("{expected} to {question}");
+        Err(self.error(doing, Problem::Misfit { answer: answers.join(", "), expected }))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -321,6 +324,11 @@ fn line_of(order: Order, axes: &[Axis]) -> String {
             axes.iter().map(|&axis| format!("{}VA{mm_s:.5}", number(axis))).collect::<Vec<_>>().join(";")
         }
     }
+}
+
+/// A finite number in an answer.
+fn number_in(answer: &str) -> Option<f64> {
+    answer.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
 /// The controller's number of an axis.

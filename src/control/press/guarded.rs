@@ -18,6 +18,8 @@ const STIFFENING: f64 = 1.15;
 const BELOW_SIGMAS: f64 = 4.0;
 /// Share of the tolerance within which a level counts as reached; the rest is for what the force does until it is sampled.
 const REACHED_SHARE: f64 = 0.1;
+/// Share of the tolerance within which a level counts as reached after the last of all steps.
+const LET_OFF_SHARE: f64 = 0.5;
 /// Share of the declared stiffness with which the force must at least answer a step, where the step is large enough to tell.
 const RESPONSE_SHARE: f64 = 0.05;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
@@ -93,7 +95,9 @@ impl Press {
             Branch::Unloading => (-1.0, 0.0),
         };
         let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n) - below_n;
-        let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n);
+        // a force that falls as fast as it is made good is let off, the sooner the more often it was tried
+        let let_off_n = LET_OFF_SHARE * self.task.force_tolerance_n * f64::from(self.steps) / f64::from(STEPS_MAX);
+        let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n).max(let_off_n);
         if gap_n <= reached_n {
             return self.reached();
         }
