@@ -1,6 +1,7 @@
 use super::exit::Failure;
 use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print};
+use crate::control::safe_speed_mm_s;
 use crate::recipe::{Entry, Phase, Plan};
 use crate::rig::RigSpec;
 use crate::run::estimated_s;
@@ -15,6 +16,9 @@ Examples:
   palpate check recipes/bench.toml --strategy guarded
 
 Exit code: 0 the recipe can be run, 2 it can't: every problem is told at its line.";
+
+/// What the links of a rig take together, quick and slow, s: it is timed when a run begins.
+const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
 
 /// Print what a recipe would do on a rig, without moving anything
 #[derive(Debug, clap::Args)]
@@ -53,11 +57,31 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
     let limits = &rig.limits;
     let _ = writeln!(text, "  largest force {} N, limit {} N", plan.most_n(), limits.force_n);
-    let _ =
-        writeln!(text, "  depth at most {} mm; every move is held to {} N/mm", limits.depth_mm, limits.stiffness_n_mm);
+    let _ = writeln!(text, "  depth at most {} mm below the surface as touched", limits.depth_mm);
+    let _ = writeln!(text, "{}", permitted(rig));
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
     text
+}
+
+/// What the permit bounds every move to, whatever becomes of the host.
+fn permitted(rig: &RigSpec) -> String {
+    let limits = &rig.limits;
+    let lag_s = rig.stage.settle_s + rig.load_cell.lag_s;
+    let speed = |exchanges_s: f64| {
+        let reaction_s = exchanges_s + lag_s;
+        safe_speed_mm_s(limits.force_n, limits.stiffness_n_mm, reaction_s, rig.stage.acceleration_mm_s2)
+    };
+    let [fast, slow] = EXCHANGES_S.map(|exchanges_s| speed(exchanges_s).min(rig.stage.speed_mm_s));
+    format!(
+        "  a move ends at most {:.3} mm beyond the earliest contact ({} N at {} N/mm)\n  \
+         and goes at most {slow:.2} to {fast:.2} mm/s toward it (links of {:.0} to {:.0} ms, timed at the start)",
+        limits.force_n / limits.stiffness_n_mm,
+        limits.force_n,
+        limits.stiffness_n_mm,
+        1000.0 * EXCHANGES_S[1],
+        1000.0 * EXCHANGES_S[0],
+    )
 }
 
 /// One line of the plan: how many presses and levels, and how long they should take.

@@ -3,7 +3,6 @@ use super::plane::Plane;
 use super::surface::{Expected, SurfaceMap};
 use crate::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 /// Touches from which the surface counts as taught: a plane needs three, and one to check them.
 const TAUGHT: usize = 4;
@@ -27,6 +26,8 @@ const MISS_MEMORY: f64 = 30.0;
 const MISS_MOST: f64 = 5.0;
 /// Shots that are remembered, and how many of the nearest say what the next will meet.
 const SHOTS_MAX: usize = 2048;
+/// Two shots so near each other are at one place, mm.
+const HERE_MM: f64 = 0.02;
 const NEIGHBOURS: usize = 12;
 /// The neighbour whose distance is the reach of the weights, counted from 0.
 const REACH: usize = 5;
@@ -73,7 +74,7 @@ pub struct Map {
     surface: SurfaceMap,
     curve: Curve,
     /// Where shots went, and how much deeper than the curve says a force was met there, as a share.
-    scales: VecDeque<(Place, f64)>,
+    scales: Vec<(Place, f64)>,
     shots: f64,
     /// Mean square of the misses in units of what was assumed.
     miss: f64,
@@ -99,7 +100,7 @@ impl Map {
         Map {
             surface: SurfaceMap::new(uncertainty_mm),
             curve: Curve::default(),
-            scales: VecDeque::new(),
+            scales: Vec::new(),
             shots: 0.0,
             miss: 1.0,
             faded: None,
@@ -125,10 +126,7 @@ impl Map {
                 let misses = (miss_mm / assumed_sigma_mm(on_curve_mm)).powi(2).min(MISS_MOST.powi(2));
                 self.miss += (misses - self.miss) / (self.shots + MISS_PRIOR).min(MISS_MEMORY);
                 self.shots += 1.0;
-                if self.scales.len() == SHOTS_MAX {
-                    self.scales.pop_front();
-                }
-                self.scales.push_back((*place, depth_mm / on_curve_mm - 1.0));
+                self.remember(*place, depth_mm / on_curve_mm - 1.0);
                 let gain = (1.0 / self.shots).max(FADE_GAIN);
                 let before = self.faded.unwrap_or(*faded);
                 self.faded = Some(before + gain * (faded - before));
@@ -145,7 +143,9 @@ impl Map {
             return None;
         }
         let depth_mm = shape.depth_mm(force_set_n);
-        let sigma_mm = (self.miss.sqrt() * assumed_sigma_mm(depth_mm)).max(self.roughness_mm());
+        let (scale, scale_sigma) = self.scale(place);
+        let missed_mm = self.miss.sqrt() * assumed_sigma_mm(depth_mm);
+        let sigma_mm = missed_mm.hypot(scale_sigma * depth_mm).max(self.roughness_mm());
         let sigma = shape.stiffness_n_mm(depth_mm) * sigma_mm / force_set_n;
         if sigma > TRUST {
             return None;
@@ -153,7 +153,7 @@ impl Map {
         Some(Shot {
             surface_mm: self.expect(place).z_mm,
             shape,
-            scale: 1.0 + self.scale(place),
+            scale: 1.0 + scale,
             aim: 1.0 - (SHORT_SIGMAS * sigma).clamp(SHORT_LEAST, SHORT_MOST),
             faded: self.faded.unwrap_or(0.0),
         })
@@ -164,13 +164,26 @@ impl Map {
         if self.shots > MISS_MEMORY { 0.0 } else { self.surface.excess_mm() }
     }
 
-    /// The local plane through the nearest shots.
-    fn scale(&self, place: Place) -> f64 {
+    /// Keeps a shot. Where there is no more room, or one was made right here, it takes the place of the nearest: what is known
+    /// of other places stays.
+    fn remember(&mut self, place: Place, scale: f64) {
+        let distance_mm = |at: &Place| at.distance_mm(place);
+        let is_full = self.scales.len() >= SHOTS_MAX;
+        let nearest = self.scales.iter_mut().min_by(|(a, _), (b, _)| distance_mm(a).total_cmp(&distance_mm(b)));
+        match nearest {
+            Some(near) if distance_mm(&near.0) < HERE_MM => *near = (place, scale),
+            Some(near) if is_full => *near = (place, scale),
+            _ => self.scales.push((place, scale)),
+        }
+    }
+
+    /// The local plane through the nearest shots, and the sd of it; before any, that the curve holds as it is.
+    fn scale(&self, place: Place) -> (f64, f64) {
         let mut near: Vec<(f64, usize)> =
             self.scales.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();
         let count = near.len().min(NEIGHBOURS);
         if count == 0 {
-            return 0.0;
+            return (0.0, 0.0); // what is assumed of a shot holds as it is
         }
         near.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         near.truncate(count);
@@ -188,7 +201,8 @@ impl Map {
             let (at, scale) = self.scales[i];
             plane.take(at, scale, 1.0 / (1.0 + (distance_mm / reach_mm).powi(2)).powi(2));
         }
-        plane.at(place).0
+        let (scale, spread) = plane.at(place);
+        (scale, SCALE_SIGMA * spread.sqrt())
     }
 }
 
@@ -230,4 +244,106 @@ impl Shot {
 /// What is assumed of where a force is met, before shots say better, mm.
 fn assumed_sigma_mm(depth_mm: f64) -> f64 {
     HEIGHT_SIGMA_MM.hypot(DEPTH_SIGMA * depth_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+
+    /// A specimen with a tilt and a stiffness that varies by a few percent over some millimetres.
+    fn depth_mm(place: Place, force_n: f64) -> f64 {
+        let scale = 1.0 + 0.05 * (0.6 * place.x_mm).sin() * (0.5 * place.y_mm).cos();
+        scale * force_n / 1.3
+    }
+
+    fn surface_mm(place: Place) -> f64 {
+        0.02 * place.x_mm - 0.01 * place.y_mm
+    }
+
+    fn touch(place: Place) -> Lesson {
+        let path = (1..=8).map(|i| 0.125 * f64::from(i)).map(|n| (surface_mm(place) + n / 1.3, n)).collect();
+        Lesson::Touch { place, z_mm: surface_mm(place), path }
+    }
+
+    fn taught() -> Map {
+        let mut map = Map::new(0.3);
+        for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {
+            map.learn(&touch(Place::new(x, y)));
+        }
+        map
+    }
+
+    /// A shot at a place as it would go: the lesson, and the miss of the force it met.
+    fn shoot(map: &Map, place: Place) -> (Lesson, f64) {
+        let shot = map.shot(place, 1.0, &LIMITS).expect("the map is trusted");
+        let z_mm = shot.z_mm(shot.aim_n(1.0));
+        let force_n = (z_mm - surface_mm(place)) / depth_mm(place, 1.0);
+        let expected_n = shot.force_n(z_mm);
+        (Lesson::Shot { place, z_mm, force_n, expected_n, faded: 0.006 }, force_n - expected_n)
+    }
+
+    #[test]
+    fn shots_along_a_raster_miss_less_and_less_and_aim_closer() {
+        let mut map = taught();
+        let first_aim = map.shot(Place::new(-6.0, -6.0), 1.0, &LIMITS).unwrap().aim_n(1.0);
+        let mut misses = Vec::new();
+        for row in 0..9 {
+            for column in 0..25 {
+                let place = Place::new(-6.0 + 0.5 * f64::from(column), -6.0 + 0.5 * f64::from(row));
+                let (lesson, miss_n) = shoot(&map, place);
+                misses.push(miss_n.abs());
+                map.learn(&lesson);
+            }
+        }
+        let last = &misses[100..];
+        assert!(last.iter().all(|miss| *miss < 0.01), "{:?}", last.iter().copied().fold(0.0, f64::max));
+        let shot = map.shot(Place::new(0.0, -3.0), 1.0, &LIMITS).unwrap();
+        assert!(first_aim < 0.95 && shot.aim_n(1.0) > 0.97, "{first_aim} then {}", shot.aim_n(1.0));
+        assert!((shot.faded - 0.006).abs() < 1e-9);
+    }
+
+    #[test]
+    fn misses_that_are_large_cost_the_trust_and_one_alone_does_not() {
+        let mut map = taught();
+        let miss = |force_n| {
+            let place = Place::default();
+            Lesson::Shot { place, z_mm: 0.5, force_n, expected_n: 0.65, faded: 0.0 }
+        };
+        map.learn(&miss(1.5));
+        map.learn(&miss(0.65));
+        assert!(map.shot(Place::new(5.0, 5.0), 1.0, &LIMITS).is_some());
+        (0..30).for_each(|i| map.learn(&miss(if i % 2 == 0 { 0.4 } else { 1.0 })));
+        assert_eq!(map.shot(Place::new(5.0, 5.0), 1.0, &LIMITS), None);
+    }
+
+    #[test]
+    fn a_rough_surface_is_not_shot_at() {
+        let mut map = Map::new(0.3);
+        for (i, (x, y)) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)].into_iter().enumerate() {
+            let place = Place::new(x, y);
+            let Lesson::Touch { z_mm, path, .. } = touch(place) else { unreachable!() };
+            let relief_mm = if i == 4 { 0.15 } else { -0.05 };
+            let path = path.into_iter().map(|(z, n)| (z + relief_mm, n)).collect();
+            map.learn(&Lesson::Touch { place, z_mm: z_mm + relief_mm, path });
+        }
+        assert_eq!(map.shot(Place::default(), 1.0, &LIMITS), None);
+    }
+
+    #[test]
+    fn a_map_does_not_grow_without_bound_and_forgets_no_corner() {
+        let mut map = taught();
+        for i in 0..2 * SHOTS_MAX {
+            let place = Place::new(-6.0 + 0.05 * (i % 240) as f64, -6.0 + 0.5 * (i / 240) as f64);
+            let lesson = shoot(&map, place).0;
+            map.learn(&lesson);
+        }
+        assert!(map.scales.len() <= SHOTS_MAX);
+        let corner = Place::new(-6.0, -6.0);
+        assert!(map.scales.iter().any(|(at, _)| at.distance_mm(corner) < 1.0));
+        let again = map.scales.len();
+        map.learn(&shoot(&map, corner).0);
+        assert_eq!(map.scales.len(), again);
+    }
 }

@@ -1,10 +1,16 @@
-use crate::control::Profile;
+use crate::control::{Profile, Strategy};
 use crate::recipe::Entry;
 use crate::rig::RigSpec;
 
 /// What a press takes beyond its travel, dwell and window on a stage that answers in some 12 ms: the look at the air, the
 /// approach, the steps and the withdrawal, s.
-const PRESS_S: f64 = 1.1;
+fn press_s(strategy: Strategy) -> f64 {
+    match strategy {
+        Strategy::Guarded => 1.1,
+        Strategy::Velocity => 1.6,
+        Strategy::Map => 0.55,
+    }
+}
 
 /// What each further level of a staircase takes beyond its dwell and window, s.
 const LEVEL_S: f64 = 0.4;
@@ -17,7 +23,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
         let way_mm = (entry.place.x_mm - place.x_mm).abs().max((entry.place.y_mm - place.y_mm).abs());
         let levels = entry.task.levels.len() as f64;
         total_s += Profile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()
-            + PRESS_S
+            + press_s(entry.task.strategy)
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)
             + entry.rest_after_s;

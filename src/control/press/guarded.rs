@@ -50,6 +50,7 @@ impl Press {
     }
 
     pub(super) fn touched(&mut self, force_n: f64) -> Result<Command, Trip> {
+        self.check_hardness(force_n)?;
         self.force_n = force_n;
         if force_n < self.context.zero.detect_n() / 2.0 {
             return self.approach();
@@ -115,7 +116,7 @@ impl Press {
         let step_mm = side * (gap_n / stiffness).max(STEP_LEAST_MM);
         if side < 0.0 {
             let z_mm = self.z_mm + step_mm;
-            let granted = self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)?;
+            let granted = self.withdraw_to(z_mm)?;
             return self.go(State::Stepping, Command::Move(granted));
         }
         self.step_to(State::Stepping, self.z_mm + step_mm)

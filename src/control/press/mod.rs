@@ -1,19 +1,17 @@
 //! One contact, as a state machine. What is common to all presses is here; how each strategy finds the force is in a file of
-//! its own: [`guarded`], [`velocity`], [`shot`] (the map's).
+//! its own: `guarded`, `velocity`, `shot` (the map's).
 
+mod dialogue;
 mod guarded;
 mod shot;
 mod velocity;
 
-use super::map::{Lesson, Shot};
-use super::permit::{DEPTH_MARGIN_MM, Permit, Permitted, Standing};
+use super::map::Lesson;
+use super::permit::{DEPTH_MARGIN_MM, Permitted, Standing};
 use super::profile::Profile;
-use super::speed::Timing;
-use super::surface::Expected;
 use super::task::{Branch, Level, Strategy, Task};
 use super::trip::{Rule, Trip};
-use super::zero::Zero;
-use crate::quantity::{Limits, Place};
+pub use dialogue::{Air, Command, Context, Event, Moment, Steer};
 use shot::Landing;
 use velocity::Push;
 
@@ -46,108 +44,6 @@ const STEP_LEAST_MM: f64 = 0.000_5;
 const STEPS_MAX: u32 = 60;
 /// Most points of a loading path that are kept.
 const PATH_MAX: usize = 12;
-
-/// What a press rests on, besides its task.
-#[derive(Clone, Copy, Debug)]
-pub struct Context {
-    /// The place, specimen frame.
-    pub place: Place,
-    /// The rig's limits.
-    pub limits: Limits,
-    /// Who may move where.
-    pub permit: Permit,
-    /// The zero in air.
-    pub zero: Zero,
-    /// Where the surface is expected.
-    pub expected: Expected,
-    /// What the map says of this place and this force; none where it can't be trusted, or isn't asked.
-    pub shot: Option<Shot>,
-    /// Where to withdraw to, mm: clear of the surface here and on the way on.
-    pub clear_mm: f64,
-    /// Speed of steps in contact and of motions in air, mm/s.
-    pub speed_mm_s: f64,
-    /// How fast the rig is.
-    pub timing: Timing,
-}
-
-/// What the loop is to do next. Only the moves move, and only toward a permitted end.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Command {
-    /// Average this many readings; answered by [`Event::Averaged`].
-    Average(u32),
-    /// Move along z, every reading told to [`Press::see`]; answered by [`Event::Moved`].
-    Move(Permitted),
-    /// Keep still and read the force; answered by [`Event::Dwelt`].
-    Dwell(f64),
-    /// Sample force and outputs for so long; answered by [`Event::Sampled`].
-    Sample(f64),
-    /// Withdraw for good; what comes next may begin once the specimen is clear. Answered by [`Event::Moved`].
-    Depart(Permitted),
-    /// The contact is over.
-    Done,
-    /// A rule is broken: stop, withdraw, record.
-    Trip(Trip),
-}
-
-/// What happened.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event {
-    /// The indenter is in the clear above its place.
-    Begin {
-        /// Its z, read back, mm.
-        z_mm: f64,
-        /// What the load cell said in the clear, from the zero.
-        air: Air,
-    },
-    /// Readings were averaged.
-    Averaged {
-        /// Mean force from the zero, N.
-        force_n: f64,
-    },
-    /// A motion ended, on its target or by a stop.
-    Moved {
-        /// Where, mm.
-        z_mm: f64,
-    },
-    /// The dwell is over.
-    Dwelt,
-    /// The window is over.
-    Sampled {
-        /// Mean force in it, N.
-        force_n: f64,
-    },
-}
-
-/// Readings in air.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Air {
-    /// Their mean from the zero, N.
-    pub mean_n: f64,
-    /// Their standard deviation, N.
-    pub sigma_n: f64,
-    /// How many.
-    pub readings: u32,
-}
-
-/// When an event is told.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moment {
-    /// The time, s, from any origin that stays.
-    pub now_s: f64,
-    /// How old the last good reading is, s.
-    pub age_s: f64,
-}
-
-/// What is to become of the motion under way.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Steer {
-    /// It goes on as it is.
-    On,
-    /// It goes on at this speed, mm/s.
-    Speed(f64),
-    /// It is stopped.
-    Stop,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
@@ -287,7 +183,6 @@ impl Press {
     /// The next command. An event that doesn't fit the state ends the press with a trip rather than a guess.
     pub fn next(&mut self, event: Event, moment: Moment) -> Command {
         self.moment = moment;
-        self.motion = None;
         if let Some(trip) = self.broken.take() {
             return Command::Trip(trip);
         }
@@ -364,6 +259,7 @@ impl Press {
 
     /// A mean after a step: has the force answered, has it fallen by itself; then on.
     fn read(&mut self, force_n: f64) -> Result<Command, Trip> {
+        self.check_hardness(force_n)?;
         self.check_fall(force_n)?;
         self.force_n = force_n;
         self.answered()?;
@@ -424,12 +320,12 @@ impl Press {
     }
 
     fn withdraw(&mut self) -> Result<Command, Trip> {
-        let granted = self.context.permit.withdraw(self.z_mm, self.context.clear_mm, self.context.speed_mm_s)?;
+        let granted = self.withdraw_to(self.context.clear_mm)?;
         self.go(State::Withdrawing, Command::Move(granted))
     }
 
     fn depart(&mut self) -> Result<Command, Trip> {
-        let granted = self.context.permit.withdraw(self.z_mm, self.context.clear_mm, self.context.speed_mm_s)?;
+        let granted = self.withdraw_to(self.context.clear_mm)?;
         self.go(State::Departing, Command::Depart(granted))
     }
 
@@ -454,12 +350,27 @@ impl Press {
 
     /// No contact may push harder than the rig's declared stiffness lets it at the deepest the stage can be by now (E+).
     fn harder_than_declared(&self, force_n: f64, now_s: f64) -> Option<Trip> {
-        let Motion { from_mm, from_n, began_s, profile } = self.motion?;
-        let deepest_mm = from_mm + profile.at_mm(now_s - began_s);
-        let way_mm = (deepest_mm - from_mm.max(self.first_mm)).max(0.0);
+        let Motion { from_mm, began_s, profile, .. } = self.motion?;
+        self.harder_at(force_n, from_mm + profile.at_mm(now_s - began_s))
+    }
+
+    /// The same at rest, where the motion ended: what was met while it was being stopped.
+    fn check_hardness(&self, force_n: f64) -> Result<(), Trip> {
+        self.harder_at(force_n, self.z_mm).map_or(Ok(()), Err)
+    }
+
+    fn harder_at(&self, force_n: f64, z_mm: f64) -> Option<Trip> {
+        let Motion { from_mm, from_n, .. } = self.motion?;
+        let way_mm = (z_mm - from_mm.max(self.first_mm)).max(0.0);
         let noise_n = TELL_SIGMAS * self.context.zero.sigma_n;
         let most_n = from_n.max(0.0) + self.context.limits.stiffness_n_mm * way_mm + HARD_N.max(noise_n);
         (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
+    }
+
+    /// Away from the specimen, which no rule on the force has to bound.
+    fn withdraw_to(&mut self, z_mm: f64) -> Result<Permitted, Trip> {
+        self.motion = None;
+        self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)
     }
 
     fn go(&mut self, state: State, command: Command) -> Result<Command, Trip> {

@@ -1,7 +1,7 @@
 //! The map's press: one motion to where the presses before say that nearly the whole force will be met, a correction from
 //! below, and a late trim that allows for what the force will fade until it is sampled.
 
-use super::{Command, Level, Press, Rule, STEP_LEAST_MM, STEPS_MAX, State, Steer, TELL_SIGMAS, Trip};
+use super::{Branch, Command, Level, Press, Rule, STEP_LEAST_MM, STEPS_MAX, State, Steer, TELL_SIGMAS, Trip};
 use crate::control::map::{Lesson, Shot};
 use crate::control::profile::Profile;
 use crate::quantity::Place;
@@ -65,6 +65,7 @@ impl Press {
     /// The first look after the shot.
     pub(super) fn landed(&mut self, force_n: f64) -> Result<Command, Trip> {
         let Some(shot) = self.context.shot else { return self.descend() };
+        self.check_hardness(force_n)?;
         let expected_n = shot.force_n(self.z_mm);
         let least_n = MET_SHARE * expected_n - MET_N.max(TELL_SIGMAS * self.sigma_n);
         if force_n < least_n {
@@ -119,7 +120,9 @@ impl Press {
 
     /// A shot or a step that meets more than it should is stopped.
     pub(super) fn hold_below(&self, force_n: f64) -> Steer {
-        let Some((_, level)) = self.level() else { return Steer::On };
+        let Some((_, level)) = self.level().filter(|(_, level)| level.branch == Branch::Loading) else {
+            return Steer::On; // from above a level the force is higher
+        };
         let over_n = (OVER_SHARE * level.force_set_n).max(TELL_SIGMAS * self.context.zero.sigma_n);
         if force_n > level.force_set_n + over_n { Steer::Stop } else { Steer::On }
     }

@@ -1,0 +1,111 @@
+//! What a press is told and what it answers.
+
+use crate::control::map::Shot;
+use crate::control::permit::{Permit, Permitted};
+use crate::control::speed::Timing;
+use crate::control::surface::Expected;
+use crate::control::trip::Trip;
+use crate::control::zero::Zero;
+use crate::quantity::{Limits, Place};
+
+/// What a press rests on, besides its task.
+#[derive(Clone, Copy, Debug)]
+pub struct Context {
+    /// The place, specimen frame.
+    pub place: Place,
+    /// The rig's limits.
+    pub limits: Limits,
+    /// Who may move where.
+    pub permit: Permit,
+    /// The zero in air.
+    pub zero: Zero,
+    /// Where the surface is expected.
+    pub expected: Expected,
+    /// What the map says of this place and this force; none where it can't be trusted, or isn't asked.
+    pub shot: Option<Shot>,
+    /// Where to withdraw to, mm: clear of the surface here and on the way on.
+    pub clear_mm: f64,
+    /// Speed of steps in contact and of motions in air, mm/s.
+    pub speed_mm_s: f64,
+    /// How fast the rig is.
+    pub timing: Timing,
+}
+
+/// What the loop is to do next. Only the moves move, and only toward a permitted end.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Average this many readings; answered by [`Event::Averaged`].
+    Average(u32),
+    /// Move along z, every reading told to [`Press::see`](super::Press::see); answered by [`Event::Moved`].
+    Move(Permitted),
+    /// Keep still and read the force; answered by [`Event::Dwelt`].
+    Dwell(f64),
+    /// Sample force and outputs for so long; answered by [`Event::Sampled`].
+    Sample(f64),
+    /// Withdraw for good; what comes next may begin once the specimen is clear. Answered by [`Event::Moved`].
+    Depart(Permitted),
+    /// The contact is over.
+    Done,
+    /// A rule is broken: stop, withdraw, record.
+    Trip(Trip),
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The indenter is in the clear above its place.
+    Begin {
+        /// Its z, read back, mm.
+        z_mm: f64,
+        /// What the load cell said in the clear, from the zero.
+        air: Air,
+    },
+    /// Readings were averaged.
+    Averaged {
+        /// Mean force from the zero, N.
+        force_n: f64,
+    },
+    /// A motion ended, on its target or by a stop.
+    Moved {
+        /// Where, mm.
+        z_mm: f64,
+    },
+    /// The dwell is over.
+    Dwelt,
+    /// The window is over.
+    Sampled {
+        /// Mean force in it, N.
+        force_n: f64,
+    },
+}
+
+/// Readings in air.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Air {
+    /// Their mean from the zero, N.
+    pub mean_n: f64,
+    /// Their standard deviation, N.
+    pub sigma_n: f64,
+    /// How many.
+    pub readings: u32,
+}
+
+/// When an event is told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// The time, s, from any origin that stays.
+    pub now_s: f64,
+    /// How old the last good reading is, s.
+    pub age_s: f64,
+}
+
+/// What is to become of the motion under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Steer {
+    /// It goes on as it is.
+    On,
+    /// It goes on at this speed, mm/s.
+    Speed(f64),
+    /// It is stopped.
+    Stop,
+}
