@@ -16,6 +16,9 @@ const SIDEWAYS_READINGS: u32 = 2;
 /// How long after it should have ended a motion may go unanswered, s.
 const SILENT_S: f64 = 0.5;
 
+/// How often z is looked at on its way out of a contact.
+const LOOK_EVERY: Duration = Duration::from_millis(1);
+
 /// The axes that move the indenter from place to place.
 const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
 
@@ -74,6 +77,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let due_after = seconds(withdrawal.duration_s() + travel_s);
         let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
+        let ends_after = seconds(withdrawal.duration_s() + self.timing.settle_s);
         let stage = &mut self.stage;
         let motion = async {
             stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s()).await?;
@@ -86,6 +90,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             let mut refused = None;
             while !reins.stopped() {
+                let has_ended = begun.elapsed() > ends_after;
                 let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z).await?);
                 match permit.sideways(z_mm, first_mm, force_n.get()) {
                     Ok(leave) if !reins.stopped() => {
@@ -98,9 +103,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                     Ok(_) => {}
                     Err(trip) => refused = Some(trip),
                 }
-                if begun.elapsed() > seconds(withdrawal.duration_s() + SILENT_S) {
+                if has_ended {
                     break;
                 }
+                sleep(LOOK_EVERY).await;
             }
             let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &reins).await?;
             Ok((places_mm, refused))

@@ -13,6 +13,8 @@ use tokio::time::{Instant, sleep};
 struct StrawStage<'a> {
     told: &'a RefCell<Vec<String>>,
     at_mm: [f64; 3],
+    /// How long it says that a motion takes, s.
+    takes_s: f64,
 }
 
 impl Stage for StrawStage<'_> {
@@ -30,7 +32,7 @@ impl Stage for StrawStage<'_> {
         tokio::select! {
             biased;
             () = reins.pulled().notified() => self.told.borrow_mut().push("stop".to_owned()),
-            () = sleep(Duration::from_millis(400)) => {}
+            () = sleep(Duration::from_secs_f64(self.takes_s)) => {}
         }
         Ok(axes.iter().map(|axis| self.at_mm[axis.index()]).collect())
     }
@@ -91,7 +93,7 @@ fn hand<'a>(
     let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: None };
     let cell = StrawCell { began: Instant::now(), early_n, late_n };
     let parts = Instruments {
-        stage: StrawStage { told, at_mm: [0.0; 3] },
+        stage: StrawStage { told, at_mm: [0.0; 3], takes_s: 0.4 },
         load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
         array: StrawArray,
     };
@@ -137,6 +139,56 @@ async fn nothing_moves_sideways_under_a_force() {
     hand.z_mm = -1.0;
     assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), Rule::StillTouching);
     assert!(told.borrow().is_empty());
+}
+
+/// A withdrawal that the permit grants, to this z.
+fn away(z_mm: f64) -> crate::control::Permitted {
+    permit().withdraw(1.0, z_mm, 10.0).unwrap()
+}
+
+#[tokio::test(start_paused = true)]
+async fn x_and_y_follow_a_withdrawal_once_z_reads_back_clear() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&told, &cancel, (0.0, 0.0));
+    hand.z_mm = 0.8;
+    hand.depart(away(-0.1), Place::new(0.5, 0.0), &permit(), 0.0).await.unwrap();
+    assert_eq!(*told.borrow(), ["z to 0.1", "x to 0.5", "y to 0"]);
+    assert_eq!((hand.place, hand.z_mm), (Place::new(0.5, 0.0), -0.1));
+    let air = hand.cell.close_air().await.unwrap();
+    assert!(air.readings > crate::control::AIR_READINGS && air.mean_n == 0.0, "{air:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
+    for (force_n, clear_mm, broken) in [(0.0, -0.02, Rule::NotPermitted), (0.05, -0.1, Rule::StillTouching)] {
+        let (told, cancel) = (RefCell::default(), Cancel::default());
+        let mut hand = hand(&told, &cancel, (force_n, force_n));
+        hand.z_mm = 0.8;
+        assert_eq!(rule(hand.depart(away(clear_mm), Place::new(0.5, 0.0), &permit(), 0.0).await), broken);
+        assert!(told.borrow().iter().all(|told| !told.starts_with(['x', 'y'])), "{told:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn contact_after_x_and_y_have_begun_stops_them() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&told, &cancel, (0.0, 0.05));
+    hand.z_mm = 0.5;
+    let departed = hand.depart(away(-0.1), Place::new(5.0, 0.0), &permit(), 0.0).await;
+    assert_eq!(rule(departed), Rule::StillTouching);
+    assert_eq!(told.borrow().last().map(String::as_str), Some("stop"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stage_that_falls_silent_under_way_is_a_trip() {
+    let (told, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&told, &cancel, (0.0, 0.0));
+    hand.stage.takes_s = 30.0;
+    hand.z_mm = 0.5;
+    let began = Instant::now();
+    assert_eq!(rule(hand.move_z(away(0.0), None).await), Rule::StageSilent);
+    assert!(began.elapsed() < Duration::from_secs(1));
+    assert_eq!(*told.borrow(), ["z to 0", "stop"]);
 }
 
 #[tokio::test(start_paused = true)]
