@@ -15,6 +15,11 @@ const SPEED_LEAST_MM_S: f64 = 1e-4;
 /// Rounding that is not held against a motion, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
+/// How far a force may be above what the declared stiffness allows before the contact counts as harder, N, and in sd of one
+/// reading.
+const HARD_N: f64 = 0.12;
+const HARD_SIGMAS: f64 = 6.0;
+
 /// Largest force in air, N: beyond it the zero has drifted (I4).
 const AIR_N: f64 = 0.020;
 
@@ -59,20 +64,32 @@ pub struct Standing {
     pub first_mm: f64,
 }
 
-/// The rules under which a motion toward the specimen may be commanded: its own end point must be safe, whatever becomes of
-/// the host, the link or the loop while it is under way.
+/// The rules under which a motion may be commanded: its own end point must be safe, whatever becomes of the host, the link or the
+/// loop while it is under way. I1 to I7 are the study's names for them.
+///
+/// | rule | where |
+/// |---|---|
+/// | I1 force at the end point, by the declared stiffness | [`deepest_mm`](Self::deepest_mm) |
+/// | I2 depth at the end point | [`deepest_mm`](Self::deepest_mm) |
+/// | I3 speed, by the reaction time that was measured | [`advance`](Self::advance) |
+/// | I4 a fresh force; a zero that is still one, asked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
+/// | I5 no harder than declared | [`most_n`](Self::most_n) |
+/// | I6 away is always allowed; a stop asks nobody | [`withdraw`](Self::withdraw) |
+/// | I7 x and y move in the clear alone | [`sideways`](Self::sideways) |
 #[derive(Clone, Copy, Debug)]
 pub struct Permit {
     limits: Limits,
     reaction_s: f64,
     acceleration_mm_s2: f64,
     detect_n: f64,
+    /// Of one reading, N.
+    sigma_n: f64,
 }
 
 impl Permit {
     /// The permit of a rig: its limits, its measured reaction time, its acceleration, and the force that counts as contact.
     pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
-        Permit { limits, reaction_s, acceleration_mm_s2, detect_n: zero.detect_n() }
+        Permit { limits, reaction_s, acceleration_mm_s2, detect_n: zero.detect_n(), sigma_n: zero.sigma_n }
     }
 
     /// The deepest end point that would be granted, mm.
@@ -96,6 +113,13 @@ impl Permit {
     pub fn approach_speed_mm_s(&self, force_n: f64) -> f64 {
         let room_n = force_n - self.detect_n;
         safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.acceleration_mm_s2)
+    }
+
+    /// The most that a contact no stiffer than declared pushes with at `z_mm`, N, after a motion from a place and a force there
+    /// (E+): what pushes harder isn't the specimen that the limits were declared for.
+    pub fn most_n(&self, (from_mm, from_n): (f64, f64), first_mm: f64, z_mm: f64) -> f64 {
+        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0);
+        from_n.max(0.0) + self.limits.stiffness_n_mm * way_mm + HARD_N.max(HARD_SIGMAS * self.sigma_n)
     }
 
     /// A motion toward the specimen, no faster than the force limit allows (I3).

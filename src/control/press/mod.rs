@@ -32,8 +32,6 @@ const READ_MOST_S: f64 = 0.020;
 const SEARCH_MM: f64 = 0.20;
 /// What a depth limit must leave beyond the surface's uncertainty for that search, mm.
 pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
-/// How far a force may be above what the declared stiffness allows at most before the contact counts as harder, N.
-const HARD_N: f64 = 0.12;
 /// Share of a force that must still be there at the next look, nothing having been withdrawn.
 const LEFT_SHARE: f64 = 0.5;
 /// How many sd of a mean a rule on its fall or its answer leaves.
@@ -361,9 +359,7 @@ impl Press {
 
     fn harder_at(&self, force_n: f64, z_mm: f64) -> Option<Trip> {
         let Motion { from_mm, from_n, .. } = self.motion?;
-        let way_mm = (z_mm - from_mm.max(self.first_mm)).max(0.0);
-        let noise_n = TELL_SIGMAS * self.context.zero.sigma_n;
-        let most_n = from_n.max(0.0) + self.context.limits.stiffness_n_mm * way_mm + HARD_N.max(noise_n);
+        let most_n = self.context.permit.most_n((from_mm, from_n), self.first_mm, z_mm);
         (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
     }
 
