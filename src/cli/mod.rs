@@ -14,6 +14,7 @@ mod resume;
 mod run;
 mod session;
 mod sources;
+mod study;
 mod summary;
 mod tables;
 
@@ -44,6 +45,7 @@ enum Command {
     Run(run::Args),
     Resume(resume::Args),
     Evaluate(evaluate::Args),
+    Study(study::Args),
     Emulate(emulate::Args),
     Ports(ports::Args),
 }
@@ -60,6 +62,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(args),
         Command::Resume(args) => resume::resume(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
+        Command::Study(args) => study::study(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
     };

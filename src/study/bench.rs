@@ -1,0 +1,51 @@
+use crate::document::Problems;
+use crate::rig::{self, RigSpec};
+
+/// The simulated benches that conditions are measured on: one plant, two controllers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bench {
+    /// A stage behind an ESP301: 5 to 20 ms an exchange.
+    Esp301,
+    /// The same stage behind a controller as fast as an XPS: 1 to 5 ms an exchange.
+    XpsLike,
+}
+
+impl Bench {
+    /// Both, the slow one first.
+    pub const ALL: [Bench; 2] = [Bench::Esp301, Bench::XpsLike];
+
+    /// The bench as it stands in tables and figures.
+    pub fn name(self) -> &'static str {
+        match self {
+            Bench::Esp301 => "ESP301",
+            Bench::XpsLike => "XPS-like",
+        }
+    }
+
+    /// The rig as it is shipped.
+    ///
+    /// # Errors
+    /// None: a test holds the shipped text to be sound.
+    pub fn spec(self) -> Result<RigSpec, Problems> {
+        let (file, text) = match self {
+            Bench::Esp301 => ("rigs/bench-esp301.toml", include_str!("../../rigs/bench-esp301.toml")),
+            Bench::XpsLike => ("rigs/bench-fast.toml", include_str!("../../rigs/bench-fast.toml")),
+        };
+        rig::parse(file, text, &|_| Err(std::io::ErrorKind::NotFound.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_benches_are_simulated_and_differ_in_their_controller_alone() {
+        let [slow, fast] = Bench::ALL.map(|bench| bench.spec().unwrap());
+        assert!(slow.is_simulated() && fast.is_simulated());
+        assert!(fast.scene.latencies.stage_s.1 < slow.scene.latencies.stage_s.0 + 1e-9);
+        let mut scene = slow.scene.clone();
+        scene.latencies.stage_s = fast.scene.latencies.stage_s;
+        assert_eq!((scene, slow.limits), (fast.scene, fast.limits));
+    }
+}

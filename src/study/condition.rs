@@ -1,0 +1,242 @@
+//! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
+
+use super::{Bench, StudyError, bound};
+use crate::control::{Strategy, Trip};
+use crate::dataset::{Contact, Memory, Row};
+use crate::recipe::{self, Phase, Plan};
+use crate::rig::RigSpec;
+use crate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
+use crate::solver::ErrorSummary;
+use serde::Serialize;
+use tokio::runtime::Builder;
+
+/// From one place to the next, mm, and the window, s: those of the paper's calibration.
+const PITCH_MM: f64 = 0.5;
+const WINDOW_S: f64 = 0.1;
+
+/// What part of the study a condition belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Part {
+    /// Time per press against the force error.
+    Tolerance,
+    /// A specimen stiffer or softer than declared.
+    Mismatch,
+    /// What the loop is tried on.
+    Scenes,
+    /// What the permit's caution costs.
+    Caution,
+    /// A calibration and its test.
+    Calibration,
+}
+
+/// What is measured: a square of places pressed with one force by one strategy.
+#[derive(Clone, Debug)]
+pub struct Condition {
+    /// What for.
+    pub part: Part,
+    /// The bench's name.
+    pub bench: Bench,
+    /// The scene's name.
+    pub scene: String,
+    /// The bench with all that was changed.
+    pub spec: RigSpec,
+    /// How the force is found.
+    pub strategy: Strategy,
+    /// The force that is asked for, N.
+    pub force_n: f64,
+    /// Largest allowed difference of the force in the window from it, N.
+    pub tolerance_n: f64,
+    /// Places along a side of the square.
+    pub side: usize,
+    /// Random places and forces of 0.1 to 1 N after it, on the same square.
+    pub tests: usize,
+    /// What all noise is drawn from, and the specimen.
+    pub seed: u64,
+}
+
+/// What came of a condition. Errors and peaks are by the truth; presses that teach don't count.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// What it was measured for.
+    pub part: Part,
+    /// How the force was found.
+    pub strategy: Strategy,
+    /// The bench.
+    pub rig: &'static str,
+    /// The scene.
+    pub scene: String,
+    /// The limits that were set: force, depth, declared stiffness.
+    pub limits: String,
+    /// The declared stiffness, N/mm.
+    pub declared_n_mm: f64,
+    /// The force that was asked for, N.
+    pub force_set_n: f64,
+    /// The tolerance that was asked for, N.
+    pub tolerance_n: f64,
+    /// Presses that were planned.
+    pub points: usize,
+    /// Presses that were made.
+    pub done: usize,
+    /// Time from one press to the next, median, s; none where no two were made.
+    pub median_s: Option<f64>,
+    /// The same, 95th percentile, s.
+    pub p95_s: Option<f64>,
+    /// The least time there is, s.
+    pub bound_s: f64,
+    /// The median over it.
+    pub ratio: Option<f64>,
+    /// Mean of |true force in the window - set force|, mN.
+    pub error_mean_mn: Option<f64>,
+    /// Its 95th percentile, mN.
+    pub error_p95_mn: Option<f64>,
+    /// Its largest, mN.
+    pub error_max_mn: Option<f64>,
+    /// Mean of true force - set force, mN.
+    pub bias_mn: Option<f64>,
+    /// Largest true force at any time less the set force, mN.
+    pub peak_over_mn: Option<f64>,
+    /// Presses whose force the load cell saw off by more than the tolerance.
+    pub flagged: usize,
+    /// How often a rule was broken: the walk ends there.
+    pub trips: usize,
+    /// The rule, or the device that failed.
+    pub rule: Option<String>,
+    /// What was told of it.
+    pub told: Option<String>,
+    /// Whether no other outcome of its rig and part is both faster and nearer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pareto: Option<bool>,
+    /// From the run's start to the last press of the square, minutes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub minutes: Option<f64>,
+    /// Mean distance from true to solved place on the test, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub location_error_mm: Option<f64>,
+    /// Mean difference of solved from set force on the test, N.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub solved_force_error_n: Option<f64>,
+}
+
+/// What a condition left: its outcome and the contacts in the order of time.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// What came of it.
+    pub outcome: Outcome,
+    /// The contacts.
+    pub contacts: Vec<Contact>,
+}
+
+impl Condition {
+    /// Walks the condition in virtual time, with no files.
+    ///
+    /// # Errors
+    /// A plan that the bench can't carry out.
+    pub fn measure(&self) -> Result<Measured, StudyError> {
+        let plan = self.plan()?;
+        let mut memory = Memory::default();
+        let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
+        let errand =
+            Errand { plan: &plan, spec: &self.spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
+        let ending = runtime.block_on(walk(errand, &mut Nobody));
+        let contacts: Vec<Contact> = memory.contacts().cloned().collect();
+        Ok(Measured { outcome: self.outcome(&plan, &contacts, &ending), contacts })
+    }
+
+    fn plan(&self) -> Result<Plan, StudyError> {
+        let (half_mm, strategy) = (PITCH_MM * (self.side.max(2) - 1) as f64 / 2.0, self.strategy.name());
+        let Condition { force_n, tolerance_n, tests, .. } = self;
+        let mut text = format!(
+            "name = \"study\"\n\n[press]\nforce_tolerance_n = {tolerance_n}\nhold_s = 0.0\nsample_s = {WINDOW_S}\n\
+             strategy = \"{strategy}\"\n\n[[step]]\nphase = \"calibration\"\n\
+             grid = {{ x_mm = [-{half_mm}, {half_mm}], y_mm = [-{half_mm}, {half_mm}], spacing_mm = {PITCH_MM} }}\n\
+             force_n = {force_n}\n"
+        );
+        if *tests > 0 {
+            text += &format!(
+                "\n[[step]]\nphase = \"test\"\nrandom = {{ count = {tests}, x_mm = [-{half_mm}, {half_mm}], \
+                 y_mm = [-{half_mm}, {half_mm}], force_n = [0.1, 1.0] }}\n"
+            );
+        }
+        let recipe = recipe::parse("study.toml", &text)?;
+        Ok(Plan::new(&recipe, &self.spec.ground(), self.seed)?)
+    }
+
+    fn outcome(&self, plan: &Plan, contacts: &[Contact], ending: &Ending) -> Outcome {
+        let ordinary = |contact: &&Contact| phase(contact) == Some(Phase::Calibration);
+        let made: Vec<&Contact> = contacts.iter().filter(ordinary).collect();
+        let misses_mn: Vec<f64> = made.iter().flat_map(|contact| misses_mn(contact)).collect();
+        let error_mn = ErrorSummary::of(&misses_mn.iter().map(|miss| miss.abs()).collect::<Vec<f64>>());
+        let time_s = ErrorSummary::of(&intervals_s(contacts));
+        let bound_s = bound::least_on_s(&self.spec, self.force_n, PITCH_MM, WINDOW_S);
+        let peak_mn =
+            made.iter().flat_map(|contact| &contact.truth).map(|truth| to_mn(truth.force_peak_n)).reduce(f64::max);
+        let limits = &self.spec.limits;
+        let (rule, told) = ending.halt.as_ref().map_or((None, None), |halt| {
+            let rule = match halt {
+                Halt::Tripped(Trip { rule, .. }) => rule.name().to_owned(),
+                _ => "device".to_owned(),
+            };
+            (Some(rule), ending.told())
+        });
+        Outcome {
+            part: self.part,
+            strategy: self.strategy,
+            rig: self.bench.name(),
+            scene: self.scene.clone(),
+            limits: format!("{} N, {} mm, {} N/mm", limits.force_n, limits.depth_mm, limits.stiffness_n_mm),
+            declared_n_mm: limits.stiffness_n_mm,
+            force_set_n: self.force_n,
+            tolerance_n: self.tolerance_n,
+            points: plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration).count(),
+            done: made.len(),
+            median_s: time_s.map(|time| grain(time.median)),
+            p95_s: time_s.map(|time| grain(time.p95)),
+            bound_s: grain(bound_s),
+            ratio: time_s.map(|time| grain(time.median / bound_s)),
+            error_mean_mn: error_mn.map(|error| grain(error.mean)),
+            error_p95_mn: error_mn.map(|error| grain(error.p95)),
+            error_max_mn: error_mn.map(|error| grain(error.max)),
+            bias_mn: error_mn.map(|_| grain(misses_mn.iter().sum::<f64>() / misses_mn.len() as f64)),
+            peak_over_mn: peak_mn.map(|peak_mn| grain(peak_mn - to_mn(self.force_n))),
+            flagged: made.iter().flat_map(|contact| &contact.rows).filter(|row| !row.flags.is_empty()).count(),
+            trips: usize::from(rule.is_some()),
+            rule,
+            told,
+            pareto: None,
+            minutes: None,
+            location_error_mm: None,
+            solved_force_error_n: None,
+        }
+    }
+}
+
+/// What a press was made for.
+pub(super) fn phase(contact: &Contact) -> Option<Phase> {
+    contact.rows.first().map(|row| row.phase)
+}
+
+/// Rounded to what is worth telling: 0.1 ms, 0.1 uN.
+pub(super) fn grain(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4 + 0.0 // no "-0"
+}
+
+fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
+    let of = |(row, truth): (&Row, &crate::dataset::RowTruth)| to_mn(truth.force_true_n - row.force_set_n);
+    contact.rows.iter().zip(&contact.truth).map(of)
+}
+
+/// Times from one press of the square to the next, s. What follows or precedes a press that teaches isn't one.
+fn intervals_s(contacts: &[Contact]) -> Vec<f64> {
+    let begun =
+        |contact: &Contact| contact.rows.first().filter(|row| row.phase == Phase::Calibration).map(|row| row.t_s);
+    contacts.windows(2).filter_map(|pair| Some(begun(&pair[1])? - begun(&pair[0])?)).collect()
+}
+
+fn to_mn(force_n: f64) -> f64 {
+    1000.0 * force_n
+}
+
+struct Nobody;
+
+impl Listener for Nobody {}

@@ -1,0 +1,172 @@
+//! The study of the force loop: which conditions it is made of, and carrying them out.
+
+use super::condition::{Condition, Outcome, Part};
+use super::scenes::{NOMINAL, SCENES, line};
+use super::{Bench, StudyError};
+use crate::control::Strategy;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+/// The tolerances that are asked for, N.
+pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
+/// True stiffness over the declared one.
+pub const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
+/// Declared stiffnesses of the nominal specimen, N/mm.
+pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
+/// The tolerance of all conditions but those about it, N.
+const TOLERANCE_N: f64 = 0.010;
+
+/// How many places are pressed, along a side of the square.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// For time against error.
+    pub main: usize,
+    /// For each scene.
+    pub scene: usize,
+    /// For each declared stiffness and each mismatch.
+    pub small: usize,
+    /// For a calibration.
+    pub calibration: usize,
+    /// Random test presses after a calibration.
+    pub tests: usize,
+}
+
+impl Size {
+    /// The whole study: 625 places for the main figure, 225 a scene.
+    pub const WHOLE: Size = Size { main: 25, scene: 15, small: 9, calibration: 25, tests: 100 };
+    /// A few places each: for a first look, and for tests. Its numbers mean little.
+    pub const QUICK: Size = Size { main: 4, scene: 4, small: 4, calibration: 5, tests: 10 };
+}
+
+/// All that was found.
+#[derive(Clone, Debug)]
+pub struct Findings {
+    /// How many places were pressed.
+    pub size: Size,
+    /// What came of each condition, in the order of the parts.
+    pub outcomes: Vec<Outcome>,
+}
+
+impl Findings {
+    /// One JSON object a line.
+    pub fn ndjson(&self) -> String {
+        // numbers and text can't fail
+        self.outcomes.iter().map(|outcome| serde_json::to_string(outcome).unwrap_or_default() + "\n").collect()
+    }
+
+    /// The outcomes of one part.
+    pub fn of(&self, part: Part) -> impl Iterator<Item = &Outcome> {
+        self.outcomes.iter().filter(move |outcome| outcome.part == part)
+    }
+}
+
+/// Carries the study out. `told` hears how many conditions are done, and of how many.
+///
+/// # Errors
+/// A condition that can't be begun; a trip is a finding and no error.
+pub fn control(size: Size, seed: u64, told: &(dyn Fn(usize, usize) + Sync)) -> Result<Findings, StudyError> {
+    let conditions = conditions(size, seed)?;
+    let done = AtomicUsize::new(0);
+    let outcomes = in_parallel(&conditions, |condition| {
+        let outcome = condition.measure().map(|measured| measured.outcome);
+        told(1 + done.fetch_add(1, Ordering::Relaxed), conditions.len());
+        outcome
+    });
+    Ok(Findings { size, outcomes: outcomes.into_iter().collect::<Result<_, _>>()? })
+}
+
+/// Every strategy under every condition.
+fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
+    let mut conditions = Vec::new();
+    let nominal = |bench: Bench, strategy| -> Result<Condition, StudyError> {
+        Ok(Condition {
+            part: Part::Tolerance,
+            bench,
+            scene: NOMINAL.name.to_owned(),
+            spec: bench.spec()?,
+            strategy,
+            force_n: NOMINAL.force_n,
+            tolerance_n: TOLERANCE_N,
+            side: size.main,
+            tests: 0,
+            seed,
+        })
+    };
+    for bench in Bench::ALL {
+        for strategy in Strategy::ALL {
+            for tolerance_n in TOLERANCES_N {
+                conditions.push(Condition { tolerance_n, ..nominal(bench, strategy)? });
+            }
+        }
+    }
+    for bench in Bench::ALL {
+        for ratio in MISMATCHES {
+            let mut condition = nominal(bench, Strategy::Velocity)?;
+            let scene = &mut condition.spec.scene;
+            let shares: f64 = scene.relaxation.iter().map(|branch| branch.share).sum();
+            let sudden_n_mm = ratio * condition.spec.limits.stiffness_n_mm;
+            scene.contact = line(sudden_n_mm / (1.0 + shares), scene.contact.toe_mm);
+            scene.stiffness = None;
+            let scene = format!("stiffness {ratio}x as said");
+            conditions.push(Condition { part: Part::Mismatch, scene, side: size.small, ..condition });
+        }
+    }
+    for bench in Bench::ALL {
+        for scene in SCENES {
+            for strategy in Strategy::ALL {
+                let condition = nominal(bench, strategy)?;
+                conditions.push(Condition {
+                    part: Part::Scenes,
+                    scene: scene.name.to_owned(),
+                    spec: scene.on(condition.spec),
+                    force_n: scene.force_n,
+                    side: size.scene,
+                    ..condition
+                });
+            }
+        }
+    }
+    for strategy in Strategy::ALL {
+        for declared_n_mm in DECLARED_N_MM {
+            let mut condition = nominal(Bench::XpsLike, strategy)?;
+            condition.spec.limits.stiffness_n_mm = declared_n_mm;
+            conditions.push(Condition { part: Part::Caution, side: size.small, ..condition });
+        }
+    }
+    Ok(conditions)
+}
+
+/// Each input's output, in order, on as many threads as there are processors.
+fn in_parallel<I: Sync, O: Send>(inputs: &[I], work: impl Fn(&I) -> O + Sync) -> Vec<O> {
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        let mut done = Vec::new();
+        while let Some((index, input)) =
+            Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, inputs.get(i)?)))
+        {
+            done.push((index, work(input)));
+        }
+        done
+    };
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let mut outputs: Vec<(usize, O)> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(worker)).collect();
+        workers
+            .into_iter()
+            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    });
+    outputs.sort_by_key(|(index, _)| *index);
+    outputs.into_iter().map(|(_, output)| output).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_done_in_parallel_comes_back_in_order() {
+        let inputs: Vec<usize> = (0..100).collect();
+        assert_eq!(in_parallel(&inputs, |i| i * i), inputs.iter().map(|i| i * i).collect::<Vec<_>>());
+    }
+}

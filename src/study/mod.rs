@@ -1,0 +1,32 @@
+//! Studies of the force loop: many small simulated runs, each strategy under each condition, and figures of what came of them.
+//!
+//! A [`Condition`] is walked as any run is, on the shipped benches with one thing changed, and judged by the scene's truth.
+//! Everything follows from the seed: the same study gives the same bytes.
+
+mod bench;
+mod bound;
+mod condition;
+mod control;
+mod scenes;
+
+pub use bench::Bench;
+pub use bound::least_s;
+pub use condition::{Condition, Measured, Outcome, Part};
+pub use control::{Findings, Size, control};
+pub use scenes::{NOMINAL, SCENES, Scene};
+
+use crate::document::Problems;
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// Why there is no study.
+#[derive(Debug, Error, Diagnostic)]
+pub enum StudyError {
+    /// A rig or a recipe of the study can't be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Problems(#[from] Problems),
+    /// The operating system refused.
+    #[error("the study can't be carried out: {0}")]
+    System(#[from] std::io::Error),
+}
