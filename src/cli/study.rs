@@ -2,9 +2,12 @@
 
 use super::exit::Failure;
 use super::summary::print;
+use crate::control::Strategy;
 use crate::dataset::DatasetError;
-use crate::study::{Size, StudyError, control};
+use crate::study::{Findings, Outcome, Part, Size, StudyError, control, figures};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fs;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -52,15 +55,125 @@ pub fn study(args: &Args) -> Result<ExitCode, Failure> {
         return Err(Failure::dataset(DatasetError::Exists { path: args.out.clone() }));
     }
     let size = if args.quick { Size::QUICK } else { Size::WHOLE };
-    let findings = control(size, args.seed, &|_, _| {}).map_err(failure)?;
+    let bar = bar();
+    let told = |done: usize, of: usize| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    };
+    let findings = control(size, args.seed, &told).map_err(failure)?;
+    bar.finish_and_clear();
     let rows = findings.ndjson();
-    write(&args.out, &[("rows.ndjson", &rows)]).map_err(Failure::dataset)?;
-    print(&rows)?;
+    let figures = figures(&findings);
+    let files = figures.iter().map(|(name, svg)| (*name, svg.as_str())).chain([("rows.ndjson", rows.as_str())]);
+    write(&args.out, files).map_err(Failure::dataset)?;
+    print(&if args.json { rows.clone() } else { summary(&findings, &args.out) })?;
     Ok(ExitCode::SUCCESS)
 }
 
+/// What was found, in at most 80 columns.
+fn summary(findings: &Findings, out: &Path) -> String {
+    let size = findings.size;
+    let mut text =
+        format!("1 N at {0} x {0} places 0.5 mm apart: time, and error of the force, by tolerance\n\n", size.main);
+    let mut line = |told: String| text += &(told.trim_end().to_owned() + "\n");
+    line(format!(
+        "{:<9} {:<9}{:>6}{:>8}{:>7}{:>6}{:>9}{:>7}{:>7}{:>7}",
+        "bench", "strategy", "mN", "median", "p95", "/min", "mean mN", "p95", "max", "peak"
+    ));
+    for outcome in findings.of(Part::Tolerance) {
+        let best = if outcome.pareto == Some(true) { "*" } else { "" };
+        line(format!(
+            "{:<9} {:<9}{:>6}{:>8}{:>7}{:>6}{:>9}{:>7}{:>7}{:>7} {best}",
+            outcome.rig,
+            outcome.strategy.name(),
+            1000.0 * outcome.tolerance_n,
+            number(outcome.median_s, 2) + " s",
+            number(outcome.p95_s, 2),
+            number(outcome.ratio, 2),
+            number(outcome.error_mean_mn, 1),
+            number(outcome.error_p95_mn, 1),
+            number(outcome.error_max_mn, 1),
+            number(outcome.peak_over_mn, 0),
+        ));
+        if let Some(rule) = &outcome.rule {
+            line(format!("{:19}ends after {} of {}: {rule}", "", outcome.done, outcome.points));
+        }
+    }
+    line("\n/min: median over the least time there is; peak: over the set force;".to_owned());
+    line("*: none of its bench is both faster and nearer\n".to_owned());
+
+    let cell = |outcome: &Outcome| match &outcome.rule {
+        Some(rule) => format!("{rule} @{}", outcome.done),
+        None => format!(
+            "{} {:>5} {:>5}",
+            number(outcome.median_s, 2),
+            number(outcome.error_p95_mn, 1),
+            number(outcome.peak_over_mn, 0)
+        ),
+    };
+    let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&Outcome) -> String| {
+        line(title);
+        line(format!("{first:<24}{:>18}{:>18}{:>18}", "guarded", "velocity", "map"));
+        let mut rows: Vec<(String, Vec<&Outcome>)> = Vec::new();
+        for outcome in findings.of(part) {
+            let name = name(outcome);
+            match rows.iter_mut().find(|(row, _)| *row == name) {
+                Some((_, outcomes)) => outcomes.push(outcome),
+                None => rows.push((name, vec![outcome])),
+            }
+        }
+        for (name, outcomes) in rows {
+            let of =
+                |strategy| outcomes.iter().find(|outcome| outcome.strategy == strategy).map(|outcome| cell(outcome));
+            let cells = Strategy::ALL.map(|strategy| format!("{:>18}", of(strategy).unwrap_or_default())).concat();
+            line(format!("{name:<24}{cells}"));
+        }
+        line(String::new());
+    };
+    let places = format!("{0} x {0}, ESP301 {1} x {1}", size.scene, size.small);
+    let title = format!("scenes ({places}): s, p95 mN, peak over mN; or the rule @presses made");
+    table(title, "scene", Part::Scenes, &|outcome| match outcome.rig {
+        "ESP301" => format!("  {}, ESP301", outcome.scene).chars().take(24).collect(),
+        _ => outcome.scene.clone(),
+    });
+    let title = "a stiffness other than declared, velocity alone".to_owned();
+    table(title, "", Part::Mismatch, &|outcome| {
+        format!("{:<9}{}", outcome.rig, outcome.scene.replace("stiffness ", ""))
+    });
+    let title = "the declared stiffness, on the nominal specimen".to_owned();
+    table(title, "", Part::Caution, &|outcome| format!("{} N/mm", outcome.declared_n_mm));
+
+    line(format!("a calibration of {0} x {0} places and its test of {1}, XPS-like", size.main, size.tests));
+    for outcome in findings.of(Part::Tolerance).filter(|outcome| outcome.location_error_mm.is_some()) {
+        line(format!(
+            "{:<9}{:>6} mN{:>8} min{:>8} mm location error, mean",
+            outcome.strategy.name(),
+            1000.0 * outcome.tolerance_n,
+            number(outcome.minutes, 1),
+            number(outcome.location_error_mm, 3)
+        ));
+    }
+    line(format!("\nfigures and rows: {}", out.display()));
+    text
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+/// How far the study is, for a person who watches.
+fn bar() -> ProgressBar {
+    let is_watched = std::io::stderr().is_terminal();
+    let target = if is_watched { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(None, target);
+    match ProgressStyle::with_template("[{bar:22}] {pos:>5}/{len} conditions, {elapsed}") {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
 /// Makes the folder with its files.
-fn write(folder: &Path, files: &[(&str, &str)]) -> Result<(), DatasetError> {
+fn write<'a>(folder: &Path, files: impl Iterator<Item = (&'a str, &'a str)>) -> Result<(), DatasetError> {
     let io = |doing, path: &Path| DatasetError::io(doing, path.to_owned());
     if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent).map_err(io("making", parent))?;

@@ -21,7 +21,9 @@ mod zero;
 
 pub use map::{Lesson, Map, Shot};
 pub use permit::{Permit, Permitted, Sideways, Standing};
-pub use press::{AIR_READINGS, Air, Command, Context, Event, Moment, Press, SEARCH_ROOM_MM, Steer};
+pub use press::{
+    AIR_READINGS, Air, Command, Context, Event, GAIN_TIMES_DEAD_TIME, Moment, Press, SEARCH_ROOM_MM, Steer,
+};
 pub use profile::Profile;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};

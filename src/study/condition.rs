@@ -1,12 +1,13 @@
 //! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
 
 use super::{Bench, StudyError, bound};
-use crate::control::{Strategy, Trip};
-use crate::dataset::{Contact, Memory, Row};
+use crate::control::Strategy;
+use crate::dataset::{Contact, Memory, Row, RowTruth};
+use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::{self, Phase, Plan};
 use crate::rig::RigSpec;
 use crate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
-use crate::solver::ErrorSummary;
+use crate::solver::{Calibration, CalibrationPoint, ErrorSummary, Evaluation, SOLVERS, TestPress, evaluate, fit};
 use serde::Serialize;
 use tokio::runtime::Builder;
 
@@ -26,8 +27,6 @@ pub enum Part {
     Scenes,
     /// What the permit's caution costs.
     Caution,
-    /// A calibration and its test.
-    Calibration,
 }
 
 /// What is measured: a square of places pressed with one force by one strategy.
@@ -102,6 +101,8 @@ pub struct Outcome {
     pub trips: usize,
     /// The rule, or the device that failed.
     pub rule: Option<String>,
+    /// The force that broke it, N, where it was one.
+    pub trip_force_n: Option<f64>,
     /// What was told of it.
     pub told: Option<String>,
     /// Whether no other outcome of its rig and part is both faster and nearer.
@@ -118,21 +119,12 @@ pub struct Outcome {
     pub solved_force_error_n: Option<f64>,
 }
 
-/// What a condition left: its outcome and the contacts in the order of time.
-#[derive(Clone, Debug)]
-pub struct Measured {
-    /// What came of it.
-    pub outcome: Outcome,
-    /// The contacts.
-    pub contacts: Vec<Contact>,
-}
-
 impl Condition {
     /// Walks the condition in virtual time, with no files.
     ///
     /// # Errors
     /// A plan that the bench can't carry out.
-    pub fn measure(&self) -> Result<Measured, StudyError> {
+    pub fn measure(&self) -> Result<Outcome, StudyError> {
         let plan = self.plan()?;
         let mut memory = Memory::default();
         let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
@@ -140,7 +132,7 @@ impl Condition {
             Errand { plan: &plan, spec: &self.spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
         let ending = runtime.block_on(walk(errand, &mut Nobody));
         let contacts: Vec<Contact> = memory.contacts().cloned().collect();
-        Ok(Measured { outcome: self.outcome(&plan, &contacts, &ending), contacts })
+        Ok(self.outcome(&plan, &contacts, &ending))
     }
 
     fn plan(&self) -> Result<Plan, StudyError> {
@@ -172,13 +164,13 @@ impl Condition {
         let peak_mn =
             made.iter().flat_map(|contact| &contact.truth).map(|truth| to_mn(truth.force_peak_n)).reduce(f64::max);
         let limits = &self.spec.limits;
-        let (rule, told) = ending.halt.as_ref().map_or((None, None), |halt| {
-            let rule = match halt {
-                Halt::Tripped(Trip { rule, .. }) => rule.name().to_owned(),
-                _ => "device".to_owned(),
-            };
-            (Some(rule), ending.told())
-        });
+        let trip = match &ending.halt {
+            Some(Halt::Tripped(trip)) => Some(trip),
+            _ => None,
+        };
+        let rule = ending.halt.as_ref().map(|_| trip.map_or("device", |trip| trip.rule.name()).to_owned());
+        let solved =
+            (self.tests > 0 && ending.halt.is_none()).then(|| solved(contacts, &self.spec.array.layout)).flatten();
         Outcome {
             part: self.part,
             strategy: self.strategy,
@@ -202,17 +194,18 @@ impl Condition {
             flagged: made.iter().flat_map(|contact| &contact.rows).filter(|row| !row.flags.is_empty()).count(),
             trips: usize::from(rule.is_some()),
             rule,
-            told,
+            trip_force_n: trip.filter(|trip| trip.unit == "N").map(|trip| grain(trip.measured)),
+            told: ending.told(),
             pareto: None,
-            minutes: None,
-            location_error_mm: None,
-            solved_force_error_n: None,
+            minutes: solved.as_ref().and_then(|_| last_s(&made)).map(|last_s| grain(last_s / 60.0)),
+            location_error_mm: solved.as_ref().map(|solved| grain(solved.location_error_mm.mean)),
+            solved_force_error_n: solved.and_then(|solved| solved.force_error_n).map(|error| grain(error.mean)),
         }
     }
 }
 
 /// What a press was made for.
-pub(super) fn phase(contact: &Contact) -> Option<Phase> {
+fn phase(contact: &Contact) -> Option<Phase> {
     contact.rows.first().map(|row| row.phase)
 }
 
@@ -221,8 +214,30 @@ pub(super) fn grain(value: f64) -> f64 {
     (value * 1e4).round() / 1e4 + 0.0 // no "-0"
 }
 
+/// What the paper's solver makes of the test presses, calibrated on the square; flagged presses are left out, as in any
+/// evaluation.
+fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
+    let of = |phase| {
+        let rows = contacts.iter().flat_map(|contact| &contact.rows);
+        rows.filter(move |row| row.phase == phase && row.flags.is_empty()).collect::<Vec<&Row>>()
+    };
+    let (mut square, tests) = (of(Phase::Calibration), of(Phase::Test));
+    square.sort_by_key(|row| row.press);
+    let place = |row: &Row| Place::new(row.x_mm, row.y_mm);
+    let points: Vec<CalibrationPoint<'_>> = square
+        .iter()
+        .map(|row| CalibrationPoint { place: place(row), force_n: row.force_set_n, outputs: &row.outputs })
+        .collect();
+    let presses: Vec<TestPress<'_>> = tests
+        .iter()
+        .map(|row| TestPress { place: place(row), force_n: Some(row.force_set_n), outputs: &row.outputs })
+        .collect();
+    let solver = fit(SOLVERS[0], &Calibration::new(&points).ok()?, Some(layout)).ok()?;
+    evaluate(solver.as_ref(), &presses).ok()
+}
+
 fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
-    let of = |(row, truth): (&Row, &crate::dataset::RowTruth)| to_mn(truth.force_true_n - row.force_set_n);
+    let of = |(row, truth): (&Row, &RowTruth)| to_mn(truth.force_true_n - row.force_set_n);
     contact.rows.iter().zip(&contact.truth).map(of)
 }
 
@@ -231,6 +246,11 @@ fn intervals_s(contacts: &[Contact]) -> Vec<f64> {
     let begun =
         |contact: &Contact| contact.rows.first().filter(|row| row.phase == Phase::Calibration).map(|row| row.t_s);
     contacts.windows(2).filter_map(|pair| Some(begun(&pair[1])? - begun(&pair[0])?)).collect()
+}
+
+/// When the last window of some presses ended, s from the run's start.
+fn last_s(made: &[&Contact]) -> Option<f64> {
+    made.iter().flat_map(|contact| &contact.rows).map(|row| row.t_s + WINDOW_S).reduce(f64::max)
 }
 
 fn to_mn(force_n: f64) -> f64 {

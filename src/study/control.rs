@@ -2,6 +2,7 @@
 
 use super::condition::{Condition, Outcome, Part};
 use super::scenes::{NOMINAL, SCENES, line};
+use super::stability::{Onset, stability};
 use super::{Bench, StudyError};
 use crate::control::Strategy;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,21 +22,19 @@ const TOLERANCE_N: f64 = 0.010;
 pub struct Size {
     /// For time against error.
     pub main: usize,
-    /// For each scene.
+    /// For each scene on the fast bench.
     pub scene: usize,
-    /// For each declared stiffness and each mismatch.
+    /// For each scene on the other bench, each declared stiffness and each mismatch.
     pub small: usize,
-    /// For a calibration.
-    pub calibration: usize,
-    /// Random test presses after a calibration.
+    /// Random test presses after the square of the main figure, where it counts as a calibration.
     pub tests: usize,
 }
 
 impl Size {
     /// The whole study: 625 places for the main figure, 225 a scene.
-    pub const WHOLE: Size = Size { main: 25, scene: 15, small: 9, calibration: 25, tests: 100 };
+    pub const WHOLE: Size = Size { main: 25, scene: 15, small: 9, tests: 100 };
     /// A few places each: for a first look, and for tests. Its numbers mean little.
-    pub const QUICK: Size = Size { main: 4, scene: 4, small: 4, calibration: 5, tests: 10 };
+    pub const QUICK: Size = Size { main: 5, scene: 4, small: 4, tests: 10 };
 }
 
 /// All that was found.
@@ -45,13 +44,17 @@ pub struct Findings {
     pub size: Size,
     /// What came of each condition, in the order of the parts.
     pub outcomes: Vec<Outcome>,
+    /// Which gains the velocity loop bears, alone.
+    pub onsets: Vec<Onset>,
 }
 
 impl Findings {
     /// One JSON object a line.
     pub fn ndjson(&self) -> String {
         // numbers and text can't fail
-        self.outcomes.iter().map(|outcome| serde_json::to_string(outcome).unwrap_or_default() + "\n").collect()
+        let line = |json: serde_json::Result<String>| json.unwrap_or_default() + "\n";
+        let outcomes = self.outcomes.iter().map(|outcome| line(serde_json::to_string(outcome)));
+        outcomes.chain(self.onsets.iter().map(|onset| line(serde_json::to_string(onset)))).collect()
     }
 
     /// The outcomes of one part.
@@ -68,11 +71,13 @@ pub fn control(size: Size, seed: u64, told: &(dyn Fn(usize, usize) + Sync)) -> R
     let conditions = conditions(size, seed)?;
     let done = AtomicUsize::new(0);
     let outcomes = in_parallel(&conditions, |condition| {
-        let outcome = condition.measure().map(|measured| measured.outcome);
+        let outcome = condition.measure();
         told(1 + done.fetch_add(1, Ordering::Relaxed), conditions.len());
         outcome
     });
-    Ok(Findings { size, outcomes: outcomes.into_iter().collect::<Result<_, _>>()? })
+    let mut outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>, _>>()?;
+    mark_pareto(&mut outcomes);
+    Ok(Findings { size, outcomes, onsets: stability() })
 }
 
 /// Every strategy under every condition.
@@ -95,7 +100,9 @@ fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
     for bench in Bench::ALL {
         for strategy in Strategy::ALL {
             for tolerance_n in TOLERANCES_N {
-                conditions.push(Condition { tolerance_n, ..nominal(bench, strategy)? });
+                let is_calibration = bench == Bench::XpsLike && strategy != Strategy::Velocity;
+                let tests = if is_calibration { size.tests } else { 0 };
+                conditions.push(Condition { tolerance_n, tests, ..nominal(bench, strategy)? });
             }
         }
     }
@@ -120,7 +127,7 @@ fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
                     scene: scene.name.to_owned(),
                     spec: scene.on(condition.spec),
                     force_n: scene.force_n,
-                    side: size.scene,
+                    side: if bench == Bench::XpsLike { size.scene } else { size.small },
                     ..condition
                 });
             }
@@ -134,6 +141,29 @@ fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
         }
     }
     Ok(conditions)
+}
+
+/// Of the outcomes of one bench that made the whole square: is none both faster and nearer?
+fn mark_pareto(outcomes: &mut [Outcome]) {
+    let mark = |outcome: &Outcome| Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none());
+    let all: Vec<(&str, f64, f64)> = outcomes
+        .iter()
+        .filter(|outcome| outcome.part == Part::Tolerance)
+        .filter_map(|outcome| mark(outcome).map(|(time_s, error_mn)| (outcome.rig, time_s, error_mn)))
+        .collect();
+    for outcome in outcomes.iter_mut().filter(|outcome| outcome.part == Part::Tolerance) {
+        let is_best = mark(outcome).is_some_and(|(time_s, error_mn)| {
+            let beats = |other: &(&str, f64, f64)| {
+                let (rig, other_s, other_mn) = *other;
+                rig == outcome.rig
+                    && other_s <= time_s
+                    && other_mn <= error_mn
+                    && (other_s, other_mn) != (time_s, error_mn)
+            };
+            !all.iter().any(beats)
+        });
+        outcome.pareto = Some(is_best);
+    }
 }
 
 /// Each input's output, in order, on as many threads as there are processors.

@@ -5,15 +5,20 @@
 
 mod bench;
 mod bound;
+mod chart;
 mod condition;
 mod control;
+mod figures;
 mod scenes;
+mod stability;
 
 pub use bench::Bench;
 pub use bound::least_s;
-pub use condition::{Condition, Measured, Outcome, Part};
-pub use control::{Findings, Size, control};
+pub use condition::{Condition, Outcome, Part};
+pub use control::{DECLARED_N_MM, Findings, MISMATCHES, Size, TOLERANCES_N, control};
+pub use figures::figures;
 pub use scenes::{NOMINAL, SCENES, Scene};
+pub use stability::Onset;
 
 use crate::document::Problems;
 use miette::Diagnostic;

@@ -12,6 +12,8 @@ use super::profile::Profile;
 use super::task::{Branch, Level, Strategy, Task};
 use super::trip::{Rule, Trip};
 pub use dialogue::{Air, Command, Context, Event, Moment, Steer};
+pub use velocity::GAIN_TIMES_DEAD_TIME;
+
 use shot::Landing;
 use velocity::Push;
 

@@ -4,7 +4,7 @@
 use super::{Command, Press, State, Steer, Trip};
 
 /// Gain times dead time: no overshoot up to 1/e, and this leaves room for a dead time that is longer than measured (CONTROL 3.1).
-const GAIN_TIMES_DEAD_TIME: f64 = 0.30;
+pub const GAIN_TIMES_DEAD_TIME: f64 = 0.30;
 /// Slowest speed that is asked for, mm/s: below it steps are quicker.
 const SLOWEST_MM_S: f64 = 0.05;
 /// The shortest time between two orders, s, and how many of the longest exchanges it spans.

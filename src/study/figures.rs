@@ -1,0 +1,302 @@
+//! The figures of the study: what was found, drawn.
+
+use super::Bench;
+use super::chart::{Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use super::condition::{Outcome, Part};
+use super::control::{Findings, MISMATCHES, TOLERANCES_N};
+use super::scenes::SCENES;
+use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
+use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
+
+/// Every figure: a file's name and the SVG.
+pub fn figures(findings: &Findings) -> Vec<(&'static str, String)> {
+    vec![
+        ("1-time-error.svg", time_and_error(findings).svg()),
+        ("2-stability.svg", stability_map(findings).svg()),
+        ("3-scenes.svg", scenes(findings).svg()),
+        ("4-caution.svg", caution(findings).svg()),
+        ("5-calibration.svg", calibration(findings).svg()),
+    ]
+}
+
+/// Time per press against force error, each strategy on each bench.
+fn time_and_error(findings: &Findings) -> Figure {
+    let whole = || findings.of(Part::Tolerance).filter(|outcome| outcome.rule.is_none());
+    let point = |outcome: &Outcome| Some((outcome.median_s?, outcome.error_p95_mn?));
+    let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
+    let x = Axis::log("time per press, median, s", whole().filter_map(point).map(|p| p.0), (bound_s / 1.1, 1.0));
+    let y = Axis::log("force error, 95th percentile, mN", whole().filter_map(point).map(|p| p.1), (2.0, 10.0));
+    let mut marks = vec![Mark::At(bound_s, format!("least time there is: {bound_s:.3} s"))];
+    for (bench, strategy) in pairs() {
+        let of_it: Vec<&Outcome> =
+            whole().filter(|outcome| outcome.rig == bench.name() && outcome.strategy == strategy).collect();
+        marks.push(Mark::Curve(look(strategy, bench), of_it.iter().filter_map(|outcome| point(outcome)).collect()));
+        for (at, tolerances) in alike(&of_it, point) {
+            marks.push(Mark::Words(at, (8.0, -7.0), tolerances));
+        }
+        let best = of_it.iter().filter(|outcome| outcome.pareto == Some(true)).filter_map(|outcome| point(outcome));
+        marks.extend(best.map(Mark::Ring));
+    }
+    let mut notes = vec![
+        "beside a point: the tolerances asked, mN; ringed: none of its bench is both faster and nearer".to_owned(),
+    ];
+    notes.extend(ended_early(findings.of(Part::Tolerance), |outcome| {
+        format!("{} on {} at {} mN", outcome.strategy.name(), outcome.rig, 1000.0 * outcome.tolerance_n)
+    }));
+    Figure {
+        title: "How fast, how near: 1 N at one place after another".to_owned(),
+        subtitle: format!(
+            "{0} x {0} places 0.5 mm apart, window 0.1 s; errors by the simulated truth, presses that teach left out",
+            findings.size.main
+        ),
+        height_px: 420.0,
+        panels: vec![Panel { x, y, marks }],
+        legend: pairs()
+            .map(|(bench, strategy)| (look(strategy, bench), format!("{}, {}", strategy.name(), bench.name())))
+            .collect(),
+        notes,
+    }
+}
+
+/// What gain the velocity loop bears, and what a wrong stiffness does on the wire.
+fn stability_map(findings: &Findings) -> Figure {
+    let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
+    let dot = |hue, shape, filled| Look { hue, shape: Some(shape), filled, line: Line::None };
+    let line = |hue, line| Look { hue, shape: None, filled: true, line };
+    let theory = |gain: f64| [0.5, 5.0].map(|mismatch| (mismatch, gain / mismatch)).to_vec();
+    let mut marks = vec![
+        Mark::Curve(line(Hue::Orange, Line::Solid), theory(UNSTABLE_AT)),
+        Mark::Curve(line(Hue::Blue, Line::Dashed), theory(OVERSHOOTS_AT)),
+        Mark::Level(GAIN_TIMES_DEAD_TIME, format!("this loop: {GAIN_TIMES_DEAD_TIME}")),
+    ];
+    let mut legend = vec![
+        (line(Hue::Orange, Line::Solid), "theory: unstable, pi/2 k_hat/k".to_owned()),
+        (line(Hue::Blue, Line::Dashed), "theory: overshoots, 1/e k_hat/k".to_owned()),
+    ];
+    for (dead_time_s, shape) in stability::DEAD_TIMES_S.into_iter().zip(shapes) {
+        let of_it = || findings.onsets.iter().filter(move |onset| onset.dead_time_ms == 1000.0 * dead_time_s);
+        let unstable = of_it().map(|onset| (onset.mismatch, onset.unstable_at)).collect();
+        let overshoots = of_it().map(|onset| (onset.mismatch, onset.overshoots_at)).collect();
+        marks.push(Mark::Curve(dot(Hue::Orange, shape, false), unstable));
+        marks.push(Mark::Curve(dot(Hue::Blue, shape, true), overshoots));
+        legend.push((dot(Hue::Grey, shape, false), format!("dead time {:.0} ms", 1000.0 * dead_time_s)));
+    }
+    let map = Panel {
+        x: Axis { range: (0.45, 5.6), ..Axis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)) },
+        y: Axis { range: (0.05, 5.0), ..Axis::log("gain x dead time", [], (0.05, 5.0)) },
+        marks,
+    };
+    let mut marks = vec![Mark::Level(1.0, "set".to_owned())];
+    let alone =
+        |mismatch: f64| (mismatch, stability::peak(GAIN_TIMES_DEAD_TIME * mismatch, stability::DEAD_TIMES_S[1]));
+    marks.push(Mark::Curve(line(Hue::Grey, Line::Dashed), MISMATCHES.map(alone).to_vec()));
+    legend.push((line(Hue::Grey, Line::Dashed), "right: the loop alone, without rules".to_owned()));
+    for bench in Bench::ALL {
+        let of_it = || {
+            let outcomes = findings.of(Part::Mismatch).filter(move |outcome| outcome.rig == bench.name());
+            MISMATCHES.into_iter().zip(outcomes)
+        };
+        let reached = |(mismatch, outcome): (f64, &Outcome)| Some((mismatch, 1.0 + outcome.peak_over_mn? / 1000.0));
+        let look = look(Strategy::Velocity, bench);
+        marks.push(Mark::Curve(look, of_it().filter_map(reached).collect()));
+        let tripped = of_it().filter_map(|(mismatch, outcome)| Some((mismatch, outcome.trip_force_n?)));
+        let cross = Look {
+            hue: if bench == Bench::XpsLike { Hue::Orange } else { Hue::Purple },
+            shape: Some(Shape::Cross),
+            filled: true,
+            line: Line::None,
+        };
+        marks.push(Mark::Curve(cross, tripped.collect()));
+        legend.push((look, format!("right: largest force, {}", bench.name())));
+        legend.push((cross, format!("right: a rule stops it, {}", bench.name())));
+    }
+    let wire = Panel {
+        x: Axis { range: (0.45, 5.6), ..Axis::log("true stiffness / declared", [], (0.45, 5.6)) },
+        y: Axis::linear("force, N", (0.0, 1.8)),
+        marks,
+    };
+    Figure {
+        title: "The velocity loop: what gain it bears, and what a wrong stiffness does".to_owned(),
+        subtitle: format!(
+            "left: F' = k v, v = K (F* - F) / k_hat, simulated alone, orders every 10 ms; right: on the wire, 1 N, {0} x {0} places",
+            findings.size.small
+        ),
+        height_px: 360.0,
+        panels: vec![map, wire],
+        legend,
+        notes: vec![
+            "left: filled, the gain from which it overshoots; hollow, the gain from which it never settles".to_owned(),
+        ],
+    }
+}
+
+/// Error and peak of each strategy in each scene, on the fast bench.
+fn scenes(findings: &Findings) -> Figure {
+    let rows: Vec<String> = SCENES.iter().map(|scene| scene.name.to_owned()).collect();
+    let count = rows.len() as f64;
+    let (mut errors, mut peaks) = (Vec::new(), Vec::new());
+    for (strategy, offset) in Strategy::ALL.into_iter().zip([-0.27, 0.0, 0.27]) {
+        let (mut near, mut over) = (Vec::new(), Vec::new());
+        for (row, scene) in SCENES.iter().enumerate() {
+            let is_it = |outcome: &&Outcome| {
+                outcome.scene == scene.name && outcome.strategy == strategy && outcome.rig == Bench::XpsLike.name()
+            };
+            let Some(outcome) = findings.of(Part::Scenes).find(is_it) else { continue };
+            let y = row as f64 + offset;
+            near.extend(outcome.error_p95_mn.map(|error_mn| (error_mn, y)));
+            over.extend(outcome.peak_over_mn.map(|peak_mn| (peak_mn, y)));
+            if let Some(rule) = &outcome.rule {
+                let told = format!("{} ends: {rule} after {} of {}", strategy.name(), outcome.done, outcome.points);
+                errors.push(Mark::Words((outcome.error_p95_mn.unwrap_or(1.0), y), (9.0, 4.0), told));
+            }
+        }
+        let look = Look { line: Line::None, ..look(strategy, Bench::XpsLike) };
+        errors.push(Mark::Curve(look, near));
+        peaks.push(Mark::Curve(look, over));
+    }
+    let axis = |label: &str| Axis { range: (1.0, 1000.0), ..Axis::log(label, [], (1.0, 1000.0)) };
+    Figure {
+        title: "What the loop is tried on, one thing changed at a time".to_owned(),
+        subtitle: format!(
+            "1 N (soft: 0.3 N), tolerance 10 mN, {0} x {0} places on the XPS-like bench, limits as an honest user would set them",
+            findings.size.scene
+        ),
+        height_px: 44.0 * count,
+        panels: vec![
+            Panel { x: axis("force error, 95th percentile, mN"), y: Axis::rows(rows.clone()), marks: errors },
+            Panel {
+                x: axis("largest peak over the set force, mN (left edge: 1 or less)"),
+                y: Axis::rows(rows),
+                marks: peaks,
+            },
+        ],
+        legend: Strategy::ALL
+            .map(|strategy| (Look { line: Line::None, ..look(strategy, Bench::XpsLike) }, strategy.name().to_owned()))
+            .to_vec(),
+        notes: vec![
+            "a strategy that breaks a safety rule ends there: its marks are of the presses made until then".to_owned(),
+        ],
+    }
+}
+
+/// Time per press against the stiffness that is declared, the specimen staying the same.
+fn caution(findings: &Findings) -> Figure {
+    let whole = || findings.of(Part::Caution).filter(|outcome| outcome.rule.is_none());
+    let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
+    let y =
+        Axis::log("time per press, median, s", whole().filter_map(|outcome| outcome.median_s), (bound_s / 1.1, 2.0));
+    let top = y.range.1;
+    let mut marks = vec![Mark::Level(bound_s, format!("least time there is: {bound_s:.3} s"))];
+    for (strategy, down_px) in Strategy::ALL.into_iter().zip([14.0, 30.0, 46.0]) {
+        let of_it = || whole().filter(move |outcome| outcome.strategy == strategy);
+        let points = of_it().filter_map(|outcome| Some((outcome.declared_n_mm, outcome.median_s?))).collect();
+        marks.push(Mark::Curve(look(strategy, Bench::XpsLike), points));
+        for outcome in findings.of(Part::Caution).filter(|outcome| outcome.strategy == strategy) {
+            if let Some(rule) = &outcome.rule {
+                let told = format!("{}: {rule}", strategy.name());
+                marks.push(Mark::Words((outcome.declared_n_mm, top), (-40.0, down_px), told));
+            }
+        }
+    }
+    Figure {
+        title: "What caution costs: time per press against the declared stiffness".to_owned(),
+        subtitle: format!(
+            "nominal specimen (1.4 N/mm at 1 N, relaxation included 1.6), {0} x {0} places, XPS-like bench",
+            findings.size.small
+        ),
+        height_px: 360.0,
+        panels: vec![Panel { x: Axis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 700.0)), y, marks }],
+        legend: Strategy::ALL.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
+        notes: ended_early(findings.of(Part::Caution), |outcome| {
+            format!("{} at {} N/mm", outcome.strategy.name(), outcome.declared_n_mm)
+        }),
+    }
+}
+
+/// What a calibration takes and how well it locates, against the tolerance.
+fn calibration(findings: &Findings) -> Figure {
+    let of = |strategy| findings.of(Part::Tolerance).filter(move |outcome| outcome.strategy == strategy);
+    let strategies = [Strategy::Guarded, Strategy::Map];
+    let curves = |value: fn(&Outcome) -> Option<f64>| {
+        strategies.map(|strategy| {
+            let points = of(strategy).filter_map(|outcome| Some((1000.0 * outcome.tolerance_n, value(outcome)?)));
+            Mark::Curve(look(strategy, Bench::XpsLike), points.collect())
+        })
+    };
+    let most = |value: fn(&Outcome) -> Option<f64>, least: f64| {
+        let values = strategies.into_iter().flat_map(of).filter_map(value);
+        (1.15 * values.fold(least, f64::max) * 10.0).ceil() / 10.0
+    };
+    let (location, minutes): (fn(&Outcome) -> Option<f64>, fn(&Outcome) -> Option<f64>) =
+        (|outcome| outcome.location_error_mm, |outcome| outcome.minutes);
+    let ends = (1000.0 * TOLERANCES_N[TOLERANCES_N.len() - 1] / 1.2, 1000.0 * TOLERANCES_N[0] * 1.2);
+    let x = || Axis { range: ends, ..Axis::log("force tolerance asked, mN", [], ends) };
+    let panel = |label: &str, value| Panel {
+        x: x(),
+        y: Axis::linear(label, (0.0, most(value, 0.1))),
+        marks: curves(value).to_vec(),
+    };
+    let mut notes = vec![
+        "left out, as in every evaluation: presses that missed the tolerance by what the load cell saw".to_owned(),
+    ];
+    let calibrations = || strategies.into_iter().flat_map(of).filter(|outcome| outcome.rig == Bench::XpsLike.name());
+    notes.extend(ended_early(calibrations(), |outcome| {
+        format!("{} at {} mN", outcome.strategy.name(), 1000.0 * outcome.tolerance_n)
+    }));
+    Figure {
+        title: "What it is for: a calibration, and how well it locates".to_owned(),
+        subtitle: format!(
+            "{0} x {0} places with 1 N, then {1} random contacts of 0.1 to 1 N, solved by correlation; XPS-like bench",
+            findings.size.main, findings.size.tests
+        ),
+        height_px: 320.0,
+        panels: vec![panel("location error, mean, mm", location), panel("time of the calibration, minutes", minutes)],
+        legend: strategies.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
+        notes,
+    }
+}
+
+/// A strategy by colour and shape, a bench by fill and line.
+fn look(strategy: Strategy, bench: Bench) -> Look {
+    let (hue, shape) = match strategy {
+        Strategy::Guarded => (Hue::Blue, Shape::Square),
+        Strategy::Velocity => (Hue::Orange, Shape::Triangle),
+        Strategy::Map => (Hue::Green, Shape::Circle),
+    };
+    let (filled, line) = match bench {
+        Bench::XpsLike => (true, Line::Solid),
+        Bench::Esp301 => (false, Line::Dashed),
+    };
+    Look { hue, shape: Some(shape), filled, line }
+}
+
+/// The fast bench first.
+fn pairs() -> impl Iterator<Item = (Bench, Strategy)> {
+    [Bench::XpsLike, Bench::Esp301].into_iter().flat_map(|bench| Strategy::ALL.map(|strategy| (bench, strategy)))
+}
+
+/// Points that are one to the eye, each with its tolerances in mN.
+fn alike(outcomes: &[&Outcome], point: impl Fn(&Outcome) -> Option<(f64, f64)>) -> Vec<((f64, f64), String)> {
+    let mut told: Vec<((f64, f64), String)> = Vec::new();
+    for outcome in outcomes {
+        let Some((x, y)) = point(outcome) else { continue };
+        let tolerance = format!("{}", 1000.0 * outcome.tolerance_n);
+        let is_near = |((there_x, there_y), _): &&mut ((f64, f64), String)| {
+            (x / there_x).ln().abs() < 0.01 && (y / there_y).ln().abs() < 0.02
+        };
+        match told.iter_mut().find(is_near) {
+            Some((_, tolerances)) => *tolerances += &format!(", {tolerance}"),
+            None => told.push(((x, y), tolerance)),
+        }
+    }
+    told
+}
+
+/// What ended early, a line each.
+fn ended_early<'a>(outcomes: impl Iterator<Item = &'a Outcome>, name: impl Fn(&Outcome) -> String) -> Vec<String> {
+    let told = outcomes.filter_map(|outcome| {
+        let rule = outcome.rule.as_ref()?;
+        Some(format!("not drawn: {} ends after {} of {} presses ({rule})", name(outcome), outcome.done, outcome.points))
+    });
+    told.collect()
+}

@@ -1,0 +1,111 @@
+//! The velocity loop alone: how much gain it bears, by a simulation of nothing else, to be held against what theory says.
+
+use super::condition::grain;
+use serde::Serialize;
+use std::f64::consts::{E, FRAC_PI_2};
+
+/// True stiffness over the one the loop reckons with.
+pub const MISMATCHES: [f64; 7] = [0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0];
+/// Total dead times, s.
+pub const DEAD_TIMES_S: [f64; 4] = [0.015, 0.030, 0.060, 0.120];
+/// Gain times dead time at which the continuous loop begins to overshoot, and from which it never settles.
+pub const OVERSHOOTS_AT: f64 = 1.0 / E;
+/// See [`OVERSHOOTS_AT`].
+pub const UNSTABLE_AT: f64 = FRAC_PI_2;
+
+/// Step of the simulation, s, and the time from one order to the next.
+const STEP_S: f64 = 0.001;
+const PERIOD_STEPS: usize = 10;
+/// How many dead times are simulated.
+const LENGTH: f64 = 60.0;
+/// What counts as overshoot, as a share of the force.
+const OVERSHOOT: f64 = 1e-4;
+/// Halvings of the interval in which a gain is sought.
+const HALVINGS: usize = 30;
+
+/// At which gains the loop changes its ways.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Onset {
+    /// "stability": what tells it from other rows.
+    pub part: &'static str,
+    /// Total dead time, ms.
+    pub dead_time_ms: f64,
+    /// True stiffness over the reckoned one.
+    pub mismatch: f64,
+    /// Gain times dead time from which the force exceeds what is set.
+    pub overshoots_at: f64,
+    /// Gain times dead time from which it never settles.
+    pub unstable_at: f64,
+}
+
+/// The map: every dead time with every mismatch.
+pub fn stability() -> Vec<Onset> {
+    let of = |dead_time_s: f64, mismatch: f64| Onset {
+        part: "stability",
+        dead_time_ms: 1000.0 * dead_time_s,
+        mismatch,
+        overshoots_at: grain(least_gain(|gain| peak(gain * mismatch, dead_time_s) > 1.0 + OVERSHOOT)),
+        unstable_at: grain(least_gain(|gain| grows(gain * mismatch, dead_time_s))),
+    };
+    DEAD_TIMES_S.iter().flat_map(|dead_time_s| MISMATCHES.map(|mismatch| of(*dead_time_s, mismatch))).collect()
+}
+
+/// The least gain times dead time that does something, by bisection of the logarithm.
+fn least_gain(does: impl Fn(f64) -> bool) -> f64 {
+    let (mut below, mut above) = (0.01, 100.0);
+    for _ in 0..HALVINGS {
+        let middle = f64::sqrt(below * above);
+        if does(middle) { above = middle } else { below = middle }
+    }
+    f64::sqrt(below * above)
+}
+
+/// The largest force on the way to 1, at a gain times dead time.
+pub fn peak(gain: f64, dead_time_s: f64) -> f64 {
+    forces(gain, dead_time_s).fold(0.0, f64::max)
+}
+
+/// Whether the force is further off in the last fifth of the time than in the fifth before it.
+fn grows(gain: f64, dead_time_s: f64) -> bool {
+    let missing: Vec<f64> = forces(gain, dead_time_s).map(|force| (1.0 - force).abs()).collect();
+    let most = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
+    let fifth = missing.len() / 5;
+    let (before, last) = (&missing[3 * fifth..4 * fifth], &missing[4 * fifth..]);
+    // what has run away for good doesn't grow any more
+    most(last) > most(before).max(OVERSHOOT) || most(last) > 1.0
+}
+
+/// The force from 0 toward 1, a step at a time: F' = k v, and every period v = gain / dead time * (1 - mean F) / k, as the
+/// press reckons it. The mean looks half a period back and the order holds for another half; the rest of the dead time lies
+/// between a force and its reading.
+fn forces(gain: f64, dead_time_s: f64) -> impl Iterator<Item = f64> {
+    let late = ((dead_time_s / STEP_S) as usize).saturating_sub(PERIOD_STEPS);
+    let steps = (LENGTH * dead_time_s / STEP_S) as usize;
+    let (mut past, mut rate, mut force) = (vec![0.0; late + PERIOD_STEPS], 0.0, 0.0f64);
+    (0..steps).map(move |step| {
+        if step % PERIOD_STEPS == 0 {
+            let oldest = past.len() - late - PERIOD_STEPS;
+            let mean = past[oldest..oldest + PERIOD_STEPS].iter().sum::<f64>() / PERIOD_STEPS as f64;
+            rate = gain / dead_time_s * (1.0 - mean);
+        }
+        // what has run away stays away: its sign and size still tell
+        force = (force + rate * STEP_S).clamp(-1e12, 1e12);
+        past.push(force);
+        force
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_loop_is_as_the_theory_says_where_orders_come_often() {
+        for onset in stability().iter().filter(|onset| onset.dead_time_ms > 50.0) {
+            let overshoots = onset.overshoots_at * onset.mismatch / OVERSHOOTS_AT;
+            let unstable = onset.unstable_at * onset.mismatch / UNSTABLE_AT;
+            assert!((0.95..1.1).contains(&overshoots), "{onset:?}: {overshoots}");
+            assert!((0.95..1.1).contains(&unstable), "{onset:?}: {unstable}");
+        }
+    }
+}
