@@ -20,8 +20,12 @@ const BELOW_SIGMAS: f64 = 4.0;
 const REACHED_SHARE: f64 = 0.1;
 /// Share of the tolerance within which a level counts as reached after the last of all steps.
 const LET_OFF_SHARE: f64 = 0.5;
-/// Share of the declared stiffness with which the force must at least answer a step, where the step is large enough to tell.
-const RESPONSE_SHARE: f64 = 0.05;
+/// Share of the expected answer that a way into the specimen must have at least.
+const RESPONSE_SHARE: f64 = 0.2;
+/// Share of the force from which an expected answer stands out from relaxation.
+const TELL_SHARE: f64 = 0.1;
+/// Most looks for contact: on steel each may go a few micrometres only.
+const LOOKS_MAX: u32 = 2000;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
 const APPROACH_MOST_MM_S: f64 = 2.0;
 
@@ -40,7 +44,7 @@ impl Press {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
         let target_mm = self.context.permit.deepest_mm(&self.standing()).min(search_mm);
         self.steps += 1;
-        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > STEPS_MAX {
+        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > LOOKS_MAX {
             return Err(Trip::new(Rule::NoContact, self.z_mm, search_mm, "mm"));
         }
         let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
@@ -58,18 +62,28 @@ impl Press {
         self.in_contact = true;
         self.steps = 0;
         self.anchor = (self.z_mm, force_n);
-        self.before_step = self.anchor;
+        self.answered = self.anchor;
         self.note_path();
         if self.task.strategy == Strategy::Velocity { self.push() } else { self.pursue() }
     }
 
-    /// Whether the force has answered the step that was made: a cell that always says the same is held by nothing else.
+    /// Whether the force answers the way that is made: a cell that always says the same is held by nothing else. Ways that are too
+    /// short to tell, among noise and relaxation, add up until they do.
     pub(super) fn answered(&mut self) -> Result<(), Trip> {
-        let (z_mm, force_n) = std::mem::replace(&mut self.before_step, (self.z_mm, self.force_n));
-        let least_n = RESPONSE_SHARE * self.context.limits.stiffness_n_mm * (self.z_mm - z_mm);
-        let answer_n = self.force_n - force_n;
-        if least_n > TELL_SIGMAS * self.sigma_n && answer_n < least_n {
-            return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
+        let (z_mm, force_n) = self.answered;
+        let way_mm = self.z_mm - z_mm;
+        if way_mm < 0.0 {
+            self.answered = (self.z_mm, self.force_n);
+            return Ok(());
+        }
+        // no less than the stiffness from the earliest contact to here, since a specimen stiffens
+        let expected_n = force_n / (z_mm - self.first_mm).max(STEP_LEAST_MM) * way_mm;
+        let (least_n, answer_n) = (RESPONSE_SHARE * expected_n, self.force_n - force_n);
+        if least_n > TELL_SIGMAS * self.sigma_n && expected_n > TELL_SHARE * force_n {
+            if answer_n < least_n {
+                return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
+            }
+            self.answered = (self.z_mm, self.force_n);
         }
         Ok(())
     }
@@ -125,15 +139,14 @@ impl Press {
     /// Deeper, as far as it is permitted. Where no more is permitted, within the tolerance that will do.
     pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
         let deepest_mm = self.context.permit.deepest_mm(&self.standing());
-        let target_mm = wanted_mm.min(deepest_mm);
-        if target_mm - self.z_mm < STEP_LEAST_MM {
+        if deepest_mm - self.z_mm < STEP_LEAST_MM {
             let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
             if force_set_n - self.force_n <= self.task.force_tolerance_n {
                 return self.reached();
             }
             return Err(Trip::new(Rule::OutOfReach, self.force_n, force_set_n, "N"));
         }
-        self.advance(state, target_mm, self.context.speed_mm_s)
+        self.advance(state, wanted_mm.min(deepest_mm), self.context.speed_mm_s)
     }
 }
 

@@ -27,9 +27,12 @@ const READINGS_LEAST: u32 = 4;
 const LIMIT_READINGS: u32 = 16;
 /// Share of the limit from which it counts as near.
 const NEAR_LIMIT: f64 = 0.85;
-/// What a mean is to be known to, as a share of the tolerance; and how long it may take to read, s.
+/// What a mean is to be known to, as a share of the tolerance, as far as that can be read in so long, s.
 const MEAN_SHARE: f64 = 0.02;
-const READ_MOST_S: f64 = 0.020;
+const READ_S: f64 = 0.020;
+/// What it must be known to, if that can be read in so long, s.
+const MEAN_SHARE_MOST: f64 = 0.15;
+const READ_MOST_S: f64 = 0.200;
 /// How far beyond the latest contact the search goes on before there is none, mm: a soft surface yields before it is felt.
 const SEARCH_MM: f64 = 0.20;
 /// What a depth limit must leave beyond the surface's uncertainty for that search, mm.
@@ -39,7 +42,7 @@ const LEFT_SHARE: f64 = 0.5;
 /// How many sd of a mean a rule on its fall or its answer leaves.
 const TELL_SIGMAS: f64 = 6.0;
 /// Smallest step worth commanding, mm.
-const STEP_LEAST_MM: f64 = 0.000_5;
+const STEP_LEAST_MM: f64 = 0.000_1;
 /// Most steps to one level, and most looks for contact.
 const STEPS_MAX: u32 = 60;
 /// Most points of a loading path that are kept.
@@ -90,8 +93,10 @@ pub struct Press {
     contact_s: Option<f64>,
     /// Where stiffness is measured from: z and force.
     anchor: (f64, f64),
-    /// Where the last step began: z and force.
-    before_step: (f64, f64),
+    /// Up to where the force has answered: z and force.
+    answered: (f64, f64),
+    /// Where the last motion ended before this one, mm.
+    before_mm: f64,
     stiffness_n_mm: Option<f64>,
     /// The loading path: z and force at rest, from the touch to the first level.
     path: Vec<(f64, f64)>,
@@ -129,7 +134,8 @@ impl Press {
             broken: None,
             contact_s: None,
             anchor: (0.0, 0.0),
-            before_step: (0.0, 0.0),
+            answered: (0.0, 0.0),
+            before_mm: 0.0,
             stiffness_n_mm: None,
             path: Vec::new(),
             push: Push::default(),
@@ -203,7 +209,7 @@ impl Press {
             }
             (State::Landing, Event::Averaged { force_n }) => self.landed(force_n),
             (State::Pushing | State::Stepping, Event::Moved { z_mm }) => {
-                self.before_step = (self.z_mm, self.force_n);
+                self.before_mm = self.z_mm;
                 self.z_mm = z_mm;
                 self.average(State::Reading)
             }
@@ -272,7 +278,7 @@ impl Press {
 
     /// A force that is gone although nothing was withdrawn: the specimen slipped, or the cell doesn't measure any more.
     fn check_fall(&self, force_n: f64) -> Result<(), Trip> {
-        let withdrawn = self.before_step.0 > self.z_mm + STEP_LEAST_MM;
+        let withdrawn = self.before_mm > self.z_mm + STEP_LEAST_MM;
         let least_n = LEFT_SHARE * self.force_n - TELL_SIGMAS * self.sigma_n;
         if self.in_contact && !withdrawn && force_n < least_n {
             return Err(Trip::new(Rule::Fallen, force_n, least_n, "N"));
@@ -337,7 +343,7 @@ impl Press {
         }
         self.in_contact = false;
         self.force_n = 0.0;
-        self.before_step = (self.z_mm, 0.0);
+        self.before_mm = self.z_mm;
         self.next_level()
     }
 
@@ -386,9 +392,12 @@ impl Press {
     fn readings(&self) -> u32 {
         let most_n = self.force_n.max(self.level().map_or(0.0, |(_, level)| level.force_set_n));
         let least = if most_n > NEAR_LIMIT * self.context.limits.force_n { LIMIT_READINGS } else { READINGS_LEAST };
-        let wanted = (self.context.zero.sigma_n / (MEAN_SHARE * self.task.force_tolerance_n)).powi(2);
-        let most = READ_MOST_S / self.context.timing.conversion_s;
-        (wanted.min(most) as u32).max(least)
+        let conversion_s = self.context.timing.conversion_s;
+        let within = |share: f64, most_s: f64| {
+            let wanted = (self.context.zero.sigma_n / (share * self.task.force_tolerance_n)).powi(2);
+            wanted.min(most_s / conversion_s) as u32
+        };
+        within(MEAN_SHARE, READ_S).max(within(MEAN_SHARE_MOST, READ_MOST_S)).max(least)
     }
 
     fn first_loaded(&self) -> usize {

@@ -76,7 +76,7 @@ impl Press {
             return self.approach();
         }
         self.in_contact = true;
-        self.before_step = (self.z_mm, force_n);
+        (self.answered, self.before_mm) = ((self.z_mm, force_n), self.z_mm);
         self.note_path();
         self.landing = Some(Landing { z_mm: self.z_mm, force_n, expected_n, left_n: force_n, faded: None });
         self.correct()
