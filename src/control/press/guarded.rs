@@ -18,8 +18,9 @@ const STIFFENING: f64 = 1.15;
 const BELOW_SIGMAS: f64 = 4.0;
 /// Share of the tolerance within which a level counts as reached; the rest is for what the force does until it is sampled.
 const REACHED_SHARE: f64 = 0.1;
-/// Share of the tolerance within which a level counts as reached after the last of all steps.
+/// Share of the tolerance within which a level counts as reached after so many steps; the share grows with each.
 const LET_OFF_SHARE: f64 = 0.5;
+const LET_OFF_STEPS: f64 = 60.0;
 /// Share of the expected answer that a way into the specimen must have at least.
 const RESPONSE_SHARE: f64 = 0.2;
 /// Share of the force from which an expected answer stands out from relaxation.
@@ -111,7 +112,7 @@ impl Press {
         };
         let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n) - below_n;
         // a force that falls as fast as it is made good is let off, the sooner the more often it was tried
-        let let_off_n = LET_OFF_SHARE * self.task.force_tolerance_n * f64::from(self.steps) / f64::from(STEPS_MAX);
+        let let_off_n = (LET_OFF_SHARE * f64::from(self.steps) / LET_OFF_STEPS).min(1.0) * self.task.force_tolerance_n;
         let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n).max(let_off_n);
         if gap_n <= reached_n {
             return self.reached();

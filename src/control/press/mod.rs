@@ -43,8 +43,8 @@ const LEFT_SHARE: f64 = 0.5;
 const TELL_SIGMAS: f64 = 6.0;
 /// Smallest step worth commanding, mm.
 const STEP_LEAST_MM: f64 = 0.000_1;
-/// Most steps to one level, and most looks for contact.
-const STEPS_MAX: u32 = 60;
+/// Most steps to one level: where much more stiffness is declared than there is, each may go a few micrometres only.
+const STEPS_MAX: u32 = 1000;
 /// Most points of a loading path that are kept.
 const PATH_MAX: usize = 12;
 
