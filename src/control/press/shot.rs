@@ -100,8 +100,10 @@ impl Press {
         if self.steps > STEPS_MAX {
             return Err(Trip::new(Rule::NoConvergence, self.force_n, set_n, "N"));
         }
-        if gap_n > TRIM_TOLERANCES * self.task.force_tolerance_n {
-            let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n);
+        let trim_most_n = TRIM_TOLERANCES * self.task.force_tolerance_n;
+        if gap_n > trim_most_n {
+            // short of it, but near enough for the trim to be the last
+            let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n).min(trim_most_n / 2.0);
             return self.step_to(State::Stepping, self.z_mm + (gap_n - short_n) / stiffness);
         }
         // what is trimmed late has less time to fade

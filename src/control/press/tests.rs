@@ -263,6 +263,16 @@ fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
 }
 
 #[test]
+fn any_tolerance_is_reached_in_a_few_motions() {
+    for tolerance_n in [0.0005, 0.002, 0.01, 0.05, 0.2] {
+        let (_, walk) = Bench { tolerance_n, ..mapped(1.0, 0.01) }.walk(force_at);
+        assert_eq!(walk.end, Command::Done, "{tolerance_n} N");
+        assert!((walk.forces[0] - 1.0).abs() < tolerance_n.min(0.005), "{tolerance_n} N: {:?}", walk.forces);
+        assert!(walk.moves.len() <= 8, "{tolerance_n} N: {:?}", walk.moves);
+    }
+}
+
+#[test]
 fn what_the_map_cannot_be_trusted_with_is_pressed_guarded() {
     let map = taught();
     assert!(map.shot(Place::default(), 1.0, &LIMITS).is_some());
