@@ -79,16 +79,34 @@ impl RigSpec {
     /// # Panics
     /// Outside a tokio runtime.
     pub fn open(&self, seed: u64) -> Result<OpenRig, DeviceError> {
+        if self.is_simulated() {
+            return self.open_on(self.emulators(seed)?);
+        }
+        let links = [&self.stage.link, &self.load_cell.link, &self.array.link];
+        self.wired(links.map(|link| Connector::Real(link.clone())), None, Instant::now())
+    }
+
+    /// Puts the drivers on links in memory with these devices at the far ends; their scene's time begins now.
+    ///
+    /// # Errors
+    /// A register map that can't play its role.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    pub fn open_on(&self, simulated: SimulatedRig) -> Result<OpenRig, DeviceError> {
         let origin = Instant::now();
-        let (connectors, probe) = if self.is_simulated() {
-            let SimulatedRig { scene, stage, load_cell, array } = self.emulators(seed)?;
-            let memory = |device: EmulatedDevice| dial(device.instrument, scene.clone(), origin);
-            let probe = SceneProbe { scene: scene.clone(), origin };
-            ([memory(stage), memory(load_cell), memory(array)], Some(probe))
-        } else {
-            ([&self.stage.link, &self.load_cell.link, &self.array.link].map(|l| Connector::Real(l.clone())), None)
-        };
-        let [stage, load_cell, array] = connectors;
+        let SimulatedRig { scene, stage, load_cell, array } = simulated;
+        let devices = [stage, load_cell, array];
+        let connectors = devices.map(|device| dial(device.instrument, scene.clone(), origin));
+        self.wired(connectors, Some(SceneProbe { scene, origin }), origin)
+    }
+
+    fn wired(
+        &self,
+        [stage, load_cell, array]: [Connector; 3],
+        probe: Option<SceneProbe>,
+        origin: Instant,
+    ) -> Result<OpenRig, DeviceError> {
         let instruments = Instruments {
             stage: Esp301::new(stage, self.stage.link.to_string()),
             load_cell: self.load_cell.driver(load_cell, origin)?,

@@ -15,7 +15,7 @@ mod window;
 pub use cancel::Cancel;
 pub use estimate::estimated_s;
 pub use pace::keep_pace;
-pub use walk::{Ending, Errand, Listener, walk};
+pub use walk::{Ending, Errand, Listener, walk, walk_on};
 
 use crate::control::Trip;
 use crate::dataset::DatasetError;

@@ -8,7 +8,7 @@ use crate::dataset::{Contact, Flag, Ledger, Record, Row, RowTruth, Status};
 use crate::device::{LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Limits, Place};
 use crate::recipe::{Entry, Plan};
-use crate::rig::RigSpec;
+use crate::rig::{OpenRig, RigSpec};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -55,15 +55,19 @@ pub trait Listener {
 
 /// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear.
 pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
+    match errand.spec.open(errand.plan.seed) {
+        Ok(rig) => walk_on(rig, errand, listener).await,
+        Err(error) => Ending { halt: Some(error.into()), unparked: None },
+    }
+}
+
+/// The same on a rig that is open already.
+pub async fn walk_on(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
     let Errand { plan, spec, ledger, cancel, shown } = errand;
     let clock = RunClock::going_on_from(ledger.elapsed_s());
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: ledger.first_zero_n() };
     let mut ending = Ending { halt: None, unparked: None };
-    let rig = spec.open(plan.seed).map_err(Halt::from);
-    let ready = match rig {
-        Ok(rig) => make_ready(rig, &conditions).await,
-        Err(halt) => Err(halt),
-    };
+    let ready = make_ready(rig, &conditions).await;
     match ready {
         Ok(Ready { hand, devices, reaction, zero }) => {
             listener.ready(&devices);

@@ -1,6 +1,8 @@
 //! What the integration tests share: the program in a folder of its own, and what it said.
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
+pub mod walks;
+
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

@@ -1,0 +1,225 @@
+//! Walks in virtual time on a bench, their truth seen from the first message to the last and beyond. It is seen from the
+//! stage's far end: only a message to the stage changes a motion, so what happens between two of them follows from a copy of
+//! the scene, whatever the run asks of the scene itself.
+
+use palpate::dataset::Memory;
+use palpate::device::Identity;
+use palpate::emulator::{Instrument, Shared};
+use palpate::quantity::Axis;
+use palpate::recipe::{self, Plan};
+use palpate::rig::{self, RigSpec, SimulatedRig};
+use palpate::run::{Cancel, Ending, Errand, Halt, Listener, walk_on};
+use palpate::scene::{Device, Scene, Truth};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+use tokio::time::{Instant, timeout};
+
+/// The benches, by name.
+pub const BENCHES: [(&str, &str); 2] = [
+    ("bench-fast", include_str!("../../rigs/bench-fast.toml")),
+    ("bench-esp301", include_str!("../../rigs/bench-esp301.toml")),
+];
+
+/// No run here is as long, s: one that is doesn't end by itself.
+const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
+
+/// As far up as z goes here, mm: a longer way from home only costs time.
+const Z_MOST_MM: f64 = 1.5;
+
+/// A bench as it is shipped, but for what only costs time here: taxels, and most of the way from home.
+pub fn bench(name: &str) -> RigSpec {
+    let text = BENCHES.iter().find(|(bench, _)| *bench == name).expect("a bench").1;
+    let mut spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig");
+    spec.stage.travel.axes[Axis::Z.index()].max = Z_MOST_MM;
+    spec.scene.taxel_noise_percent = None;
+    spec.scene.hysteresis_percent = None;
+    spec
+}
+
+/// The plan of a recipe's text on a rig.
+pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
+    let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
+    Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()))
+}
+
+/// How a walk went.
+pub struct Walked {
+    pub ending: Ending,
+    pub ledger: Memory,
+    /// The worst that happened, until everything was at rest again.
+    pub truth: Worst,
+    /// The worst that would have happened if the host had died after one of the messages.
+    pub orphaned: Worst,
+    /// When the instruments were ready; 0: never, s.
+    pub ready_s: f64,
+    /// How long it took, s.
+    pub virtual_s: f64,
+    /// Messages that the stage took.
+    pub messages: usize,
+}
+
+/// The worst of what happened.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Worst {
+    pub force_n: f64,
+    pub depth_mm: f64,
+    pub slid_mm: f64,
+}
+
+impl Worst {
+    pub fn take(&mut self, truth: Truth) {
+        self.join(Worst { force_n: truth.force_peak_n, depth_mm: truth.depth_peak_mm, slid_mm: truth.slid_mm });
+    }
+
+    pub fn join(&mut self, other: Worst) {
+        self.force_n = self.force_n.max(other.force_n);
+        self.depth_mm = self.depth_mm.max(other.depth_mm);
+        self.slid_mm = self.slid_mm.max(other.slid_mm);
+    }
+
+    /// Whether force, depth and everything sideways kept within the rig's limits.
+    pub fn is_within(&self, spec: &RigSpec) -> bool {
+        self.force_n <= spec.limits.force_n && self.depth_mm <= spec.limits.depth_mm && self.slid_mm == 0.0
+    }
+}
+
+/// Notes when the first press begins.
+struct Silent {
+    began: Instant,
+    ready_s: f64,
+}
+
+impl Listener for Silent {
+    fn ready(&mut self, _: &[Identity]) {
+        self.ready_s = self.began.elapsed().as_secs_f64();
+    }
+}
+
+/// What stands at a rig's far ends, to be exchanged before the walk.
+pub type Tamper<'a> = &'a dyn Fn(&mut SimulatedRig);
+
+/// Walks a plan.
+pub fn walked(spec: &RigSpec, plan: &Plan) -> Walked {
+    walked_with(spec, plan, Deaths::Ignored, &|_| {})
+}
+
+/// Whether it is asked after every message what would come of it if it were the last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Deaths {
+    Ignored,
+    Tried,
+}
+
+/// Walks a plan on a rig that was tampered with.
+pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Walked {
+    in_virtual_time(async {
+        let mut rig = spec.emulators(plan.seed).expect("emulators");
+        tamper(&mut rig);
+        let scene = rig.scene.clone();
+        let eye = Arc::new(Mutex::new(Eye { stage: rig.stage.instrument, deaths, left: None, seen: Seen::default() }));
+        rig.stage.instrument = eye.clone();
+        let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
+        let rig = spec.open_on(rig).expect("drivers");
+        let errand = Errand { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let mut listener = Silent { began, ready_s: 0.0 };
+        let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut listener)).await.expect("it doesn't end by itself");
+        let virtual_s = began.elapsed().as_secs_f64();
+        let mut eye = eye.lock().expect("the walk is over");
+        eye.look(virtual_s);
+        eye.seen.truth.take(scene.lock().expect("the walk is over").run_out(virtual_s));
+        let Seen { truth, orphaned, messages } = eye.seen;
+        Walked { ending, ledger, truth, orphaned, ready_s: listener.ready_s, virtual_s, messages }
+    })
+}
+
+/// What ended a walk: the rule that tripped, `device` for an instrument that failed, `-` if the plan is done.
+pub fn end_of(ending: &Ending) -> &'static str {
+    match &ending.halt {
+        None => "-",
+        Some(Halt::Tripped(trip)) => trip.rule.name(),
+        Some(Halt::Device(_)) => "device",
+        Some(Halt::Cancelled | Halt::Record(_)) => panic!("{:?}", ending.told()),
+    }
+}
+
+/// Stands before the stage and sees what really happens.
+struct Eye {
+    stage: Shared<dyn Instrument>,
+    deaths: Deaths,
+    /// The scene as the last message left it, nothing seen of it yet.
+    left: Option<Scene>,
+    seen: Seen,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    truth: Worst,
+    orphaned: Worst,
+    messages: usize,
+}
+
+impl Eye {
+    /// What has happened since the last message that began or changed a motion.
+    fn look(&mut self, now_s: f64) {
+        if let Some(mut scene) = self.left.take() {
+            self.seen.truth.take(scene.take_truth(now_s));
+        }
+    }
+}
+
+impl Instrument for Eye {
+    fn device(&self) -> Device {
+        Device::Stage
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        self.stage.lock().expect("a device that lives").take_request(inbox)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
+        let before = motions(scene);
+        let reply = self.stage.lock().expect("a device that lives").answer(request, scene, now_s);
+        self.seen.messages += 1;
+        if self.left.is_none() || motions(scene) != before {
+            self.look(now_s);
+            let mut left = scene.clone();
+            left.take_truth(now_s);
+            self.left = Some(left);
+        }
+        if self.deaths == Deaths::Tried {
+            self.seen.orphaned.take(scene.run_out(now_s));
+        }
+        reply
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        self.stage.lock().expect("a device that lives").deaf_until_s()
+    }
+}
+
+pub fn in_virtual_time<T>(future: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap().block_on(future)
+}
+
+/// Does all jobs on as many threads as there are cores; what came of them, in their order.
+pub fn in_parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
+    let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(jobs.len())));
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some((i, job)) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, jobs.get(i)?)))
+                {
+                    let came = work(job);
+                    done.lock().expect("no other job panicked").push((i, came));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().expect("no job panicked");
+    done.sort_by_key(|(i, _)| *i);
+    done.into_iter().map(|(_, came)| came).collect()
+}
