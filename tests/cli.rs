@@ -9,7 +9,7 @@ use support::{Bench, SMALL, SMALL_PRESSES, SMALL_ROWS, shipped};
 fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
     let bench = Bench::new();
     let whole = bench.palpate_ends(0, "--help").out;
-    for subcommand in ["check", "run", "resume", "evaluate", "emulate", "ports"] {
+    for subcommand in ["check", "run", "resume", "evaluate", "study", "emulate", "ports"] {
         assert!(whole.contains(&format!("\n  {subcommand} ")), "{subcommand} isn't in\n{whole}");
         let help = bench.palpate_ends(0, &format!("{subcommand} --help")).out;
         let (_, examples) = help.split_once("Example").unwrap_or_else(|| panic!("no example in\n{help}"));

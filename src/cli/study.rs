@@ -111,12 +111,12 @@ fn summary(findings: &Findings, out: &Path) -> String {
             number(outcome.peak_over_mn, 0)
         ),
     };
-    let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&Outcome) -> String| {
+    let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&Outcome) -> Option<String>| {
         line(title);
         line(format!("{first:<24}{:>18}{:>18}{:>18}", "guarded", "velocity", "map"));
         let mut rows: Vec<(String, Vec<&Outcome>)> = Vec::new();
         for outcome in findings.of(part) {
-            let name = name(outcome);
+            let Some(name) = name(outcome) else { continue };
             match rows.iter_mut().find(|(row, _)| *row == name) {
                 Some((_, outcomes)) => outcomes.push(outcome),
                 None => rows.push((name, vec![outcome])),
@@ -130,19 +130,22 @@ fn summary(findings: &Findings, out: &Path) -> String {
         }
         line(String::new());
     };
-    let places = format!("{0} x {0}, ESP301 {1} x {1}", size.scene, size.small);
-    let title = format!("scenes ({places}): s, p95 mN, peak over mN; or the rule @presses made");
-    table(title, "scene", Part::Scenes, &|outcome| match outcome.rig {
-        "ESP301" => format!("  {}, ESP301", outcome.scene).chars().take(24).collect(),
-        _ => outcome.scene.clone(),
-    });
-    let title = "a stiffness other than declared, velocity alone".to_owned();
-    table(title, "", Part::Mismatch, &|outcome| {
-        format!("{:<9}{}", outcome.rig, outcome.scene.replace("stiffness ", ""))
-    });
+    for (rig, side) in [("XPS-like", size.scene), ("ESP301", size.small)] {
+        let title = format!("scenes, {rig}, {side} x {side}: s, p95 mN, peak over mN; or the rule @presses made");
+        table(title, "", Part::Scenes, &|outcome| (outcome.rig == rig).then(|| outcome.scene.clone()));
+    }
     let title = "the declared stiffness, on the nominal specimen".to_owned();
-    table(title, "", Part::Caution, &|outcome| format!("{} N/mm", outcome.declared_n_mm));
+    table(title, "", Part::Caution, &|outcome| Some(format!("{} N/mm", outcome.declared_n_mm)));
 
+    line("velocity on a stiffness other than declared: s, p95 mN, peak over mN".to_owned());
+    for outcome in findings.of(Part::Mismatch) {
+        line(format!(
+            "{:<24}{:>18}",
+            format!("{:<9}{}", outcome.rig, outcome.scene.replace("stiffness ", "")),
+            cell(outcome)
+        ));
+    }
+    line(String::new());
     line(format!("a calibration of {0} x {0} places and its test of {1}, XPS-like", size.main, size.tests));
     for outcome in findings.of(Part::Tolerance).filter(|outcome| outcome.location_error_mm.is_some()) {
         line(format!(

@@ -34,7 +34,7 @@ impl Size {
     /// The whole study: 625 places for the main figure, 225 a scene.
     pub const WHOLE: Size = Size { main: 25, scene: 15, small: 9, tests: 100 };
     /// A few places each: for a first look, and for tests. Its numbers mean little.
-    pub const QUICK: Size = Size { main: 5, scene: 4, small: 4, tests: 10 };
+    pub const QUICK: Size = Size { main: 4, scene: 4, small: 3, tests: 10 };
 }
 
 /// All that was found.

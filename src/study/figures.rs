@@ -1,12 +1,18 @@
 //! The figures of the study: what was found, drawn.
 
 use super::Bench;
-use super::chart::{Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use super::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use super::condition::{Outcome, Part};
 use super::control::{Findings, MISMATCHES, TOLERANCES_N};
 use super::scenes::SCENES;
 use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
 use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
+
+/// The paper's own mean location error, mm.
+const PAPER_MM: f64 = 0.46;
+
+/// One number of an outcome, where it has it.
+type Value = fn(&Outcome) -> Option<f64>;
 
 /// Every figure: a file's name and the SVG.
 pub fn figures(findings: &Findings) -> Vec<(&'static str, String)> {
@@ -32,7 +38,8 @@ fn time_and_error(findings: &Findings) -> Figure {
             whole().filter(|outcome| outcome.rig == bench.name() && outcome.strategy == strategy).collect();
         marks.push(Mark::Curve(look(strategy, bench), of_it.iter().filter_map(|outcome| point(outcome)).collect()));
         for (at, tolerances) in alike(&of_it, point) {
-            marks.push(Mark::Words(at, (8.0, -7.0), tolerances));
+            let (by_px, anchor) = beside(strategy, bench);
+            marks.push(Mark::Words(at, by_px, anchor, tolerances));
         }
         let best = of_it.iter().filter(|outcome| outcome.pareto == Some(true)).filter_map(|outcome| point(outcome));
         marks.extend(best.map(Mark::Ring));
@@ -51,9 +58,13 @@ fn time_and_error(findings: &Findings) -> Figure {
         ),
         height_px: 420.0,
         panels: vec![Panel { x, y, marks }],
-        legend: pairs()
-            .map(|(bench, strategy)| (look(strategy, bench), format!("{}, {}", strategy.name(), bench.name())))
-            .collect(),
+        legend: Bench::ALL
+            .map(|bench| {
+                let entry =
+                    |strategy: Strategy| (look(strategy, bench), format!("{}, {}", strategy.name(), bench.name()));
+                Strategy::ALL.map(entry).to_vec()
+            })
+            .to_vec(),
         notes,
     }
 }
@@ -69,17 +80,14 @@ fn stability_map(findings: &Findings) -> Figure {
         Mark::Curve(line(Hue::Blue, Line::Dashed), theory(OVERSHOOTS_AT)),
         Mark::Level(GAIN_TIMES_DEAD_TIME, format!("this loop: {GAIN_TIMES_DEAD_TIME}")),
     ];
-    let mut legend = vec![
-        (line(Hue::Orange, Line::Solid), "theory: unstable, pi/2 k_hat/k".to_owned()),
-        (line(Hue::Blue, Line::Dashed), "theory: overshoots, 1/e k_hat/k".to_owned()),
-    ];
+    let mut dots = Vec::new();
     for (dead_time_s, shape) in stability::DEAD_TIMES_S.into_iter().zip(shapes) {
         let of_it = || findings.onsets.iter().filter(move |onset| onset.dead_time_ms == 1000.0 * dead_time_s);
         let unstable = of_it().map(|onset| (onset.mismatch, onset.unstable_at)).collect();
         let overshoots = of_it().map(|onset| (onset.mismatch, onset.overshoots_at)).collect();
         marks.push(Mark::Curve(dot(Hue::Orange, shape, false), unstable));
         marks.push(Mark::Curve(dot(Hue::Blue, shape, true), overshoots));
-        legend.push((dot(Hue::Grey, shape, false), format!("dead time {:.0} ms", 1000.0 * dead_time_s)));
+        dots.push((dot(Hue::Grey, shape, false), format!("dead time {:.0} ms", 1000.0 * dead_time_s)));
     }
     let map = Panel {
         x: Axis { range: (0.45, 5.6), ..Axis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)) },
@@ -90,7 +98,9 @@ fn stability_map(findings: &Findings) -> Figure {
     let alone =
         |mismatch: f64| (mismatch, stability::peak(GAIN_TIMES_DEAD_TIME * mismatch, stability::DEAD_TIMES_S[1]));
     marks.push(Mark::Curve(line(Hue::Grey, Line::Dashed), MISMATCHES.map(alone).to_vec()));
-    legend.push((line(Hue::Grey, Line::Dashed), "right: the loop alone, without rules".to_owned()));
+    let cross = Look { shape: Some(Shape::Cross), ..line(Hue::Grey, Line::None) };
+    let mut wire_legend =
+        vec![(cross, "right: a rule ends it".to_owned()), (line(Hue::Grey, Line::Dashed), "the loop alone".to_owned())];
     for bench in Bench::ALL {
         let of_it = || {
             let outcomes = findings.of(Part::Mismatch).filter(move |outcome| outcome.rig == bench.name());
@@ -100,15 +110,8 @@ fn stability_map(findings: &Findings) -> Figure {
         let look = look(Strategy::Velocity, bench);
         marks.push(Mark::Curve(look, of_it().filter_map(reached).collect()));
         let tripped = of_it().filter_map(|(mismatch, outcome)| Some((mismatch, outcome.trip_force_n?)));
-        let cross = Look {
-            hue: if bench == Bench::XpsLike { Hue::Orange } else { Hue::Purple },
-            shape: Some(Shape::Cross),
-            filled: true,
-            line: Line::None,
-        };
-        marks.push(Mark::Curve(cross, tripped.collect()));
-        legend.push((look, format!("right: largest force, {}", bench.name())));
-        legend.push((cross, format!("right: a rule stops it, {}", bench.name())));
+        marks.push(Mark::Curve(Look { hue: look.hue, ..cross }, tripped.collect()));
+        wire_legend.insert(0, (look, format!("right: largest force, {}", bench.name())));
     }
     let wire = Panel {
         x: Axis { range: (0.45, 5.6), ..Axis::log("true stiffness / declared", [], (0.45, 5.6)) },
@@ -123,7 +126,14 @@ fn stability_map(findings: &Findings) -> Figure {
         ),
         height_px: 360.0,
         panels: vec![map, wire],
-        legend,
+        legend: vec![
+            vec![
+                (line(Hue::Orange, Line::Solid), "left: never settles, theory pi/2 k_hat/k".to_owned()),
+                (line(Hue::Blue, Line::Dashed), "left: overshoots, theory 1/e k_hat/k".to_owned()),
+            ],
+            dots,
+            wire_legend,
+        ],
         notes: vec![
             "left: filled, the gain from which it overshoots; hollow, the gain from which it never settles".to_owned(),
         ],
@@ -134,7 +144,7 @@ fn stability_map(findings: &Findings) -> Figure {
 fn scenes(findings: &Findings) -> Figure {
     let rows: Vec<String> = SCENES.iter().map(|scene| scene.name.to_owned()).collect();
     let count = rows.len() as f64;
-    let (mut errors, mut peaks) = (Vec::new(), Vec::new());
+    let (mut errors, mut peaks) = (vec![Mark::At(10.0, String::new())], Vec::new());
     for (strategy, offset) in Strategy::ALL.into_iter().zip([-0.27, 0.0, 0.27]) {
         let (mut near, mut over) = (Vec::new(), Vec::new());
         for (row, scene) in SCENES.iter().enumerate() {
@@ -146,8 +156,14 @@ fn scenes(findings: &Findings) -> Figure {
             near.extend(outcome.error_p95_mn.map(|error_mn| (error_mn, y)));
             over.extend(outcome.peak_over_mn.map(|peak_mn| (peak_mn, y)));
             if let Some(rule) = &outcome.rule {
-                let told = format!("{} ends: {rule} after {} of {}", strategy.name(), outcome.done, outcome.points);
-                errors.push(Mark::Words((outcome.error_p95_mn.unwrap_or(1.0), y), (9.0, 4.0), told));
+                let told = format!("{rule}, {} of {}", outcome.done, outcome.points);
+                match outcome.error_p95_mn {
+                    Some(error_mn) => errors.push(Mark::Words((error_mn, y), (9.0, 4.0), Anchor::Start, told)),
+                    None => {
+                        let told = format!("{}: {told}", strategy.name());
+                        errors.push(Mark::Words((1.0, y), (9.0, 4.0), Anchor::Start, told));
+                    }
+                }
             }
         }
         let look = Look { line: Line::None, ..look(strategy, Bench::XpsLike) };
@@ -165,16 +181,16 @@ fn scenes(findings: &Findings) -> Figure {
         panels: vec![
             Panel { x: axis("force error, 95th percentile, mN"), y: Axis::rows(rows.clone()), marks: errors },
             Panel {
-                x: axis("largest peak over the set force, mN (left edge: 1 or less)"),
+                x: axis("peak over the set force, mN (at the edge: 1 or less)"),
                 y: Axis::rows(rows),
                 marks: peaks,
             },
         ],
-        legend: Strategy::ALL
-            .map(|strategy| (Look { line: Line::None, ..look(strategy, Bench::XpsLike) }, strategy.name().to_owned()))
-            .to_vec(),
+        legend: vec![
+            Strategy::ALL.map(|strategy| (Look { line: Line::None, ..look(strategy, Bench::XpsLike) }, strategy.name().to_owned())).to_vec(),
+        ],
         notes: vec![
-            "a strategy that breaks a safety rule ends there: its marks are of the presses made until then".to_owned(),
+            "a strategy that breaks a safety rule ends there: its marks are of the presses made until then; dotted: the tolerance".to_owned(),
         ],
     }
 }
@@ -193,23 +209,25 @@ fn caution(findings: &Findings) -> Figure {
         marks.push(Mark::Curve(look(strategy, Bench::XpsLike), points));
         for outcome in findings.of(Part::Caution).filter(|outcome| outcome.strategy == strategy) {
             if let Some(rule) = &outcome.rule {
-                let told = format!("{}: {rule}", strategy.name());
-                marks.push(Mark::Words((outcome.declared_n_mm, top), (-40.0, down_px), told));
+                let told = format!("{}: {rule}, {} of {}", strategy.name(), outcome.done, outcome.points);
+                marks.push(Mark::Words((outcome.declared_n_mm, top), (0.0, down_px), Anchor::Middle, told));
             }
         }
     }
     Figure {
         title: "What caution costs: time per press against the declared stiffness".to_owned(),
         subtitle: format!(
-            "nominal specimen (1.4 N/mm at 1 N, relaxation included 1.6), {0} x {0} places, XPS-like bench",
+            "nominal specimen (at 1 N up to 1.6 N/mm, relaxation included), {0} x {0} places, XPS-like bench",
             findings.size.small
         ),
         height_px: 360.0,
-        panels: vec![Panel { x: Axis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 700.0)), y, marks }],
-        legend: Strategy::ALL.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
-        notes: ended_early(findings.of(Part::Caution), |outcome| {
-            format!("{} at {} N/mm", outcome.strategy.name(), outcome.declared_n_mm)
-        }),
+        panels: vec![Panel { x: Axis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 1000.0)), y, marks }],
+        legend: vec![
+            Strategy::ALL.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
+        ],
+        notes: vec![
+            "named at the top: what a rule ends before the square is done, and after how many presses".to_owned(),
+        ],
     }
 }
 
@@ -217,24 +235,24 @@ fn caution(findings: &Findings) -> Figure {
 fn calibration(findings: &Findings) -> Figure {
     let of = |strategy| findings.of(Part::Tolerance).filter(move |outcome| outcome.strategy == strategy);
     let strategies = [Strategy::Guarded, Strategy::Map];
-    let curves = |value: fn(&Outcome) -> Option<f64>| {
+    let curves = |value: Value| {
         strategies.map(|strategy| {
             let points = of(strategy).filter_map(|outcome| Some((1000.0 * outcome.tolerance_n, value(outcome)?)));
             Mark::Curve(look(strategy, Bench::XpsLike), points.collect())
         })
     };
-    let most = |value: fn(&Outcome) -> Option<f64>, least: f64| {
+    let most = |value: Value, least: f64| {
         let values = strategies.into_iter().flat_map(of).filter_map(value);
         (1.15 * values.fold(least, f64::max) * 10.0).ceil() / 10.0
     };
-    let (location, minutes): (fn(&Outcome) -> Option<f64>, fn(&Outcome) -> Option<f64>) =
-        (|outcome| outcome.location_error_mm, |outcome| outcome.minutes);
+    let location: Value = |outcome| outcome.location_error_mm;
+    let minutes: Value = |outcome| outcome.minutes;
     let ends = (1000.0 * TOLERANCES_N[TOLERANCES_N.len() - 1] / 1.2, 1000.0 * TOLERANCES_N[0] * 1.2);
     let x = || Axis { range: ends, ..Axis::log("force tolerance asked, mN", [], ends) };
-    let panel = |label: &str, value| Panel {
+    let panel = |label: &str, value, level: Option<Mark>| Panel {
         x: x(),
         y: Axis::linear(label, (0.0, most(value, 0.1))),
-        marks: curves(value).to_vec(),
+        marks: level.into_iter().chain(curves(value)).collect(),
     };
     let mut notes = vec![
         "left out, as in every evaluation: presses that missed the tolerance by what the load cell saw".to_owned(),
@@ -250,8 +268,15 @@ fn calibration(findings: &Findings) -> Figure {
             findings.size.main, findings.size.tests
         ),
         height_px: 320.0,
-        panels: vec![panel("location error, mean, mm", location), panel("time of the calibration, minutes", minutes)],
-        legend: strategies.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
+        panels: vec![
+            panel(
+                "location error, mean, mm",
+                location,
+                Some(Mark::Level(PAPER_MM, format!("the paper: {PAPER_MM} mm"))),
+            ),
+            panel("time of the calibration, minutes", minutes, None),
+        ],
+        legend: vec![strategies.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec()],
         notes,
     }
 }
@@ -268,6 +293,17 @@ fn look(strategy: Strategy, bench: Bench) -> Look {
         Bench::Esp301 => (false, Line::Dashed),
     };
     Look { hue, shape: Some(shape), filled, line }
+}
+
+/// Where the words of a curve stand, px, so that they keep clear of its neighbours'.
+fn beside(strategy: Strategy, bench: Bench) -> ((f64, f64), Anchor) {
+    match (strategy, bench) {
+        (Strategy::Guarded, Bench::XpsLike) => ((-8.0, 14.0), Anchor::End),
+        (Strategy::Velocity, Bench::XpsLike) => ((-2.0, 19.0), Anchor::Middle),
+        (Strategy::Velocity, Bench::Esp301) => ((-8.0, 15.0), Anchor::End),
+        (Strategy::Map, Bench::XpsLike) => ((-12.0, 5.0), Anchor::End),
+        (Strategy::Guarded | Strategy::Map, Bench::Esp301) => ((11.0, -4.0), Anchor::Start),
+    }
 }
 
 /// The fast bench first.
@@ -292,11 +328,12 @@ fn alike(outcomes: &[&Outcome], point: impl Fn(&Outcome) -> Option<(f64, f64)>) 
     told
 }
 
-/// What ended early, a line each.
-fn ended_early<'a>(outcomes: impl Iterator<Item = &'a Outcome>, name: impl Fn(&Outcome) -> String) -> Vec<String> {
+/// What ended early, in one note; none if nothing did.
+fn ended_early<'a>(outcomes: impl Iterator<Item = &'a Outcome>, name: impl Fn(&Outcome) -> String) -> Option<String> {
     let told = outcomes.filter_map(|outcome| {
         let rule = outcome.rule.as_ref()?;
-        Some(format!("not drawn: {} ends after {} of {} presses ({rule})", name(outcome), outcome.done, outcome.points))
+        Some(format!("{} ({rule} after {} of {})", name(outcome), outcome.done, outcome.points))
     });
-    told.collect()
+    let told: Vec<String> = told.collect();
+    (!told.is_empty()).then(|| format!("not drawn, since a rule ends it: {}", told.join(", ")))
 }

@@ -2,6 +2,11 @@
 //! a figure can't follow the reader's light or dark, and it lays text out well only with a font library. This is all a study
 //! needs: axes, curves, markers, rules and words, in colours that also the colour-blind tell apart, and shapes for print.
 
+mod axis;
+
+pub use axis::{Axis, Scale};
+
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 /// Some panels under one title.
@@ -15,8 +20,8 @@ pub struct Figure {
     pub height_px: f64,
     /// Side by side.
     pub panels: Vec<Panel>,
-    /// What the marks mean.
-    pub legend: Vec<(Look, String)>,
+    /// What the marks mean, in lines.
+    pub legend: Vec<Vec<(Look, String)>>,
     /// Lines below.
     pub notes: Vec<String>,
 }
@@ -32,28 +37,6 @@ pub struct Panel {
     pub marks: Vec<Mark>,
 }
 
-/// One axis.
-#[derive(Clone, Debug)]
-pub struct Axis {
-    /// What it is, with its unit.
-    pub label: String,
-    /// How values are spread.
-    pub scale: Scale,
-    /// First and last value.
-    pub range: (f64, f64),
-}
-
-/// How values are spread along an axis.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Scale {
-    /// Evenly.
-    Linear,
-    /// By their logarithm.
-    Log,
-    /// By rows with names; row i is at i.
-    Rows(Vec<String>),
-}
-
 /// Something drawn in a panel.
 #[derive(Clone, Debug)]
 pub enum Mark {
@@ -65,8 +48,17 @@ pub enum Mark {
     At(f64, String),
     /// A line right across at a y, and a word above it.
     Level(f64, String),
-    /// Words at a point: how far right and down of it they begin, px.
-    Words((f64, f64), (f64, f64), String),
+    /// Words at a point: how far right and down of it, px, and which of their ends is there.
+    Words((f64, f64), (f64, f64), Anchor, String),
+}
+
+/// Which part of some words is at their point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Anchor {
+    Start,
+    Middle,
+    End,
 }
 
 /// How a series looks.
@@ -89,7 +81,6 @@ pub enum Hue {
     Blue,
     Orange,
     Green,
-    Purple,
     Grey,
 }
 
@@ -117,36 +108,38 @@ const WIDTH: f64 = 900.0;
 const LEFT: f64 = 72.0;
 const LEFT_OF_ROWS: f64 = 172.0;
 const RIGHT: f64 = 24.0;
-const GAP: f64 = 28.0;
+const GAP: f64 = 44.0;
 const TOP: f64 = 64.0;
 const LEGEND_LINE: f64 = 22.0;
-const BELOW_AXIS: f64 = 52.0;
+const BELOW_AXIS: f64 = 68.0;
 const NOTE_LINE: f64 = 17.0;
-/// Mean width of a letter, as a share of the size of the font: to know where the next legend entry begins.
-const LETTER: f64 = 0.56;
+/// Letters in a line of notes.
+const NOTE_LETTERS: usize = 138;
+/// Width of a letter, amply: to know where the next entry of the legend begins.
+const LETTER_PX: f64 = 6.8;
 
 const STYLE: &str = "\
 text{font:13px system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif;fill:#1f2328;stroke:none}
 .title{font-size:17px;font-weight:600}.small{font-size:12px;fill:#57606a}.word{font-size:11.5px}
 .end{text-anchor:end}.mid{text-anchor:middle}
-.paper{fill:#ffffff}.grid{stroke:#e4e7eb;stroke-width:1}.axis{stroke:#57606a;stroke-width:1;fill:none}
+.paper{fill:#ffffff}.band{fill:#f3f5f7}.grid{stroke:#e4e7eb;stroke-width:1}.axis{stroke:#57606a;stroke-width:1;fill:none}
 .rule{stroke:#57606a;stroke-width:1.3;stroke-dasharray:2 3}
 .blue{fill:#0b5cad;stroke:#0b5cad}.orange{fill:#d9730d;stroke:#d9730d}.green{fill:#12805c;stroke:#12805c}
-.purple{fill:#8e44ad;stroke:#8e44ad}.grey{fill:#57606a;stroke:#57606a}
+.grey{fill:#57606a;stroke:#57606a}
 .mark{stroke-width:1.8;stroke-linejoin:round}.hollow{fill:#ffffff}.line{fill:none;stroke-width:1.8}
 .dashed{stroke-dasharray:6 4}.ring{fill:none;stroke:#1f2328;stroke-width:1.2}
 @media (prefers-color-scheme:dark){
-text{fill:#e6edf3}.small{fill:#9aa5b1}.paper{fill:#0d1117}.hollow{fill:#0d1117}.grid{stroke:#262c34}
+text{fill:#e6edf3}.small{fill:#9aa5b1}.paper{fill:#0d1117}.band{fill:#161b22}.hollow{fill:#0d1117}.grid{stroke:#262c34}
 .axis,.rule{stroke:#9aa5b1}.ring{stroke:#e6edf3}.blue{fill:#58a6ff;stroke:#58a6ff}.orange{fill:#f0a050;stroke:#f0a050}
-.green{fill:#4cc38a;stroke:#4cc38a}.purple{fill:#c89bea;stroke:#c89bea}.grey{fill:#9aa5b1;stroke:#9aa5b1}
+.green{fill:#4cc38a;stroke:#4cc38a}.grey{fill:#9aa5b1;stroke:#9aa5b1}
 .mark.hollow{fill:#0d1117}.line{fill:none}}";
 
 impl Figure {
     /// The figure as one SVG document.
     pub fn svg(&self) -> String {
-        let legend = self.legend_lines();
-        let top = TOP + LEGEND_LINE * legend.len() as f64;
-        let height = top + self.height_px + BELOW_AXIS + NOTE_LINE * self.notes.len() as f64 + 6.0;
+        let notes: Vec<Cow<'_, str>> = self.notes.iter().flat_map(|note| textwrap::wrap(note, NOTE_LETTERS)).collect();
+        let top = TOP + LEGEND_LINE * self.legend.len() as f64;
+        let height = top + self.height_px + BELOW_AXIS + NOTE_LINE * notes.len() as f64;
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" \
              role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}\n</style>\n\
@@ -155,13 +148,13 @@ impl Figure {
         );
         write_text(&mut svg, (20.0, 28.0), "title", &self.title);
         write_text(&mut svg, (20.0, 48.0), "small", &self.subtitle);
-        for (line, entries) in legend.iter().enumerate() {
-            let y = TOP + 8.0 + LEGEND_LINE * line as f64;
-            for (x, look, name) in entries {
-                let middle = x + 14.0;
-                write_line(&mut svg, *look, &[(*x, y), (x + 28.0, y)]);
-                write_marker(&mut svg, *look, (middle, y));
+        for (line, entries) in self.legend.iter().enumerate() {
+            let (mut x, y) = (20.0, TOP + 8.0 + LEGEND_LINE * line as f64);
+            for (look, name) in entries {
+                write_line(&mut svg, *look, &[(x, y), (x + 28.0, y)]);
+                write_marker(&mut svg, *look, (x + 14.0, y));
                 write_text(&mut svg, (x + 36.0, y + 4.5), "", name);
+                x += 36.0 + LETTER_PX * name.chars().count() as f64 + 20.0;
             }
         }
         let has_rows = self.panels.iter().any(|panel| matches!(panel.y.scale, Scale::Rows(_)));
@@ -173,29 +166,11 @@ impl Figure {
             let area = Area { x: left + index as f64 * (width + gap), y: top, width, height: self.height_px };
             panel.write(&mut svg, &area, index == 0 || !has_rows);
         }
-        for (line, note) in self.notes.iter().enumerate() {
+        for (line, note) in notes.iter().enumerate() {
             let y = top + self.height_px + BELOW_AXIS + NOTE_LINE * line as f64;
             write_text(&mut svg, (20.0, y), "small", note);
         }
         svg + "</svg>\n"
-    }
-
-    /// The legend's entries in lines, each where it begins.
-    fn legend_lines(&self) -> Vec<Vec<(f64, Look, &str)>> {
-        let mut lines: Vec<Vec<(f64, Look, &str)>> = Vec::new();
-        let mut x = f64::INFINITY;
-        for (look, name) in &self.legend {
-            let width = 36.0 + 13.0 * LETTER * name.chars().count() as f64 + 22.0;
-            if x + width > WIDTH - RIGHT {
-                lines.push(Vec::new());
-                x = 20.0;
-            }
-            if let Some(line) = lines.last_mut() {
-                line.push((x, *look, name));
-            }
-            x += width;
-        }
-        lines
     }
 }
 
@@ -215,17 +190,28 @@ impl Panel {
             let down = if matches!(self.y.scale, Scale::Rows(_)) { up } else { 1.0 - up };
             (area.x + area.width * self.x.share(x).clamp(0.0, 1.0), area.y + area.height * down.clamp(0.0, 1.0))
         };
+        for (value, told) in self.y.ticks() {
+            let y = at((self.x.range.0, value)).1;
+            match &self.y.scale {
+                Scale::Rows(rows) if (value as usize).is_multiple_of(2) => {
+                    let (x, width, height) = (area.x, area.width, area.height / rows.len() as f64);
+                    let top = y - height / 2.0;
+                    let _ = writeln!(
+                        svg,
+                        "<rect class=\"band\" x=\"{x:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\"/>"
+                    );
+                }
+                Scale::Rows(_) => {}
+                _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
+            }
+            if names {
+                write_text(svg, (area.x - 9.0, y + 4.5), "end", &told);
+            }
+        }
         for (value, told) in self.x.ticks() {
             let x = at((value, self.y.range.0)).0;
             write_stroke(svg, "grid", (x, area.y), (x, bottom));
             write_text(svg, (x, bottom + 18.0), "mid", &told);
-        }
-        for (value, told) in self.y.ticks() {
-            let y = at((self.x.range.0, value)).1;
-            write_stroke(svg, "grid", (area.x, y), (right, y));
-            if names {
-                write_text(svg, (area.x - 9.0, y + 4.5), "end", &told);
-            }
         }
         let _ = writeln!(
             svg,
@@ -258,88 +244,20 @@ impl Panel {
                 Mark::Level(value, told) => {
                     let y = at((self.x.range.0, *value)).1;
                     write_stroke(svg, "rule", (area.x, y), (right, y));
-                    write_text(svg, (right - 6.0, y - 6.0), "word end", told);
+                    write_text(svg, (area.x + 6.0, y - 6.0), "word", told);
                 }
-                Mark::Words(point, (right_px, down_px), told) => {
+                Mark::Words(point, (right_px, down_px), anchor, told) => {
                     let (x, y) = at(*point);
-                    write_text(svg, (x + right_px, y + down_px), "word", told);
+                    let class = match anchor {
+                        Anchor::Start => "word",
+                        Anchor::Middle => "word mid",
+                        Anchor::End => "word end",
+                    };
+                    write_text(svg, (x + right_px, y + down_px), class, told);
                 }
             }
         }
     }
-}
-
-impl Axis {
-    /// An axis by the logarithm, its range widened to hold all values with a little room; at least as wide as asked for.
-    pub fn log(label: &str, values: impl IntoIterator<Item = f64>, least: (f64, f64)) -> Axis {
-        let (min, max) = values
-            .into_iter()
-            .filter(|value| *value > 0.0)
-            .fold(least, |(min, max), value| (min.min(value / ROOM), max.max(value * ROOM)));
-        Axis { label: label.to_owned(), scale: Scale::Log, range: (min, max) }
-    }
-
-    /// An axis of even spread.
-    pub fn linear(label: &str, range: (f64, f64)) -> Axis {
-        Axis { label: label.to_owned(), scale: Scale::Linear, range }
-    }
-
-    /// Rows with names.
-    pub fn rows(names: Vec<String>) -> Axis {
-        let last = names.len() as f64 - 0.5;
-        Axis { label: String::new(), scale: Scale::Rows(names), range: (-0.5, last) }
-    }
-
-    /// Where a value is, from 0 to 1.
-    fn share(&self, value: f64) -> f64 {
-        let (min, max) = self.range;
-        match self.scale {
-            Scale::Log => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
-            Scale::Linear | Scale::Rows(_) => (value - min) / (max - min),
-        }
-    }
-
-    /// Values with a line across, and how they are told.
-    fn ticks(&self) -> Vec<(f64, String)> {
-        let (min, max) = self.range;
-        let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
-        match &self.scale {
-            Scale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
-            Scale::Linear => {
-                let step = linear_step(max - min);
-                let first = (min / step).ceil() as i64;
-                let values = (first..).map(|i| i as f64 * step).take_while(within);
-                values.map(|value| (value, number(value))).collect()
-            }
-            Scale::Log => {
-                let decades = max.log10() - min.log10();
-                let steps: &[f64] = match decades {
-                    d if d < 1.2 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
-                    d if d < 2.6 => &[1.0, 2.0, 5.0],
-                    _ => &[1.0],
-                };
-                let (first, last) = (min.log10().floor() as i32, max.log10().ceil() as i32);
-                let values = (first..=last).flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
-                values.filter(within).map(|value| (value, number(value))).collect()
-            }
-        }
-    }
-}
-
-/// By how much a logarithmic axis goes beyond its values.
-const ROOM: f64 = 1.12;
-
-fn linear_step(width: f64) -> f64 {
-    let rough = width / 6.0;
-    let decade = 10f64.powf(rough.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|step| *step >= rough).unwrap_or(decade)
-}
-
-/// A tick's value without the digits that rounding leaves.
-fn number(value: f64) -> String {
-    let rounded = format!("{value:.3}");
-    let short = rounded.trim_end_matches('0').trim_end_matches('.');
-    if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
 fn write_line(svg: &mut String, look: Look, points: &[(f64, f64)]) {
@@ -390,7 +308,6 @@ impl Hue {
             Hue::Blue => "blue",
             Hue::Orange => "orange",
             Hue::Green => "green",
-            Hue::Purple => "purple",
             Hue::Grey => "grey",
         }
     }
@@ -405,15 +322,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_round_and_within() {
-        let told = |axis: Axis| axis.ticks().into_iter().map(|(_, told)| told).collect::<Vec<_>>().join(" ");
-        assert_eq!(told(Axis { range: (0.5, 3.2), ..Axis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
-        assert_eq!(told(Axis { range: (1.0, 500.0), ..Axis::log("", [], (1.0, 1.0)) }), "1 10 100");
-        assert_eq!(told(Axis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
-        assert_eq!(told(Axis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
-    }
-
-    #[test]
     fn a_value_is_where_its_share_of_the_range_is_and_stays_in_the_panel() {
         let axis = Axis { range: (1.0, 100.0), ..Axis::log("", [], (1.0, 1.0)) };
         assert!((axis.share(10.0) - 0.5).abs() < 1e-12);
@@ -423,7 +331,7 @@ mod tests {
             y: Axis::linear("y", (0.0, 1.0)),
             marks: vec![
                 Mark::Curve(look, vec![(0.0, 2.0)]),
-                Mark::Words((1.0, 1.0), (0.0, 0.0), "a < b & c".to_owned()),
+                Mark::Words((1.0, 1.0), (0.0, 0.0), Anchor::Start, "a < b & c".to_owned()),
             ],
         };
         let svg = Figure { height_px: 100.0, panels: vec![panel], ..Figure::default() }.svg();
