@@ -99,8 +99,10 @@ fn summary(findings: &Findings, out: &Path) -> String {
             line(format!("{:19}ends after {} of {}: {rule}", "", outcome.done, outcome.points));
         }
     }
-    line("\n/min: median over the least time there is; peak: over the set force;".to_owned());
-    line("*: none of its bench is both faster and nearer\n".to_owned());
+    line(String::new());
+    line("/min: median over the least time there is; peak: over the set force;".to_owned());
+    line("*: none of its bench is both faster and nearer".to_owned());
+    line(String::new());
 
     let cell = |outcome: &Outcome| match &outcome.rule {
         Some(rule) => format!("{rule} @{}", outcome.done),
