@@ -94,7 +94,8 @@ impl Case {
         let mut spec = self.spec();
         let plan = self.plan(&spec);
         let mut rng = stream(self.seed, 0, "onset");
-        let from_to_s = if self.seed % EARLY == 0 { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s) };
+        let from_to_s =
+            if self.seed.is_multiple_of(EARLY) { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s) };
         let mut fault = |&kind| Fault { kind, from_s: rng.random_range(from_to_s.0..from_to_s.1), value: None };
         spec.scene.faults = self.kinds.iter().map(&mut fault).collect();
         let Walked { ending, truth, virtual_s, .. } = &walked(&spec, &plan);
@@ -252,7 +253,8 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         // a cell that sticks before it is zeroed has no noise, so that repeating itself says nothing
         FaultKind::Stuck => &["frozen", "no-response", "no-contact"],
         FaultKind::NoSensor | FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
-        FaultKind::WrongSign => &["wrong-sign"],
+        // between two looks at a contact its force seems to have gone
+        FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen"],
         FaultKind::Saturated => &["frozen", "no-response"],
         // one that slips before it touches is felt as softer than it can be
         FaultKind::Slip => &["fallen", "no-response", "out-of-reach"],
@@ -260,7 +262,8 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::Stale => &["stale", "device"],
         FaultKind::StageLost => &["stage-silent", "device"],
         FaultKind::SlowStage => &["stage-silent"],
-        FaultKind::Noisy => &["noisy"],
+        // in a contact ten times the noise can look like a force that does anything
+        FaultKind::Noisy => &["noisy", "wrong-sign", "no-response", "hard-contact"],
         // half a newton that is gone while it presses could be anything's
         FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen"],
     }

@@ -24,6 +24,8 @@ const MISS_PRIOR: f64 = 3.0;
 const MISS_MEMORY: f64 = 30.0;
 /// A miss counts as at most so many sd: one bad press doesn't end the trust in a map.
 const MISS_MOST: f64 = 5.0;
+/// How far from what was expected a shot may show its place's depth to be, least and most: beyond it the reading is doubted.
+const SURPRISES: [f64; 2] = [0.8, 1.25];
 /// Shots that are remembered, and how many of the nearest say what the next will meet.
 const SHOTS_MAX: usize = 2048;
 /// Two shots so near each other are at one place, mm.
@@ -225,7 +227,8 @@ impl Shot {
     /// The stiffness at a force, N/mm, by what this shot met: `force_n` at `z_mm`.
     pub fn stiffness_n_mm(&self, at_n: f64, z_mm: f64, force_n: f64) -> f64 {
         let met = (z_mm - self.surface_mm) / self.shape.depth_mm(force_n);
-        let scale = if met.is_finite() { met.clamp(0.5 * self.scale, 2.0 * self.scale) } else { self.scale };
+        let [least, most] = SURPRISES.map(|surprise| surprise * self.scale);
+        let scale = if met.is_finite() { met.clamp(least, most) } else { self.scale };
         self.shape.stiffness_n_mm(self.shape.depth_mm(at_n)) / scale
     }
 

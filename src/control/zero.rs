@@ -6,6 +6,10 @@ const FROZEN_ODDS: f64 = 1e-9;
 /// Codes that repeat more often than this in air say nothing about freezing: the step is larger than the noise.
 const REPEATS_TOO_OFTEN: f64 = 0.5;
 
+/// Noise in air before a press over that at zeroing, at most; and what is allowed beyond, N.
+const NOISE_FACTOR: f64 = 3.0;
+const NOISE_LEAST_N: f64 = 0.001;
+
 /// Least force that counts as contact, N.
 const DETECT_LEAST_N: f64 = 0.030;
 
@@ -39,6 +43,11 @@ impl Zero {
     pub fn sigma_mean_n(&self, readings: u32) -> f64 {
         let own = self.sigma_n / f64::from(readings.max(1)).sqrt();
         own.hypot(self.offset_sigma_n)
+    }
+
+    /// The noise in air above which it has grown, N.
+    pub fn noise_most_n(&self) -> f64 {
+        NOISE_FACTOR * self.sigma_n + NOISE_LEAST_N
     }
 
     /// The force above which one reading means contact, N.

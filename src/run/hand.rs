@@ -1,5 +1,5 @@
 use super::{Cancel, Halt};
-use crate::control::{AIR_READINGS, Air, Timing, Trip, Watch};
+use crate::control::{AIR_READINGS, Air, Rule, Timing, Trip, Watch};
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{Frame, Place};
 use crate::rig::SceneProbe;
@@ -44,7 +44,9 @@ struct AirSums {
     open: bool,
     count: u32,
     mean_n: f64,
-    squares: f64,
+    last_n: Option<f64>,
+    /// Sum of the squares of what two readings in a row differ by.
+    differences: f64,
 }
 
 impl<'a, C: LoadCell> Gauge<'a, C> {
@@ -76,11 +78,21 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 
     /// A reading's force, N from the zero.
     pub fn watched(&mut self, reading: &crate::quantity::ForceReading) -> Result<f64, Trip> {
-        let force_n = self.watch.force_n(reading)?;
+        let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
         (self.shown)(force_n);
         self.last = Some(Instant::now());
         self.air.take(force_n);
         Ok(force_n)
+    }
+
+    /// What a rule that was broken is really about: in air a noise that has grown breaks the others first.
+    pub fn in_air(&self, trip: Trip) -> Trip {
+        let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
+        let noisy = self.air.open && self.air.count >= AIR_READINGS && sigma_n > most_n;
+        match trip.rule {
+            Rule::WrongSign | Rule::StillTouching if noisy => Trip::new(Rule::Noisy, sigma_n, most_n, "N"),
+            _ => trip,
+        }
     }
 
     /// The time that the parts of a press are told, s.
@@ -107,8 +119,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
             self.force_n().await?;
         }
         self.air.open = false;
-        let AirSums { count, mean_n, squares, .. } = self.air;
-        Ok(Air { mean_n, sigma_n: (squares / f64::from(count - 1)).sqrt(), readings: count })
+        Ok(Air { mean_n: self.air.mean_n, sigma_n: self.air.sigma_n(), readings: self.air.count })
     }
 
     /// How old the last good reading is, s.
@@ -145,13 +156,17 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 }
 
 impl AirSums {
-    /// Mean and squares about it as they grow (Welford).
+    /// Noise of one reading, from what two in a row differ by: a force that comes or a zero that drifts isn't noise.
+    fn sigma_n(&self) -> f64 {
+        (self.differences / (2.0 * f64::from(self.count.max(2) - 1))).sqrt()
+    }
+
     fn take(&mut self, force_n: f64) {
         if self.open {
+            self.differences += self.last_n.map_or(0.0, |last_n| (force_n - last_n).powi(2));
+            self.last_n = Some(force_n);
             self.count += 1;
-            let from_mean = force_n - self.mean_n;
-            self.mean_n += from_mean / f64::from(self.count);
-            self.squares += from_mean * (force_n - self.mean_n);
+            self.mean_n += (force_n - self.mean_n) / f64::from(self.count);
         }
     }
 }

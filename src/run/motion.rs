@@ -39,7 +39,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         if driven.stopped {
             // it still comes to rest after its controller says so
             self.cell.settle().await?;
-            self.read_back_z().await?;
+            self.watch_z().await?;
         } else {
             self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;
         }
@@ -118,14 +118,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             if clear.get() && !gauge.is_air_open() {
                 gauge.open_air();
             }
-            if clear.get() && now_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
+            if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
         };
         let (places_mm, refused) = watched(&mut self.cell, motion, &reins, &due, steer).await?;
         if let Some(trip) = refused {
             return Err(trip.into());
         }
         if reins.stopped() {
-            return Err(Trip::new(Rule::StillTouching, touch_n, touch_n, "N").into());
+            return Err(self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into());
         }
         for ((axis, target_mm), at_mm) in sideways.into_iter().zip(&places_mm) {
             self.check_arrival(axis, *at_mm, target_mm).await?;
@@ -150,7 +150,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let steer = |force_n: f64, _| if force_n.abs() >= touch_n { Steer::Stop } else { Steer::On };
         let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), steer).await?;
         if driven.stopped {
-            return Err(Trip::new(Rule::StillTouching, touch_n, touch_n, "N").into());
+            return Err(self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into());
         }
         for ((axis, target_mm), at_mm) in targets.into_iter().zip(driven.places_mm) {
             self.check_arrival(axis, at_mm, target_mm).await?;
@@ -212,6 +212,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
         self.check_arrival(Axis::Z, at_mm.unwrap_or(f64::NAN), target_mm).await?;
         self.z_mm = self.frame.z_from_stage(target_mm);
+        Ok(())
+    }
+
+    /// Reads z back in contact: the force is read meanwhile.
+    async fn watch_z(&mut self) -> Result<(), Halt> {
+        let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now())));
+        let stage = &mut self.stage;
+        let look = async { Ok(stage.position_mm(Axis::Z).await?) };
+        let at_mm = watched(&mut self.cell, look, &reins, &due, |_, _| Steer::On).await?;
+        self.z_mm = self.frame.z_from_stage(at_mm);
         Ok(())
     }
 

@@ -11,7 +11,7 @@ const STANDOFF_MM: f64 = 0.02;
 /// A gap to the standoff that isn't worth a motion of its own, mm.
 const SHORT_DESCENT_MM: f64 = 0.10;
 /// Share of the set force from which a gap is closed with the declared stiffness, and a step teaches the real one.
-const LEARN_SHARE: f64 = 0.25;
+pub(super) const LEARN_SHARE: f64 = 0.25;
 /// What a learned stiffness is multiplied with: the specimen stiffens with depth, and stiffens more the faster it is pressed.
 const STIFFENING: f64 = 1.15;
 /// How many sd of a mean the aim stays below a loading level, so that the true force does.
@@ -78,7 +78,8 @@ impl Press {
             return Ok(());
         }
         // no less than the stiffness from the earliest contact to here, since a specimen stiffens
-        let expected_n = force_n / (z_mm - self.first_mm).max(STEP_LEAST_MM) * way_mm;
+        let secant = force_n / (z_mm - self.first_mm).max(STEP_LEAST_MM);
+        let expected_n = secant.min(self.context.limits.stiffness_n_mm) * way_mm;
         let (least_n, answer_n) = (RESPONSE_SHARE * expected_n, self.force_n - force_n);
         if least_n > TELL_SIGMAS * self.sigma_n && expected_n > TELL_SHARE * force_n {
             if answer_n < least_n {

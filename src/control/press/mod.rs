@@ -19,9 +19,6 @@ use velocity::Push;
 
 /// Readings in air that are looked at before a press.
 pub const AIR_READINGS: u32 = 8;
-/// Noise in air before a press over that at zeroing, at most; and what is allowed beyond, N.
-const NOISE_FACTOR: f64 = 3.0;
-const NOISE_LEAST_N: f64 = 0.001;
 /// Fewest readings averaged between two motions, and where the force is near the limit.
 const READINGS_LEAST: u32 = 4;
 const LIMIT_READINGS: u32 = 16;
@@ -234,7 +231,7 @@ impl Press {
 
     /// The zero is looked at before every press; the permit holds it against its limit.
     fn begin(&mut self, air: Air) -> Result<Command, Trip> {
-        let noise_n = NOISE_FACTOR * self.context.zero.sigma_n + NOISE_LEAST_N;
+        let noise_n = self.context.zero.noise_most_n();
         // asked for what must hold, so that a NaN is refused
         let is_quiet = air.sigma_n <= noise_n && air.readings >= AIR_READINGS;
         if !is_quiet {

@@ -1,6 +1,7 @@
 //! The map's press: one motion to where the presses before say that nearly the whole force will be met, a correction from
 //! below, and a late trim that allows for what the force will fade until it is sampled.
 
+use super::guarded::LEARN_SHARE;
 use super::{Branch, Command, Level, Press, Rule, STEP_LEAST_MM, STEPS_MAX, State, Steer, TELL_SIGMAS, Trip};
 use crate::control::map::{Lesson, Shot};
 use crate::control::profile::Profile;
@@ -91,7 +92,12 @@ impl Press {
         let goal_n = set_n * (1.0 + shot.faded.max(0.0));
         let gap_n = goal_n - self.force_n;
         let declared = self.context.limits.stiffness_n_mm;
-        let stiffness = shot.stiffness_n_mm(set_n, landing.z_mm, landing.force_n).clamp(declared / 20.0, declared);
+        // a gap that no shot should leave isn't closed by what the shot seemed to show
+        let stiffness = if gap_n > LEARN_SHARE * set_n {
+            declared
+        } else {
+            shot.stiffness_n_mm(set_n, landing.z_mm, landing.force_n).min(declared)
+        };
         self.leave(self.force_n);
         if gap_n < STEP_LEAST_MM * stiffness {
             return self.reached();
