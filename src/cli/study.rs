@@ -133,7 +133,7 @@ fn summary(findings: &Findings, out: &Path) -> String {
         line(String::new());
     };
     for (rig, side) in [("XPS-like", size.scene), ("ESP301", size.small)] {
-        let title = format!("scenes, {rig}, {side} x {side}: s, p95 mN, peak over mN; or the rule @presses made");
+        let title = format!("scenes, {rig}, {side} x {side} (steel 5 x 5): s, p95, peak over mN; or rule @presses");
         table(title, "", Part::Scenes, &|outcome| (outcome.rig == rig).then(|| outcome.scene.clone()));
     }
     let title = "the declared stiffness, on the nominal specimen".to_owned();

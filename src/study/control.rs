@@ -5,6 +5,7 @@ use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
 use super::{Bench, StudyError};
 use crate::control::Strategy;
+use crate::rig::RigSpec;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
@@ -14,6 +15,10 @@ pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
 pub const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
 /// Declared stiffnesses of the nominal specimen, N/mm.
 pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
+/// From this declared stiffness on fewer places are pressed, N/mm, and how many along a side.
+pub const SLOW_N_MM: f64 = 100.0;
+/// The side of that square.
+pub const SLOW_SIDE: usize = 5;
 /// The tolerance of all conditions but those about it, N.
 const TOLERANCE_N: f64 = 0.010;
 
@@ -122,12 +127,13 @@ fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
         for scene in SCENES {
             for strategy in Strategy::ALL {
                 let condition = nominal(bench, strategy)?;
+                let spec = scene.on(condition.spec);
                 conditions.push(Condition {
                     part: Part::Scenes,
                     scene: scene.name.to_owned(),
-                    spec: scene.on(condition.spec),
                     force_n: scene.force_n,
-                    side: if bench == Bench::XpsLike { size.scene } else { size.small },
+                    side: slow_side(&spec, if bench == Bench::XpsLike { size.scene } else { size.small }),
+                    spec,
                     ..condition
                 });
             }
@@ -137,10 +143,16 @@ fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
         for declared_n_mm in DECLARED_N_MM {
             let mut condition = nominal(Bench::XpsLike, strategy)?;
             condition.spec.limits.stiffness_n_mm = declared_n_mm;
-            conditions.push(Condition { part: Part::Caution, side: size.small, ..condition });
+            let side = slow_side(&condition.spec, size.small);
+            conditions.push(Condition { part: Part::Caution, side, ..condition });
         }
     }
     Ok(conditions)
+}
+
+/// Presses that go in micrometres take most of a minute each: a few will do.
+fn slow_side(spec: &RigSpec, side: usize) -> usize {
+    if spec.limits.stiffness_n_mm < SLOW_N_MM { side } else { side.min(SLOW_SIDE) }
 }
 
 /// Of the outcomes of one bench that made the whole square: is none both faster and nearer?

@@ -3,7 +3,7 @@
 use super::Bench;
 use super::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use super::condition::{Outcome, Part};
-use super::control::{Findings, MISMATCHES, TOLERANCES_N};
+use super::control::{Findings, MISMATCHES, SLOW_N_MM, SLOW_SIDE, TOLERANCES_N};
 use super::scenes::SCENES;
 use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
 use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
@@ -225,9 +225,9 @@ fn caution(findings: &Findings) -> Figure {
         legend: vec![
             Strategy::ALL.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
         ],
-        notes: vec![
-            "named at the top: what a rule ends before the square is done, and after how many presses".to_owned(),
-        ],
+        notes: vec![format!(
+            "{SLOW_SIDE} x {SLOW_SIDE} places from {SLOW_N_MM} N/mm on; a strategy that a rule ends before is named at the top"
+        )],
     }
 }
 
