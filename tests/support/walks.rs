@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, sleep, timeout};
 
 /// The benches, by name.
 pub const BENCHES: [(&str, &str); 2] = [
@@ -24,6 +24,9 @@ pub const BENCHES: [(&str, &str); 2] = [
 
 /// No run here is as long, s: one that is doesn't end by itself.
 const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
+
+/// How long is watched after a walk's end.
+const AFTERWARDS: Duration = Duration::from_secs(30);
 
 /// As far up as z goes here, mm: a longer way from home only costs time.
 const Z_MOST_MM: f64 = 1.5;
@@ -126,9 +129,11 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         let mut listener = Silent { began, ready_s: 0.0 };
         let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();
+        sleep(AFTERWARDS).await; // what was told and came late is done by then
+        let now_s = began.elapsed().as_secs_f64();
         let mut eye = eye.lock().expect("the walk is over");
-        eye.look(virtual_s);
-        eye.seen.truth.take(scene.lock().expect("the walk is over").run_out(virtual_s));
+        eye.look(now_s);
+        eye.seen.truth.take(scene.lock().expect("the walk is over").run_out(now_s));
         let Seen { truth, orphaned, messages } = eye.seen;
         Walked { ending, ledger, truth, orphaned, ready_s: listener.ready_s, virtual_s, messages }
     })

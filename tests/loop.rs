@@ -1,0 +1,480 @@
+//! The press as a machine, driven by specimens that keep what the rig declares and by drivers that say anything: every motion
+//! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
+
+use palpate::control::{
+    AIR_READINGS, Air, Branch, Command, Context, Event, Lesson, Level, Map, Moment, Permit, Permitted, Press, Rule,
+    Shot, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
+};
+use palpate::quantity::{Limits, Place, Stream, stream};
+use rand::RngExt;
+use std::collections::BTreeMap;
+use std::thread;
+
+/// Steps of each of the two drivers.
+const STEPS: u64 = if cfg!(debug_assertions) { 50_000 } else { 1_000_000 };
+/// Threads; each has its own part of the seeds.
+const THREADS: u64 = 2;
+
+/// Most commands of a press, for each of its levels, and besides.
+const COMMANDS_A_LEVEL: usize = 250;
+const COMMANDS_MORE: usize = 10;
+
+/// Oldest force on which a motion toward the specimen may rest, s (I4).
+const FRESH_S: f64 = 0.25;
+/// Rounding that isn't held against a motion, mm or N.
+const ROUNDING: f64 = 1e-6;
+/// Longest dwell that can be meant, s.
+const DWELL_MOST_S: f64 = 100.0;
+
+/// A press with all that it knows, drawn at random.
+struct Draw {
+    press: Press,
+    context: Context,
+    task: Task,
+    /// Reaction time of the rig, s.
+    reaction_s: f64,
+}
+
+/// What a press has been told so far.
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    z_mm: f64,
+    force_n: f64,
+    drift_n: f64,
+    age_s: f64,
+    now_s: f64,
+    /// The deepest that the press has taken the surface to be, mm.
+    surface_mm: f64,
+}
+
+impl Told {
+    fn at(z_mm: f64) -> Told {
+        let surface_mm = f64::NEG_INFINITY;
+        Told { z_mm, force_n: 0.0, drift_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
+    }
+
+    /// Takes in where the press has the surface, if it says.
+    fn note_surface(&mut self, draw: &Draw) {
+        let touched_mm = draw.press.touched_mm().filter(|mm| mm.is_finite()).unwrap_or(f64::NEG_INFINITY);
+        self.surface_mm = self.surface_mm.max(touched_mm).max(draw.context.expected.first_mm);
+    }
+}
+
+fn draw(rng: &mut Stream, truthful: bool) -> Draw {
+    let limits = Limits {
+        force_n: rng.random_range(0.5..5.0),
+        depth_mm: rng.random_range(0.3..3.0),
+        stiffness_n_mm: 10f64.powf(rng.random_range(-0.5..1.7)),
+    };
+    let sigma_n = limits.force_n * 10f64.powf(rng.random_range(-4.0..-1.8));
+    let frozen_after = rng.random_bool(0.5).then_some(20);
+    let zero = Zero { offset_n: 0.0, sigma_n, offset_sigma_n: sigma_n / 10.0, frozen_after };
+    let (reaction_s, acceleration_mm_s2) = (rng.random_range(0.01..0.3), rng.random_range(20.0..500.0));
+    let permit = Permit::new(limits, reaction_s, acceleration_mm_s2, &zero);
+    let place = Place::new(rng.random_range(-6.0..6.0), rng.random_range(-6.0..6.0));
+    let task = task(rng, &limits);
+    let map = taught(rng, &limits, truthful);
+    let expected = map.expect(place);
+    let asks = task.strategy == Strategy::Map && task.levels.len() == 1;
+    let shot: Option<Shot> = asks.then(|| map.shot(place, task.most_n(), &limits)).flatten();
+    let context = Context {
+        place,
+        limits,
+        permit,
+        zero,
+        expected,
+        shot,
+        clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
+        speed_mm_s: 10f64.powf(rng.random_range(-1.0..1.4)),
+        timing: Timing {
+            exchange_s: rng.random_range(0.001..0.2),
+            settle_s: rng.random_range(0.0..0.05),
+            conversion_s: 10f64.powf(rng.random_range(-3.5..-1.0)),
+            acceleration_mm_s2,
+            reaction_s,
+        },
+    };
+    Draw { press: Press::new(task.clone(), context), context, task, reaction_s }
+}
+
+fn task(rng: &mut Stream, limits: &Limits) -> Task {
+    let force_n = limits.force_n * rng.random_range(0.02..1.0);
+    let levels = match rng.random_range(0..4) {
+        0 => Task::staircase(force_n, force_n / f64::from(rng.random_range(1..4))),
+        // whatever comes to mind
+        1 => (0..rng.random_range(0..4))
+            .map(|_| Level {
+                force_set_n: if rng.random_bool(0.3) { 0.0 } else { limits.force_n * rng.random_range(0.01..1.0) },
+                branch: if rng.random_bool(0.5) { Branch::Loading } else { Branch::Unloading },
+            })
+            .collect(),
+        _ => Task::press(force_n),
+    };
+    Task {
+        levels,
+        force_tolerance_n: limits.force_n * 10f64.powf(rng.random_range(-3.0..-1.0)),
+        hold_s: if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..2.0) },
+        sample_s: rng.random_range(0.01..0.5),
+        strategy: Strategy::ALL[rng.random_range(0..3)],
+        sample_after_s: rng.random_bool(0.3).then(|| rng.random_range(0.1..3.0)),
+    }
+}
+
+/// A map taught by presses on a plane whose curve is a parabola, or by anything.
+fn taught(rng: &mut Stream, limits: &Limits, truthful: bool) -> Map {
+    let mut map = Map::new(0.3);
+    let n_mm = limits.stiffness_n_mm * rng.random_range(0.2..0.6);
+    let surface_mm = rng.random_range(-0.15..0.15);
+    for _ in 0..rng.random_range(0..9) {
+        let place = Place::new(rng.random_range(-6.0..6.0), rng.random_range(-6.0..6.0));
+        let at = |force_n: f64| surface_mm + force_n / n_mm;
+        let wild = if truthful { 0.0 } else { 0.3 };
+        let mut any = |mm: f64| mm + rng.random_range(-1.0..=1.0) * (0.003 + wild);
+        let touch_mm = any(surface_mm);
+        let path = [0.1, 0.3, 0.6, 0.9].map(|share| share * limits.force_n).map(|n| (any(at(n)), n)).to_vec();
+        map.learn(&Lesson::Touch { place, z_mm: touch_mm, path });
+        if !truthful && rng.random_bool(0.3) {
+            let (force_n, expected_n) = (any_of(rng), any_of(rng));
+            map.learn(&Lesson::Shot { place, z_mm: at(1.0), force_n, expected_n, faded: rng.random_range(-0.1..0.1) });
+        }
+    }
+    map
+}
+
+fn any_of(rng: &mut Stream) -> f64 {
+    rng.random_range(0.0..3.0)
+}
+
+/// A number that a broken driver could say.
+fn garbage(rng: &mut Stream) -> f64 {
+    match rng.random_range(0..20) {
+        0 => f64::NAN,
+        1 => f64::INFINITY,
+        2 => f64::NEG_INFINITY,
+        3 => 1e300,
+        4 => -1e300,
+        5 => 0.0,
+        6 => 1e-300,
+        7..10 => rng.random_range(-100.0..100.0),
+        _ => rng.random_range(-3.0..3.0),
+    }
+}
+
+/// What of the permit's promise a motion breaks, for what the press was told. Nothing of the loop's own is asked but where it
+/// takes the surface to be once it has touched it.
+fn broken_promise(draw: &Draw, told: &Told, granted: &Permitted) -> Option<&'static str> {
+    let Draw { context, reaction_s, .. } = draw;
+    let (limits, z_mm, speed_mm_s) = (&context.limits, granted.z_mm(), granted.speed_mm_s());
+    if !z_mm.is_finite() {
+        return Some("an end point is no number");
+    }
+    let is_a_speed = speed_mm_s > 0.0 && speed_mm_s <= context.speed_mm_s + ROUNDING;
+    if !is_a_speed {
+        return Some("a speed isn't one of this stage");
+    }
+    if z_mm <= told.z_mm + ROUNDING {
+        return None; // away, or no way at all
+    }
+    let force_n = told.force_n + told.drift_n;
+    let at_most_n = force_n + limits.stiffness_n_mm * (z_mm - told.z_mm.max(told.surface_mm));
+    let (room_n, a) = (limits.force_n - context.zero.detect_n(), context.timing.acceleration_mm_s2);
+    let fastest_mm_s = safe_speed_mm_s(room_n, limits.stiffness_n_mm, *reaction_s, a);
+    // asked for what must hold, so that a NaN breaks it
+    let rules = [
+        ("I1: the force", at_most_n <= limits.force_n + ROUNDING),
+        ("I2: the depth", z_mm <= told.surface_mm + limits.depth_mm + ROUNDING),
+        ("I3: the speed", speed_mm_s <= fastest_mm_s + ROUNDING),
+        ("I4: the age of the force", told.age_s <= FRESH_S),
+    ];
+    rules.into_iter().find(|(_, holds)| !holds).map(|(rule, _)| rule)
+}
+
+fn broken_steer(granted: &Permitted, steer: Steer) -> Option<&'static str> {
+    match steer {
+        Steer::Speed(mm_s) if !(mm_s > 0.0 && mm_s <= granted.speed_mm_s() + ROUNDING) => Some("a speed under way"),
+        _ => None,
+    }
+}
+
+/// Whether a dwell or a window can be waited for.
+fn broken_wait(seconds: f64) -> Option<&'static str> {
+    (!(0.0..DWELL_MOST_S).contains(&seconds)).then_some("a wait that has no end")
+}
+
+fn is_out_of_turn(command: &Command) -> bool {
+    matches!(command, Command::Trip(trip) if trip.rule == Rule::NotPermitted && trip.unit == "event out of turn")
+}
+
+/// Whether an event is what a command asks for.
+fn answers(command: &Command, event: &Event) -> bool {
+    matches!(
+        (command, event),
+        (Command::Average(_), Event::Averaged { .. })
+            | (Command::Move(_) | Command::Depart(_), Event::Moved { .. })
+            | (Command::Dwell(_), Event::Dwelt)
+            | (Command::Sample(_), Event::Sampled { .. })
+    )
+}
+
+fn most_commands(task: &Task) -> usize {
+    COMMANDS_MORE + COMMANDS_A_LEVEL * task.levels.len()
+}
+
+/// The specimen of a plausible driver: no stiffer than declared, its surface no earlier than expected, depths within reach.
+struct Specimen {
+    surface_mm: f64,
+    linear_n_mm: f64,
+    quadratic_n_mm2: f64,
+}
+
+impl Specimen {
+    fn under(draw: &Draw, rng: &mut Stream) -> Specimen {
+        let Context { expected, limits, .. } = &draw.context;
+        let surface_mm = rng.random_range(expected.first_mm..=expected.last_mm.max(expected.first_mm));
+        let stiffest_n_mm = limits.stiffness_n_mm * rng.random_range(0.05..1.0);
+        let linear_n_mm = stiffest_n_mm * rng.random_range(0.3..1.0);
+        let quadratic_n_mm2 = (stiffest_n_mm - linear_n_mm) / (2.0 * limits.depth_mm);
+        Specimen { surface_mm, linear_n_mm, quadratic_n_mm2 }
+    }
+
+    fn force_n(&self, z_mm: f64) -> f64 {
+        let s = (z_mm - self.surface_mm).max(0.0);
+        s * (self.linear_n_mm + self.quadratic_n_mm2 * s)
+    }
+}
+
+/// How a press on a specimen went.
+struct Driven {
+    seed: u64,
+    end: Command,
+    /// How far the deepest end point was below the depth limit, mm.
+    over_mm: f64,
+    broken: Vec<&'static str>,
+}
+
+/// Drives one press on a specimen that keeps what is declared: noise within three sd, motions that end on their target, where
+/// the press stops them or anywhere between. How many steps it took, and how it ended.
+fn drive_plausibly(seed: u64) -> (u64, Driven) {
+    let mut rng = stream(seed, 0, "plausible");
+    let mut draw = draw(&mut rng, true);
+    let specimen = Specimen::under(&draw, &mut rng);
+    let limits = draw.context.limits;
+    let sigma_n = draw.context.zero.sigma_n;
+    let stops_anywhere = rng.random_bool(0.3);
+    let start_mm = draw.context.clear_mm;
+    let mut told = Told::at(start_mm);
+    let mut event = Event::Begin { z_mm: start_mm, air: Air { mean_n: 0.0, sigma_n, readings: AIR_READINGS } };
+    let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
+    let mut broken = Vec::new();
+    for _ in 0..most_commands(&draw.task) {
+        told.now_s += 0.05;
+        let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: told.age_s });
+        steps += 1;
+        if is_out_of_turn(&command) {
+            broken.push("an answer is out of turn");
+        }
+        let mut noise_n = |readings: u32| rng.random_range(-2.9..2.9) * draw.context.zero.sigma_mean_n(readings);
+        event = match &command {
+            Command::Average(readings) => {
+                told.force_n = specimen.force_n(told.z_mm) + noise_n(*readings);
+                Event::Averaged { force_n: told.force_n }
+            }
+            Command::Sample(_) => {
+                told.force_n = specimen.force_n(told.z_mm) + noise_n(16);
+                Event::Sampled { force_n: told.force_n }
+            }
+            Command::Dwell(seconds) => {
+                broken.extend(broken_wait(*seconds));
+                told.now_s += seconds;
+                Event::Dwelt
+            }
+            Command::Move(granted) | Command::Depart(granted) => {
+                told.note_surface(&draw);
+                broken.extend(broken_promise(&draw, &told, granted));
+                if granted.z_mm() > told.z_mm {
+                    let end_n = specimen.force_n(granted.z_mm());
+                    broken.extend((end_n > limits.force_n + ROUNDING).then_some("the force of an end point"));
+                    let over_mm = granted.z_mm() - specimen.surface_mm - limits.depth_mm;
+                    deepest = deepest.max(over_mm);
+                }
+                let (from_mm, way_mm) = (told.z_mm, granted.z_mm() - told.z_mm);
+                let until = if stops_anywhere { rng.random_range(0..=20) } else { 20 };
+                let mut at_mm = granted.z_mm();
+                for tick in 0..=until {
+                    at_mm = from_mm + way_mm * f64::from(tick) / 20.0;
+                    told.now_s += way_mm.abs() / granted.speed_mm_s() / 20.0;
+                    let force_n = specimen.force_n(at_mm) + rng.random_range(-2.9..2.9) * sigma_n;
+                    let steer = draw.press.see(force_n, told.now_s);
+                    steps += 1;
+                    broken.extend(broken_steer(granted, steer));
+                    if steer == Steer::Stop && matches!(command, Command::Move(_)) {
+                        break;
+                    }
+                }
+                told.z_mm = at_mm;
+                Event::Moved { z_mm: at_mm }
+            }
+            Command::Done | Command::Trip(_) => {
+                return (steps, Driven { seed, end: command, over_mm: deepest, broken });
+            }
+        };
+    }
+    panic!("seed {seed}: the press has no end: {:?}", draw.task);
+}
+
+/// Drives one press with answers that fit in kind, mostly, and say anything. How many steps it took.
+fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
+    let mut rng = stream(seed, 0, "garbage");
+    let mut draw = draw(&mut rng, false);
+    let mut told = Told::at(f64::NAN);
+    let sane = rng.random_range(0.0..1.0);
+    let (mut steps, mut broken) = (0, Vec::new());
+    let begin = |rng: &mut Stream, draw: &Draw| {
+        let sound = rng.random_bool(0.9);
+        let mean_n = if sound { rng.random_range(-0.015..0.015) } else { garbage(rng) };
+        let sigma_n = if sound { draw.context.zero.sigma_n } else { garbage(rng) };
+        let z_mm = if sound { draw.context.clear_mm } else { garbage(rng) };
+        Event::Begin { z_mm, air: Air { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 } } }
+    };
+    let mut before: Option<Command> = None;
+    let mut event = begin(&mut rng, &draw);
+    for _ in 0..most_commands(&draw.task) {
+        if let Event::Begin { z_mm, air } = event {
+            (told.z_mm, told.drift_n) = (z_mm, (-air.mean_n).max(0.0));
+        }
+        told.now_s += rng.random_range(0.0..1.0);
+        told.age_s = if rng.random_bool(0.97) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
+        let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: told.age_s });
+        steps += 1;
+        let fits = before.as_ref().map_or(matches!(event, Event::Begin { .. }), |before| answers(before, &event));
+        if !fits && !matches!(command, Command::Trip(_)) {
+            broken.push("an event out of turn is taken");
+        }
+        let mut value = |sane_value: f64| if rng.random_bool(sane) { sane_value } else { garbage(&mut rng) };
+        event = match &command {
+            Command::Average(_) => {
+                told.force_n = value(0.5 * draw.context.limits.force_n);
+                Event::Averaged { force_n: told.force_n }
+            }
+            Command::Sample(_) => {
+                told.force_n = value(0.5 * draw.context.limits.force_n);
+                Event::Sampled { force_n: told.force_n }
+            }
+            Command::Dwell(seconds) => {
+                broken.extend(broken_wait(*seconds));
+                Event::Dwelt
+            }
+            Command::Move(granted) | Command::Depart(granted) => {
+                told.note_surface(&draw);
+                broken.extend(broken_promise(&draw, &told, granted));
+                for _ in 0..3 {
+                    let force_n = garbage(&mut rng);
+                    broken.extend(broken_steer(granted, draw.press.see(force_n, told.now_s)));
+                    steps += 1;
+                }
+                told.z_mm = if rng.random_bool(0.9) {
+                    told.z_mm + (granted.z_mm() - told.z_mm) * rng.random_range(0.0..=1.0)
+                } else {
+                    garbage(&mut rng)
+                };
+                Event::Moved { z_mm: told.z_mm }
+            }
+            Command::Done | Command::Trip(_) => return (steps, draw, told, broken),
+        };
+        before = Some(command);
+        if rng.random_bool(0.02) {
+            event = [
+                begin(&mut rng, &draw),
+                Event::Averaged { force_n: told.force_n },
+                Event::Moved { z_mm: told.z_mm },
+                Event::Dwelt,
+                Event::Sampled { force_n: told.force_n },
+            ][rng.random_range(0..5)];
+        }
+    }
+    panic!("seed {seed}: the press has no end: {:?}", draw.task);
+}
+
+/// Runs presses of one seed after another until there were steps enough; the sum of what each came to.
+fn until_enough<T: Send>(drive: impl Fn(u64) -> (u64, T) + Sync) -> (u64, Vec<T>) {
+    let part = |thread: u64| {
+        let (mut steps, mut ends, mut seed) = (0, Vec::new(), thread);
+        while steps < STEPS / THREADS {
+            let (more, end) = drive(seed);
+            steps += more;
+            ends.push(end);
+            seed += THREADS;
+        }
+        (steps, ends)
+    };
+    thread::scope(|scope| {
+        let part = &part;
+        let threads: Vec<_> = (0..THREADS).map(|thread| scope.spawn(move || part(thread))).collect();
+        threads.into_iter().fold((0, Vec::new()), |(steps, mut ends), thread| {
+            let (more, other) = thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            ends.extend(other);
+            (steps + more, ends)
+        })
+    })
+}
+
+/// Nothing was broken; what was, how often, and in which press first.
+fn must_be_none<'a>(presses: impl Iterator<Item = (u64, &'a Vec<&'static str>)>) {
+    let mut counts = BTreeMap::<&str, (usize, u64)>::new();
+    for (seed, broken) in presses {
+        for what in broken {
+            counts.entry(what).or_insert((0, seed)).0 += 1;
+        }
+    }
+    let told = counts.iter().map(|(what, (count, seed))| format!("{what}: {count} times, first in seed {seed}"));
+    assert!(counts.is_empty(), "{}", told.collect::<Vec<_>>().join("; "));
+}
+
+#[test]
+fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_limit() {
+    let (steps, ends) = until_enough(drive_plausibly);
+    let mut kinds = BTreeMap::<&str, usize>::new();
+    for Driven { end, .. } in &ends {
+        let kind = if let Command::Trip(trip) = end { trip.rule.name() } else { "done" };
+        *kinds.entry(kind).or_default() += 1;
+    }
+    println!("{steps} steps, {} presses: {kinds:?}", ends.len());
+    assert!(kinds.get("done").is_some_and(|done| 2 * done > ends.len()), "most presses are done: {kinds:?}");
+    must_be_none(ends.iter().map(|driven| (driven.seed, &driven.broken)));
+    let deep: Vec<&Driven> = ends.iter().filter(|driven| driven.over_mm > 0.0).collect();
+    let worst = deep.iter().max_by(|a, b| a.over_mm.total_cmp(&b.over_mm));
+    let told = worst.map(|worst| format!("the worst by {:.3} mm, seed {}", worst.over_mm, worst.seed));
+    assert!(deep.is_empty(), "{} end points of {} presses below the depth limit, {told:?}", deep.len(), ends.len());
+}
+
+#[test]
+fn whatever_it_is_told_a_press_ends_and_no_end_point_breaks_the_promise() {
+    let (steps, ends) = until_enough(|seed| {
+        let (steps, _, _, broken) = drive_with_garbage(seed);
+        (steps, (seed, broken))
+    });
+    println!("{steps} steps, {} presses", ends.len());
+    must_be_none(ends.iter().map(|(seed, broken)| (*seed, broken)));
+}
+
+#[test]
+fn a_press_that_is_over_moves_nothing_any_more() {
+    for seed in 0..STEPS / 1000 {
+        let (_, mut draw, told, _) = drive_with_garbage(seed);
+        let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
+        let air = Air { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS };
+        for event in [
+            Event::Averaged { force_n },
+            Event::Moved { z_mm },
+            Event::Dwelt,
+            Event::Sampled { force_n },
+            Event::Begin { z_mm, air },
+        ] {
+            draw.press.see(force_n, told.now_s);
+            let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: 0.0 });
+            if let Command::Move(granted) | Command::Depart(granted) = command {
+                assert!(granted.z_mm() <= z_mm + ROUNDING, "seed {seed}: it is over, and {event:?} has it {granted:?}");
+            }
+        }
+    }
+}
