@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::thread;
 
 /// Steps of each of the two drivers.
-const STEPS: u64 = if cfg!(debug_assertions) { 50_000 } else { 1_000_000 };
+const STEPS: u64 = if cfg!(debug_assertions) { 100_000 } else { 4_000_000 };
 /// Threads; each has its own part of the seeds.
 const THREADS: u64 = 2;
 
@@ -327,7 +327,9 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
     let mut rng = stream(seed, 0, "garbage");
     let mut draw = draw(&mut rng, false);
     let mut told = Told::at(f64::NAN);
-    let sane = rng.random_range(0.0..1.0);
+    // most of what it says is as a specimen would have it, or it would not come far
+    let specimen = Specimen::under(&draw, &mut rng);
+    let sane = 1.0 - rng.random_range(0.0..0.4f64).powi(2);
     let (mut steps, mut broken) = (0, Vec::new());
     let begin = |rng: &mut Stream, draw: &Draw| {
         let sound = rng.random_bool(0.9);
@@ -343,7 +345,7 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
             (told.z_mm, told.drift_n) = (z_mm, (-air.mean_n).max(0.0));
         }
         told.now_s += rng.random_range(0.0..1.0);
-        told.age_s = if rng.random_bool(0.97) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
+        told.age_s = if rng.random_bool(0.995) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
         let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: told.age_s });
         steps += 1;
         let fits = before.as_ref().map_or(matches!(event, Event::Begin { .. }), |before| answers(before, &event));
@@ -353,11 +355,11 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
         let mut value = |sane_value: f64| if rng.random_bool(sane) { sane_value } else { garbage(&mut rng) };
         event = match &command {
             Command::Average(_) => {
-                told.force_n = value(0.5 * draw.context.limits.force_n);
+                told.force_n = value(specimen.force_n(told.z_mm));
                 Event::Averaged { force_n: told.force_n }
             }
             Command::Sample(_) => {
-                told.force_n = value(0.5 * draw.context.limits.force_n);
+                told.force_n = value(specimen.force_n(told.z_mm));
                 Event::Sampled { force_n: told.force_n }
             }
             Command::Dwell(seconds) => {
@@ -368,12 +370,14 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
                 told.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &told, granted));
                 for _ in 0..3 {
-                    let force_n = garbage(&mut rng);
+                    let sound = rng.random_bool(0.99);
+                    let force_n = if sound { specimen.force_n(told.z_mm) } else { garbage(&mut rng) };
                     broken.extend(broken_steer(granted, draw.press.see(force_n, told.now_s)));
                     steps += 1;
                 }
-                told.z_mm = if rng.random_bool(0.9) {
-                    told.z_mm + (granted.z_mm() - told.z_mm) * rng.random_range(0.0..=1.0)
+                told.z_mm = if rng.random_bool(sane) {
+                    let share = if rng.random_bool(0.5) { 1.0 } else { rng.random_range(0.0..=1.0) };
+                    told.z_mm + (granted.z_mm() - told.z_mm) * share
                 } else {
                     garbage(&mut rng)
                 };
@@ -382,7 +386,7 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
             Command::Done | Command::Trip(_) => return (steps, draw, told, broken),
         };
         before = Some(command);
-        if rng.random_bool(0.02) {
+        if rng.random_bool(0.005) {
             event = [
                 begin(&mut rng, &draw),
                 Event::Averaged { force_n: told.force_n },
