@@ -16,7 +16,7 @@ const STEPS: u64 = if cfg!(debug_assertions) { 100_000 } else { 4_000_000 };
 const THREADS: u64 = 2;
 
 /// Most commands of a press, for each of its levels, and besides.
-const COMMANDS_A_LEVEL: usize = 250;
+const COMMANDS_A_LEVEL: usize = 8_000;
 const COMMANDS_MORE: usize = 10;
 
 /// Oldest force on which a motion toward the specimen may rest, s (I4).

@@ -26,6 +26,8 @@ const MISS_MEMORY: f64 = 30.0;
 const MISS_MOST: f64 = 5.0;
 /// How far from what was expected a shot may show its place's depth to be, least and most: beyond it the reading is doubted.
 const SURPRISES: [f64; 2] = [0.8, 1.25];
+/// Depth over that of the curve, least and most that is believed of any place.
+const SCALES: [f64; 2] = [0.3, 3.0];
 /// Shots that are remembered, and how many of the nearest say what the next will meet.
 const SHOTS_MAX: usize = 2048;
 /// Two shots so near each other are at one place, mm.
@@ -128,7 +130,10 @@ impl Map {
                 let misses = (miss_mm / assumed_sigma_mm(on_curve_mm)).powi(2).min(MISS_MOST.powi(2));
                 self.miss += (misses - self.miss) / (self.shots + MISS_PRIOR).min(MISS_MEMORY);
                 self.shots += 1.0;
-                self.remember(*place, depth_mm / on_curve_mm - 1.0);
+                let scale = depth_mm / on_curve_mm;
+                if (SCALES[0]..=SCALES[1]).contains(&scale) {
+                    self.remember(*place, scale - 1.0);
+                }
                 let gain = (1.0 / self.shots).max(FADE_GAIN);
                 let before = self.faded.unwrap_or(*faded);
                 self.faded = Some(before + gain * (faded - before));
@@ -155,7 +160,7 @@ impl Map {
         Some(Shot {
             surface_mm: self.expect(place).z_mm,
             shape,
-            scale: 1.0 + scale,
+            scale: (1.0 + scale).clamp(SCALES[0], SCALES[1]),
             aim: 1.0 - (SHORT_SIGMAS * sigma).clamp(SHORT_LEAST, SHORT_MOST),
             faded: self.faded.unwrap_or(0.0),
         })

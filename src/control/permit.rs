@@ -183,7 +183,7 @@ impl Permit {
     /// # Errors
     /// A trip if it isn't one.
     pub fn withdraw(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
-        if z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
+        if z_mm.is_finite() && z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
             Ok(Permitted { z_mm, speed_mm_s })
         } else {
             Err(Trip::new(Rule::NotPermitted, z_mm, from_mm, "mm"))

@@ -16,6 +16,9 @@ const SIDEWAYS_READINGS: u32 = 2;
 /// How long after it should have ended a motion may go unanswered, s.
 const SILENT_S: f64 = 0.5;
 
+/// Conversions after which a cell has told of a contact that is over: two make a force, and one was under way.
+const CONVERSIONS_HEARD: f64 = 4.0;
+
 /// How often z is looked at on its way out of a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
@@ -77,7 +80,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let due_after = seconds(withdrawal.duration_s() + travel_s);
         let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
-        let ends_after = seconds(withdrawal.duration_s() + self.timing.settle_s);
+        // a slow cell still tells of the contact when z has long left it
+        let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
+        let ends_after = seconds(withdrawal.duration_s() + heard_s);
         let stage = &mut self.stage;
         let motion = async {
             stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s()).await?;

@@ -4,7 +4,7 @@ use crate::control::map::Shot;
 use crate::control::permit::{Permit, Permitted};
 use crate::control::speed::Timing;
 use crate::control::surface::Expected;
-use crate::control::trip::Trip;
+use crate::control::trip::{Rule, Trip};
 use crate::control::zero::Zero;
 use crate::quantity::{Limits, Place};
 
@@ -77,6 +77,20 @@ pub enum Event {
         /// Mean force in it, N.
         force_n: f64,
     },
+}
+
+impl Event {
+    /// # Errors
+    /// A trip for what isn't a number.
+    pub(super) fn check_finite(&self) -> Result<(), Trip> {
+        let (number, unit) = match *self {
+            Event::Begin { z_mm, air } => (z_mm + air.mean_n + air.sigma_n, "mm"),
+            Event::Moved { z_mm } => (z_mm, "mm"),
+            Event::Averaged { force_n } | Event::Sampled { force_n } => (force_n, "N"),
+            Event::Dwelt => return Ok(()),
+        };
+        if number.is_finite() { Ok(()) } else { Err(Trip::new(Rule::NotFinite, number, 0.0, unit)) }
+    }
 }
 
 /// Readings in air.

@@ -14,6 +14,13 @@ const SHORT_DESCENT_MM: f64 = 0.10;
 pub(super) const LEARN_SHARE: f64 = 0.25;
 /// What a learned stiffness is multiplied with: the specimen stiffens with depth, and stiffens more the faster it is pressed.
 const STIFFENING: f64 = 1.15;
+/// What the way back from the first point of a loading path to no force may be wrong by: so many sd of a mean, and a share of it,
+/// by a line and by a parabola.
+const ROOT_SIGMAS: f64 = 12.0;
+const LINE_MISSES: f64 = 0.5;
+const PARABOLA_MISSES: f64 = 0.2;
+/// The way back from which a share that is missed grows, by force: the first of it over the rest.
+const BACK: f64 = 0.3;
 /// How many sd of a mean the aim stays below a loading level, so that the true force does.
 const BELOW_SIGMAS: f64 = 4.0;
 /// Share of the tolerance within which a level counts as reached; the rest is for what the force does until it is sampled.
@@ -22,9 +29,9 @@ const REACHED_SHARE: f64 = 0.1;
 const LET_OFF_SHARE: f64 = 0.5;
 const LET_OFF_STEPS: f64 = 60.0;
 /// Share of the expected answer that a way into the specimen must have at least.
-const RESPONSE_SHARE: f64 = 0.2;
+const RESPONSE_SHARE: f64 = 0.1;
 /// Share of the force from which an expected answer stands out from relaxation.
-const TELL_SHARE: f64 = 0.1;
+const TELL_SHARE: f64 = 0.3;
 /// Most looks for contact: on steel each may go a few micrometres only.
 const LOOKS_MAX: u32 = 2000;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
@@ -99,7 +106,9 @@ impl Press {
             self.stiffness_n_mm = Some(force_n / z_mm);
             self.anchor = (self.z_mm, self.force_n);
             // depth counts from the surface as touched, which is known once the stiffness is; until then from the earliest
-            self.first_mm = self.first_mm.max(self.touched_mm().unwrap_or(self.first_mm));
+            if let (Some(touched_mm), Some(earliest_mm)) = (self.touched_mm(), earliest_mm(&self.path, self.sigma_n)) {
+                self.first_mm = self.first_mm.max(earliest_mm.min(touched_mm));
+            }
         }
     }
 
@@ -158,20 +167,38 @@ pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
     let &(z0, f0) = path.first()?;
     let guess = z0 - f0 / (declared_n_mm / 2.0);
     let Some(&(z2, f2)) = path.last().filter(|last| last.1 > f0 * 1.5) else { return Some(guess) };
-    let line = (f2 - f0) / (z2 - z0);
-    let root = path
-        .iter()
-        .copied()
-        .filter(|&(_, f)| f > f0 * 1.5 && f < f2 - 0.25 * (f2 - f0))
-        .map(|(z1, f1)| {
-            let curvature = ((f2 - f1) / (z2 - z1) - (f1 - f0) / (z1 - z0)) / (z2 - z0);
-            let slope = (f1 - f0) / (z1 - z0) - curvature * (z1 - z0);
-            // f0 - slope u + curvature u^2 = 0 for the way u back from z0
-            let discriminant = slope * slope - 4.0 * curvature * f0;
-            z0 - 2.0 * f0 / (slope + discriminant.max(0.0).sqrt())
-        })
-        .next()
-        .unwrap_or(z0 - f0 / line);
+    let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
     // the path relaxes while it is walked: hold the root between the line and the guess
-    Some(root.clamp(guess.min(z0 - f0 / line), z0))
+    Some(parabola_root_mm(path).unwrap_or(line_mm).clamp(guess.min(line_mm), z0))
+}
+
+/// The parabola through a path's first, a middle and its last point, where it has no force.
+fn parabola_root_mm(path: &[(f64, f64)]) -> Option<f64> {
+    let (&(z0, f0), (z1, f1), &(z2, f2)) = (path.first()?, middle_of(path)?, path.last()?);
+    let curvature = ((f2 - f1) / (z2 - z1) - (f1 - f0) / (z1 - z0)) / (z2 - z0);
+    let slope = (f1 - f0) / (z1 - z0) - curvature * (z1 - z0);
+    // f0 - slope u + curvature u^2 = 0 for the way u back from z0
+    let discriminant = slope * slope - 4.0 * curvature * f0;
+    Some(z0 - 2.0 * f0 / (slope + discriminant.max(0.0).sqrt()))
+}
+
+/// The earliest that contact may have begun, mm, by a path with this noise of a point: what [`root_of`] leaves out to be near
+/// counts here, which is that the way back may be longer than a line or a parabola has it.
+fn earliest_mm(path: &[(f64, f64)], sigma_n: f64) -> Option<f64> {
+    let (&(z0, f0), &(z2, f2)) = (path.first()?, path.last().filter(|_| path.len() > 1)?);
+    let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
+    let (root_mm, missed) = match parabola_root_mm(path) {
+        Some(parabola_mm) => (parabola_mm.min(line_mm), PARABOLA_MISSES),
+        None => (line_mm, LINE_MISSES),
+    };
+    // how far back it leads, in units of the path itself
+    let back = f0 / (f2 - f0);
+    let noise_mm = ROOT_SIGMAS * (1.0 + back) * sigma_n * (z2 - z0) / (f2 - f0);
+    Some(root_mm - noise_mm - missed * (back / BACK).powi(2).max(1.0) * (z0 - root_mm))
+}
+
+/// The first point of a path that is well apart from both its ends.
+fn middle_of(path: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let (&(_, f0), &(_, f2)) = (path.first()?, path.last()?);
+    path.iter().copied().find(|&(_, f)| f > f0 * 1.5 && f < f2 - 0.25 * (f2 - f0))
 }

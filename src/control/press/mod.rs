@@ -64,6 +64,7 @@ enum State {
     Withdrawing,
     Leaving,
     Departing,
+    Over,
 }
 
 /// One contact: find the surface from above, reach each level from its own side, hold it, sample it, withdraw.
@@ -186,10 +187,19 @@ impl Press {
     /// The next command. An event that doesn't fit the state ends the press with a trip rather than a guess.
     pub fn next(&mut self, event: Event, moment: Moment) -> Command {
         self.moment = moment;
-        if let Some(trip) = self.broken.take() {
-            return Command::Trip(trip);
+        let command = match self.broken.take() {
+            Some(trip) => Command::Trip(trip),
+            None => self.answer(event).unwrap_or_else(Command::Trip),
+        };
+        if matches!(command, Command::Done | Command::Trip(_)) {
+            self.state = State::Over; // nothing moves it any more
         }
-        let next = match (self.state, event) {
+        command
+    }
+
+    fn answer(&mut self, event: Event) -> Result<Command, Trip> {
+        event.check_finite()?;
+        match (self.state, event) {
             (State::Idle, Event::Begin { z_mm, air }) => {
                 self.z_mm = z_mm;
                 self.begin(air)
@@ -225,8 +235,7 @@ impl Press {
             (State::Leaving, Event::Averaged { force_n }) => self.left(force_n),
             (State::Departing, Event::Moved { .. }) => Ok(Command::Done),
             _ => Err(Trip::new(Rule::NotPermitted, 0.0, 0.0, "event out of turn")),
-        };
-        next.unwrap_or_else(Command::Trip)
+        }
     }
 
     /// The zero is looked at before every press; the permit holds it against its limit.

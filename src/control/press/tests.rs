@@ -208,9 +208,9 @@ fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
     for (air, rule) in [
         (Air { mean_n: -0.04, ..quiet }, Rule::ZeroDrifted),
         (Air { mean_n: 0.04, ..quiet }, Rule::ZeroDrifted),
-        (Air { mean_n: f64::NAN, ..quiet }, Rule::ZeroDrifted),
+        (Air { mean_n: f64::NAN, ..quiet }, Rule::NotFinite),
         (Air { sigma_n: 0.012, ..quiet }, Rule::Noisy),
-        (Air { sigma_n: f64::NAN, ..quiet }, Rule::Noisy),
+        (Air { sigma_n: f64::NAN, ..quiet }, Rule::NotFinite),
         (Air { readings: 2, ..quiet }, Rule::Noisy),
     ] {
         let (tripped, walk) = Bench { air, ..bench(Task::press(1.0), 0.0) }.rule(force_at);
