@@ -41,6 +41,8 @@ enum Mishap {
     CommandLate,
     /// It is acted on, but its answer lies on the link.
     AnswerLate,
+    /// It is answered as if it had been taken, and nothing moves.
+    CommandIgnored,
     /// The load cell's link is cut.
     CellCut,
     /// The load cell answers nothing for a while, then everything.
@@ -48,11 +50,12 @@ enum Mishap {
 }
 
 impl Mishap {
-    const ALL: [Mishap; 6] = [
+    const ALL: [Mishap; 7] = [
         Mishap::StageCut,
         Mishap::StageMute,
         Mishap::CommandLate,
         Mishap::AnswerLate,
+        Mishap::CommandIgnored,
         Mishap::CellCut,
         Mishap::CellLate,
     ];
@@ -134,6 +137,14 @@ fn is_command(request: &[u8]) -> bool {
     ["PA", "VA", "ST", "OR"].iter().any(|word| request.windows(2).any(|two| two == word.as_bytes()))
 }
 
+/// What a message to the stage asks, without what it commands.
+fn questions(request: &[u8]) -> Vec<u8> {
+    let text = String::from_utf8_lossy(request);
+    let asks: Vec<&str> =
+        text.trim_end().split(';').filter(|part| part.ends_with('?') || part.ends_with("TP")).collect();
+    asks.join(";").into_bytes()
+}
+
 impl Instrument for Beset {
     fn device(&self) -> Device {
         self.device.lock().unwrap().device()
@@ -157,6 +168,10 @@ impl Instrument for Beset {
             fate.now_s = now_s;
             (fate.mishap, fate.struck_s)
         };
+        if mishap == Mishap::CommandIgnored && device == Device::Stage && struck_s.is_some() && self.held.is_none() {
+            self.held = Some(Vec::new());
+            return self.device.lock().unwrap().answer(&questions(request), scene, now_s);
+        }
         let Some(struck_s) = struck_s else { return self.device.lock().unwrap().answer(request, scene, now_s) };
         let mut answer = || self.device.lock().unwrap().answer(request, scene, now_s);
         match (mishap, device) {
