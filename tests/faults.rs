@@ -352,7 +352,7 @@ fn under_a_lying_load_cell_a_press_at_the_limit_keeps_its_depth() {
 
 /// The shipped recipe's calibration, coarser in a debug build; and the paper's test points, N and mm.
 const RECIPE: &str = include_str!("../recipes/bench.toml");
-const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 2.0");
+const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 3.0");
 const POINTS: &str = "\n[[step]]\nphase = \"test\"\nrandom = { count = 100, x_mm = [-6.0, 6.0], \
                       y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }\n";
 
@@ -440,7 +440,7 @@ impl Calibration {
             text = text.replacen(", order = \"interleaved\"", "", 1);
         }
         if self.points {
-            text += POINTS;
+            text += &POINTS.replacen("count = 100", &format!("count = {}", if THINNED { 20 } else { 100 }), 1);
         }
         let text = text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", self.strategy.name()), 1);
         let walked = walked(&spec, &plan(&spec, &text, self.seed));
