@@ -17,7 +17,7 @@ const STIFFENING: f64 = 1.15;
 /// What the way back from the first point of a loading path to no force may be wrong by: so many sd of a mean, and a share of it,
 /// by a line and by a parabola.
 const ROOT_SIGMAS: f64 = 12.0;
-const LINE_MISSES: f64 = 0.5;
+const LINE_MISSES: f64 = 1.0;
 const PARABOLA_MISSES: f64 = 0.2;
 /// The way back from which a share that is missed grows, by force: the first of it over the rest.
 const BACK: f64 = 0.3;
