@@ -16,7 +16,7 @@
 //! | 3 | [`recipe`] | a recipe understood, and the plan it comes to |
 //! | 3 | [`driver`] | one module per instrument family: a role over a link |
 //! | 3 | [`emulator`] | one per wire protocol: bytes in, scene, bytes out; never sees a driver |
-//! | 2 | [`control`] | the force loop, pure: the press, its permits, its trips, the learned surface |
+//! | 2 | [`control`] | the force loop, pure: the press and its three strategies, its permits, its trips, the learned map |
 //! | 2 | [`device`] | the roles as traits: stage, load cell, array |
 //! | 2 | [`document`] | TOML read with every problem kept, each at its line |
 //! | 2 | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |

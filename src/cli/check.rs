@@ -75,7 +75,7 @@ fn permitted(rig: &RigSpec) -> String {
     let [fast, slow] = EXCHANGES_S.map(|exchanges_s| speed(exchanges_s).min(rig.stage.speed_mm_s));
     format!(
         "  a move ends at most {:.3} mm beyond the earliest contact ({} N at {} N/mm)\n  \
-         and goes at most {slow:.2} to {fast:.2} mm/s toward it (links of {:.0} to {:.0} ms, timed at the start)",
+         and toward it at most at {slow:.2} to {fast:.2} mm/s (links of {:.0} to {:.0} ms)",
         limits.force_n / limits.stiffness_n_mm,
         limits.force_n,
         limits.stiffness_n_mm,

@@ -2,7 +2,8 @@
 //!
 //! [`Press`] is a state machine for one contact: events in, commands out, no device, no clock, no randomness. Every motion
 //! toward the specimen is a [`Permitted`] one, which only a [`Permit`] can make: its end point is safe by itself, so a host
-//! that dies costs nothing. [`Watch`] holds every reading against the trip rules; [`SurfaceMap`] learns where the surface is.
+//! that dies costs nothing. [`Watch`] holds every reading against the trip rules; [`Map`] learns from each press what the next
+//! will meet.
 //!
 //! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces count from the zero taken in air.
 

@@ -77,7 +77,7 @@ impl Press {
 
     /// Whether the force answers the way that is made: a cell that always says the same is held by nothing else. Ways that are too
     /// short to tell, among noise and relaxation, add up until they do.
-    pub(super) fn answered(&mut self) -> Result<(), Trip> {
+    pub(super) fn check_answer(&mut self) -> Result<(), Trip> {
         let (z_mm, force_n) = self.answered;
         let way_mm = self.z_mm - z_mm;
         if way_mm < 0.0 {

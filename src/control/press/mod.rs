@@ -274,7 +274,7 @@ impl Press {
         self.check_hardness(force_n)?;
         self.check_fall(force_n)?;
         self.force_n = force_n;
-        self.answered()?;
+        self.check_answer()?;
         if self.landing.is_some() {
             return self.correct();
         }
