@@ -4,7 +4,7 @@ use cap::Cap;
 use palpate::control::Lesson;
 use palpate::dataset::{Contact, Ledger, Manifest, Origins, Record, Row, RowTruth, RunFolder, Status};
 use palpate::quantity::{ArrayLayout, Place};
-use palpate::recipe::Phase;
+use palpate::recipe::{Phase, Plan};
 use std::alloc::System;
 
 /// Contacts that are recorded; each would take more than a kilobyte if it were held.
@@ -82,22 +82,6 @@ fn contact(press: u64) -> Contact {
 }
 
 fn manifest() -> Manifest {
-    Manifest {
-        palpate: String::new(),
-        status: Status::Stopped,
-        recipe: "memory".to_owned(),
-        sensor: None,
-        presses_planned: PRESSES,
-        presses_done: 0,
-        seed: 1,
-        strategy: None,
-        simulated: true,
-        virtual_s: 0.0,
-        wall_s: 0.0,
-        started: String::new(),
-        ended: None,
-        devices: Vec::new(),
-        trip: None,
-        failure: None,
-    }
+    let plan = Plan { name: "memory".to_owned(), seed: 1, entries: Vec::new() };
+    Manifest { presses_planned: PRESSES, ..Manifest::new(&plan, true, None, String::new()) }
 }

@@ -76,24 +76,7 @@ impl Bench {
         let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let home = tempfile::tempdir().unwrap();
-        let manifest = Manifest {
-            palpate: String::new(),
-            status: Status::Stopped,
-            recipe: "safety".to_owned(),
-            sensor: None,
-            presses_planned: plan.entries.len() as u64,
-            presses_done: 0,
-            seed,
-            strategy: None,
-            simulated: true,
-            virtual_s: 0.0,
-            wall_s: 0.0,
-            started: String::new(),
-            ended: None,
-            devices: Vec::new(),
-            trip: None,
-            failure: None,
-        };
+        let manifest = Manifest::new(&plan, true, None, String::new());
         let origins = Origins { recipe: recipe_text.to_owned(), rig: String::new(), maps: Vec::new() };
         let folder = RunFolder::create(Some(&home.path().join("run")), &origins, manifest, &spec.array.layout).unwrap();
         Bench { spec, plan, folder, _home: home }

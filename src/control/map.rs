@@ -30,9 +30,9 @@ const SURPRISES: [f64; 2] = [0.8, 1.25];
 const SCALES: [f64; 2] = [0.3, 3.0];
 /// Shots that are remembered, and how many of the nearest say what the next will meet.
 const SHOTS_MAX: usize = 2048;
+const NEIGHBOURS: usize = 12;
 /// Two shots so near each other are at one place, mm.
 const HERE_MM: f64 = 0.02;
-const NEIGHBOURS: usize = 12;
 /// The neighbour whose distance is the reach of the weights, counted from 0.
 const REACH: usize = 5;
 /// Sd of one shot's scale about the local plane, of that plane's height, and of its slope, 1/mm.

@@ -185,11 +185,6 @@ impl SceneProbe {
         self.scene().take_truth(self.now_s())
     }
 
-    /// What would come of it if nobody asked for anything any more: the worst from now until the axes rest.
-    pub fn run_out(&self) -> Truth {
-        self.scene().run_out(self.now_s())
-    }
-
     fn scene(&self) -> MutexGuard<'_, Scene> {
         self.scene.lock().unwrap_or_else(PoisonError::into_inner)
     }

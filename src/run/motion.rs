@@ -130,14 +130,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             return Err(trip.into());
         }
         if reins.stopped() {
-            return Err(self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into());
+            return Err(self.touched_on_the_way(touch_n));
         }
-        for ((axis, target_mm), at_mm) in sideways.into_iter().zip(&places_mm) {
-            self.check_arrival(axis, *at_mm, target_mm).await?;
-        }
-        self.arrived_z(places_mm.last().copied(), target_mm).await?;
-        self.place = next;
-        Ok(())
+        self.arrived_at(next, sideways, &places_mm).await?;
+        self.arrived_z(places_mm.last().copied(), target_mm).await
     }
 
     /// Moves x and y from rest in the clear.
@@ -155,13 +151,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let steer = |force_n: f64, _| if force_n.abs() >= touch_n { Steer::Stop } else { Steer::On };
         let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), steer).await?;
         if driven.stopped {
-            return Err(self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into());
+            return Err(self.touched_on_the_way(touch_n));
         }
-        for ((axis, target_mm), at_mm) in targets.into_iter().zip(driven.places_mm) {
-            self.check_arrival(axis, at_mm, target_mm).await?;
-        }
-        self.place = place;
-        Ok(())
+        self.arrived_at(place, targets, &driven.places_mm).await
     }
 
     /// Withdraws without looking at the force: for parking, when the load cell may be what failed.
@@ -211,6 +203,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let ended = ends.get().filter(|_| !stopped).unwrap_or_else(Instant::now).min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
         Ok(Driven { places_mm, stopped })
+    }
+
+    /// A force while x and y moved: nothing is dragged along.
+    fn touched_on_the_way(&self, touch_n: f64) -> Halt {
+        self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into()
+    }
+
+    /// x and y are where they were sent.
+    async fn arrived_at(&mut self, place: Place, targets: [(Axis, f64); 2], at_mm: &[f64]) -> Result<(), Halt> {
+        for ((axis, target_mm), at_mm) in targets.into_iter().zip(at_mm) {
+            self.check_arrival(axis, *at_mm, target_mm).await?;
+        }
+        self.place = place;
+        Ok(())
     }
 
     /// z is where it was sent: the read-back may still be short of it by what the stage has to settle.

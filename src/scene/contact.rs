@@ -177,6 +177,13 @@ impl Contact {
         s * (self.linear_n_mm + self.quadratic_n_mm2 * s)
     }
 
+    /// Depth at a relaxed force, mm.
+    pub fn depth_mm(&self, force_n: f64) -> f64 {
+        let Contact { linear_n_mm: k, quadratic_n_mm2: q, toe_mm } = *self;
+        let bearing_mm = 2.0 * force_n / (k + (k * k + 4.0 * q * force_n).sqrt());
+        if bearing_mm < toe_mm / 2.0 { (2.0 * toe_mm * bearing_mm).sqrt() } else { bearing_mm + toe_mm / 2.0 }
+    }
+
     /// Slope of the relaxed force at a depth, N/mm.
     pub fn stiffness_n_mm(&self, depth_mm: f64) -> f64 {
         let s = self.bearing_mm(depth_mm);

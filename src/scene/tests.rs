@@ -220,3 +220,13 @@ fn the_surface_lies_within_its_tilt_and_belongs_to_the_seed() {
 
 mod faults;
 mod plant;
+
+#[test]
+fn the_depth_leads_back_to_its_force() {
+    for contact in [
+        Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 },
+        Contact { linear_n_mm: 500.0, quadratic_n_mm2: 0.0, toe_mm: 0.01 },
+    ] {
+        assert!((contact.force_n(contact.depth_mm(1.0)) - 1.0).abs() < 1e-12);
+    }
+}

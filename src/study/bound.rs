@@ -1,7 +1,6 @@
 //! How fast a press could be at all: what the stage's acceleration, the distance to the next place and the window leave.
 
 use crate::rig::RigSpec;
-use crate::scene::Contact;
 
 /// How much longer a motion takes than its trapezoid, since its jerk is limited, s.
 const JERK_S: f64 = 0.005;
@@ -28,7 +27,7 @@ pub fn least_s(depth_mm: f64, way_mm: f64, acceleration_mm_s2: f64, window_s: f6
 
 /// The same for a rig that presses places `way_mm` apart with a force.
 pub fn least_on_s(spec: &RigSpec, force_n: f64, way_mm: f64, window_s: f64) -> f64 {
-    least_s(depth_mm(&spec.scene.contact, force_n), way_mm, spec.stage.acceleration_mm_s2, window_s)
+    least_s(spec.scene.contact.depth_mm(force_n), way_mm, spec.stage.acceleration_mm_s2, window_s)
 }
 
 /// Depth and clearance together, mm, of which z spends `clear_s` above the least clearance on its way up and down.
@@ -41,13 +40,6 @@ fn turning_way_mm(depth_mm: f64, clear_s: f64, a: f64) -> f64 {
     // else it is clear from while it still accelerates: sqrt(2 (d + 30 um) / a) of 2 sqrt(D / a) are lost either way
     let lost_s = (2.0 * (depth_mm + CLEAR_MM) / a).sqrt();
     a * ((clear_s / 2.0 + lost_s) / 2.0).powi(2)
-}
-
-/// The depth at which the relaxed curve has a force, mm.
-fn depth_mm(contact: &Contact, force_n: f64) -> f64 {
-    let Contact { linear_n_mm: k, quadratic_n_mm2: q, toe_mm } = *contact;
-    let bearing_mm = 2.0 * force_n / (k + (k * k + 4.0 * q * force_n).sqrt());
-    if bearing_mm < toe_mm / 2.0 { (2.0 * toe_mm * bearing_mm).sqrt() } else { bearing_mm + toe_mm / 2.0 }
 }
 
 #[cfg(test)]
@@ -70,16 +62,6 @@ mod tests {
             let triangle = crate::control::Profile::new(way_mm, 1e3, a);
             let above_s = 2.0 * (triangle.duration_s() - triangle.reaches_s(depth_mm + CLEAR_MM));
             assert!((above_s - clear_s).abs() < 1e-9, "{depth_mm} mm: {above_s} s");
-        }
-    }
-
-    #[test]
-    fn the_depth_leads_back_to_its_force() {
-        for contact in [
-            Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 },
-            Contact { linear_n_mm: 500.0, quadratic_n_mm2: 0.0, toe_mm: 0.01 },
-        ] {
-            assert!((contact.force_n(depth_mm(&contact, 1.0)) - 1.0).abs() < 1e-12);
         }
     }
 }

@@ -54,10 +54,12 @@ pub enum Mark {
 
 /// Which part of some words is at their point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
 pub enum Anchor {
+    /// Their start.
     Start,
+    /// Their middle.
     Middle,
+    /// Their end.
     End,
 }
 
@@ -76,31 +78,40 @@ pub struct Look {
 
 /// The colours: they differ in lightness too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
 pub enum Hue {
+    /// A blue.
     Blue,
+    /// An orange.
     Orange,
+    /// A green.
     Green,
+    /// For what is not a series.
     Grey,
 }
 
 /// The markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
 pub enum Shape {
+    /// Round.
     Circle,
+    /// Four sides.
     Square,
+    /// Point up.
     Triangle,
+    /// A square on its corner.
     Diamond,
+    /// Two strokes: never filled.
     Cross,
 }
 
 /// The lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
 pub enum Line {
+    /// The points alone.
     None,
+    /// Drawn through.
     Solid,
+    /// Broken.
     Dashed,
 }
 
