@@ -1,4 +1,4 @@
-use super::{SolveError, Solver};
+use super::{SolveError, Solver, Workspace};
 use crate::quantity::Place;
 use serde::Serialize;
 
@@ -134,8 +134,9 @@ pub enum EvaluationError {
 /// Forces are evaluated if every solved press has one. A press without an answer is counted and kept in `unsolved`.
 pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
     let (mut presses, mut unsolved) = (Vec::with_capacity(test.len()), Vec::new());
+    let mut workspace = Workspace::default();
     for (index, press) in test.iter().enumerate() {
-        match solver.solve(press.outputs) {
+        match solver.solve(press.outputs, &mut workspace) {
             Ok(solution) => presses.push(PressError {
                 index,
                 place_true: press.place,
@@ -221,7 +222,7 @@ fn percentile(sorted: &[f64], q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::Solution;
+    use crate::solver::{Solution, Verdict};
 
     /// Answers with what it reads: x, y and force.
     struct Echo;
@@ -231,10 +232,11 @@ mod tests {
             "echo"
         }
 
-        fn solve(&self, outputs: &[f64]) -> Result<Solution, SolveError> {
+        fn solve(&self, outputs: &[f64], _: &mut Workspace) -> Result<Solution, SolveError> {
             match *outputs {
                 [x_mm, y_mm, force_n] if force_n.is_finite() => {
-                    Ok(Solution { place: Place::new(x_mm, y_mm), force_n, correlation: 1.0 })
+                    let place = Place::new(x_mm, y_mm);
+                    Ok(Solution { place, force_n, covariance: None, misfit: None, verdict: Verdict::Ok })
                 }
                 [_, _, _] => Err(SolveError::AllEqual),
                 _ => Err(SolveError::Channels { expected: 3, found: outputs.len() }),

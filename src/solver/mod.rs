@@ -8,9 +8,11 @@
 //! Nothing here reads files, asks the time or logs. A new method is a file beside `pearson.rs`, a name in [`SOLVERS`]
 //! and an arm in [`fit`].
 
+mod appraised;
 mod calibration;
 mod evaluation;
 mod pearson;
+mod solution;
 
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
@@ -18,30 +20,54 @@ pub use evaluation::{
     TestPress, Unsolved, Within, evaluate,
 };
 pub use pearson::{ForceRule, Pearson, correlation};
+pub use solution::{Covariance, Solution, Verdict};
 
 use crate::quantity::{ArrayLayout, Place};
+use appraised::Appraised;
 
 /// The names [`fit`] knows, the paper's own first.
 pub const SOLVERS: [&str; 2] = ["pearson", "pearson-lsq"];
 
-/// One contact, as solved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Solution {
-    /// Where, specimen frame, mm.
-    pub place: Place,
-    /// How hard, N. Noise can make the force of a very light contact negative; it is reported as it comes.
-    pub force_n: f64,
-    /// How well the reading matches the calibration there: Pearson's r, -1 to 1.
-    pub correlation: f64,
-}
-
 /// A fitted method.
-pub trait Solver {
+pub trait Solver: Send + Sync {
     /// The name it goes by in [`SOLVERS`].
     fn name(&self) -> &'static str;
 
     /// The contact behind one reading: `outputs` holds one value a unit, in the units and the order of the calibration.
-    fn solve(&self, outputs: &[f64]) -> Result<Solution, SolveError>;
+    ///
+    /// Nothing is allocated once the workspace has been used with this solver.
+    fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError>;
+}
+
+/// A method that answers where and how hard, and leaves to [`Appraised`] how sure that is.
+trait Locate: Send + Sync {
+    /// The name it goes by in [`SOLVERS`].
+    fn name(&self) -> &'static str;
+
+    /// The contact behind one reading.
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError>;
+}
+
+/// A contact without its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Located {
+    /// Where, specimen frame, mm.
+    place: Place,
+    /// How hard, N.
+    force_n: f64,
+    /// How badly the reading fits a contact there, in a measure of the method's own: 0 is a perfect fit.
+    residue: f64,
+}
+
+/// Room for a solver to work in, kept from one reading to the next so that none of them allocates.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    /// A row of the reading's length.
+    row: Vec<f64>,
+    /// The same in single precision.
+    narrow: Vec<f32>,
+    /// One score a row of a table.
+    scores: Vec<f32>,
 }
 
 /// Fits the method of that name.
@@ -54,7 +80,7 @@ pub fn fit(name: &str, calibration: &Calibration, layout: Option<&ArrayLayout>) 
         "pearson-lsq" => ForceRule::LeastSquares,
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     };
-    Ok(Box::new(Pearson::fit(calibration, layout, force_rule)?))
+    Ok(Box::new(Appraised::new(Pearson::fit(calibration, layout, force_rule)?)))
 }
 
 /// Why a method couldn't be fitted.

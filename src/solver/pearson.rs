@@ -1,4 +1,4 @@
-use super::{Calibration, CalibrationPoint, FitError, Solution, SolveError, Solver};
+use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::{ArrayLayout, Place};
 
 /// The paper's inverse solution: the contact lies at the calibration point whose outputs have the largest Pearson
@@ -73,7 +73,7 @@ impl Pearson {
     }
 }
 
-impl Solver for Pearson {
+impl Locate for Pearson {
     fn name(&self) -> &'static str {
         match self.force_rule {
             ForceRule::ClosestUnit => "pearson",
@@ -81,7 +81,7 @@ impl Solver for Pearson {
         }
     }
 
-    fn solve(&self, outputs: &[f64]) -> Result<Solution, SolveError> {
+    fn locate(&self, outputs: &[f64], _workspace: &mut Workspace) -> Result<Located, SolveError> {
         if outputs.len() != self.units {
             return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
         }
@@ -94,7 +94,7 @@ impl Solver for Pearson {
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Solution { place: candidate.place, force_n, correlation: r.clamp(-1.0, 1.0) })
+        Ok(Located { place: candidate.place, force_n, residue: (1.0 - r).max(0.0) })
     }
 }
 
@@ -147,6 +147,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn solve(solver: &Pearson, outputs: &[f64]) -> Result<Located, SolveError> {
+        solver.locate(outputs, &mut Workspace::default())
+    }
+
     fn point(x_mm: f64, force_n: f64, outputs: &[f64]) -> CalibrationPoint<'_> {
         CalibrationPoint { place: Place::new(x_mm, 0.0), force_n, outputs }
     }
@@ -182,10 +186,10 @@ mod tests {
         let layout = ArrayLayout::grid(1, 3, 4.0); // units at -4, 0, 4
         let points = [point(-4.0, 2.0, &[1.0, 0.4, 0.1]), point(4.0, 0.5, &[0.1, 0.4, 0.5])];
         let solver = pearson(&points, Some(&layout));
-        let solution = solver.solve(&[0.5, 0.2, 0.04]).unwrap();
+        let solution = solve(&solver, &[0.5, 0.2, 0.04]).unwrap();
         assert_eq!(solution.place, Place::new(-4.0, 0.0));
         assert!((solution.force_n - 1.0).abs() < 1e-12); // 0.5 / 1.0 of 2 N
-        let solution = solver.solve(&[0.1, 0.5, 1.0]).unwrap();
+        let solution = solve(&solver, &[0.1, 0.5, 1.0]).unwrap();
         assert!((solution.force_n - 1.0).abs() < 1e-12); // 1.0 / 0.5 of 0.5 N
     }
 
@@ -194,7 +198,7 @@ mod tests {
         let calibration = Calibration::new(&[point(0.0, 2.0, &[1.0, 2.0])]).unwrap();
         let solver = Pearson::fit(&calibration, None, ForceRule::LeastSquares).unwrap();
         // (3*1 + 5*2) / (1 + 4) * 2 N
-        assert!((solver.solve(&[3.0, 5.0]).unwrap().force_n - 5.2).abs() < 1e-12);
+        assert!((solve(&solver, &[3.0, 5.0]).unwrap().force_n - 5.2).abs() < 1e-12);
     }
 
     #[test]
@@ -209,16 +213,16 @@ mod tests {
     #[test]
     fn of_equally_good_points_the_first_is_the_answer() {
         let solver = pearson(&[point(1.0, 1.0, &[1.0, 2.0]), point(2.0, 1.0, &[2.0, 4.0])], None);
-        assert_eq!(solver.solve(&[5.0, 10.0]).unwrap().place.x_mm, 1.0);
+        assert_eq!(solve(&solver, &[5.0, 10.0]).unwrap().place.x_mm, 1.0);
     }
 
     #[test]
     fn a_point_without_contrast_is_never_the_answer() {
         // The reading runs against the only other point (r = -1), which still counts for more than 0/0.
         let solver = pearson(&[point(1.0, 1.0, &[0.3, 0.3]), point(2.0, 1.0, &[1.0, 2.0])], None);
-        let solution = solver.solve(&[2.0, 1.0]).unwrap();
+        let solution = solve(&solver, &[2.0, 1.0]).unwrap();
         assert_eq!(solution.place.x_mm, 2.0);
-        assert!((solution.correlation + 1.0).abs() < 1e-12);
+        assert!((solution.residue - 2.0).abs() < 1e-12);
         let flat = Calibration::new(&[point(1.0, 1.0, &[0.3, 0.3])]).unwrap();
         assert_eq!(Pearson::fit(&flat, None, ForceRule::ClosestUnit).err(), Some(FitError::NothingToTellApart));
     }
@@ -226,11 +230,11 @@ mod tests {
     #[test]
     fn a_reading_without_an_answer_says_why() {
         let solver = pearson(&[point(1.0, 1.0, &[1.0, 2.0])], None);
-        assert_eq!(solver.solve(&[0.1, 0.1]), Err(SolveError::AllEqual));
-        assert_eq!(solver.solve(&[0.1]), Err(SolveError::Channels { expected: 2, found: 1 }));
-        assert_eq!(solver.solve(&[0.1, f64::NAN]), Err(SolveError::NotFinite { unit: 2 }));
+        assert_eq!(solve(&solver, &[0.1, 0.1]), Err(SolveError::AllEqual));
+        assert_eq!(solve(&solver, &[0.1]), Err(SolveError::Channels { expected: 2, found: 1 }));
+        assert_eq!(solve(&solver, &[0.1, f64::NAN]), Err(SolveError::NotFinite { unit: 2 }));
         let faint = pearson(&[point(1.0, 1.0, &[1e-300, 2e-300])], None);
-        assert_eq!(faint.solve(&[1e300, 2e300]), Err(SolveError::OutOfProportion));
+        assert_eq!(solve(&faint, &[1e300, 2e300]), Err(SolveError::OutOfProportion));
     }
 
     proptest! {
@@ -241,15 +245,16 @@ mod tests {
         ) {
             let points = [point(0.0, 1.0, &[1.0, 0.0, 0.5]), point(1.0, 2.0, &[-0.1, 1.0, 0.0])];
             let rule = if rule { ForceRule::ClosestUnit } else { ForceRule::LeastSquares };
-            if let Ok(solution) = Pearson::fit(&Calibration::new(&points).unwrap(), None, rule).unwrap().solve(&row) {
-                prop_assert!(solution.force_n.is_finite() && solution.correlation.abs() <= 1.0);
+            let solver = Pearson::fit(&Calibration::new(&points).unwrap(), None, rule).unwrap();
+            if let Ok(solution) = solve(&solver, &row) {
+                prop_assert!(solution.force_n.is_finite() && solution.residue <= 2.0);
             }
         }
 
         #[test]
         fn the_force_of_a_contact_does_not_move_it(factor in 1e-6..1e6f64) {
             let solver = pearson(&[point(0.0, 1.0, &[1.0, 0.0, 0.5]), point(1.0, 1.0, &[0.2, 1.0, 0.3])], None);
-            let solution = solver.solve(&[0.2 * factor, factor, 0.3 * factor]).unwrap();
+            let solution = solve(&solver, &[0.2 * factor, factor, 0.3 * factor]).unwrap();
             prop_assert_eq!(solution.place.x_mm, 1.0);
             prop_assert!((solution.force_n / factor - 1.0).abs() < 1e-12);
         }
