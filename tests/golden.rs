@@ -3,7 +3,7 @@
 
 use palpate::mechanics::lambda;
 use palpate::quantity::{ArrayLayout, Place};
-use palpate::solver::{Calibration, CalibrationPoint, Evaluation, TestPress, correlation, evaluate, fit};
+use palpate::solver::{Calibration, CalibrationPoint, Evaluation, Setting, TestPress, correlation, evaluate, fit};
 
 /// A row of `golden/correlation.csv`: r of loads at d1 and d2 over a line of n units of spacing s, all in depths;
 /// `null` where r is 0/0.
@@ -83,7 +83,7 @@ fn end_to_end(solver: &str) -> Evaluation {
         .iter()
         .map(|(place, force_n, outputs)| TestPress { place: *place, force_n: Some(*force_n), outputs })
         .collect();
-    let solver = fit(solver, &Calibration::new(&points).unwrap(), Some(&layout)).unwrap();
+    let solver = fit(solver, &Calibration::new(&points).unwrap(), &Setting::of_layout(Some(&layout))).unwrap();
     evaluate(solver.as_ref(), &test).unwrap()
 }
 

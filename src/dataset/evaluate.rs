@@ -3,7 +3,8 @@
 use super::table::{Row, Table, TableError};
 use crate::quantity::ArrayLayout;
 use crate::solver::{
-    Calibration, CalibrationError, CalibrationPoint, Evaluation, EvaluationError, FitError, TestPress, evaluate, fit,
+    Calibration, CalibrationError, CalibrationPoint, Evaluation, EvaluationError, FitError, Setting, TestPress,
+    evaluate, fit,
 };
 use miette::Diagnostic;
 
@@ -158,7 +159,8 @@ fn evaluate_selections<'a>(
         column: force.name,
         source,
     })?;
-    let solver = fit(solver, &database, layout).map_err(|source| EvaluateError::Fit { file: file(), source })?;
+    let solver = fit(solver, &database, &Setting::of_layout(layout))
+        .map_err(|source| EvaluateError::Fit { file: file(), source })?;
     let mut evaluation = evaluate(solver.as_ref(), &presses)
         .map_err(|source| EvaluateError::Evaluation { file: test.file.to_owned(), source })?;
     evaluation.left_out.calibration_flagged = calibration.flagged;

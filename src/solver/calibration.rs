@@ -1,4 +1,5 @@
 use crate::quantity::Place;
+use std::collections::HashMap;
 
 /// Presses of known place and force with what the array read: the paper's calibration database (its step 2), checked.
 ///
@@ -53,6 +54,33 @@ impl Calibration {
     /// Never: a calibration has at least one point.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
+    }
+
+    /// One point; `index` counts from 0 and is below [`len`](Self::len).
+    pub fn point(&self, index: usize) -> CalibrationPoint<'_> {
+        let outputs = &self.outputs[index * self.units..][..self.units];
+        CalibrationPoint { place: self.places[index], force_n: self.force_n[index], outputs }
+    }
+
+    /// The points that share a place, to the micrometre, in the order in which each place comes first: the index of the first,
+    /// and all of them.
+    pub(super) fn by_place(&self) -> Vec<(usize, Vec<usize>)> {
+        let mut spots: Vec<(usize, Vec<usize>)> = Vec::new();
+        let mut known = HashMap::new();
+        for (index, place) in self.places.iter().enumerate() {
+            let key = ((place.x_mm * 1000.0).round() as i64, (place.y_mm * 1000.0).round() as i64);
+            let spot = *known.entry(key).or_insert_with(|| {
+                spots.push((index, Vec::new()));
+                spots.len() - 1
+            });
+            spots[spot].1.push(index);
+        }
+        spots
+    }
+
+    /// The force that the points are pressed with, root mean square, N.
+    pub(super) fn typical_force_n(&self) -> f64 {
+        (self.force_n.iter().map(|force_n| force_n * force_n).sum::<f64>() / self.len() as f64).sqrt()
     }
 
     /// The points in order.

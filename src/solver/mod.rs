@@ -11,8 +11,16 @@
 mod appraised;
 mod calibration;
 mod evaluation;
+mod field;
+mod forward;
+mod kriging;
+mod noise;
 mod pearson;
+mod response;
+mod setting;
 mod solution;
+mod surrogate;
+mod threshold;
 
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
@@ -20,13 +28,16 @@ pub use evaluation::{
     TestPress, Unsolved, Within, evaluate,
 };
 pub use pearson::{ForceRule, Pearson, correlation};
+pub use setting::{Load, Setting};
 pub use solution::{Covariance, Solution, Verdict};
 
-use crate::quantity::{ArrayLayout, Place};
+use crate::quantity::Place;
 use appraised::Appraised;
+use forward::Forward;
+use surrogate::surrogate;
 
 /// The names [`fit`] knows, the paper's own first.
-pub const SOLVERS: [&str; 2] = ["pearson", "pearson-lsq"];
+pub const SOLVERS: [&str; 3] = ["pearson", "pearson-lsq", "surrogate"];
 
 /// A fitted method.
 pub trait Solver: Send + Sync {
@@ -68,19 +79,21 @@ pub struct Workspace {
     narrow: Vec<f32>,
     /// One score a row of a table.
     scores: Vec<f32>,
+    buffers: forward::Buffers,
 }
 
 /// Fits the method of that name.
-///
-/// `layout` tells where the units are, for methods that ask which one is closest; without it, the unit with the largest
-/// calibrated output at a point counts as its closest.
-pub fn fit(name: &str, calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Box<dyn Solver>, FitError> {
-    let force_rule = match name {
-        "pearson" => ForceRule::ClosestUnit,
-        "pearson-lsq" => ForceRule::LeastSquares,
+pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Box<dyn Solver>, FitError> {
+    if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
+        return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
+    }
+    let pearson = |rule| Pearson::fit(calibration, setting.layout, rule).map(Appraised::new);
+    Ok(match name {
+        "pearson" => Box::new(pearson(ForceRule::ClosestUnit)?),
+        "pearson-lsq" => Box::new(pearson(ForceRule::LeastSquares)?),
+        "surrogate" => Box::new(Forward::new("surrogate", surrogate(calibration)?, setting)),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
-    };
-    Ok(Box::new(Appraised::new(Pearson::fit(calibration, layout, force_rule)?)))
+    })
 }
 
 /// Why a method couldn't be fitted.
@@ -133,6 +146,7 @@ pub enum SolveError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::ArrayLayout;
 
     fn calibration() -> Calibration {
         let point = |x_mm, outputs| CalibrationPoint { place: Place::new(x_mm, 0.0), force_n: 1.0, outputs };
@@ -142,16 +156,16 @@ mod tests {
     #[test]
     fn every_listed_solver_can_be_fitted_and_answers_to_its_name() {
         for name in SOLVERS {
-            assert_eq!(fit(name, &calibration(), None).unwrap().name(), name);
+            assert_eq!(fit(name, &calibration(), &Setting::default()).unwrap().name(), name);
         }
     }
 
     #[test]
     fn an_unknown_name_and_a_foreign_layout_are_refused() {
-        let refusal = fit("person", &calibration(), None).err().unwrap();
+        let refusal = fit("person", &calibration(), &Setting::default()).err().unwrap();
         assert!(refusal.to_string().contains("pearson-lsq"), "{refusal}");
         let layout = ArrayLayout::grid(3, 3, 4.5);
-        let refusal = fit("pearson", &calibration(), Some(&layout)).err().unwrap();
+        let refusal = fit("pearson", &calibration(), &Setting::of_layout(Some(&layout))).err().unwrap();
         assert_eq!(refusal, FitError::Layout { layout: 9, calibration: 3 });
     }
 }

@@ -7,7 +7,9 @@ use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::{self, Phase, Plan};
 use crate::rig::RigSpec;
 use crate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
-use crate::solver::{Calibration, CalibrationPoint, ErrorSummary, Evaluation, SOLVERS, TestPress, evaluate, fit};
+use crate::solver::{
+    Calibration, CalibrationPoint, ErrorSummary, Evaluation, SOLVERS, Setting, TestPress, evaluate, fit,
+};
 use serde::Serialize;
 use tokio::runtime::Builder;
 
@@ -232,7 +234,7 @@ fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
         .iter()
         .map(|row| TestPress { place: place(row), force_n: Some(row.force_set_n), outputs: &row.outputs })
         .collect();
-    let solver = fit(SOLVERS[0], &Calibration::new(&points).ok()?, Some(layout)).ok()?;
+    let solver = fit(SOLVERS[0], &Calibration::new(&points).ok()?, &Setting::of_layout(Some(layout))).ok()?;
     evaluate(solver.as_ref(), &presses).ok()
 }
 

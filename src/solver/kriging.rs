@@ -1,0 +1,300 @@
+use faer::{Mat, Side};
+
+/// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the
+/// Matérn 5/2 covariance, also known as kriging (Rasmussen and Williams 2006, equations 2.25, 4.17 and 5.8).
+///
+/// A place has any number of coordinates. All outputs share one correlation length, since what smooths them is the same
+/// cover; each has its own scale and noise. Length, scales and noises are those of the largest marginal likelihood.
+#[derive(Clone)]
+pub(super) struct Kriging {
+    dimensions: usize,
+    outputs: usize,
+    /// Row-major, places x dimensions.
+    places: Vec<f64>,
+    correlation: Correlation,
+    /// Mean of each output; 0 where the process is taken to be about 0.
+    mean: Vec<f64>,
+    /// Noise variance over the process' variance, one an output.
+    noise_ratio: Vec<f64>,
+    /// Row-major, places x outputs: a prediction is a product of covariances with these.
+    weights: Vec<f64>,
+    eigen: Eigen,
+}
+
+/// What a process regressed without one of its places says there.
+pub(super) struct HeldOut {
+    /// Measured less predicted, row-major places x outputs.
+    pub residuals: Vec<f64>,
+    /// Variance of the prediction over that of the noise, row-major places x outputs.
+    pub leverage: Vec<f64>,
+}
+
+/// The most places a process is regressed from; of more, those farthest apart are taken. The cost grows with the cube.
+pub(super) const MOST_PLACES: usize = 1200;
+
+/// The most places the correlation length is sought with.
+const MOST_PLACES_TO_SEEK_WITH: usize = 160;
+
+/// How many lengths are tried, evenly by their logarithm, from the spacing of the places to twice their extent.
+const LENGTHS: usize = 12;
+
+/// Noise ratios that are tried: 10^(-8 + i / 4).
+const NOISE_RATIOS: i32 = 36;
+
+/// Standard deviation of the logarithm of the noise ratios of one array's units: a factor of 4.5.
+const NOISE_ALIKE: f64 = 1.5;
+
+/// Rounds in which the noise ratios and their mean find each other.
+const ROUNDS_OF_NOISE: usize = 5;
+
+impl Kriging {
+    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions), about the mean of each
+    /// output or about 0. At least one place; everything finite.
+    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, about_mean: bool) -> Self {
+        let count = places.len() / dimensions;
+        let mean = if about_mean { column_means(values, outputs) } else { vec![0.0; outputs] };
+        let centred = |row: usize, output: usize| values[row * outputs + output] - mean[output];
+
+        let few = farthest_apart(places, dimensions, MOST_PLACES_TO_SEEK_WITH.min(count));
+        let few_places: Vec<f64> =
+            few.iter().flat_map(|&row| &places[row * dimensions..][..dimensions]).copied().collect();
+        let few_values = Mat::from_fn(few.len(), outputs, |row, output| centred(few[row], output));
+        let likelihood = |correlation: Correlation| {
+            let eigen = Eigen::of(&few_places, dimensions, correlation);
+            let turned = eigen.vectors.transpose() * &few_values;
+            eigen.likeliest_noise(&turned).iter().map(|noise| noise.likelihood).sum::<f64>()
+        };
+        let correlation = likeliest(&few_places, dimensions, likelihood);
+
+        let eigen = Eigen::of(places, dimensions, correlation);
+        let turned = eigen.vectors.transpose() * Mat::from_fn(count, outputs, centred);
+        let noise = eigen.likeliest_noise(&turned);
+
+        let scaled =
+            Mat::from_fn(count, outputs, |i, output| turned[(i, output)] / (eigen.values[i] + noise[output].ratio));
+        let weights = &eigen.vectors * scaled;
+        Kriging {
+            dimensions,
+            outputs,
+            places: places.to_vec(),
+            correlation,
+            mean,
+            noise_ratio: noise.iter().map(|noise| noise.ratio).collect(),
+            weights: (0..count).flat_map(|row| (0..outputs).map(move |o| (row, o))).map(|at| weights[at]).collect(),
+            eigen,
+        }
+    }
+
+    /// Over which distance the outputs change, in the places' unit.
+    pub fn length(&self) -> f64 {
+        self.correlation.length
+    }
+
+    /// The outputs at a place, one each.
+    pub fn predict(&self, place: &[f64], outputs: &mut [f64]) {
+        outputs.copy_from_slice(&self.mean);
+        for (known, weights) in self.places.chunks_exact(self.dimensions).zip(self.weights.chunks_exact(self.outputs)) {
+            let covariance = self.correlation.at(distance(place, known));
+            for (output, weight) in outputs.iter_mut().zip(weights) {
+                *output += covariance * weight;
+            }
+        }
+    }
+
+    /// The variance of each prediction over that of the noise: row-major, places x outputs. About one over the number of
+    /// measurements that a prediction is the mean of; large where there are none.
+    pub fn leverage(&self, places: &[f64]) -> Vec<f64> {
+        let (count, known) = (places.len() / self.dimensions, self.eigen.values.len());
+        let row = |i: usize| &places[i * self.dimensions..][..self.dimensions];
+        let own = |i: usize| &self.places[i * self.dimensions..][..self.dimensions];
+        let covariances = Mat::from_fn(known, count, |i, j| self.correlation.at(distance(own(i), row(j))));
+        let turned = self.eigen.vectors.transpose() * covariances;
+        let precisions = self.precisions();
+        let mut leverage = Vec::with_capacity(count * self.outputs);
+        for j in 0..count {
+            for (ratio, precisions) in self.noise_ratio.iter().zip(&precisions) {
+                let told: f64 = turned.col_as_slice(j).iter().zip(precisions).map(|(t, p)| t * t * p).sum();
+                leverage.push((1.0 - told).max(0.0) / ratio);
+            }
+        }
+        leverage
+    }
+
+    /// What each place would be predicted to be without it, in closed form (equations 5.10 to 5.12).
+    pub fn held_out(&self) -> HeldOut {
+        let count = self.eigen.values.len();
+        let mut precision = vec![0.0; count * self.outputs];
+        for (i, vector) in self.eigen.vectors.col_iter().enumerate() {
+            for (row, sums) in precision.chunks_exact_mut(self.outputs).enumerate() {
+                let square = vector[row] * vector[row];
+                for (sum, ratio) in sums.iter_mut().zip(&self.noise_ratio) {
+                    *sum += square / (self.eigen.values[i] + ratio);
+                }
+            }
+        }
+        let residuals = self.weights.iter().zip(&precision).map(|(weight, precision)| weight / precision).collect();
+        let ratios = self.noise_ratio.iter().cycle();
+        let leverage = precision.iter().zip(ratios).map(|(p, ratio)| (1.0 / (p * ratio) - 1.0).max(0.0)).collect();
+        HeldOut { residuals, leverage }
+    }
+
+    /// One over eigenvalue plus noise ratio, an output each.
+    fn precisions(&self) -> Vec<Vec<f64>> {
+        let of = |ratio: &f64| self.eigen.values.iter().map(|value| 1.0 / (value + ratio)).collect();
+        self.noise_ratio.iter().map(of).collect()
+    }
+}
+
+/// Up to `count` rows that lie far apart, each the farthest from those before it, the first row first.
+pub(super) fn farthest_apart(places: &[f64], dimensions: usize, count: usize) -> Vec<usize> {
+    let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
+    if rows.len() <= count {
+        return (0..rows.len()).collect();
+    }
+    let mut apart = vec![f64::INFINITY; rows.len()];
+    let mut chosen = Vec::with_capacity(count);
+    let mut next = 0;
+    while chosen.len() < count {
+        chosen.push(next);
+        for (apart, row) in apart.iter_mut().zip(&rows) {
+            *apart = apart.min(distance(row, rows[next]));
+        }
+        next = (0..rows.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b]).then(b.cmp(&a))).unwrap_or(0);
+    }
+    chosen
+}
+
+/// Eigenvalues and eigenvectors of the correlations between places.
+#[derive(Clone)]
+struct Eigen {
+    values: Vec<f64>,
+    vectors: Mat<f64>,
+}
+
+/// A noise ratio, and how likely an output's values are under it.
+#[derive(Clone, Copy)]
+struct NoiseRatio {
+    /// Noise variance over the process' variance.
+    ratio: f64,
+    /// Logarithm of the marginal likelihood, less what doesn't depend on the ratio.
+    likelihood: f64,
+}
+
+impl Eigen {
+    fn of(places: &[f64], dimensions: usize, correlation: Correlation) -> Self {
+        let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
+        let correlations = Mat::from_fn(rows.len(), rows.len(), |i, j| match i >= j {
+            true => correlation.at(distance(rows[i], rows[j])),
+            false => 0.0,
+        });
+        match correlations.self_adjoint_eigen(Side::Lower) {
+            Ok(eigen) => Eigen {
+                values: eigen.S().column_vector().iter().map(|value| value.max(0.0)).collect(),
+                vectors: eigen.U().to_owned(),
+            },
+            // Finite, symmetric matrices decompose; should one not, nothing is correlated and every prediction is the mean.
+            Err(_) => Eigen { values: vec![1.0; rows.len()], vectors: Mat::identity(rows.len(), rows.len()) },
+        }
+    }
+
+    /// The likeliest noise ratio of each output, given its values in the eigenvectors' frame.
+    ///
+    /// Of few places the likelihood alone can take the smoothest noise for signal. The units of one array are alike, though: their
+    /// ratios are drawn from one log-normal distribution, whose mean is found with them.
+    fn likeliest_noise(&self, turned: &Mat<f64>) -> Vec<NoiseRatio> {
+        let ratios = (0..NOISE_RATIOS).map(|i| 10f64.powf(-8.0 + f64::from(i) / 4.0));
+        let precisions: Vec<(f64, f64, Vec<f64>)> = ratios
+            .map(|ratio| {
+                let determinant = self.values.iter().map(|value| (value + ratio).ln()).sum();
+                (ratio, determinant, self.values.iter().map(|value| 1.0 / (value + ratio)).collect())
+            })
+            .collect();
+        let of_output = |output: usize| -> Vec<NoiseRatio> {
+            let turned = turned.col_as_slice(output);
+            let tried = precisions.iter().map(|(ratio, determinant, precision)| {
+                let squares = turned.iter().zip(precision).map(|(turned, precision)| turned * turned * precision);
+                let count = turned.len() as f64;
+                // an output that is 0 everywhere is as likely under any ratio
+                let scale = (squares.sum::<f64>() / count).max(f64::MIN_POSITIVE);
+                NoiseRatio { ratio: *ratio, likelihood: -0.5 * (count * scale.ln() + determinant) }
+            });
+            tried.collect()
+        };
+        let curves: Vec<Vec<NoiseRatio>> = (0..turned.ncols()).map(of_output).collect();
+        let in_common = |i: &usize| curves.iter().map(|curve| curve[*i].likelihood).sum::<f64>();
+        let together = (0..precisions.len()).max_by(|a, b| in_common(a).total_cmp(&in_common(b))).unwrap_or(0);
+        let mut mean = precisions[together].0.ln();
+        let mut chosen = Vec::new();
+        for _ in 0..ROUNDS_OF_NOISE {
+            let prior = |noise: &NoiseRatio| -0.5 * ((noise.ratio.ln() - mean) / NOISE_ALIKE).powi(2);
+            let posterior = |noise: NoiseRatio| NoiseRatio { likelihood: noise.likelihood + prior(&noise), ..noise };
+            let best = |curve: &Vec<NoiseRatio>| {
+                curve.iter().map(|noise| posterior(*noise)).max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))
+            };
+            chosen = curves.iter().filter_map(best).collect();
+            mean = chosen.iter().map(|noise| noise.ratio.ln()).sum::<f64>() / chosen.len().max(1) as f64;
+        }
+        chosen
+    }
+}
+
+/// The correlation of the largest likelihood, its length between the spacing of the places and twice their extent.
+fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation) -> f64) -> Correlation {
+    let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
+    let apart = |i: usize, j: usize| distance(rows[i], rows[j]);
+    let extent = (0..rows.len()).map(|i| apart(0, i)).fold(0.0, f64::max);
+    if extent == 0.0 {
+        return Correlation { smoothness: Smoothness::Matern, length: 1.0 }; // one place only: any length will do
+    }
+    let others = |i: usize| (0..rows.len()).filter(move |&j| j != i);
+    let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
+    let spacing = (0..rows.len()).map(nearest).fold(extent, f64::min).max(extent / 1000.0);
+    let (least, most) = (spacing.ln(), (2.0 * extent).ln());
+    let length = |i: usize| (least + (most - least) * i as f64 / (LENGTHS - 1) as f64).exp();
+    let tried = [Smoothness::Matern, Smoothness::Gaussian]
+        .into_iter()
+        .flat_map(|smoothness| (0..LENGTHS).map(move |i| Correlation { smoothness, length: length(i) }))
+        .map(|correlation| (correlation, likelihood(correlation)));
+    tried
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(Correlation { smoothness: Smoothness::Matern, length: extent }, |best| best.0)
+}
+
+/// How alike the outputs at two places are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Correlation {
+    smoothness: Smoothness,
+    /// In the places' unit.
+    length: f64,
+}
+
+/// How smooth the outputs are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Smoothness {
+    /// Twice differentiable.
+    Matern,
+    /// Without an end.
+    Gaussian,
+}
+
+impl Correlation {
+    fn at(&self, apart: f64) -> f64 {
+        let lengths = apart / self.length;
+        match self.smoothness {
+            Smoothness::Matern => {
+                let r = 5f64.sqrt() * lengths;
+                (1.0 + r + r * r / 3.0) * (-r).exp()
+            }
+            Smoothness::Gaussian => (-0.5 * lengths * lengths).exp(),
+        }
+    }
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+fn column_means(values: &[f64], columns: usize) -> Vec<f64> {
+    let rows = (values.len() / columns).max(1) as f64;
+    (0..columns).map(|column| values[column..].iter().step_by(columns).sum::<f64>() / rows).collect()
+}

@@ -1,0 +1,41 @@
+use super::field::Field;
+use super::noise::{Noise, Residual};
+use crate::quantity::Place;
+
+/// What the array reads under one contact, from place to place, and how far that can be trusted: the forward map that a
+/// forward solver inverts.
+#[derive(Clone, Debug)]
+pub(super) struct Response {
+    /// Each unit's output a newton.
+    pub field: Field,
+    /// The variance of that over the variance which the noise of one calibration press has, a unit each.
+    pub leverage: Field,
+    /// How far an output strays from the map.
+    pub noise: Noise,
+    /// The force that the calibration was pressed with, N: the map's error grows with the force over this.
+    pub force_n: f64,
+    /// The calibration's presses against a map made without them.
+    pub held: Vec<Held>,
+}
+
+/// A calibration press against a map made without it.
+#[derive(Clone, Debug)]
+pub(super) struct Held {
+    /// Where it was pressed.
+    pub place: Place,
+    /// How hard, N.
+    pub force_n: f64,
+    /// One a unit.
+    pub residuals: Vec<Residual>,
+}
+
+impl Response {
+    /// The variance of one unit's output under `force_n`, where a newton gives `per_newton`: the noise of the reading, and the
+    /// map's own error.
+    #[inline]
+    pub fn variance(&self, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
+        let share = force_n / self.force_n;
+        let of_calibration = self.noise.variance(unit, self.force_n * per_newton);
+        self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
+    }
+}

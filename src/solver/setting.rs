@@ -1,0 +1,57 @@
+use crate::quantity::ArrayLayout;
+
+/// What a fit is told beside the calibration.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting<'a> {
+    /// Where the units are, for methods that ask: the closest one, or the elastic response at each. Without it the unit with the
+    /// largest calibrated output at a point counts as its closest.
+    pub layout: Option<&'a ArrayLayout>,
+    /// Whether contacts to come press as hard as the calibration did.
+    pub load: Load,
+    /// How many single contacts may be called something else: the share of false alarms of each verdict.
+    pub false_alarms: f64,
+    /// The forces to come, N; without it from a tenth of the calibration's to the calibration's.
+    pub forces_n: Option<(f64, f64)>,
+}
+
+/// Whether the force of contacts to come is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Load {
+    /// It isn't: only what doesn't depend on the amplitude tells the place.
+    #[default]
+    Unknown,
+    /// Every contact presses as hard as the calibration did: the amplitude tells of the place too.
+    Constant,
+}
+
+/// The least force to come over the calibration's, unless it is told: the paper tests at a tenth.
+const LEAST_FORCE_SHARE: f64 = 0.1;
+
+impl Default for Setting<'_> {
+    fn default() -> Self {
+        Setting { layout: None, load: Load::default(), false_alarms: 0.01, forces_n: None }
+    }
+}
+
+impl<'a> Setting<'a> {
+    /// The default, with a layout.
+    pub fn of_layout(layout: Option<&'a ArrayLayout>) -> Self {
+        Setting { layout, ..Setting::default() }
+    }
+
+    /// The forces to come after a calibration at `calibrated_n`, N.
+    pub(super) fn force_range(&self, calibrated_n: f64) -> (f64, f64) {
+        match self.load {
+            Load::Constant => (calibrated_n, calibrated_n),
+            Load::Unknown => self.forces_n.unwrap_or((LEAST_FORCE_SHARE * calibrated_n, calibrated_n)),
+        }
+    }
+
+    /// How many unknowns a reading is solved for.
+    pub(super) fn unknowns(&self) -> usize {
+        match self.load {
+            Load::Unknown => 3,
+            Load::Constant => 2,
+        }
+    }
+}

@@ -1,0 +1,94 @@
+use super::Setting;
+use super::response::Response;
+use crate::quantity::stream;
+use rand::distr::Distribution;
+use rand_distr::StandardNormal;
+use statrs::distribution::{ChiSquared, ContinuousCDF, Gamma};
+
+/// What the sum of squares of a single contact's residuals is exceeded by as rarely as asked, learned from the calibration's own
+/// presses, each held against a map made without it and rescaled over the forces to come.
+///
+/// The sums of these presses give a gamma distribution by their mean and variance (for perfect weights a chi-squared one): of
+/// some hundreds of presses, the tail itself says much less than these two.
+pub(super) struct Threshold {
+    misfit: f64,
+}
+
+/// How many forces each held press is rescaled to.
+const FORCES_A_PRESS: usize = 4;
+
+impl Threshold {
+    pub fn new(response: &Response, setting: &Setting<'_>) -> Self {
+        let units = response.field.channels();
+        let mut rng = stream(0, 0, "thresholds");
+        let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
+        let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
+        let (least, most) = setting.force_range(response.force_n);
+        for (index, held) in response.held.iter().enumerate() {
+            response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
+            for part in 0..FORCES_A_PRESS {
+                // evenly over the forces, shuffled over the presses
+                let quantile = (index as f64 * 0.618_033_988_749_895 + part as f64 / FORCES_A_PRESS as f64).fract();
+                let force_n = least + (most - least) * quantile;
+                let share = force_n / held.force_n;
+                let rows = held.residuals.iter().enumerate().map(|(unit, residual)| {
+                    let g = value[unit];
+                    let variance = response.noise.variance(unit, force_n * g)
+                        + share * share * residual.leverage * response.noise.variance(unit, held.force_n * g);
+                    // Additive noise doesn't shrink with the force as the rest of a residual does.
+                    let missing = response.noise.additive_variance(unit) * (1.0 - share * share).max(0.0);
+                    let normal: f64 = StandardNormal.sample(&mut rng);
+                    let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g];
+                    (share * residual.residual + missing.sqrt() * normal, 1.0 / variance, jacobian)
+                });
+                sums.push(left_over(rows, setting.unknowns()));
+            }
+        }
+        let count = sums.len().max(1) as f64;
+        let mean = sums.iter().sum::<f64>() / count;
+        let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / count;
+        let misfit = Gamma::new(mean * mean / variance, mean / variance)
+            .map(|gamma| gamma.inverse_cdf(1.0 - setting.false_alarms))
+            .ok()
+            .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
+            .unwrap_or_else(|| Self::quantile(units.saturating_sub(setting.unknowns()), setting.false_alarms));
+        Threshold { misfit }
+    }
+
+    /// The threshold of the misfit of one contact.
+    pub fn of_misfit(&self) -> f64 {
+        self.misfit
+    }
+
+    /// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
+    pub fn quantile(degrees: usize, probability: f64) -> f64 {
+        ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |chi2| chi2.inverse_cdf(1.0 - probability))
+    }
+}
+
+/// What remains of a weighted sum of squares once the unknowns have been fitted, to first order: each Jacobian column in turn is
+/// projected out.
+fn left_over(rows: impl Iterator<Item = (f64, f64, [f64; 3])>, unknowns: usize) -> f64 {
+    let mut rows: Vec<(f64, [f64; 3])> = rows
+        .map(|(residual, weight, jacobian)| (residual * weight.sqrt(), jacobian.map(|j| j * weight.sqrt())))
+        .collect();
+    for unknown in 0..unknowns {
+        let length: f64 = rows.iter().map(|(_, jacobian)| jacobian[unknown].powi(2)).sum();
+        if !(length > 0.0) {
+            continue;
+        }
+        let onto = |of: &dyn Fn(&(f64, [f64; 3])) -> f64| {
+            rows.iter().map(|row| row.1[unknown] * of(row)).sum::<f64>() / length
+        };
+        let of_residual = onto(&|row| row.0);
+        let of_others = [0, 1, 2].map(|other| onto(&|row| row.1[other]));
+        for (residual, jacobian) in &mut rows {
+            let column = jacobian[unknown];
+            *residual -= of_residual * column;
+            for other in unknown + 1..3 {
+                jacobian[other] -= of_others[other] * column;
+            }
+        }
+    }
+    rows.iter().map(|(residual, _)| residual * residual).sum()
+}
