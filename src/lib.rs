@@ -22,7 +22,7 @@
 //! | 2 | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |
 //! | 2 | [`solver`] | calibration and reading to contact, and their evaluation |
 //! | 2 | [`wire`] | links: how bytes get there and back |
-//! | 1 | [`mechanics`] | closed-form elasticity |
+//! | 1 | [`mechanics`] | linear elasticity: what a taxel reads of a load |
 //! | 1 | [`quantity`] | the vocabulary, with units |
 //!
 //! # One press, followed through

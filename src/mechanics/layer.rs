@@ -1,0 +1,78 @@
+/// What the load presses on, and so how its stress spreads on the way to the taxels. Frictionless normal load at the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Medium {
+    /// An elastic half-space (Boussinesq): there is no end below the taxels. Poisson's ratio doesn't matter.
+    HalfSpace,
+    /// An elastic layer bonded to a rigid base, with the taxels at the bond.
+    BondedLayer {
+        /// Poisson's ratio, 0 to [`MOST_POISSON_RATIO`]; silicone rubber has some 0.49.
+        poisson_ratio: f64,
+    },
+}
+
+/// The largest Poisson's ratio that is used, 1: nearly incompressible.
+pub const MOST_POISSON_RATIO: f64 = 0.4999;
+
+impl Medium {
+    /// What is left at depth H of a pressure that varies along the surface as J0(h r / H): the Hankel transform (order 0) of the
+    /// normal stress under a unit load. 1 at h = 0, since the whole load arrives.
+    ///
+    /// Half-space: `(1 + h) e^-h`. Bonded layer: with `U` and `W` the transforms of the radial (order 1) and the normal
+    /// displacement and `s` the height over the base in units of H / h, Navier's equations have the solution that is at rest
+    /// at the base
+    ///
+    /// ```text
+    /// U =  s (A sinh s + B cosh s) + (3 - 4 nu) B sinh s
+    /// W = -s (A cosh s + B sinh s) + (3 - 4 nu) A sinh s
+    /// ```
+    ///
+    /// No shear and unit pressure at the top (s = h) give A and B; the stress at the base is proportional to
+    /// 2 (1 - nu) A. (Burmister 1945; Johnson, Contact Mechanics, 1985, section 5.8, for the plane counterpart.)
+    pub(super) fn transform(self, h: f64) -> f64 {
+        match self {
+            Medium::HalfSpace => (1.0 + h) * (-h).exp(),
+            Medium::BondedLayer { poisson_ratio: nu } => {
+                let (sinh, cosh) = (h.sinh(), h.cosh());
+                let twice = 2.0 * (1.0 - nu);
+                twice * (h * sinh + twice * cosh) / (h * h + twice * twice + (3.0 - 4.0 * nu) * sinh * sinh)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_layers_transform_meets_its_boundary_conditions() {
+        for nu in [0.0, 0.3, 0.49, MOST_POISSON_RATIO] {
+            for h in [0.1, 1.0, 3.0, 8.0f64] {
+                // the solution of the document with A from the transform, and B such that there is no shear at the top
+                let a = Medium::BondedLayer { poisson_ratio: nu }.transform(h) / (2.0 * (1.0 - nu));
+                let b =
+                    -a * (h * h.cosh() - (1.0 - 2.0 * nu) * h.sinh()) / (h * h.sinh() + 2.0 * (1.0 - nu) * h.cosh());
+                let kappa = 3.0 - 4.0 * nu;
+                let u = |s: f64| s * (a * s.sinh() + b * s.cosh()) + kappa * b * s.sinh();
+                let w = |s: f64| -s * (a * s.cosh() + b * s.sinh()) + kappa * a * s.sinh();
+                let slope = |f: &dyn Fn(f64) -> f64, s: f64| (f(s + 1e-5) - f(s - 1e-5)) / 2e-5;
+                // in units of 2 G h: sigma_z = W' + nu / (1 - 2 nu) (U + W'), tau = (U' - W) / 2
+                let normal = |s: f64| slope(&w, s) + nu / (1.0 - 2.0 * nu) * (u(s) + slope(&w, s));
+                let shear = (slope(&u, h) - w(h)) / 2.0;
+                assert_eq!((u(0.0), w(0.0)), (0.0, 0.0));
+                // a finite difference over 1 - 2 nu knows no more than some 1e-6
+                assert!(shear.abs() < 1e-6, "nu {nu}, h {h}: shear {shear}");
+                assert!((normal(h) - 1.0).abs() < 1e-5, "nu {nu}, h {h}: pressure {}", normal(h));
+                let arrives = Medium::BondedLayer { poisson_ratio: nu }.transform(h);
+                assert!((normal(0.0) - arrives).abs() < 1e-5, "nu {nu}, h {h}: base {} {arrives}", normal(0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn the_whole_load_arrives() {
+        for medium in [Medium::HalfSpace, Medium::BondedLayer { poisson_ratio: 0.3 }] {
+            assert_eq!(medium.transform(0.0), 1.0);
+        }
+    }
+}
