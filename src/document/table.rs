@@ -314,7 +314,10 @@ impl<'d> Table<'d> {
         match number {
             Some(n) if !n.is_finite() => self.fail(value, format!("`{key}` is not a finite number")),
             Some(n) if bounds.admit(n) => Some(n),
-            Some(n) => self.fail(value, format!("`{key}` is {n}, must be {} {}", bounds.interval(), bounds.unit)),
+            Some(n) => {
+                let told = format!("`{key}` is {n}, must be {} {}", bounds.interval(), bounds.unit);
+                self.fail(value, told.trim_end().to_owned())
+            }
             None => self.fail(value, format!("`{key}` is not a number this program can hold")),
         }
     }
