@@ -34,8 +34,8 @@ fn paper_rig() -> RigSpec {
 fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> RigSpec {
     let mut spec = paper_rig();
     let mut scene = spec.scene.clone();
-    scene.taxel_noise_percent = None;
-    scene.hysteresis_percent = None;
+    scene.skin.noise = None;
+    scene.skin.hysteresis_percent = None;
     change(&mut spec, &mut scene);
     spec.scene = scene;
     spec

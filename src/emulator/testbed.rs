@@ -2,7 +2,7 @@
 
 use super::{Instrument, Shared, serve};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position};
-use crate::scene::{Contact, Elastomer, Latencies, LoadCell, Scene, SceneSpec, Setting, Trajectory};
+use crate::scene::{Contact, Elastomer, Latencies, LoadCell, Scene, SceneSpec, Setting, SkinSpec, Trajectory};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -28,7 +28,7 @@ pub fn scene() -> Scene {
 pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
     let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
     let mut spec = SceneSpec {
-        elastomer: Some(Elastomer { depth_mm: 5.0 }),
+        skin: SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() },
         contact: Contact { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
         relaxation: Vec::new(),
         surface_tilt_mm: 0.0,
@@ -36,8 +36,6 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
         stiffness: None,
         stage: None,
         load_cell: None,
-        taxel_noise_percent: None,
-        hysteresis_percent: None,
         latencies,
         faults: Vec::new(),
     };

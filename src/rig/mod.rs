@@ -6,6 +6,7 @@
 mod open;
 mod parse;
 mod scene;
+mod skin;
 
 pub use open::{EmulatedDevice, OpenRig, SceneProbe, SimulatedRig, Wiring};
 pub use parse::parse;

@@ -1,10 +1,10 @@
 use super::SIM_RIG;
+use super::skin::read_skin;
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::scene::{
-    Branch, Contact, Elastomer, Fault, FaultKind, Latencies, LoadCell, Relief, SceneSpec, Servo, Spikes, Stiffness,
+    Branch, Contact, Fault, FaultKind, Latencies, LoadCell, Relief, SceneSpec, Servo, Spikes, Stiffness,
 };
 
-const DEPTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
 const CURVATURE: Bounds = Bounds::within(0.0, 100_000.0, "N/mm^2");
 const TOE: Bounds = Bounds::within(0.0, 10.0, "mm");
@@ -18,7 +18,6 @@ const QUANTUM: Bounds = Bounds::within(0.0, 1.0, "mm");
 const CORNER: Bounds = Bounds::within(0.1, 1e6, "Hz");
 const FORCE: Bounds = Bounds::within(0.0, 100.0, "N");
 const OFFSET: Bounds = Bounds::within(-100.0, 100.0, "N");
-const PERCENT: Bounds = Bounds::within(0.0, 100.0, "%");
 const LATENCY: Bounds = Bounds::within(0.0, 10_000.0, "ms");
 const ANY_SHARE: Bounds = Bounds::within(0.0, 1.0, "");
 const FROM: Bounds = Bounds::within(0.0, 1e9, "s");
@@ -39,7 +38,8 @@ pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
         root.leave_the_rest();
         root.require_table("scene").and_then(|table| read_scene(table, None))
     })?;
-    for percents in [&mut paper.taxel_noise_percent, &mut paper.hysteresis_percent].into_iter().flatten() {
+    let noise = paper.skin.noise.as_mut().map(|noise| &mut noise.repeatability_percent);
+    for percents in [noise, paper.skin.hysteresis_percent.as_mut()].into_iter().flatten() {
         *percents = percents.iter().copied().cycle().take(units).collect();
     }
     Ok(paper)
@@ -47,11 +47,7 @@ pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
 
 /// Reads `[scene]`: each term is there because it is named.
 pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<SceneSpec> {
-    let elastomer = scene.table("elastomer").and_then(|mut table| {
-        let depth_mm = table.require_number("depth_mm", DEPTH);
-        table.finish();
-        Some(Elastomer { depth_mm: depth_mm? })
-    });
+    let skin = read_skin(&mut scene, units);
     let contact = scene.require_table("contact").and_then(|mut table| {
         let linear_n_mm = table.require_number("linear_n_mm", STIFFNESS);
         let quadratic_n_mm2 = table.number("quadratic_n_mm2", CURVATURE).unwrap_or(0.0);
@@ -85,13 +81,11 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         table.finish();
         LoadCell { noise_n, offset_n, transport_s, low_pass_hz }
     });
-    let taxel_noise_percent = read_percents(&mut scene, "taxel_noise", "repeatability_percent", units);
-    let hysteresis_percent = read_percents(&mut scene, "hysteresis", "hysteresis_percent", units);
     let latencies = read_latencies(&mut scene);
     let faults = document::all(scene.tables("fault").into_iter().map(read_fault));
     scene.finish();
     Some(SceneSpec {
-        elastomer,
+        skin: skin?,
         contact: contact?,
         relaxation: relaxation?,
         surface_tilt_mm,
@@ -99,8 +93,6 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         stiffness,
         stage,
         load_cell,
-        taxel_noise_percent,
-        hysteresis_percent,
         latencies,
         faults: faults?,
     })
@@ -145,26 +137,6 @@ fn read_fault(mut table: Table) -> Option<Fault> {
     Some(Fault { kind: kind?, from_s: from_s?, value })
 }
 
-/// One percentage a unit.
-fn read_percents(scene: &mut Table, term: &'static str, key: &'static str, units: Option<usize>) -> Option<Vec<f64>> {
-    let mut table = scene.table(term)?;
-    if !table.has(key) {
-        table.complain(Problem::new(
-            table.span(),
-            format!("`{key}` is missing in `scene.{term}`: a list, one % a unit"),
-        ));
-    }
-    let percents = table.numbers(key, PERCENT);
-    if let (Some(percents), Some(units)) = (&percents, units)
-        && percents.len() != units
-    {
-        let told = format!("`{key}` has {} values for {units} units", percents.len());
-        table.complain(Problem::new(table.span_of(key), told));
-    }
-    table.finish();
-    percents
-}
-
 fn read_latencies(scene: &mut Table) -> Latencies {
     let mut latencies = LATENCIES;
     if let Some(mut table) = scene.table("latency_ms") {
@@ -197,7 +169,7 @@ mod tests {
         let scene = |text| super::super::parse("rig.toml", text, &|_| unreachable!()).unwrap().scene;
         assert_eq!(scene(with), scene(without));
         let wider = without.replace("columns = 3", "columns = 4");
-        let noise = scene(&wider).taxel_noise_percent.unwrap();
+        let noise = scene(&wider).skin.noise.unwrap().repeatability_percent;
         assert_eq!((noise.len(), noise[9]), (12, noise[0]));
     }
 

@@ -7,6 +7,7 @@ mod contact;
 mod faults;
 mod load_cell;
 mod motion;
+mod skin;
 mod spec;
 mod spots;
 mod surface;
@@ -15,9 +16,8 @@ mod truth;
 
 pub use faults::{Fault, FaultKind};
 pub use motion::Trajectory;
-pub use spec::{
-    Branch, Contact, Device, Elastomer, Latencies, LoadCell, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness,
-};
+pub use skin::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
+pub use spec::{Branch, Contact, Device, Latencies, LoadCell, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness};
 pub use truth::Truth;
 
 use crate::quantity::{Axis, Place, Stream, stream};
@@ -91,7 +91,7 @@ impl Scene {
             curve: CurveAt { nominal: spec.contact, more },
             contact: ContactState::new(spec.contact, spec.relaxation),
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
-            taxels: TaxelState::new(spec.elastomer, spec.taxel_noise_percent, spec.hysteresis_percent, &setting),
+            taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, seed)),
             latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Setting { latencies: spec.latencies, ..setting },
             faults: Faults::new(spec.faults),

@@ -1,11 +1,12 @@
 use super::faults::Fault;
+use super::skin::SkinSpec;
 use crate::quantity::{ArrayLayout, Frame, Position};
 
 /// The physical terms a scene names; what is `None` or empty isn't modelled.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneSpec {
-    /// The cover over the taxels; none: the taxels read nothing.
-    pub elastomer: Option<Elastomer>,
+    /// What the taxels read.
+    pub skin: SkinSpec,
     /// Relaxed force against depth.
     pub contact: Contact,
     /// What a sudden load adds, and how it decays.
@@ -20,21 +21,10 @@ pub struct SceneSpec {
     pub stage: Option<Servo>,
     /// What the load cell does to the force; none: it reads the truth.
     pub load_cell: Option<LoadCell>,
-    /// Loading repeatability of each taxel, % of full scale (PAPER Table 1); one sd is a third of it. None: no noise.
-    pub taxel_noise_percent: Option<Vec<f64>>,
-    /// Hysteresis of each taxel, % of full scale (PAPER Table 1). None: the unloading branch is the loading one.
-    pub hysteresis_percent: Option<Vec<f64>>,
     /// How long the devices take to answer.
     pub latencies: Latencies,
     /// What goes wrong, and when.
     pub faults: Vec<Fault>,
-}
-
-/// The elastomer cover as an elastic half-space (PAPER S2).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Elastomer {
-    /// Depth of the taxels below the surface, mm.
-    pub depth_mm: f64,
 }
 
 /// Relaxed contact force against depth s: `linear s + quadratic s^2`, with a parabolic toe.

@@ -3,9 +3,23 @@ use crate::quantity::{ArrayLayout, Down, Frame, Place, Position};
 
 const CONTACT: Contact = Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
 
+fn skin() -> SkinSpec {
+    SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() }
+}
+
+/// Noise of a third of 3 % of full scale.
+fn noisy_skin() -> SkinSpec {
+    let noise = TaxelNoise { repeatability_percent: vec![3.0; 9], of: NoiseOf::FullScale, floor: 0.0 };
+    SkinSpec { noise: Some(noise), ..skin() }
+}
+
+fn looped_skin(percent: f64) -> SkinSpec {
+    SkinSpec { hysteresis_percent: Some(vec![percent; 9]), ..skin() }
+}
+
 fn plain() -> SceneSpec {
     SceneSpec {
-        elastomer: Some(Elastomer { depth_mm: 5.0 }),
+        skin: skin(),
         contact: CONTACT,
         relaxation: vec![Branch { share: 0.05, time_s: 0.3 }, Branch { share: 0.05, time_s: 5.0 }],
         surface_tilt_mm: 0.0,
@@ -13,8 +27,6 @@ fn plain() -> SceneSpec {
         stiffness: None,
         stage: None,
         load_cell: None,
-        taxel_noise_percent: None,
-        hysteresis_percent: None,
         latencies: Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None },
         faults: vec![],
     }
@@ -124,7 +136,7 @@ fn the_readings_are_the_stress_at_the_taxels() {
 
 #[test]
 fn the_taxels_error_is_one_draw_a_contact_and_none_in_air() {
-    let noisy = SceneSpec { taxel_noise_percent: Some(vec![3.0; 9]), relaxation: vec![], ..plain() };
+    let noisy = SceneSpec { skin: noisy_skin(), relaxation: vec![], ..plain() };
     let mut scene = scene(noisy, 7);
     assert_eq!(centre(&mut scene, 0.1), 0.0);
     let mut errors = Vec::new();
@@ -145,7 +157,7 @@ fn the_taxels_error_is_one_draw_a_contact_and_none_in_air() {
 
 #[test]
 fn loading_is_straight_and_unloading_adds_the_loop() {
-    let looped = SceneSpec { hysteresis_percent: Some(vec![4.0; 9]), relaxation: vec![], ..plain() };
+    let looped = SceneSpec { skin: looped_skin(4.0), relaxation: vec![], ..plain() };
     let mut scene = scene(looped, 1);
     let up_s = go(&mut scene, 1.4, 10.0, 100.0, 0.0);
     let top_n = scene.true_force_n(up_s);
@@ -159,7 +171,7 @@ fn loading_is_straight_and_unloading_adds_the_loop() {
 
 #[test]
 fn the_relaxation_of_a_hold_does_not_flip_the_branch() {
-    let looped = SceneSpec { hysteresis_percent: Some(vec![5.0; 9]), ..plain() };
+    let looped = SceneSpec { skin: looped_skin(5.0), ..plain() };
     let mut scene = scene(looped, 1);
     let up_s = go(&mut scene, 0.8, 2.0, 100.0, 0.0);
     let held_s = up_s + 0.6;
@@ -188,7 +200,7 @@ fn the_load_cell_gives_one_draw_a_conversion() {
 fn a_press_draws_the_same_whatever_came_before() {
     let noisy = SceneSpec {
         load_cell: Some(LoadCell { noise_n: 0.003, ..LoadCell::default() }),
-        taxel_noise_percent: Some(vec![3.0; 9]),
+        skin: noisy_skin(),
         ..plain()
     };
     let drawn = |readings_before: usize| {

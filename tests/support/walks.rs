@@ -36,8 +36,8 @@ pub fn bench(name: &str) -> RigSpec {
     let text = BENCHES.iter().find(|(bench, _)| *bench == name).expect("a bench").1;
     let mut spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig");
     spec.stage.travel.axes[Axis::Z.index()].max = Z_MOST_MM;
-    spec.scene.taxel_noise_percent = None;
-    spec.scene.hysteresis_percent = None;
+    spec.scene.skin.noise = None;
+    spec.scene.skin.hysteresis_percent = None;
     spec
 }
 

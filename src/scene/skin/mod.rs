@@ -1,0 +1,230 @@
+//! What the taxels read of contacts, without a running scene: pure, and without an allocation a reading.
+
+mod spec;
+
+pub use spec::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
+
+use crate::mechanics::{Passage, Response};
+use crate::quantity::{ArrayLayout, Place, Stream, stream};
+use rand::RngExt;
+use rand::distr::Distribution;
+use rand_distr::StandardNormal;
+
+/// A specimen's taxels: which stress each of them sees, and what it makes of it.
+///
+/// A contact is read in two steps. [`add_load`](Self::add_load) adds what a load does to the outputs, without any error;
+/// several loads add up. [`read_out`](Self::read_out) turns that into readings: hysteresis, this contact's errors (drawn by
+/// [`draw_contact`](Self::draw_contact)), baseline, faults, converter. [`outputs`](Self::outputs) does both for one load.
+#[derive(Clone)]
+pub struct Skin {
+    units: Vec<Unit>,
+    /// The reading for the largest force straight above.
+    full_scale: f64,
+    noise_of: NoiseOf,
+    floor: f64,
+    baseline: f64,
+    faults: Vec<TaxelFault>,
+    converter: Option<Converter>,
+}
+
+#[derive(Clone)]
+struct Unit {
+    place: Place,
+    /// None: there is no elastomer.
+    response: Option<Response>,
+    /// The reading for 1 of its response.
+    gain: f64,
+    /// Standard deviation of its error, of full scale in reading units or of the reading as a share.
+    error_sd: f64,
+    /// Width of its hysteresis loop at half the full scale, reading units.
+    hysteresis: f64,
+    /// This contact's error: a share of the noise-free reading, and reading units.
+    error_of_reading: f64,
+    error: f64,
+}
+
+impl Skin {
+    /// The taxels of a specimen, in air. `full_scale_n` is the largest force they are specified for; what belongs to the
+    /// specimen (gains, true places, depths) is drawn from `seed` alone, each from a stream of its own.
+    ///
+    /// # Panics
+    /// If a list of percentages is shorter than the layout, or a fault names a unit that there isn't.
+    pub fn new(spec: &SkinSpec, layout: &ArrayLayout, full_scale_n: f64, seed: u64) -> Self {
+        let Taxels { gain_spread_percent, place_spread_mm, depth_spread_percent, baseline, .. } = spec.taxels;
+        let mut gains = Spread::new(gain_spread_percent / 100.0, "taxel gains", seed);
+        let mut places = Spread::new(place_spread_mm, "taxel places", seed);
+        let mut depths = Spread::new(depth_spread_percent / 100.0, "taxel depths", seed);
+        let nominal = spec.elastomer.map(|elastomer| Response::new(passage(spec, elastomer)));
+        let units = layout.places().iter().enumerate().map(|(index, at)| {
+            let of_response = 1.0 + gains.draw();
+            let place = Place::new(at.x_mm + places.draw(), at.y_mm + places.draw());
+            let deeper = 1.0 + depths.draw();
+            let response = nominal.as_ref().map(|nominal| deepened(nominal, deeper));
+            // 1 N straight above reads 1 where nothing is spread; the stress falls as the depth squared
+            let peak = nominal.as_ref().map_or(1.0, |nominal| nominal.at(0.0));
+            let drift = drift(&spec.faults, index + 1);
+            let percent = |list: &Option<Vec<f64>>| list.as_ref().map_or(0.0, |percent| percent[index] / 100.0);
+            let noise = spec.noise.as_ref().map_or(0.0, |noise| noise.repeatability_percent[index] / 100.0);
+            let error_sd = match noise_of(spec) {
+                NoiseOf::FullScale => noise * (1.0 / 3.0) * full_scale_n,
+                NoiseOf::Reading => noise / 3.0,
+            };
+            Unit {
+                place,
+                response,
+                gain: of_response * drift / (peak * deeper * deeper),
+                error_sd,
+                hysteresis: percent(&spec.hysteresis_percent) * full_scale_n,
+                error_of_reading: 0.0,
+                error: 0.0,
+            }
+        });
+        let units: Vec<Unit> = units.collect();
+        assert!(
+            spec.faults.iter().all(|fault| (1..=units.len()).contains(&fault.unit)),
+            "a fault of a unit there isn't"
+        );
+        Skin {
+            units,
+            full_scale: full_scale_n,
+            noise_of: noise_of(spec),
+            floor: spec.noise.as_ref().map_or(0.0, |noise| noise.floor),
+            baseline,
+            faults: spec.faults.clone(),
+            converter: spec.converter,
+        }
+    }
+
+    /// How many taxels there are.
+    pub fn len(&self) -> usize {
+        self.units.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.units.is_empty()
+    }
+
+    /// A new contact begins: it doesn't quite repeat the last one. One draw a unit, then one more each if there is a floor.
+    pub fn draw_contact(&mut self, rng: &mut Stream) {
+        self.forget_contact();
+        let mut normal = || -> f64 { StandardNormal.sample(rng) };
+        let noisy = self.units.iter().any(|unit| unit.error_sd != 0.0);
+        for unit in self.units.iter_mut().filter(|_| noisy) {
+            let error = unit.error_sd * normal();
+            match self.noise_of {
+                NoiseOf::FullScale => unit.error = error,
+                NoiseOf::Reading => unit.error_of_reading = error,
+            }
+        }
+        if self.floor > 0.0 {
+            self.units.iter_mut().for_each(|unit| unit.error += self.floor * normal());
+        }
+    }
+
+    /// The contact is over: in air there is no error.
+    pub fn forget_contact(&mut self) {
+        for unit in &mut self.units {
+            (unit.error_of_reading, unit.error) = (0.0, 0.0);
+        }
+    }
+
+    /// Adds to `outputs` what `force_n` at a place (specimen frame) does to each taxel, without any error.
+    ///
+    /// # Panics
+    /// If `outputs` doesn't have one place a taxel.
+    pub fn add_load(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
+        assert_eq!(outputs.len(), self.len(), "one output a taxel");
+        for (unit, output) in self.units.iter().zip(outputs) {
+            if let Some(response) = &unit.response {
+                *output += force_n * response.at(place.distance_mm(unit.place)) * unit.gain;
+            }
+        }
+    }
+
+    /// Turns the sum of all loads into what the taxels read of it. `unloading` is 0 on the loading branch of the hysteresis,
+    /// 1 on the unloading one.
+    pub fn read_out(&self, unloading: f64, outputs: &mut [f64]) {
+        for (unit, output) in self.units.iter().zip(&mut *outputs) {
+            let straight = *output;
+            let u = straight / self.full_scale;
+            let loop_width = unit.hysteresis * (4.0 * u * (1.0 - u)).max(0.0);
+            let error = unit.error + unit.error_of_reading * straight;
+            *output = straight + unloading * loop_width + error + self.baseline;
+        }
+        for fault in &self.faults {
+            let output = &mut outputs[fault.unit - 1];
+            match fault.kind {
+                TaxelFaultKind::Dead => *output = 0.0,
+                TaxelFaultKind::Stuck(reading) => *output = reading,
+                TaxelFaultKind::Clipped(most) => *output = output.min(most),
+                TaxelFaultKind::Drifted(_) => {} // is in the gain
+            }
+        }
+        if let Some(converter) = self.converter {
+            outputs.iter_mut().for_each(|output| *output = converter.convert(*output));
+        }
+    }
+
+    /// What the taxels read under `force_n` at a place (specimen frame), loading, with this contact's errors, written to
+    /// `outputs` in reading units.
+    ///
+    /// # Panics
+    /// If `outputs` doesn't have one place a taxel.
+    pub fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
+        outputs.fill(0.0);
+        self.add_load(force_n, place, outputs);
+        self.read_out(0.0, outputs);
+    }
+}
+
+/// Uniform draws either way of 0 that belong to the specimen; none are made where there is nothing to spread.
+struct Spread {
+    most: f64,
+    rng: Stream,
+}
+
+impl Spread {
+    fn new(most: f64, name: &str, seed: u64) -> Self {
+        Spread { most, rng: stream(seed, 0, name) }
+    }
+
+    fn draw(&mut self) -> f64 {
+        if self.most == 0.0 { 0.0 } else { self.most * self.rng.random_range(-1.0..=1.0) }
+    }
+}
+
+fn passage(spec: &SkinSpec, elastomer: Elastomer) -> Passage {
+    Passage {
+        medium: elastomer.medium,
+        depth_mm: elastomer.depth_mm,
+        indenter_radius_mm: spec.indenter_radius_mm,
+        taxel_radius_mm: spec.taxels.radius_mm,
+    }
+}
+
+/// The same response at another depth; its table is shared where that is the same.
+fn deepened(nominal: &Response, times: f64) -> Response {
+    let passage = *nominal.passage();
+    if times == 1.0 {
+        nominal.clone()
+    } else {
+        Response::new(Passage { depth_mm: passage.depth_mm * times, ..passage })
+    }
+}
+
+/// What the drifts make of a unit's gain, times.
+fn drift(faults: &[TaxelFault], unit: usize) -> f64 {
+    let of_unit = faults.iter().filter(|fault| fault.unit == unit);
+    of_unit.fold(1.0, |gain, fault| match fault.kind {
+        TaxelFaultKind::Drifted(percent) => gain * (1.0 + percent / 100.0),
+        _ => gain,
+    })
+}
+
+fn noise_of(spec: &SkinSpec) -> NoiseOf {
+    spec.noise.as_ref().map_or(NoiseOf::default(), |noise| noise.of)
+}
+
+#[cfg(test)]
+mod tests;
