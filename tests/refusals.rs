@@ -115,7 +115,7 @@ fn an_evaluation_without_anything_to_evaluate_is_refused_before_anything_moves()
 fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
     let sim = shipped_text(RIG);
     let bench = Bench::with([("r.toml", SMALL)]);
-    let twins: [(&str, &str, &[&str]); 6] = [
+    let twins: [(&str, &str, &[&str]); 8] = [
         (
             "link = \"sim\"",
             "link = \"tcp://a:502\"",
@@ -129,6 +129,16 @@ fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
         ("[limits]", "[limit]", &["`limits` is missing", "unknown key `limit`", "did you mean `limits`?"]),
         ("force_n = 2.0", "force_n = inf", &["`force_n` is not a finite number"]),
         ("depth_mm = 1.6", "depth_mm = 16.0", &["pressing takes z from", "stage.travel_mm.z"]),
+        (
+            "elastomer = { depth_mm = 5.0 }",
+            "elastomer = { depth_mm = 5.0, bonded_poisson_ratio = 0.5 }",
+            &["`bonded_poisson_ratio` is 0.5, must be 0 to 0.4999", "rig.toml:34:54"],
+        ),
+        (
+            "hysteresis = {",
+            "taxel_fault = [{ unit = 10, kind = \"dead\" }]\nhysteresis = {",
+            &["there is no unit 10: the rig's array has 9", "rig.toml:40:25"],
+        ),
         ("\"labjack-t7\"", "\"labjack-t8\"", &["there is no register map \"labjack-t8\"", "labjack-t7"]),
     ];
     for (from, to, parts) in twins {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::Medium;
 use crate::quantity::{ArrayLayout, Down, Frame, Place, Position};
 
 const CONTACT: Contact = Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
@@ -132,6 +133,23 @@ fn the_readings_are_the_stress_at_the_taxels() {
     scene.outputs(arrived_s, &mut outputs);
     assert!((outputs[4] - force_n).abs() < 1e-12);
     assert!((outputs[1] / force_n - (0.81f64 + 1.0).powf(-2.5)).abs() < 1e-12);
+}
+
+#[test]
+fn a_running_scene_reads_the_skin_of_its_seed() {
+    let medium = Medium::BondedLayer { poisson_ratio: 0.49 };
+    let taxels = Taxels { radius_mm: 1.0, gain_spread_percent: 20.0, baseline: 0.02, ..Taxels::default() };
+    let rich = SkinSpec { elastomer: Some(Elastomer { depth_mm: 5.0, medium }), taxels, ..skin() };
+    let mut scene = scene(SceneSpec { skin: rich.clone(), ..plain() }, 3);
+    let mut outputs = [f64::NAN; 9];
+    scene.outputs(0.0, &mut outputs);
+    assert_eq!(outputs, [0.02; 9], "in air");
+    let arrived_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
+    scene.outputs(arrived_s, &mut outputs);
+    let mut expected = [f64::NAN; 9];
+    let layout = scene.setting.layout.clone();
+    Skin::new(&rich, &layout, 2.0, 3).outputs(scene.true_force_n(arrived_s), Place::default(), &mut expected);
+    assert_eq!(outputs, expected);
 }
 
 #[test]
