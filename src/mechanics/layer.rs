@@ -27,8 +27,8 @@ impl Medium {
     /// ```
     ///
     /// No shear and unit pressure at the top (s = h) give A and B; the stress at the base is proportional to
-    /// 2 (1 - nu) A. (The classical way: Burmister 1945; Johnson, Contact
-    /// Mechanics, 1985, chapter 5, for the plane counterpart.)
+    /// 2 (1 - nu) A. (The classical way: Burmister 1945; Johnson, Contact Mechanics, 1985, chapter 5, for the plane
+    /// counterpart.)
     pub(super) fn transform(self, h: f64) -> f64 {
         match self {
             Medium::HalfSpace => (1.0 + h) * (-h).exp(),

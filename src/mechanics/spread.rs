@@ -1,8 +1,9 @@
 //! What isn't a point: the Hankel transforms (order 0) of a pressure or an average over a disc, 1 at 0. The response to a
 //! spread load read by a spread taxel is the point response with both transforms multiplied in.
 
-/// A rigid flat punch of radius a that carries 1 N: `p = 1 / (2 pi a sqrt(a^2 - r^2))` (Johnson, Contact Mechanics, section 3.4),
-/// which is that on a half-space and holds on a layer while a is small beside its thickness. `x` is the wave number times a.
+/// A rigid flat punch of radius a that carries 1 N: `p = 1 / (2 pi a sqrt(a^2 - r^2))` (Johnson, Contact Mechanics, section
+/// 3.4), which is that on a half-space and holds on a layer while a is small beside its thickness. `x` is the wave number
+/// times a.
 pub(super) fn flat_punch(x: f64) -> f64 {
     if x < SMALL { 1.0 - x * x / 6.0 } else { x.sin() / x }
 }
