@@ -84,7 +84,7 @@ fn end_to_end(solver: &str) -> Evaluation {
         .map(|(place, force_n, outputs)| TestPress { place: *place, force_n: Some(*force_n), outputs })
         .collect();
     let solver = fit(solver, &Calibration::new(&points).unwrap(), &Setting::of_layout(Some(&layout))).unwrap();
-    evaluate(solver.as_ref(), &test).unwrap()
+    evaluate(&solver, &test).unwrap()
 }
 
 fn assert_near(found: f64, golden: f64) {

@@ -161,7 +161,7 @@ fn evaluate_selections<'a>(
     })?;
     let solver = fit(solver, &database, &Setting::of_layout(layout))
         .map_err(|source| EvaluateError::Fit { file: file(), source })?;
-    let mut evaluation = evaluate(solver.as_ref(), &presses)
+    let mut evaluation = evaluate(&solver, &presses)
         .map_err(|source| EvaluateError::Evaluation { file: test.file.to_owned(), source })?;
     evaluation.left_out.calibration_flagged = calibration.flagged;
     evaluation.left_out.test_flagged = test.flagged;

@@ -12,6 +12,7 @@ mod appraised;
 mod calibration;
 mod evaluation;
 mod field;
+mod fitted;
 mod forward;
 mod kriging;
 mod noise;
@@ -27,6 +28,7 @@ pub use evaluation::{
     ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, Unsolved, Within, evaluate,
 };
+pub use fitted::{Candidate, Choice, Fitted, Session};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use setting::{Load, Setting};
 pub use solution::{Covariance, Solution, Verdict};
@@ -82,25 +84,29 @@ pub struct Workspace {
     buffers: forward::Buffers,
 }
 
-/// Fits the method of that name.
-pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Box<dyn Solver>, FitError> {
+/// The name under which [`fit`] chooses the method itself.
+pub const BEST: &str = "best";
+
+/// Fits the method of that name, or the one that cross-validation on the calibration finds best.
+pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
     if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
         return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
     }
     let pearson = |rule| Pearson::fit(calibration, setting.layout, rule).map(Appraised::new);
-    Ok(match name {
+    let solver: Box<dyn Solver> = match name {
         "pearson" => Box::new(pearson(ForceRule::ClosestUnit)?),
         "pearson-lsq" => Box::new(pearson(ForceRule::LeastSquares)?),
-        "surrogate" => Box::new(Forward::new("surrogate", surrogate(calibration)?, setting)),
+        "surrogate" | BEST => Box::new(Forward::new("surrogate", surrogate(calibration)?, setting)),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
-    })
+    };
+    Ok(Fitted::new(solver, calibration.units(), None))
 }
 
 /// Why a method couldn't be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// No method has that name.
-    #[error("no solver is called `{name}`; there are: {}", SOLVERS.join(", "))]
+    #[error("no solver is called `{name}`; there are: {BEST}, {}", SOLVERS.join(", "))]
     UnknownSolver {
         /// The name asked for.
         name: String,

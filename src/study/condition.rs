@@ -235,7 +235,7 @@ fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
         .map(|row| TestPress { place: place(row), force_n: Some(row.force_set_n), outputs: &row.outputs })
         .collect();
     let solver = fit(SOLVERS[0], &Calibration::new(&points).ok()?, &Setting::of_layout(Some(layout))).ok()?;
-    evaluate(solver.as_ref(), &presses).ok()
+    evaluate(&solver, &presses).ok()
 }
 
 fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
