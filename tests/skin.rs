@@ -5,7 +5,7 @@
 use palpate::mechanics::Medium;
 use palpate::quantity::{ArrayLayout, Place, Stream, stream};
 use palpate::scene::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
-use palpate::solver::{Calibration, CalibrationPoint, TestPress, evaluate, fit};
+use palpate::solver::{Calibration, CalibrationPoint, Setting, TestPress, evaluate, fit};
 use rand::RngExt;
 
 /// Loading repeatability of each unit, % of full scale (the paper's Table 1).
@@ -73,8 +73,8 @@ fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> Errors {
             .iter()
             .map(|(place, force_n, outputs)| TestPress { place: *place, force_n: Some(*force_n), outputs })
             .collect();
-        let solver = fit("pearson", &Calibration::new(&points).unwrap(), Some(&layout)).unwrap();
-        let evaluation = evaluate(solver.as_ref(), &tests).unwrap();
+        let solver = fit("pearson", &Calibration::new(&points).unwrap(), &Setting::of_layout(Some(&layout))).unwrap();
+        let evaluation = evaluate(&solver, &tests).unwrap();
         sums.location_mm += evaluation.location_error_mm.mean / SEEDS as f64;
         sums.force_n += evaluation.force_error_n.unwrap().mean / SEEDS as f64;
     }

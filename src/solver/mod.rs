@@ -10,12 +10,14 @@
 
 mod appraised;
 mod calibration;
+mod descent;
 mod evaluation;
 mod field;
 mod fitted;
 mod forward;
 mod kriging;
 mod noise;
+mod normal;
 mod pearson;
 mod response;
 mod setting;
@@ -81,7 +83,7 @@ pub struct Workspace {
     narrow: Vec<f32>,
     /// One score a row of a table.
     scores: Vec<f32>,
-    buffers: forward::Buffers,
+    buffers: descent::Buffers,
 }
 
 /// The name under which [`fit`] chooses the method itself.

@@ -11,7 +11,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Gamma};
 /// The sums of these presses give a gamma distribution by their mean and variance (for perfect weights a chi-squared one): of
 /// some hundreds of presses, the tail itself says much less than these two.
 pub(super) struct Threshold {
-    misfit: f64,
+    /// What the misfit of one contact exceeds as rarely as asked.
+    pub misfit: f64,
 }
 
 /// How many forces each held press is rescaled to.
@@ -51,19 +52,14 @@ impl Threshold {
             .map(|gamma| gamma.inverse_cdf(1.0 - setting.false_alarms))
             .ok()
             .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
-            .unwrap_or_else(|| Self::quantile(units.saturating_sub(setting.unknowns()), setting.false_alarms));
+            .unwrap_or_else(|| chi2_quantile(units.saturating_sub(setting.unknowns()), setting.false_alarms));
         Threshold { misfit }
     }
+}
 
-    /// The threshold of the misfit of one contact.
-    pub fn of_misfit(&self) -> f64 {
-        self.misfit
-    }
-
-    /// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
-    pub fn quantile(degrees: usize, probability: f64) -> f64 {
-        ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |chi2| chi2.inverse_cdf(1.0 - probability))
-    }
+/// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
+pub(super) fn chi2_quantile(degrees: usize, probability: f64) -> f64 {
+    ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |chi2| chi2.inverse_cdf(1.0 - probability))
 }
 
 /// What remains of a weighted sum of squares once the unknowns have been fitted, to first order: each Jacobian column in turn is

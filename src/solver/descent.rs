@@ -1,0 +1,168 @@
+use super::normal::Normal;
+use super::response::Response;
+use super::{Load, Workspace};
+use crate::quantity::Place;
+
+/// Finds where a [`Response`] fits a reading best, from a start close by: Gauss and Newton's steps in the place, the force, in
+/// which the response is linear, eliminated after each. Places stay in the response's area.
+pub(super) struct Descent<'a> {
+    pub response: &'a Response,
+    pub load: Load,
+    /// One output a unit.
+    pub outputs: &'a [f64],
+    /// The unit that is left out of account, if any.
+    pub without: Option<usize>,
+}
+
+/// The best fit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Estimate {
+    pub place: Place,
+    pub force_n: f64,
+    /// Weighted sum of squares of reading less response.
+    pub chi2: f64,
+    /// Information about x (mm), y (mm) and force (N).
+    pub information: [[f64; 3]; 3],
+    /// By how much `chi2` would fall, to first order, could the place leave the area.
+    pub beyond: f64,
+}
+
+/// One value a unit each.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Buffers {
+    value: Vec<f64>,
+    along_x: Vec<f64>,
+    along_y: Vec<f64>,
+    weight: Vec<f64>,
+    leverage: Vec<f64>,
+}
+
+/// The most steps from a start; two to four do.
+const MOST_STEPS: usize = 12;
+/// The longest step, as a share of the area's longer side.
+const LONGEST_STEP: f64 = 0.1;
+/// How often a step that doesn't improve the fit is halved.
+const MOST_HALVINGS: usize = 4;
+/// A step that promises to lower the sum of squares by less is the last: it is a thirtieth of the error that noise leaves.
+const LAST_GAIN: f64 = 1e-3;
+
+impl Descent<'_> {
+    /// The best fit near a place; none where nothing can be fitted.
+    pub fn from(&self, start: Place, workspace: &mut Workspace) -> Option<Estimate> {
+        let area = self.response.field.area();
+        let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm);
+        let b = &mut workspace.buffers;
+        b.resize(self.response.field.channels());
+        let mut place = start;
+        self.respond(place, b);
+        self.response.leverage.value(place, &mut b.leverage);
+        b.weight.fill(1.0);
+        let mut force_n = self.force_n(b);
+        let mut steps = 0;
+        loop {
+            self.weigh(force_n, b);
+            force_n = self.force_n(b);
+            let (normal, chi2) = self.normal(force_n, b);
+            let known = self.load == Load::Constant;
+            let freely = normal.step([true, true, !known]);
+            let step = self.inside(&normal, place, freely);
+            let estimate = |place| {
+                let beyond = normal.gain(freely) - normal.gain(step);
+                Estimate { place, force_n: force_n + step[2], chi2, information: normal.information, beyond }
+            };
+            if !(chi2.is_finite() && step.iter().all(|value| value.is_finite())) {
+                return None;
+            }
+            let length = step[0].hypot(step[1]);
+            let mut share = if length > LONGEST_STEP * side { LONGEST_STEP * side / length } else { 1.0 };
+            let along = |share: f64| area.clamp(Place::new(place.x_mm + share * step[0], place.y_mm + share * step[1]));
+            steps += 1;
+            if normal.gain(step) < LAST_GAIN || steps == MOST_STEPS {
+                return Some(estimate(along(share)));
+            }
+            for _ in 0..=MOST_HALVINGS {
+                self.respond(along(share), b);
+                force_n = self.force_n(b);
+                if self.chi2(force_n, b) <= chi2 {
+                    break;
+                }
+                share *= 0.5;
+            }
+            place = along(share);
+            if steps == 1 {
+                // the map's error changes slowly: after the first step it stays
+                self.response.leverage.value(place, &mut b.leverage);
+            }
+        }
+    }
+
+    fn respond(&self, place: Place, b: &mut Buffers) {
+        self.response.field.value_and_gradient(place, &mut b.value, &mut b.along_x, &mut b.along_y);
+    }
+
+    fn weigh(&self, force_n: f64, b: &mut Buffers) {
+        for (unit, weight) in b.weight.iter_mut().enumerate() {
+            *weight = 1.0 / self.response.variance(unit, force_n, b.value[unit], b.leverage[unit]);
+        }
+        if let Some(unit) = self.without {
+            b.weight[unit] = 0.0;
+        }
+    }
+
+    /// The force that fits best by the weights.
+    fn force_n(&self, b: &Buffers) -> f64 {
+        if self.load == Load::Constant {
+            return self.response.force_n;
+        }
+        let (mut projected, mut length) = (0.0, 0.0);
+        for ((output, value), weight) in self.outputs.iter().zip(&b.value).zip(&b.weight) {
+            projected += weight * output * value;
+            length += weight * value * value;
+        }
+        if length > 0.0 { projected / length } else { 0.0 }
+    }
+
+    fn chi2(&self, force_n: f64, b: &Buffers) -> f64 {
+        let terms = self.outputs.iter().zip(&b.value).zip(&b.weight);
+        terms.map(|((output, value), weight)| weight * (output - force_n * value).powi(2)).sum()
+    }
+
+    fn normal(&self, force_n: f64, b: &Buffers) -> (Normal, f64) {
+        let (mut normal, mut chi2) = (Normal::default(), 0.0);
+        for (unit, output) in self.outputs.iter().enumerate() {
+            let residual = output - force_n * b.value[unit];
+            let jacobian = [force_n * b.along_x[unit], force_n * b.along_y[unit], b.value[unit]];
+            normal.add(b.weight[unit], jacobian, residual);
+            chi2 += b.weight[unit] * residual * residual;
+        }
+        normal.finish();
+        (normal, chi2)
+    }
+
+    /// The step, or where it would leave the area the best one along the border.
+    fn inside(&self, normal: &Normal, place: Place, freely: [f64; 3]) -> [f64; 3] {
+        let area = self.response.field.area();
+        let leaves =
+            |at: f64, least: f64, most: f64, step: f64| (at <= least && step < 0.0) || (at >= most && step > 0.0);
+        let mut free = [true, true, self.load == Load::Unknown];
+        let mut step = freely;
+        for _ in 0..2 {
+            let x = free[0] && leaves(place.x_mm, area.least.x_mm, area.most.x_mm, step[0]);
+            let y = free[1] && leaves(place.y_mm, area.least.y_mm, area.most.y_mm, step[1]);
+            if !x && !y {
+                break;
+            }
+            free = [free[0] && !x, free[1] && !y, free[2]];
+            step = normal.step(free);
+        }
+        step
+    }
+}
+
+impl Buffers {
+    fn resize(&mut self, units: usize) {
+        for buffer in [&mut self.value, &mut self.along_x, &mut self.along_y, &mut self.weight, &mut self.leverage] {
+            buffer.resize(units, 0.0);
+        }
+    }
+}

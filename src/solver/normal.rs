@@ -1,0 +1,135 @@
+/// Normal equations of three unknowns: J'WJ and J'Wr, summed over weighted rows.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Normal {
+    /// J'WJ, the information about the unknowns.
+    pub information: [[f64; 3]; 3],
+    /// J'Wr, half the fall of the sum of squares along each unknown.
+    pub slope: [f64; 3],
+}
+
+/// A pivot of which rounding leaves less than this share tells nothing.
+const LEAST_PIVOT: f64 = 1e-12;
+
+impl Normal {
+    /// Takes a row in; the half above the diagonal is left to [`finish`](Self::finish).
+    #[inline]
+    pub fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
+        for i in 0..3 {
+            let weighted = weight * jacobian[i];
+            self.slope[i] += weighted * residual;
+            for j in 0..=i {
+                self.information[i][j] += weighted * jacobian[j];
+            }
+        }
+    }
+
+    /// Fills in the half above the diagonal.
+    pub fn finish(&mut self) {
+        for i in 0..3 {
+            for j in i + 1..3 {
+                self.information[i][j] = self.information[j][i];
+            }
+        }
+    }
+
+    /// The step to the least sum of squares along the unknowns that are free. No step where they can't be told apart.
+    pub fn step(&self, free: [bool; 3]) -> [f64; 3] {
+        let (mut a, mut x) = (self.information, self.slope);
+        for i in (0..3).filter(|&i| !free[i]) {
+            for j in 0..3 {
+                a[i][j] = 0.0;
+                a[j][i] = 0.0;
+            }
+            a[i][i] = 1.0;
+            x[i] = 0.0;
+        }
+        cholesky(&a).map_or([0.0; 3], |l| substitute(&l, x))
+    }
+
+    /// By how much a step lowers the sum of squares, to first order.
+    pub fn gain(&self, step: [f64; 3]) -> f64 {
+        step.iter().zip(&self.slope).map(|(step, slope)| step * slope).sum()
+    }
+}
+
+/// The inverse of a positive definite matrix; none of another.
+pub(super) fn inverse(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+    let l = cholesky(a)?;
+    let column = |i: usize| {
+        let mut unit = [0.0; 3];
+        unit[i] = 1.0;
+        substitute(&l, unit)
+    };
+    let inverse = [column(0), column(1), column(2)]; // symmetric: columns are rows
+    inverse.iter().flatten().all(|value| value.is_finite()).then_some(inverse)
+}
+
+fn cholesky(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+    let mut l = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..=i {
+            let rest: f64 = a[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+            l[i][j] = match i == j {
+                true if rest > LEAST_PIVOT * a[i][i] => rest.sqrt(),
+                true => return None, // NaN too
+                false => rest / l[j][j],
+            };
+        }
+    }
+    Some(l)
+}
+
+fn substitute(l: &[[f64; 3]; 3], mut x: [f64; 3]) -> [f64; 3] {
+    for i in 0..3 {
+        x[i] = (x[i] - (0..i).map(|k| l[i][k] * x[k]).sum::<f64>()) / l[i][i];
+    }
+    for i in (0..3).rev() {
+        x[i] = (x[i] - (i + 1..3).map(|k| l[k][i] * x[k]).sum::<f64>()) / l[i][i];
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn normal() -> Normal {
+        let mut normal = Normal::default();
+        // three unknowns 1, -2, 3 read by four rows without error
+        for (weight, jacobian) in
+            [(1.0, [1.0, 0.5, 0.0]), (2.0, [0.0, 1.0, 1.0]), (0.5, [1.0, 1.0, 1.0]), (1.0, [0.3, 0.0, 1.0])]
+        {
+            let residual = jacobian[0] - 2.0 * jacobian[1] + 3.0 * jacobian[2];
+            normal.add(weight, jacobian, residual);
+        }
+        normal.finish();
+        normal
+    }
+
+    #[test]
+    fn the_step_is_the_solution_and_what_is_not_free_stays() {
+        let step = normal().step([true; 3]);
+        for (found, truth) in step.iter().zip([1.0, -2.0, 3.0]) {
+            assert!((found - truth).abs() < 1e-12, "{step:?}");
+        }
+        assert_eq!(normal().step([true, false, true])[1], 0.0);
+        assert!(normal().gain(step) > normal().gain(normal().step([true, false, true])));
+    }
+
+    #[test]
+    fn the_inverse_is_one_and_what_has_none_is_told() {
+        let a = normal().information;
+        let inverse = inverse(&a).unwrap();
+        for i in 0..3 {
+            for j in 0..3 {
+                let product: f64 = (0..3).map(|k| a[i][k] * inverse[k][j]).sum();
+                assert!((product - f64::from(u8::from(i == j))).abs() < 1e-12);
+            }
+        }
+        let mut blind = Normal::default();
+        blind.add(1.0, [1.0, 1.0, 0.0], 1.0);
+        blind.finish();
+        assert_eq!(super::inverse(&blind.information), None);
+        assert_eq!(blind.step([true; 3]), [0.0; 3]);
+    }
+}
