@@ -20,6 +20,7 @@ mod noise;
 mod normal;
 mod pearson;
 mod response;
+mod scan;
 mod setting;
 mod solution;
 mod surrogate;
@@ -79,11 +80,10 @@ struct Located {
 pub struct Workspace {
     /// A row of the reading's length.
     row: Vec<f64>,
-    /// The same in single precision.
-    narrow: Vec<f32>,
-    /// One score a row of a table.
-    scores: Vec<f32>,
+    /// Room to fit a response.
     buffers: descent::Buffers,
+    /// Room for the search of a table.
+    scratch: scan::Scratch,
 }
 
 /// The name under which [`fit`] chooses the method itself.

@@ -1,3 +1,4 @@
+use super::scan::{Scan, dot, to_length_one, to_order_one};
 use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::{ArrayLayout, Place};
 
@@ -11,8 +12,8 @@ pub struct Pearson {
     units: usize,
     force_rule: ForceRule,
     candidates: Vec<Candidate>,
-    /// The candidates' outputs, centred and of length 1, row-major candidates x units: r is a dot product with these.
-    directions: Vec<f64>,
+    /// The candidates' outputs, centred and of length 1: r is a dot product with these.
+    scan: Scan,
 }
 
 /// How the force follows once the place is found.
@@ -32,7 +33,8 @@ pub fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     if a.len() != b.len() {
         return None;
     }
-    Some(dot(&direction(a)?, &direction(b)?).clamp(-1.0, 1.0))
+    let (mut a_room, mut b_room) = (Vec::new(), Vec::new());
+    Some(dot(direction(a, &mut a_room)?, direction(b, &mut b_room)?).clamp(-1.0, 1.0))
 }
 
 impl Pearson {
@@ -46,21 +48,17 @@ impl Pearson {
         if let Some(layout) = layout.filter(|layout| layout.len() != units) {
             return Err(FitError::Layout { layout: layout.len(), calibration: units });
         }
-        let mut solver = Pearson { units, force_rule, candidates: Vec::new(), directions: Vec::new() };
+        let (mut candidates, mut directions, mut room) = (Vec::new(), Vec::new(), Vec::new());
         for point in calibration.points() {
-            if let Some(row) = direction(point.outputs) {
-                solver.directions.extend(row);
-                solver.candidates.push(Candidate::new(&point, closest_unit(&point, layout)));
+            if let Some(row) = direction(point.outputs, &mut room) {
+                directions.extend_from_slice(row);
+                candidates.push(Candidate::new(&point, closest_unit(&point, layout)));
             }
         }
-        if solver.candidates.is_empty() { Err(FitError::NothingToTellApart) } else { Ok(solver) }
-    }
-
-    /// The candidate that correlates best with a reading's direction, and its r.
-    fn best(&self, reading: &[f64]) -> Option<(&Candidate, f64)> {
-        let rows = self.directions.chunks_exact(self.units);
-        let scored = self.candidates.iter().zip(rows.map(|row| dot(row, reading)));
-        scored.reduce(|best, next| if next.1 > best.1 { next } else { best })
+        if candidates.is_empty() {
+            return Err(FitError::NothingToTellApart);
+        }
+        Ok(Pearson { units, force_rule, candidates, scan: Scan::new(units, directions) })
     }
 
     fn force_n(&self, candidate: &Candidate, outputs: &[f64]) -> f64 {
@@ -81,20 +79,16 @@ impl Locate for Pearson {
         }
     }
 
-    fn locate(&self, outputs: &[f64], _workspace: &mut Workspace) -> Result<Located, SolveError> {
-        if outputs.len() != self.units {
-            return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
-        }
-        if let Some(index) = outputs.iter().position(|output| !output.is_finite()) {
-            return Err(SolveError::NotFinite { unit: index + 1 });
-        }
-        let reading = direction(outputs).ok_or(SolveError::AllEqual)?;
-        let (candidate, r) = self.best(&reading).ok_or(SolveError::AllEqual)?;
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+        check(outputs, self.units)?;
+        let reading = direction(outputs, &mut workspace.row).ok_or(SolveError::AllEqual)?;
+        let best = self.scan.best(reading, &mut workspace.scratch).ok_or(SolveError::AllEqual)?;
+        let candidate = &self.candidates[best.row];
         let force_n = self.force_n(candidate, outputs);
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: candidate.place, force_n, residue: (1.0 - r).max(0.0) })
+        Ok(Located { place: candidate.place, force_n, residue: (1.0 - best.score).max(0.0) })
     }
 }
 
@@ -126,20 +120,26 @@ fn closest_unit(point: &CalibrationPoint<'_>, layout: Option<&ArrayLayout>) -> u
     heard.min_by(|&a, &b| remoteness(a).total_cmp(&remoteness(b))).unwrap_or(0)
 }
 
-/// A row less its mean, scaled to length 1; none where nothing is left, or a value is not finite.
-fn direction(row: &[f64]) -> Option<Vec<f64>> {
-    // Brought to the order of 1 first: no reading, however large or small, overflows or vanishes when squared, and
-    // equal values become exactly 1, so that nothing is left of them but 0.
-    let scale = row.iter().fold(0.0f64, |most, value| most.max(value.abs()));
-    let scaled: Vec<f64> = row.iter().map(|value| value / scale).collect();
-    let mean = scaled.iter().sum::<f64>() / scaled.len() as f64;
-    let length = scaled.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
-    // NaN, from a value that is not finite or from 0/0, isn't above 0 either.
-    (length > 0.0).then(|| scaled.iter().map(|value| (value - mean) / length).collect())
+/// Whether a reading is one of this array, every output finite.
+pub(super) fn check(outputs: &[f64], units: usize) -> Result<(), SolveError> {
+    if outputs.len() != units {
+        return Err(SolveError::Channels { expected: units, found: outputs.len() });
+    }
+    match outputs.iter().position(|output| !output.is_finite()) {
+        Some(index) => Err(SolveError::NotFinite { unit: index + 1 }),
+        None => Ok(()),
+    }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// A row less its mean, scaled to length 1; none where nothing is left, or a value is not finite.
+pub(super) fn direction<'a>(row: &[f64], room: &'a mut Vec<f64>) -> Option<&'a [f64]> {
+    // Brought to the order of 1 first: no reading, however large or small, overflows or vanishes when squared, and
+    // equal values become exactly 1, so that nothing is left of them but 0.
+    to_order_one(row, room);
+    let mean = room.iter().sum::<f64>() / room.len() as f64;
+    room.iter_mut().for_each(|value| *value -= mean);
+    to_length_one(room)?;
+    Some(room)
 }
 
 #[cfg(test)]

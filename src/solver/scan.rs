@@ -1,0 +1,357 @@
+use pulp::{Arch, Simd, WithSimd};
+
+/// A table of rows of length 1, and the search for those with the largest dot product with a direction.
+///
+/// The search runs in single precision, many rows at a time; what comes so close to the best that rounding may have
+/// put it behind is scored again in double precision. So its answer is that of a plain search in double precision.
+#[derive(Clone, Debug)]
+pub(super) struct Scan {
+    /// What the processor can do, asked once: to ask again costs as much as fifty rows.
+    arch: Arch,
+    units: usize,
+    /// Row-major rows x units, as given.
+    rows: Vec<f64>,
+    /// The same in single precision, turned so that one instruction multiplies many rows: of the first [`PANEL`] rows
+    /// the first unit's values, then the second's and so on; then the next rows. The last rows are filled up with 0.
+    panels: Vec<Panel>,
+}
+
+/// A row that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hit {
+    /// Its index, from 0.
+    pub row: usize,
+    /// Its dot product with the direction, in double precision.
+    pub score: f64,
+}
+
+/// Room for a search, kept from one to the next so that none of them allocates.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    direction: Vec<f32>,
+    scores: Vec<Panel>,
+    hits: Vec<Hit>,
+}
+
+/// Rows that are multiplied together: [`SUMS`] of the widest registers there are, 16 numbers each.
+const PANEL: usize = 128;
+/// Sums that grow together: a multiply-add takes four cycles and two begin in each, so eight keep the processor busy.
+const SUMS: usize = 8;
+/// Maxima that grow together, for the same reason.
+const PEAKS: usize = 4;
+/// Scores that are looked at together: a cache line of them.
+const LINE: usize = 16;
+
+/// One number for each of [`PANEL`] rows; aligned, as to load across two cache lines costs twice.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Panel([f32; PANEL]);
+
+impl Scan {
+    /// Takes rows x units, row-major, each row of length 1; at least one unit.
+    pub fn new(units: usize, rows: Vec<f64>) -> Self {
+        Scan { arch: Arch::new(), units, panels: panels(units, &rows), rows }
+    }
+
+    /// A row as given.
+    pub fn row(&self, row: usize) -> &[f64] {
+        &self.rows[row * self.units..][..self.units]
+    }
+
+    /// The row with the largest dot product with a direction of length 1, of equals the first; none where there is no
+    /// row, or the direction isn't finite.
+    pub fn best(&self, direction: &[f64], scratch: &mut Scratch) -> Option<Hit> {
+        self.nearest(direction, 1, scratch).first().copied()
+    }
+
+    /// The `count` rows with the largest dot products, the largest first, of equals the first; fewer where there are
+    /// fewer.
+    pub fn nearest<'a>(&self, direction: &[f64], count: usize, scratch: &'a mut Scratch) -> &'a [Hit] {
+        self.arch.dispatch(Search { scan: self, direction, count, scratch });
+        &scratch.hits
+    }
+
+    /// How far a score in single precision can be off.
+    ///
+    /// Rounding a row and a direction of n units, multiplying and adding leaves an error below (n + 2) u / (1 - (n + 2)
+    /// u) times the sum of |row| |direction| (Higham 2002, Accuracy and Stability of Numerical Algorithms, section
+    /// 3.1), and that sum is at most 1 (Cauchy-Schwarz). The unit roundoff u is half an epsilon. The other half makes
+    /// room for the denominator, for lengths that are 1 but for rounding, for numbers too small to be held in full, and
+    /// for the comparison with this bound, itself in single precision.
+    fn rounding(&self) -> f32 {
+        (self.units + 2) as f32 * f32::EPSILON
+    }
+}
+
+fn panels(units: usize, rows: &[f64]) -> Vec<Panel> {
+    let panel = |rows: &[f64], unit: usize| {
+        let mut panel = Panel([0.0; PANEL]);
+        for (value, row) in panel.0.iter_mut().zip(rows.chunks_exact(units)) {
+            *value = row[unit] as f32;
+        }
+        panel
+    };
+    rows.chunks(units * PANEL).flat_map(|rows| (0..units).map(move |unit| panel(rows, unit))).collect()
+}
+
+struct Search<'a> {
+    scan: &'a Scan,
+    direction: &'a [f64],
+    count: usize,
+    scratch: &'a mut Scratch,
+}
+
+// Everything below runs as the instructions that `simd` stands for only where it is inlined: hence the attributes, and
+// no closure that might not be.
+impl WithSimd for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Search { scan, direction, count, scratch } = self;
+        let Scratch { direction: narrow, scores, hits } = scratch;
+        narrow.clear();
+        narrow.extend(direction.iter().map(|&value| value as f32));
+        scores.resize(scan.panels.len() / scan.units, Panel([0.0; PANEL]));
+        multiply(simd, &scan.panels, narrow, scores);
+        let last = scan.rows.len() / scan.units % PANEL;
+        if let Some(scores) = scores.last_mut().filter(|_| last > 0) {
+            scores.0[last..].fill(f32::NEG_INFINITY); // what fills up the last panel is no row
+        }
+        // The best can have come out one error too low, and another row one too high.
+        let floor = floor(simd, scores, count) - 2.0 * scan.rounding();
+        hits.clear();
+        gather(scores, floor, |row| offer(scan, direction, count, row, hits));
+    }
+}
+
+/// The dot product of every row with the direction.
+#[inline(always)]
+fn multiply<S: Simd>(simd: S, panels: &[Panel], direction: &[f32], scores: &mut [Panel]) {
+    for (panel, scores) in panels.chunks_exact(direction.len()).zip(scores) {
+        let (strips, _) = pulp::as_arrays_mut::<SUMS, _>(S::as_mut_simd_f32s(&mut scores.0).0);
+        for (strip, scores) in strips.iter_mut().enumerate() {
+            let mut sums = [simd.splat_f32s(0.0); SUMS];
+            for (rows, &weight) in panel.iter().zip(direction) {
+                let (strips, _) = pulp::as_arrays::<SUMS, _>(S::as_simd_f32s(&rows.0).0);
+                let weight = simd.splat_f32s(weight);
+                for (sum, &values) in sums.iter_mut().zip(&strips[strip]) {
+                    *sum = if S::IS_SCALAR {
+                        // Without vectors there is no fused instruction either, and to imitate one is slow.
+                        simd.add_f32s(simd.mul_f32s(weight, values), *sum)
+                    } else {
+                        simd.mul_add_f32s(weight, values, *sum)
+                    };
+                }
+            }
+            *scores = sums;
+        }
+    }
+}
+
+/// What the `count` best scores reach at least.
+///
+/// A lane keeps the largest of the scores that pass through it, so what the lanes hold are scores of different rows.
+#[inline(always)]
+fn floor<S: Simd>(simd: S, scores: &[Panel], count: usize) -> f32 {
+    let nothing = simd.splat_f32s(f32::NEG_INFINITY);
+    let mut peaks = [nothing; PEAKS];
+    for scores in scores {
+        for scores in pulp::as_arrays::<PEAKS, _>(S::as_simd_f32s(&scores.0).0).0 {
+            for (peak, &score) in peaks.iter_mut().zip(scores) {
+                *peak = simd.max_f32s(*peak, score);
+            }
+        }
+    }
+    let mut floor = f32::NEG_INFINITY;
+    for _ in 0..count {
+        let mut most = nothing;
+        for &peak in &peaks {
+            most = simd.max_f32s(most, peak);
+        }
+        floor = simd.reduce_max_f32s(most);
+        // Equals go together, which leaves the floor lower than it could be, never higher.
+        for peak in &mut peaks {
+            *peak = simd.select_f32s(simd.equal_f32s(*peak, simd.splat_f32s(floor)), nothing, *peak);
+        }
+    }
+    floor
+}
+
+/// The rows that score the floor or more, in order.
+#[inline(always)]
+fn gather(scores: &[Panel], floor: f32, mut found: impl FnMut(usize)) {
+    for (line, scores) in scores.iter().flat_map(|panel| panel.0.as_chunks::<LINE>().0).enumerate() {
+        // One test for most lines: no row of them comes near.
+        if scores.iter().fold(false, |any, &score| any | (score >= floor)) {
+            for (lane, _) in scores.iter().enumerate().filter(|(_, score)| **score >= floor) {
+                found(line * LINE + lane);
+            }
+        }
+    }
+}
+
+/// Puts a row among the `count` best of those offered so far, if it belongs there.
+fn offer(scan: &Scan, direction: &[f64], count: usize, row: usize, hits: &mut Vec<Hit>) {
+    // With few rows the floor lies so low that what is no row comes up too.
+    let Some(values) = scan.rows.chunks_exact(scan.units).nth(row) else { return };
+    let score = dot(values, direction);
+    let place = hits.partition_point(|hit| hit.score >= score);
+    if place < count {
+        hits.truncate(count - 1);
+        hits.insert(place, Hit { row, score });
+    }
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Scales a row to length 1 and returns the length it had; none where that is 0, or a value is not finite.
+///
+/// The values must be of the order of 1, so that none overflows or vanishes when squared.
+pub(super) fn to_length_one(row: &mut [f64]) -> Option<f64> {
+    let length = dot(row, row).sqrt();
+    // NaN, from a value that is not finite, isn't above 0 either.
+    if !(length > 0.0) {
+        return None;
+    }
+    row.iter_mut().for_each(|value| *value /= length);
+    Some(length)
+}
+
+/// Copies a row, brought to the order of 1: its largest magnitude becomes exactly 1. Returns that magnitude; where it
+/// is 0, or a value is not finite, not every number copied is one.
+pub(super) fn to_order_one(row: &[f64], scaled: &mut Vec<f64>) -> f64 {
+    let scale = row.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+    scaled.clear();
+    scaled.extend(row.iter().map(|value| value / scale));
+    scale
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// What the processor at hand can do, best first, down to nothing special.
+    fn archs() -> Vec<Arch> {
+        let mut archs = vec![Arch::new(), Arch::Scalar];
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        archs.extend(pulp::x86::V3::try_new().map(Arch::V3));
+        archs
+    }
+
+    /// The same search, one row after the other in double precision.
+    fn plainly(units: usize, rows: &[f64], direction: &[f64], count: usize) -> Vec<Hit> {
+        let scored = rows.chunks_exact(units).map(|row| dot(row, direction)).enumerate();
+        let mut hits: Vec<Hit> = scored.map(|(row, score)| Hit { row, score }).collect();
+        hits.sort_by(|a, b| b.score.total_cmp(&a.score)); // stable: of equals the first stays first
+        hits.truncate(count);
+        hits
+    }
+
+    fn assert_found_as_plainly(units: usize, rows: &[f64], direction: &[f64]) {
+        let scan = Scan::new(units, rows.to_vec());
+        let mut scratch = Scratch::default();
+        for arch in archs() {
+            let scan = Scan { arch, ..scan.clone() };
+            for count in [1, 4, 20] {
+                let found = scan.nearest(direction, count, &mut scratch);
+                assert_eq!(found, plainly(units, rows, direction, count), "{arch:?}, the {count} best");
+            }
+        }
+    }
+
+    fn unit(mut row: Vec<f64>) -> Vec<f64> {
+        if to_length_one(&mut row).is_none() {
+            row[0] = 1.0;
+        }
+        row
+    }
+
+    /// Rows of one direction, bent by up to `bend`: the smaller, the closer to ties they are.
+    fn bundle(units: usize, rows: usize, bend: f64) -> impl Strategy<Value = (Vec<f64>, Vec<f64>)> {
+        let numbers = |count| prop::collection::vec(-1.0..1.0f64, count);
+        (numbers(units), numbers(units * rows)).prop_map(move |(direction, bends)| {
+            let direction = unit(direction);
+            let bent = |bends: &[f64]| unit(direction.iter().zip(bends).map(|(d, b)| d + bend * b).collect());
+            (bends.chunks_exact(units).flat_map(bent).collect(), direction)
+        })
+    }
+
+    /// Number of units and rows, and how far the rows are bent.
+    fn tables() -> impl Strategy<Value = (usize, usize, f64)> {
+        let bends = prop::sample::select(vec![0.0, 1e-9, 1e-6, 1e-4, 1e-3, 1e-2, 1.0, 100.0]);
+        (prop::sample::select(vec![1, 2, 9, 33]), 1..400usize, bends)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn what_is_found_is_what_a_plain_search_finds(
+            (units, table, direction) in tables().prop_flat_map(|(units, rows, bend)| {
+                bundle(units, rows, bend).prop_map(move |(table, direction)| (units, table, direction))
+            }),
+        ) {
+            assert_found_as_plainly(units, &table, &direction);
+        }
+
+        #[test]
+        fn scalar_and_vector_paths_agree_to_rounding((table, direction) in bundle(9, 300, 1.0)) {
+            let scan = Scan::new(9, table.clone());
+            for arch in archs() {
+                let mut scratch = Scratch::default();
+                Scan { arch, ..scan.clone() }.best(&direction, &mut scratch);
+                let narrow = scratch.scores.iter().flat_map(|panel| panel.0);
+                for (score, row) in narrow.zip(table.chunks_exact(9)) {
+                    prop_assert!((f64::from(score) - dot(row, &direction)).abs() <= f64::from(scan.rounding()) / 2.0);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_single_precision_cannot_tell_apart_is_told_apart() {
+        // One row of each table is better than all others, by less than single precision holds.
+        for (best, others) in [(0, 1..300), (299, 0..299)] {
+            let mut table = [0.6, 0.8].repeat(300);
+            table[2 * best + 1] += 1e-15;
+            assert_found_as_plainly(2, &table, &[0.6, 0.8]);
+            let hit = Scan::new(2, table).best(&[0.6, 0.8], &mut Scratch::default()).unwrap();
+            assert!(hit.row == best && !others.contains(&hit.row));
+        }
+    }
+
+    #[test]
+    fn of_equals_the_first_counts() {
+        let scan = Scan::new(2, [0.6, 0.8].repeat(1000));
+        let mut scratch = Scratch::default();
+        let rows: Vec<usize> = scan.nearest(&[0.8, 0.6], 3, &mut scratch).iter().map(|hit| hit.row).collect();
+        assert_eq!(rows, [0, 1, 2]);
+    }
+
+    #[test]
+    fn what_fills_a_table_up_is_never_found() {
+        // All rows score below 0, which is what the filling would score.
+        let scan = Scan::new(1, vec![-1.0; 3]);
+        let mut scratch = Scratch::default();
+        assert_eq!(scan.best(&[1.0], &mut scratch), Some(Hit { row: 0, score: -1.0 }));
+        assert_eq!(scan.nearest(&[1.0], 7, &mut scratch).len(), 3);
+        assert_eq!(Scan::new(3, Vec::new()).best(&[1.0, 0.0, 0.0], &mut scratch), None);
+        assert_eq!(scan.best(&[f64::NAN], &mut scratch), None);
+        assert_eq!(scan.nearest(&[1.0], 0, &mut scratch), []);
+    }
+
+    #[test]
+    fn one_room_serves_tables_of_all_sizes() {
+        let mut scratch = Scratch::default();
+        for rows in [500, 3, 128, 129, 500] {
+            let mut table = [1.0, 0.0].repeat(rows);
+            table[2 * (rows - 1)..].copy_from_slice(&[0.0, 1.0]);
+            let hit = Scan::new(2, table).best(&[0.0, 1.0], &mut scratch);
+            assert_eq!(hit, Some(Hit { row: rows - 1, score: 1.0 }));
+        }
+    }
+}
