@@ -1,6 +1,7 @@
 use super::descent::{Descent, Estimate};
 use super::normal::inverse;
 use super::response::Response;
+use super::scan::Scan;
 use super::threshold::{Threshold, chi2_quantile};
 use super::{Covariance, Load, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;
@@ -58,7 +59,7 @@ impl Forward {
     }
 
     fn estimate(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) -> Option<Estimate> {
-        let start = self.starts.nearest(outputs, without)?;
+        let start = self.starts.nearest(outputs, without, workspace)?;
         Descent { response: &self.response, load: self.load, outputs, without }.from(start, workspace)
     }
 
@@ -114,10 +115,10 @@ impl Solver for Forward {
 /// A grid of places, and the direction in which the array reads a contact at each.
 struct Starts {
     places: Vec<Place>,
-    /// Row-major, places x units: the response in units of `sd`, of length 1.
-    directions: Vec<f64>,
-    /// Noise of each unit under the calibration's force, root mean square over the places.
+    /// Noise of each unit under the calibration's force.
     sd: Vec<f64>,
+    /// The response at each place in units of `sd`, of length 1.
+    directions: Scan,
 }
 
 /// Places along each side of the area.
@@ -132,39 +133,45 @@ impl Starts {
             Place::new(x_mm, along(area.least.y_mm, area.most.y_mm, i / STARTS_A_SIDE))
         };
         let places: Vec<Place> = (0..STARTS_A_SIDE * STARTS_A_SIDE).map(place).collect();
+        let sd = response.typical_sd();
         let mut directions = vec![0.0; places.len() * units];
-        let mut sd = vec![0.0; units];
         for (place, row) in places.iter().zip(directions.chunks_exact_mut(units)) {
             response.field.value(*place, row);
-            for (unit, (value, variance)) in row.iter().zip(&mut sd).enumerate() {
-                *variance += response.noise.variance(unit, response.force_n * value) / places.len() as f64;
-            }
-        }
-        sd.iter_mut().for_each(|variance| *variance = variance.sqrt());
-        for row in directions.chunks_exact_mut(units) {
             row.iter_mut().zip(&sd).for_each(|(value, sd)| *value /= sd);
-            let length = row.iter().map(|value| value * value).sum::<f64>().sqrt();
-            if length > 0.0 {
-                row.iter_mut().for_each(|value| *value /= length);
-            }
+            to_length_one(row);
         }
-        Starts { places, directions, sd }
+        Starts { places, sd, directions: Scan::new(units, directions) }
     }
 
     /// The place whose direction is closest to the reading's, one unit left out or none.
-    fn nearest(&self, outputs: &[f64], without: Option<usize>) -> Option<Place> {
-        let mut best = (0.0, None);
-        for (place, row) in self.places.iter().zip(self.directions.chunks_exact(outputs.len())) {
-            let terms = outputs.iter().zip(&self.sd).zip(row);
-            let mut cosine: f64 = terms.map(|((output, sd), direction)| output / sd * direction).sum();
-            if let Some(unit) = without {
-                cosine -= outputs[unit] / self.sd[unit] * row[unit];
-                cosine /= (1.0 - row[unit] * row[unit]).max(f64::EPSILON).sqrt();
-            }
-            if cosine > best.0 {
-                best = (cosine, Some(*place));
-            }
+    fn nearest(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) -> Option<Place> {
+        let direction = &mut workspace.row;
+        direction.clear();
+        direction.extend(outputs.iter().zip(&self.sd).map(|(output, sd)| output / sd));
+        if let Some(unit) = without {
+            direction[unit] = 0.0;
+            return self.nearest_without(direction, unit);
         }
-        best.1
+        to_length_one(direction);
+        let hit = self.directions.best(direction, &mut workspace.scratch)?;
+        (hit.score > 0.0).then(|| self.places[hit.row])
+    }
+
+    /// The same for rows that lost a unit and aren't of length 1 any more; rare, so one by one.
+    fn nearest_without(&self, direction: &[f64], unit: usize) -> Option<Place> {
+        let cosine = |row: &[f64]| {
+            let along: f64 = direction.iter().zip(row).map(|(a, b)| a * b).sum();
+            along / (1.0 - row[unit] * row[unit]).max(f64::EPSILON).sqrt()
+        };
+        let scored = self.places.iter().enumerate().map(|(i, place)| (cosine(self.directions.row(i)), place));
+        scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(cosine, _)| *cosine > 0.0).map(|(_, place)| *place)
+    }
+}
+
+/// Scales a row to length 1; one of zeros stays.
+fn to_length_one(row: &mut [f64]) {
+    let length = row.iter().map(|value| value * value).sum::<f64>().sqrt();
+    if length > 0.0 {
+        row.iter_mut().for_each(|value| *value /= length);
     }
 }

@@ -15,6 +15,7 @@ mod evaluation;
 mod field;
 mod fitted;
 mod forward;
+mod knn;
 mod kriging;
 mod noise;
 mod normal;
@@ -25,6 +26,7 @@ mod setting;
 mod solution;
 mod surrogate;
 mod threshold;
+mod whitened;
 
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
@@ -32,9 +34,11 @@ pub use evaluation::{
     TestPress, Unsolved, Within, evaluate,
 };
 pub use fitted::{Candidate, Choice, Fitted, Session};
+pub use knn::{NEIGHBOURS, PearsonKnn};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use setting::{Load, Setting};
 pub use solution::{Covariance, Solution, Verdict};
+pub use whitened::Whitened;
 
 use crate::quantity::Place;
 use appraised::Appraised;
@@ -42,7 +46,7 @@ use forward::Forward;
 use surrogate::surrogate;
 
 /// The names [`fit`] knows, the paper's own first.
-pub const SOLVERS: [&str; 3] = ["pearson", "pearson-lsq", "surrogate"];
+pub const SOLVERS: [&str; 5] = ["pearson", "pearson-lsq", "pearson-knn", "whitened", "surrogate"];
 
 /// A fitted method.
 pub trait Solver: Send + Sync {
@@ -82,6 +86,10 @@ pub struct Workspace {
     row: Vec<f64>,
     /// Room to fit a response.
     buffers: descent::Buffers,
+    /// What is expected there.
+    pattern: Vec<f64>,
+    /// The same, centred.
+    centred: Vec<f64>,
     /// Room for the search of a table.
     scratch: scan::Scratch,
 }
@@ -98,6 +106,11 @@ pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Resu
     let solver: Box<dyn Solver> = match name {
         "pearson" => Box::new(pearson(ForceRule::ClosestUnit)?),
         "pearson-lsq" => Box::new(pearson(ForceRule::LeastSquares)?),
+        "pearson-knn" => Box::new(Appraised::new(PearsonKnn::fit(calibration)?)),
+        "whitened" => {
+            let noise_sd = surrogate(calibration)?.typical_sd();
+            Box::new(Appraised::new(Whitened::fit(calibration, &noise_sd)?))
+        }
         "surrogate" | BEST => Box::new(Forward::new("surrogate", surrogate(calibration)?, setting)),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     };
@@ -124,6 +137,9 @@ pub enum FitError {
     /// At every calibration point all units read the same, so no point can be told from another.
     #[error("all units read the same at every calibration point: no point can be told from another")]
     NothingToTellApart,
+    /// The noise can't be divided by.
+    #[error("the noise must be one standard deviation a unit, each finite and above 0")]
+    Noise,
 }
 
 /// Why a reading has no answer.

@@ -38,4 +38,13 @@ impl Response {
         let of_calibration = self.noise.variance(unit, self.force_n * per_newton);
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
+
+    /// The noise of each unit under the calibration's force, root mean square over the calibration's presses: a standard deviation.
+    pub fn typical_sd(&self) -> Vec<f64> {
+        let of_unit = |unit: usize| {
+            let variances = self.held.iter().map(|held| self.noise.variance(unit, held.residuals[unit].predicted));
+            (variances.sum::<f64>() / self.held.len() as f64).sqrt()
+        };
+        (0..self.field.channels()).map(of_unit).collect()
+    }
 }
