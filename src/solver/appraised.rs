@@ -1,29 +1,108 @@
-use super::{Locate, Solution, SolveError, Solver, Verdict, Workspace};
+use super::heldout::Trial;
+use super::noise::{Noise, Residual};
+use super::response::Response;
+use super::threshold::chi2_quantile;
+use super::{Covariance, Locate, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 
-/// A method that only locates, with what its calibration tells of its errors.
-pub(super) struct Appraised<L> {
-    method: L,
+/// A method that only locates, with what presses held out of its calibration tell of its errors.
+pub(super) struct Appraised {
+    method: Box<dyn Locate>,
+    experience: Option<Experience>,
 }
 
-impl<L: Locate> Appraised<L> {
-    pub fn new(method: L) -> Self {
-        Appraised { method }
+/// How far a method was off on presses that it hadn't seen, by their force F.
+struct Experience {
+    /// Variance of x and of y, mm^2: a part of its own and one that grows with 1 / F^2.
+    location: Noise,
+    /// Variance of the force, N^2: a part of its own and one that grows with F^2.
+    force: Noise,
+    /// What a fit leaves, in the mean: a part of its own and one that grows with 1 / F^2.
+    residue: Noise,
+    /// What it leaves over that, which only the share of false alarms exceeds.
+    most_residue: f64,
+    /// Additive noise of each unit, standard deviation.
+    silence_sd: Vec<f64>,
+    /// Sum of squares that no contact exceeds but by the share of false alarms.
+    no_contact: f64,
+}
+
+/// The fewest presses from which something can be learned.
+const FEWEST_TRIALS: usize = 20;
+
+impl Appraised {
+    /// A method with what its trials tell: nothing, if there are few.
+    pub fn new(method: Box<dyn Locate>, trials: &[Trial], response: &Response, setting: &Setting<'_>) -> Self {
+        Appraised { method, experience: Experience::of(trials, response, setting) }
     }
 }
 
-impl<L: Locate> Solver for Appraised<L> {
+impl Solver for Appraised {
     fn name(&self) -> &'static str {
         self.method.name()
     }
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let located = self.method.locate(outputs, workspace)?;
-        Ok(Solution {
+        let mut solution = Solution {
             place: located.place,
             force_n: located.force_n,
             covariance: None,
             misfit: None,
             verdict: Verdict::Ok,
+        };
+        if let Some(experience) = &self.experience {
+            let softness = 1.0 / located.force_n;
+            if softness.is_finite() {
+                let location = experience.location.variance(0, softness);
+                let force = experience.force.variance(0, located.force_n);
+                solution.covariance = Some(Covariance([[location, 0.0, 0.0], [0.0, location, 0.0], [0.0, 0.0, force]]));
+                let misfit = located.residue / (experience.residue.variance(0, softness) * experience.most_residue);
+                solution.misfit = misfit.is_finite().then_some(misfit);
+            }
+            solution.verdict = experience.verdict(outputs, solution.misfit);
+        }
+        Ok(solution)
+    }
+}
+
+impl Experience {
+    fn of(trials: &[Trial], response: &Response, setting: &Setting<'_>) -> Option<Self> {
+        let (mut location, mut force, mut residue) = (Vec::new(), Vec::new(), Vec::new());
+        let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
+        for (trial, answer) in answered() {
+            let of = |predicted, residual| Residual { predicted, residual, leverage: 0.0 };
+            location.push(of(1.0 / trial.force_n, answer.place.x_mm - trial.place.x_mm));
+            location.push(of(1.0 / trial.force_n, answer.place.y_mm - trial.place.y_mm));
+            force.push(of(trial.force_n, answer.force_n - trial.force_n));
+            residue.push(of(1.0 / trial.force_n, answer.residue.sqrt()));
+        }
+        if force.len() < FEWEST_TRIALS {
+            return None;
+        }
+        let residue = Noise::fit(&[residue]);
+        let mut over: Vec<f64> =
+            answered().map(|(trial, answer)| answer.residue / residue.variance(0, 1.0 / trial.force_n)).collect();
+        over.sort_by(f64::total_cmp);
+        let rank = ((1.0 - setting.false_alarms) * (over.len() - 1) as f64).round() as usize;
+        let units = response.field.channels();
+        Some(Experience {
+            location: Noise::fit(&[location]),
+            force: Noise::fit(&[force]),
+            residue,
+            most_residue: over[rank].max(f64::MIN_POSITIVE),
+            silence_sd: (0..units).map(|unit| response.noise.variance(unit, 0.0).sqrt()).collect(),
+            no_contact: chi2_quantile(units, setting.false_alarms),
         })
+    }
+
+    fn verdict(&self, outputs: &[f64], misfit: Option<f64>) -> Verdict {
+        let loudness: f64 = outputs.iter().zip(&self.silence_sd).map(|(output, sd)| (output / sd).powi(2)).sum();
+        if loudness < self.no_contact {
+            Verdict::WeakSignal
+        } else if misfit.is_some_and(|misfit| misfit > 1.0) {
+            Verdict::NotOneContact
+        } else {
+            Verdict::Ok
+        }
     }
 }

@@ -9,8 +9,12 @@ pub struct Calibration {
     units: usize,
     places: Vec<Place>,
     force_n: Vec<f64>,
+    forces_known: bool,
     outputs: Vec<f64>,
 }
+
+/// Forces within this factor count as one: a loop keeps within 5 % of what it is asked, careless presses within 20 %.
+const ONE_FORCE: f64 = 1.5;
 
 /// One press of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,8 +41,26 @@ impl Calibration {
             units,
             places: points.iter().map(|press| press.place).collect(),
             force_n: points.iter().map(|press| press.force_n).collect(),
+            forces_known: true,
             outputs: points.iter().flat_map(|press| press.outputs).copied().collect(),
         })
+    }
+
+    /// Takes points whose forces aren't known; what they say of it doesn't count. The length of a row of outputs stands in for the
+    /// force, 1 for the root mean square of all lengths: methods that part place from force then see the direction alone. A force
+    /// that is solved with it is in that measure, not in newtons.
+    pub fn without_forces(points: &[CalibrationPoint<'_>]) -> Result<Self, CalibrationError> {
+        let unit: Vec<CalibrationPoint<'_>> =
+            points.iter().map(|press| CalibrationPoint { force_n: 1.0, ..*press }).collect();
+        let mut calibration = Self::new(&unit)?;
+        let square = |press: &CalibrationPoint<'_>| press.outputs.iter().map(|output| output * output).sum::<f64>();
+        let mean = points.iter().map(square).sum::<f64>() / points.len() as f64;
+        let length = |press: &CalibrationPoint<'_>| (square(press) / mean).sqrt();
+        // a press that nothing was read of has no direction to lose
+        calibration.force_n =
+            points.iter().map(|press| Some(length(press)).filter(|l| *l > 0.0).unwrap_or(1.0)).collect();
+        calibration.forces_known = false;
+        Ok(calibration)
     }
 
     /// How many units the array has.
@@ -62,6 +84,17 @@ impl Calibration {
         CalibrationPoint { place: self.places[index], force_n: self.force_n[index], outputs }
     }
 
+    /// Some of the points; at least one.
+    pub(super) fn subset(&self, points: &[usize]) -> Calibration {
+        Calibration {
+            units: self.units,
+            places: points.iter().map(|&point| self.places[point]).collect(),
+            force_n: points.iter().map(|&point| self.force_n[point]).collect(),
+            forces_known: self.forces_known,
+            outputs: points.iter().flat_map(|&point| self.point(point).outputs).copied().collect(),
+        }
+    }
+
     /// The points that share a place, to the micrometre, in the order in which each place comes first: the index of the first,
     /// and all of them.
     pub(super) fn by_place(&self) -> Vec<(usize, Vec<usize>)> {
@@ -76,6 +109,12 @@ impl Calibration {
             spots[spot].1.push(index);
         }
         spots
+    }
+
+    /// The one force that all points were pressed with, N; none where they differ, or it isn't known.
+    pub(super) fn single_force_n(&self) -> Option<f64> {
+        let (least, most) = self.force_n.iter().fold((f64::MAX, 0.0f64), |(l, m), f| (l.min(*f), m.max(*f)));
+        (self.forces_known && most < ONE_FORCE * least).then(|| self.typical_force_n())
     }
 
     /// The force that the points are pressed with, root mean square, N.

@@ -30,6 +30,10 @@ impl Fitted {
         Fitted { solver, units, choice }
     }
 
+    pub(super) fn chosen(self, choice: Choice) -> Self {
+        Fitted { choice: Some(choice), ..self }
+    }
+
     /// How the method was chosen; none where it was asked for by name.
     pub fn choice(&self) -> Option<&Choice> {
         self.choice.as_ref()

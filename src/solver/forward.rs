@@ -3,7 +3,9 @@ use super::normal::inverse;
 use super::response::Response;
 use super::scan::Scan;
 use super::threshold::{Threshold, chi2_quantile};
-use super::{Covariance, Load, Setting, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{
+    Calibration, Covariance, Load, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
+};
 use crate::quantity::Place;
 
 /// Inverts a [`Response`]: the place and the force under which the array would read what was read.
@@ -37,7 +39,7 @@ struct Limits {
 const BROKEN_SD: f64 = 3.0;
 
 impl Forward {
-    pub fn new(name: &'static str, response: Response, setting: &Setting<'_>) -> Self {
+    pub fn new(name: &'static str, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let starts = Starts::new(&response);
         let mut loudest = vec![0.0f64; response.field.channels()];
         let mut value = vec![0.0; loudest.len()];
@@ -47,7 +49,7 @@ impl Forward {
         }
         let (units, rate) = (loudest.len(), setting.false_alarms);
         let left = |units: usize| chi2_quantile(units.saturating_sub(setting.unknowns()), rate);
-        let one_contact = Threshold::new(&response, setting).misfit;
+        let one_contact = Threshold::new(&response, calibration, setting).misfit;
         let limits = Limits {
             one_contact,
             without_a_unit: one_contact * left(units.saturating_sub(1)) / left(units),
@@ -109,6 +111,22 @@ impl Solver for Forward {
             misfit: Some(estimate.chi2 / limit),
             verdict,
         })
+    }
+}
+
+impl Locate for Forward {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+        let Estimate { place, force_n, chi2, .. } =
+            self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
+        if force_n.is_finite() {
+            Ok(Located { place, force_n, residue: chi2 })
+        } else {
+            Err(SolveError::OutOfProportion)
+        }
     }
 }
 

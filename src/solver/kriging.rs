@@ -90,15 +90,19 @@ impl Kriging {
         self.correlation.length
     }
 
-    /// The outputs at a place, one each.
-    pub fn predict(&self, place: &[f64], outputs: &mut [f64]) {
+    /// The outputs at a place, one each; returns how far it is from the nearest known place.
+    pub fn predict(&self, place: &[f64], outputs: &mut [f64]) -> f64 {
         outputs.copy_from_slice(&self.mean);
+        let mut nearest = f64::INFINITY;
         for (known, weights) in self.places.chunks_exact(self.dimensions).zip(self.weights.chunks_exact(self.outputs)) {
-            let covariance = self.correlation.at(distance(place, known));
+            let apart = distance(place, known);
+            nearest = nearest.min(apart);
+            let covariance = self.correlation.at(apart);
             for (output, weight) in outputs.iter_mut().zip(weights) {
                 *output += covariance * weight;
             }
         }
+        nearest
     }
 
     /// The variance of each prediction over that of the noise: row-major, places x outputs. About one over the number of
@@ -211,12 +215,14 @@ impl Eigen {
             .collect();
         let of_output = |output: usize| -> Vec<NoiseRatio> {
             let turned = turned.col_as_slice(output);
+            let is_flat = turned.iter().map(|value| value * value).sum::<f64>() <= f64::MIN_POSITIVE;
             let tried = precisions.iter().map(|(ratio, determinant, precision)| {
                 let squares = turned.iter().zip(precision).map(|(turned, precision)| turned * turned * precision);
                 let count = turned.len() as f64;
-                // an output that is 0 everywhere is as likely under any ratio
-                let scale = (squares.sum::<f64>() / count).max(f64::MIN_POSITIVE);
-                NoiseRatio { ratio: *ratio, likelihood: -0.5 * (count * scale.ln() + determinant) }
+                let scale = squares.sum::<f64>() / count;
+                // an output that is the same everywhere is as likely under any ratio
+                let likelihood = if is_flat { 0.0 } else { -0.5 * (count * scale.ln() + determinant) };
+                NoiseRatio { ratio: *ratio, likelihood }
             });
             tried.collect()
         };

@@ -9,12 +9,15 @@
 //! and an arm in [`fit`].
 
 mod appraised;
+mod best;
 mod calibration;
 mod descent;
 mod evaluation;
 mod field;
 mod fitted;
 mod forward;
+mod gaussian_process;
+mod heldout;
 mod knn;
 mod kriging;
 mod noise;
@@ -43,10 +46,12 @@ pub use whitened::Whitened;
 use crate::quantity::Place;
 use appraised::Appraised;
 use forward::Forward;
+use gaussian_process::GaussianProcess;
+use response::Response;
 use surrogate::surrogate;
 
 /// The names [`fit`] knows, the paper's own first.
-pub const SOLVERS: [&str; 5] = ["pearson", "pearson-lsq", "pearson-knn", "whitened", "surrogate"];
+pub const SOLVERS: [&str; 6] = ["pearson", "pearson-lsq", "pearson-knn", "whitened", "surrogate", "gaussian-process"];
 
 /// A fitted method.
 pub trait Solver: Send + Sync {
@@ -98,23 +103,49 @@ pub struct Workspace {
 pub const BEST: &str = "best";
 
 /// Fits the method of that name, or the one that cross-validation on the calibration finds best.
+///
+/// Every method is tried on presses that were held out of a fit, the force unknown to it; that tells [`BEST`] which to take, and the
+/// others how far they are off.
 pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
     if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
         return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
     }
-    let pearson = |rule| Pearson::fit(calibration, setting.layout, rule).map(Appraised::new);
-    let solver: Box<dyn Solver> = match name {
-        "pearson" => Box::new(pearson(ForceRule::ClosestUnit)?),
-        "pearson-lsq" => Box::new(pearson(ForceRule::LeastSquares)?),
-        "pearson-knn" => Box::new(Appraised::new(PearsonKnn::fit(calibration)?)),
-        "whitened" => {
-            let noise_sd = surrogate(calibration)?.typical_sd();
-            Box::new(Appraised::new(Whitened::fit(calibration, &noise_sd)?))
-        }
-        "surrogate" | BEST => Box::new(Forward::new("surrogate", surrogate(calibration)?, setting)),
+    let response = surrogate(calibration)?;
+    let tried =
+        |name: &str| heldout::trials(calibration, setting, &response, |part| method(name, part, setting, &response));
+    if name != BEST {
+        let solver: Box<dyn Solver> = match name {
+            "surrogate" => Box::new(Forward::new("surrogate", response, calibration, setting)),
+            _ => {
+                let method = method(name, calibration, setting, &response)?;
+                Box::new(Appraised::new(method, &tried(name)?, &response, setting))
+            }
+        };
+        return Ok(Fitted::new(solver, calibration.units(), None));
+    }
+    let candidates = SOLVERS.map(|name| best::candidate(name, &tried(name).unwrap_or_default()));
+    let choice = best::choice(candidates.to_vec());
+    let chosen = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
+    let solver = fit(chosen.map_or(SOLVERS[0], |best| &best.solver), calibration, setting)?;
+    Ok(solver.chosen(choice))
+}
+
+/// The method of that name, fitted, without an idea of its errors.
+fn method(
+    name: &str,
+    calibration: &Calibration,
+    setting: &Setting<'_>,
+    response: &Response,
+) -> Result<Box<dyn Locate>, FitError> {
+    Ok(match name {
+        "pearson" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::ClosestUnit)?),
+        "pearson-lsq" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::LeastSquares)?),
+        "pearson-knn" => Box::new(PearsonKnn::fit(calibration)?),
+        "whitened" => Box::new(Whitened::fit(calibration, &response.typical_sd())?),
+        "surrogate" => Box::new(Forward::new("surrogate", surrogate(calibration)?, calibration, setting)),
+        "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
-    };
-    Ok(Fitted::new(solver, calibration.units(), None))
+    })
 }
 
 /// Why a method couldn't be fitted.

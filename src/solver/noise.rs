@@ -40,11 +40,6 @@ impl Noise {
     pub fn variance(&self, unit: usize, output: f64) -> f64 {
         self.additive[unit] + self.proportional[unit] * output * output
     }
-
-    /// The additive part of a unit, as a variance.
-    pub fn additive_variance(&self, unit: usize) -> f64 {
-        self.additive[unit]
-    }
 }
 
 /// a^2 and b^2 of one unit: the squares of its residuals are regressed on 1 and y^2, each weighted by what its variance was

@@ -39,6 +39,12 @@ impl Response {
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
 
+    /// What must be added to an output that is scaled by `share` for it to be as noisy as one that was measured: standard
+    /// deviation. Proportional noise scales along, additive noise doesn't.
+    pub fn missing_noise(&self, unit: usize, share: f64) -> f64 {
+        (self.noise.variance(unit, 0.0) * (1.0 - share * share).max(0.0)).sqrt()
+    }
+
     /// The noise of each unit under the calibration's force, root mean square over the calibration's presses: a standard deviation.
     pub fn typical_sd(&self) -> Vec<f64> {
         let of_unit = |unit: usize| {

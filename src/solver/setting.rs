@@ -1,3 +1,4 @@
+use super::Calibration;
 use crate::quantity::ArrayLayout;
 
 /// What a fit is told beside the calibration.
@@ -39,11 +40,13 @@ impl<'a> Setting<'a> {
         Setting { layout, ..Setting::default() }
     }
 
-    /// The forces to come after a calibration at `calibrated_n`, N.
-    pub(super) fn force_range(&self, calibrated_n: f64) -> (f64, f64) {
-        match self.load {
-            Load::Constant => (calibrated_n, calibrated_n),
-            Load::Unknown => self.forces_n.unwrap_or((LEAST_FORCE_SHARE * calibrated_n, calibrated_n)),
+    /// By what presses of a calibration are scaled, least and most, to stand for the forces to come. Presses of several forces, or
+    /// of unknown ones, stand for themselves.
+    pub(super) fn shares(&self, calibration: &Calibration) -> (f64, f64) {
+        match (self.load, self.forces_n, calibration.single_force_n()) {
+            (Load::Constant, ..) | (Load::Unknown, _, None) => (1.0, 1.0),
+            (Load::Unknown, Some((least, most)), Some(force_n)) => (least / force_n, most / force_n),
+            (Load::Unknown, None, Some(_)) => (LEAST_FORCE_SHARE, 1.0),
         }
     }
 

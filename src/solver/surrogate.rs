@@ -37,7 +37,9 @@ pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError>
     let Some(area) = Area::around(spots.iter().map(|spot| spot.place)) else {
         return Err(FitError::NothingToTellApart);
     };
-    let sample = |place: Place, outputs: &mut [f64]| kriging.predict(&[place.x_mm, place.y_mm], outputs);
+    let sample = |place: Place, outputs: &mut [f64]| {
+        kriging.predict(&[place.x_mm, place.y_mm], outputs);
+    };
     let field = Field::new(area, kriging.length() / CELLS_A_LENGTH, units, sample);
     let leverage = leverage_field(area, units, |places| kriging.leverage(places));
     Ok(Response { field, leverage, noise, force_n: calibration.typical_force_n(), held })

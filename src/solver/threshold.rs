@@ -1,5 +1,6 @@
-use super::Setting;
+use super::heldout::GOLDEN_SHARE;
 use super::response::Response;
+use super::{Calibration, Setting};
 use crate::quantity::stream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -19,28 +20,26 @@ pub(super) struct Threshold {
 const FORCES_A_PRESS: usize = 4;
 
 impl Threshold {
-    pub fn new(response: &Response, setting: &Setting<'_>) -> Self {
+    pub fn new(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let units = response.field.channels();
         let mut rng = stream(0, 0, "thresholds");
         let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
         let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
-        let (least, most) = setting.force_range(response.force_n);
+        let (least, most) = setting.shares(calibration);
         for (index, held) in response.held.iter().enumerate() {
             response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
             for part in 0..FORCES_A_PRESS {
                 // evenly over the forces, shuffled over the presses
-                let quantile = (index as f64 * 0.618_033_988_749_895 + part as f64 / FORCES_A_PRESS as f64).fract();
-                let force_n = least + (most - least) * quantile;
-                let share = force_n / held.force_n;
+                let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / FORCES_A_PRESS as f64).fract();
+                let share = least + (most - least) * quantile;
+                let force_n = share * held.force_n;
                 let rows = held.residuals.iter().enumerate().map(|(unit, residual)| {
                     let g = value[unit];
                     let variance = response.noise.variance(unit, force_n * g)
                         + share * share * residual.leverage * response.noise.variance(unit, held.force_n * g);
-                    // Additive noise doesn't shrink with the force as the rest of a residual does.
-                    let missing = response.noise.additive_variance(unit) * (1.0 - share * share).max(0.0);
                     let normal: f64 = StandardNormal.sample(&mut rng);
                     let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g];
-                    (share * residual.residual + missing.sqrt() * normal, 1.0 / variance, jacobian)
+                    (share * residual.residual + response.missing_noise(unit, share) * normal, 1.0 / variance, jacobian)
                 });
                 sums.push(left_over(rows, setting.unknowns()));
             }
