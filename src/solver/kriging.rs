@@ -35,8 +35,14 @@ pub(super) const MOST_PLACES: usize = 1200;
 /// The most places the correlation length is sought with.
 const MOST_PLACES_TO_SEEK_WITH: usize = 160;
 
-/// How many lengths are tried, evenly by their logarithm, from the spacing of the places to twice their extent.
-const LENGTHS: usize = 12;
+/// How many lengths are tried of each smoothness, evenly by their logarithm, from the spacing of the places to [`LONGEST`].
+const LENGTHS: usize = 8;
+
+/// The longest length that is tried, over the places' extent.
+const LONGEST: f64 = 4.0;
+
+/// How often the step between lengths is halved around the best.
+const HALVINGS: usize = 3;
 
 /// Noise ratios that are tried: 10^(-8 + i / 4).
 const NOISE_RATIOS: i32 = 36;
@@ -53,7 +59,11 @@ impl Kriging {
     pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, about_mean: bool) -> Self {
         let count = places.len() / dimensions;
         let mean = if about_mean { column_means(values, outputs) } else { vec![0.0; outputs] };
-        let centred = |row: usize, output: usize| values[row * outputs + output] - mean[output];
+        let flat = flat_columns(values, outputs);
+        let centred = |row: usize, output: usize| match about_mean && flat[output] {
+            true => 0.0, // not what rounding leaves
+            false => values[row * outputs + output] - mean[output],
+        };
 
         let few = farthest_apart(places, dimensions, MOST_PLACES_TO_SEEK_WITH.min(count));
         let few_places: Vec<f64> =
@@ -244,7 +254,7 @@ impl Eigen {
     }
 }
 
-/// The correlation of the largest likelihood, its length between the spacing of the places and twice their extent.
+/// The correlation of the largest likelihood.
 fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation) -> f64) -> Correlation {
     let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
     let apart = |i: usize, j: usize| distance(rows[i], rows[j]);
@@ -255,15 +265,28 @@ fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation)
     let others = |i: usize| (0..rows.len()).filter(move |&j| j != i);
     let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
     let spacing = (0..rows.len()).map(nearest).fold(extent, f64::min).max(extent / 1000.0);
-    let (least, most) = (spacing.ln(), (2.0 * extent).ln());
-    let length = |i: usize| (least + (most - least) * i as f64 / (LENGTHS - 1) as f64).exp();
-    let tried = [Smoothness::Matern, Smoothness::Gaussian]
+    let (least, most) = (spacing.ln(), (LONGEST * extent).ln());
+    let mut step = (most - least) / (LENGTHS - 1) as f64;
+    let scored = |smoothness: Smoothness, log_length: f64| {
+        let correlation = Correlation { smoothness, length: log_length.exp() };
+        (correlation, likelihood(correlation))
+    };
+    let better = |a: (Correlation, f64), b: (Correlation, f64)| if b.1 > a.1 { b } else { a };
+    let coarse = [Smoothness::Matern, Smoothness::Gaussian]
         .into_iter()
-        .flat_map(|smoothness| (0..LENGTHS).map(move |i| Correlation { smoothness, length: length(i) }))
-        .map(|correlation| (correlation, likelihood(correlation)));
-    tried
-        .max_by(|a, b| a.1.total_cmp(&b.1))
-        .map_or(Correlation { smoothness: Smoothness::Matern, length: extent }, |best| best.0)
+        .flat_map(|smoothness| (0..LENGTHS).map(move |i| (smoothness, least + step * i as f64)));
+    let coarse = coarse.map(|(smoothness, log_length)| scored(smoothness, log_length));
+    let Some(mut best) = coarse.reduce(better) else {
+        return Correlation { smoothness: Smoothness::Matern, length: extent };
+    };
+    for _ in 0..HALVINGS {
+        step *= 0.5;
+        let middle = best.0.length.ln();
+        for log_length in [middle - step, middle + step] {
+            best = better(best, scored(best.0.smoothness, log_length));
+        }
+    }
+    best.0
 }
 
 /// How alike the outputs at two places are.
@@ -303,4 +326,14 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn column_means(values: &[f64], columns: usize) -> Vec<f64> {
     let rows = (values.len() / columns).max(1) as f64;
     (0..columns).map(|column| values[column..].iter().step_by(columns).sum::<f64>() / rows).collect()
+}
+
+/// Which columns hold one value throughout, but for rounding.
+fn flat_columns(values: &[f64], columns: usize) -> Vec<bool> {
+    let is_flat = |column: usize| {
+        let of_column = || values[column..].iter().step_by(columns);
+        let (least, most) = of_column().fold((f64::MAX, f64::MIN), |(l, m), v| (l.min(*v), m.max(*v)));
+        most - least <= 1e-9 * most.abs().max(least.abs())
+    };
+    (0..columns).map(is_flat).collect()
 }
