@@ -95,18 +95,17 @@ impl Calibration {
         }
     }
 
-    /// The points that share a place, to the micrometre, in the order in which each place comes first: the index of the first,
-    /// and all of them.
-    pub(super) fn by_place(&self) -> Vec<(usize, Vec<usize>)> {
-        let mut spots: Vec<(usize, Vec<usize>)> = Vec::new();
+    /// The points that share a place, to the micrometre, in the order in which each place comes first.
+    pub(super) fn by_place(&self) -> Vec<Vec<usize>> {
+        let mut spots: Vec<Vec<usize>> = Vec::new();
         let mut known = HashMap::new();
         for (index, place) in self.places.iter().enumerate() {
             let key = ((place.x_mm * 1000.0).round() as i64, (place.y_mm * 1000.0).round() as i64);
             let spot = *known.entry(key).or_insert_with(|| {
-                spots.push((index, Vec::new()));
+                spots.push(Vec::new());
                 spots.len() - 1
             });
-            spots[spot].1.push(index);
+            spots[spot].push(index);
         }
         spots
     }

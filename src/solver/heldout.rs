@@ -33,7 +33,7 @@ pub(super) fn trials(
     response: &Response,
     fit: impl Fn(&Calibration) -> Result<Box<dyn Locate>, FitError>,
 ) -> Result<Vec<Trial>, FitError> {
-    let mut spots: Vec<Vec<usize>> = calibration.by_place().into_iter().map(|(_, presses)| presses).collect();
+    let mut spots = calibration.by_place();
     if spots.len() < 2 * FOLDS {
         return Ok(Vec::new());
     }

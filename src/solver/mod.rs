@@ -23,10 +23,12 @@ mod kriging;
 mod noise;
 mod normal;
 mod pearson;
+mod physics;
 mod response;
 mod scan;
 mod setting;
 mod solution;
+mod spots;
 mod surrogate;
 mod threshold;
 mod whitened;
@@ -47,11 +49,13 @@ use crate::quantity::Place;
 use appraised::Appraised;
 use forward::Forward;
 use gaussian_process::GaussianProcess;
+use physics::physics;
 use response::Response;
 use surrogate::surrogate;
 
 /// The names [`fit`] knows, the paper's own first.
-pub const SOLVERS: [&str; 6] = ["pearson", "pearson-lsq", "pearson-knn", "whitened", "surrogate", "gaussian-process"];
+pub const SOLVERS: [&str; 7] =
+    ["pearson", "pearson-lsq", "pearson-knn", "whitened", "surrogate", "physics", "gaussian-process"];
 
 /// A fitted method.
 pub trait Solver: Send + Sync {
@@ -110,18 +114,22 @@ pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Resu
     if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
         return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
     }
+    if name == "physics" {
+        let response = physics(calibration, setting.layout)?;
+        let solver = Forward::new("physics", response, calibration, setting);
+        return Ok(Fitted::new(Box::new(solver), calibration.units(), None));
+    }
     let response = surrogate(calibration)?;
+    if name == "surrogate" {
+        let solver = Forward::new("surrogate", response, calibration, setting);
+        return Ok(Fitted::new(Box::new(solver), calibration.units(), None));
+    }
     let tried =
         |name: &str| heldout::trials(calibration, setting, &response, |part| method(name, part, setting, &response));
     if name != BEST {
-        let solver: Box<dyn Solver> = match name {
-            "surrogate" => Box::new(Forward::new("surrogate", response, calibration, setting)),
-            _ => {
-                let method = method(name, calibration, setting, &response)?;
-                Box::new(Appraised::new(method, &tried(name)?, &response, setting))
-            }
-        };
-        return Ok(Fitted::new(solver, calibration.units(), None));
+        let method = method(name, calibration, setting, &response)?;
+        let solver = Appraised::new(method, &tried(name)?, &response, setting);
+        return Ok(Fitted::new(Box::new(solver), calibration.units(), None));
     }
     let candidates = SOLVERS.map(|name| best::candidate(name, &tried(name).unwrap_or_default()));
     let choice = best::choice(candidates.to_vec());
@@ -143,6 +151,7 @@ fn method(
         "pearson-knn" => Box::new(PearsonKnn::fit(calibration)?),
         "whitened" => Box::new(Whitened::fit(calibration, &response.typical_sd())?),
         "surrogate" => Box::new(Forward::new("surrogate", surrogate(calibration)?, calibration, setting)),
+        "physics" => Box::new(Forward::new("physics", physics(calibration, setting.layout)?, calibration, setting)),
         "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     })
@@ -164,6 +173,14 @@ pub enum FitError {
         layout: usize,
         /// Units in the calibration.
         calibration: usize,
+    },
+    /// Too few places for the method.
+    #[error("the calibration has {places} places, the method needs {needed}")]
+    TooFewPlaces {
+        /// Places there are.
+        places: usize,
+        /// Places needed.
+        needed: usize,
     },
     /// At every calibration point all units read the same, so no point can be told from another.
     #[error("all units read the same at every calibration point: no point can be told from another")]
@@ -204,8 +221,11 @@ mod tests {
     use crate::quantity::ArrayLayout;
 
     fn calibration() -> Calibration {
-        let point = |x_mm, outputs| CalibrationPoint { place: Place::new(x_mm, 0.0), force_n: 1.0, outputs };
-        Calibration::new(&[point(0.0, &[1.0, 0.2, 0.1]), point(1.0, &[0.2, 1.0, 0.2])]).unwrap()
+        let places = (0..16).map(|i| Place::new(f64::from(i % 4), f64::from(i / 4)));
+        let output = |place: Place, x_mm: f64| (-0.2 * place.distance_mm(Place::new(x_mm, 1.0)).powi(2)).exp();
+        let rows: Vec<_> = places.map(|place| (place, [0.0, 1.5, 3.0].map(|x_mm| output(place, x_mm)))).collect();
+        let points = rows.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs });
+        Calibration::new(&points.collect::<Vec<_>>()).unwrap()
     }
 
     #[test]

@@ -1,3 +1,4 @@
+use super::Calibration;
 use super::field::Field;
 use super::noise::{Noise, Residual};
 use crate::quantity::Place;
@@ -29,7 +30,34 @@ pub(super) struct Held {
     pub residuals: Vec<Residual>,
 }
 
+/// Cells along each side of the table that holds the map's own error.
+const LEVERAGE_CELLS: f64 = 12.0;
+
 impl Response {
+    /// What a map and the presses held against it come to. `leverage` is asked once, for many places: the variance of the map at
+    /// each over that of one calibration press, row-major, places x units.
+    pub fn new(
+        field: Field,
+        leverage: impl FnOnce(&[Place]) -> Vec<f64>,
+        held: Vec<Held>,
+        calibration: &Calibration,
+    ) -> Self {
+        let (area, units) = (field.area(), field.channels());
+        let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm).max(f64::MIN_POSITIVE);
+        let mut places = Vec::new();
+        Field::new(area, side / LEVERAGE_CELLS, 1, |place, _| places.push(place));
+        let values = leverage(&places);
+        let mut rows = values.chunks_exact(units);
+        let leverage = Field::new(area, side / LEVERAGE_CELLS, units, |_, row| {
+            if let Some(values) = rows.next() {
+                row.copy_from_slice(values);
+            }
+        });
+        let of_unit = |unit: usize| held.iter().map(|held| held.residuals[unit]).collect();
+        let noise = Noise::fit(&(0..units).map(of_unit).collect::<Vec<Vec<Residual>>>());
+        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held }
+    }
+
     /// The variance of one unit's output under `force_n`, where a newton gives `per_newton`: the noise of the reading, and the
     /// map's own error.
     #[inline]

@@ -1,0 +1,86 @@
+use super::noise::Residual;
+use super::response::Held;
+use super::{Calibration, kriging::MOST_PLACES, kriging::farthest_apart};
+use crate::quantity::Place;
+
+/// The places of a calibration, all presses at one place taken as one measurement.
+pub(super) struct Spots {
+    spots: Vec<Spot>,
+    units: usize,
+}
+
+struct Spot {
+    place: Place,
+    presses: Vec<usize>,
+    /// Sum of the squares of their forces, N^2.
+    weight: f64,
+    /// Each unit's output a newton: the presses' mean, weighted by the square of their force.
+    per_newton: Vec<f64>,
+}
+
+impl Spots {
+    /// The places of a calibration; of very many, those farthest apart.
+    pub fn of(calibration: &Calibration) -> Self {
+        let mut spots: Vec<Spot> =
+            calibration.by_place().into_iter().map(|presses| Spot::of(calibration, presses)).collect();
+        if spots.len() > MOST_PLACES {
+            let places: Vec<f64> = spots.iter().flat_map(|spot| [spot.place.x_mm, spot.place.y_mm]).collect();
+            let mut is_kept = vec![false; spots.len()];
+            farthest_apart(&places, 2, MOST_PLACES).into_iter().for_each(|index| is_kept[index] = true);
+            let mut is_kept = is_kept.into_iter();
+            spots.retain(|_| is_kept.next().unwrap_or(false));
+        }
+        Spots { spots, units: calibration.units() }
+    }
+
+    /// The places, mm.
+    pub fn places(&self) -> impl Iterator<Item = Place> + Clone {
+        self.spots.iter().map(|spot| spot.place)
+    }
+
+    /// Each unit's output a newton, row-major, places x units.
+    pub fn per_newton(&self) -> Vec<f64> {
+        self.spots.iter().flat_map(|spot| spot.per_newton.iter().copied()).collect()
+    }
+
+    /// Every press against what a map says at its place without it. `residuals` is what the places' outputs a newton are over that,
+    /// `leverage` its variance over that of the noise; both row-major, places x units.
+    pub fn hold_out(&self, calibration: &Calibration, residuals: &[f64], leverage: &[f64]) -> Vec<Held> {
+        let rows = residuals.chunks_exact(self.units).zip(leverage.chunks_exact(self.units));
+        let mut held = Vec::with_capacity(calibration.len());
+        for (spot, (residuals, leverage)) in self.spots.iter().zip(rows) {
+            for &press in &spot.presses {
+                let press = calibration.point(press);
+                // The map is as sure as the mean of all presses here makes it; one of them alone is less so.
+                let share = press.force_n * press.force_n / spot.weight;
+                let of_unit = |unit: usize| {
+                    let predicted = press.force_n * (spot.per_newton[unit] - residuals[unit]);
+                    Residual { predicted, residual: press.outputs[unit] - predicted, leverage: leverage[unit] * share }
+                };
+                let residuals = (0..self.units).map(of_unit).collect();
+                held.push(Held { place: spot.place, force_n: press.force_n, residuals });
+            }
+        }
+        held
+    }
+}
+
+impl Spot {
+    fn of(calibration: &Calibration, presses: Vec<usize>) -> Self {
+        let mut spot = Spot {
+            place: calibration.point(presses[0]).place,
+            presses,
+            weight: 0.0,
+            per_newton: vec![0.0; calibration.units()],
+        };
+        for &press in &spot.presses {
+            let press = calibration.point(press);
+            spot.weight += press.force_n * press.force_n;
+            for (sum, output) in spot.per_newton.iter_mut().zip(press.outputs) {
+                *sum += press.force_n * output;
+            }
+        }
+        spot.per_newton.iter_mut().for_each(|sum| *sum /= spot.weight);
+        spot
+    }
+}
