@@ -9,8 +9,8 @@ pub const NEIGHBOURS: usize = 4;
 /// The mean of the [`NEIGHBOURS`] calibration points that correlate best with the reading, where the paper takes the
 /// best alone; fewer where the calibration has fewer.
 ///
-/// Each weighs the inverse of its distance (Shepard 1968, doi:10.1145/800186.810616), which is that between the
-/// reading and the point's outputs, both less their mean and of length 1: sqrt(2 (1 - r)). The place is the weighted
+/// Each weighs the inverse square of its distance (Shepard 1968, doi:10.1145/800186.810616): that between the reading
+/// and the point's outputs, both less their mean and of length 1, whose square is 2 (1 - r). The place is the weighted
 /// mean of theirs. Their outputs per newton, weighed alike, are what one newton there reads; the force is the factor
 /// that fits this to the reading best over all units.
 #[derive(Clone, Debug)]
@@ -43,11 +43,11 @@ impl PearsonKnn {
         Ok(PearsonKnn { units, places, per_newton, scan: Scan::new(units, directions) })
     }
 
-    /// The weight of a neighbour among its like. No distance is 0 to the last bit of r, so that a point read exactly
-    /// outweighs all others by seven orders of magnitude, and two such points share.
+    /// The weight of a neighbour among its like. No distance is taken for less than what r is rounded by, so that a
+    /// point that is met exactly outweighs the others and two such points share.
     fn weight(&self, neighbour: &Hit) -> f64 {
         let rounding = self.units as f64 * f64::EPSILON;
-        1.0 / (2.0 * (1.0 - neighbour.score).max(rounding)).sqrt()
+        1.0 / (1.0 - neighbour.score).max(rounding)
     }
 }
 
@@ -113,14 +113,14 @@ mod tests {
     }
 
     #[test]
-    fn weights_are_inverse_distances() {
+    fn weights_are_inverse_squares_of_distances() {
         // Centred, the rows are at right angles to each other: r = 0.8 and 0.6 by Pythagoras.
         let solver = knn(&[point(0.0, 1.0, &[1.0, 0.0, -1.0]), point(1.0, 1.0, &[1.0, -2.0, 1.0])]);
         let at = |r: f64, length: f64| r / length;
         let (a, b) = (at(0.8, 2.0f64.sqrt()), at(0.6, 6.0f64.sqrt()));
         let located = solve(&solver, &[a + b, -2.0 * b, b - a]).unwrap();
-        let (near, far) = ((2.0 * 0.2f64).sqrt(), (2.0 * 0.4f64).sqrt());
-        assert!((located.place.x_mm - near / (near + far)).abs() < 1e-12, "{located:?}");
+        // 1 - r is 0.2 and 0.4: the first counts twice what the second does.
+        assert!((located.place.x_mm - 1.0 / 3.0).abs() < 1e-12, "{located:?}");
     }
 
     #[test]
