@@ -6,7 +6,7 @@
 
 use palpate::mechanics::lambda;
 use palpate::quantity::{ArrayLayout, Place};
-use palpate::solver::{Calibration, CalibrationPoint, Solver, Workspace, fit, fit_whitened};
+use palpate::solver::{BEST, Calibration, CalibrationPoint, Fitted, SOLVERS, Setting, Solver, Workspace, fit};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::hint::black_box;
@@ -19,6 +19,8 @@ const READINGS: usize = 100;
 const BATCH: usize = 10_000;
 /// Repetitions of a batch, as many as numpy gets.
 const BATCHES: usize = 7;
+/// How often each method is fitted.
+const FITS: usize = 3;
 /// Numbers that one repetition reads of a synthetic table, however large it is.
 const NUMBERS: usize = 10_000_000;
 
@@ -31,22 +33,30 @@ fn main() {
     let (units, points) = (calibration.units(), calibration.len());
     let few = &readings[..READINGS * units];
     println!("on {units} x {points} points, the paper's:");
-    for name in ["pearson", "pearson-lsq", "pearson-knn"] {
-        print_cost(name, cost_ns(solver(name, &calibration).as_ref(), units, few, REPETITIONS));
+    for name in SOLVERS {
+        print_cost(name, cost_ns(&solver(name, &calibration), units, few, REPETITIONS));
     }
-    let whitened = fit_whitened(&calibration, &vec![0.01; units]).expect("a noise a unit");
-    print_cost("whitened", cost_ns(whitened.as_ref(), units, few, REPETITIONS));
-    let batch_ns = cost_ns(solver("pearson", &calibration).as_ref(), units, &readings, BATCHES);
+    let batch_ns = cost_ns(&solver("pearson", &calibration), units, &readings, BATCHES);
     print_cost("pearson, each of 10,000", batch_ns);
     print_roofline(units, points);
     print_numpy(units, points, batch_ns);
+
+    println!("fitting them, errors and thresholds included:");
+    for name in SOLVERS.into_iter().chain([BEST]) {
+        let times = (0..FITS).map(|_| {
+            let began = Instant::now();
+            black_box(solver(name, black_box(&calibration)));
+            began.elapsed().as_secs_f64() * 1e3
+        });
+        println!("  {name:<24} {:>7.1} ms", times.fold(f64::INFINITY, f64::min));
+    }
 
     println!("pearson on synthetic tables:");
     for (units, points) in TABLES {
         let (calibration, readings) = synthetic(units, points);
         let bytes = table_bytes(units, points);
         let count = (NUMBERS / (units * points)).clamp(1, READINGS);
-        let ns = cost_ns(solver("pearson", &calibration).as_ref(), units, &readings[..count * units], REPETITIONS);
+        let ns = cost_ns(&solver("pearson", &calibration), units, &readings[..count * units], REPETITIONS);
         println!(
             "  {units:>2} x {points:>7}: {ns:>10.0} ns, {:>9.1} kB, {:.4} ns per byte ({:.0} GB/s)",
             bytes / 1e3,
@@ -56,8 +66,8 @@ fn main() {
     }
 }
 
-fn solver(name: &str, calibration: &Calibration) -> Box<dyn Solver> {
-    fit(name, calibration, None).expect("a listed solver and a calibration with contrast")
+fn solver(name: &str, calibration: &Calibration) -> Fitted {
+    fit(name, calibration, &Setting::default()).expect("a listed solver and a calibration with contrast")
 }
 
 fn print_cost(what: &str, ns: f64) {

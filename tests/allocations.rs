@@ -4,7 +4,7 @@
 use cap::Cap;
 use palpate::mechanics::lambda;
 use palpate::quantity::{ArrayLayout, Place};
-use palpate::solver::{Calibration, CalibrationPoint, SOLVERS, Workspace, fit, fit_whitened};
+use palpate::solver::{Calibration, CalibrationPoint, SOLVERS, Setting, Solver, Workspace, fit};
 use std::alloc::System;
 
 #[global_allocator]
@@ -24,8 +24,7 @@ fn a_solve_allocates_nothing() {
     let calibration = Calibration::new(&points).unwrap();
     let readings: Vec<Vec<f64>> = (0..50).map(|i| outputs(Place::new(0.1 * f64::from(i) - 2.0, 1.3))).collect();
 
-    let whitened = fit_whitened(&calibration, &[0.01; 9]).unwrap();
-    for solver in SOLVERS.map(|name| fit(name, &calibration, None).unwrap()).into_iter().chain([whitened]) {
+    for solver in SOLVERS.map(|name| fit(name, &calibration, &Setting::default()).unwrap()) {
         let mut workspace = Workspace::default();
         solver.solve(&readings[0], &mut workspace).unwrap();
         let before = HEAP.total_allocated();
