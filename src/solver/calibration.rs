@@ -95,6 +95,12 @@ impl Calibration {
         }
     }
 
+    /// Some of the units, in this order.
+    pub(super) fn of_units(&self, units: &[usize]) -> Calibration {
+        let row = |point: usize| units.iter().map(move |&unit| self.outputs[point * self.units + unit]);
+        Calibration { units: units.len(), outputs: (0..self.len()).flat_map(row).collect(), ..self.clone() }
+    }
+
     /// The points that share a place, to the micrometre, in the order in which each place comes first.
     pub(super) fn by_place(&self) -> Vec<Vec<usize>> {
         let mut spots: Vec<Vec<usize>> = Vec::new();

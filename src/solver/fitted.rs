@@ -1,9 +1,12 @@
-use super::{Calibration, FitError, Setting, Solution, SolveError, Solver, Workspace};
+use super::{Broken, Solution, SolveError, Solver, Verdict, Workspace};
 
 /// A method fitted to a calibration: what [`fit`](super::fit) gives.
 pub struct Fitted {
     solver: Box<dyn Solver>,
     units: usize,
+    /// The units that the method knows, in its order; none if it knows all.
+    kept: Option<Vec<usize>>,
+    broken: Vec<Broken>,
     choice: Option<Choice>,
 }
 
@@ -26,8 +29,16 @@ pub struct Candidate {
 }
 
 impl Fitted {
-    pub(super) fn new(solver: Box<dyn Solver>, units: usize, choice: Option<Choice>) -> Self {
-        Fitted { solver, units, choice }
+    /// A method for all of so many units.
+    pub(super) fn new(solver: Box<dyn Solver>, units: usize) -> Self {
+        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None }
+    }
+
+    /// The same for an array of `units` of which some are left out.
+    pub(super) fn without(self, broken: Vec<Broken>, units: usize) -> Self {
+        let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
+        let kept = (!broken.is_empty()).then(|| (0..units).filter(is_kept).collect());
+        Fitted { units, kept, broken, ..self }
     }
 
     pub(super) fn chosen(self, choice: Choice) -> Self {
@@ -37,6 +48,11 @@ impl Fitted {
     /// How the method was chosen; none where it was asked for by name.
     pub fn choice(&self) -> Option<&Choice> {
         self.choice.as_ref()
+    }
+
+    /// The units that are left out of account: what they read changes nothing.
+    pub fn broken(&self) -> &[Broken] {
+        &self.broken
     }
 }
 
@@ -49,42 +65,29 @@ impl Solver for Fitted {
         if outputs.len() != self.units {
             return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
         }
-        if let Some(index) = outputs.iter().position(|output| !output.is_finite()) {
-            return Err(SolveError::NotFinite { unit: index + 1 });
+        let Some(kept) = &self.kept else {
+            check(outputs)?;
+            return self.solver.solve(outputs, workspace);
+        };
+        let mut row = std::mem::take(&mut workspace.kept);
+        row.clear();
+        row.extend(kept.iter().map(|&unit| outputs[unit]));
+        let solved = check(&row).and_then(|()| self.solver.solve(&row, workspace));
+        workspace.kept = row;
+        let mut solution = solved.map_err(|error| match error {
+            SolveError::NotFinite { unit } => SolveError::NotFinite { unit: kept[unit - 1] + 1 },
+            other => other,
+        })?;
+        if let Verdict::ChannelFault(unit) = &mut solution.verdict {
+            *unit = kept[*unit];
         }
-        self.solver.solve(outputs, workspace)
+        Ok(solution)
     }
 }
 
-/// Solves one reading after another, and leaves a unit that breaks on the way out of account from then on.
-pub struct Session<'a> {
-    calibration: &'a Calibration,
-    setting: Setting<'a>,
-    fitted: Fitted,
-    masked: Vec<usize>,
-    workspace: Workspace,
-}
-
-impl<'a> Session<'a> {
-    /// Fits the method of that name.
-    pub fn new(name: &str, calibration: &'a Calibration, setting: Setting<'a>) -> Result<Self, FitError> {
-        let fitted = super::fit(name, calibration, &setting)?;
-        Ok(Session { calibration, setting, fitted, masked: Vec::new(), workspace: Workspace::default() })
-    }
-
-    /// The method.
-    pub fn fitted(&self) -> &Fitted {
-        &self.fitted
-    }
-
-    /// The units that are left out, counted from 0, in the order in which they were found.
-    pub fn masked(&self) -> &[usize] {
-        &self.masked
-    }
-
-    /// The contact behind the next reading.
-    pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, SolveError> {
-        let _ = (self.calibration, self.setting);
-        self.fitted.solve(outputs, &mut self.workspace)
+fn check(outputs: &[f64]) -> Result<(), SolveError> {
+    match outputs.iter().position(|output| !output.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(SolveError::NotFinite { unit: index + 1 }),
     }
 }

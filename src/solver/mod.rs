@@ -10,6 +10,7 @@
 
 mod appraised;
 mod best;
+mod broken;
 mod calibration;
 mod descent;
 mod evaluation;
@@ -26,6 +27,7 @@ mod pearson;
 mod physics;
 mod response;
 mod scan;
+mod session;
 mod setting;
 mod solution;
 mod spots;
@@ -33,19 +35,21 @@ mod surrogate;
 mod threshold;
 mod whitened;
 
+pub use broken::{Broken, Fault};
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
     ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, Unsolved, Within, evaluate,
 };
-pub use fitted::{Candidate, Choice, Fitted, Session};
+pub use fitted::{Candidate, Choice, Fitted};
 pub use knn::{NEIGHBOURS, PearsonKnn};
 pub use pearson::{ForceRule, Pearson, correlation};
+pub use session::Session;
 pub use setting::{Load, Setting};
 pub use solution::{Covariance, Solution, Verdict};
 pub use whitened::Whitened;
 
-use crate::quantity::Place;
+use crate::quantity::{ArrayLayout, Place};
 use appraised::Appraised;
 use forward::Forward;
 use gaussian_process::GaussianProcess;
@@ -93,6 +97,8 @@ struct Located {
 pub struct Workspace {
     /// A row of the reading's length.
     row: Vec<f64>,
+    /// What is read of the units that count.
+    kept: Vec<f64>,
     /// Room to fit a response.
     buffers: descent::Buffers,
     /// What is expected there.
@@ -108,34 +114,60 @@ pub const BEST: &str = "best";
 
 /// Fits the method of that name, or the one that cross-validation on the calibration finds best.
 ///
-/// Every method is tried on presses that were held out of a fit, the force unknown to it; that tells [`BEST`] which to take, and the
-/// others how far they are off.
+/// Units that are dead or saturated in the calibration are left out of account. Methods that know no map of the array are tried on
+/// presses that were held out of a fit, the force unknown to them: it tells how far they are off, and [`BEST`] which to take.
 pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
     if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
         return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
     }
+    if name != BEST && !SOLVERS.contains(&name) {
+        return Err(FitError::UnknownSolver { name: name.to_owned() });
+    }
+    fit_without(name, calibration, setting, broken::broken(calibration))
+}
+
+/// The same, some units left out of account.
+fn fit_without(
+    name: &str,
+    calibration: &Calibration,
+    setting: &Setting<'_>,
+    broken: Vec<Broken>,
+) -> Result<Fitted, FitError> {
+    if broken.is_empty() {
+        return fit_to_all(name, calibration, setting);
+    }
+    let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
+    let kept: Vec<usize> = (0..calibration.units()).filter(is_kept).collect();
+    if kept.is_empty() {
+        return Err(FitError::NothingToTellApart);
+    }
+    let places = |layout: &ArrayLayout| kept.iter().map(|&unit| layout.places()[unit]).collect();
+    let layout = setting.layout.map(|layout| ArrayLayout::from_places(places(layout)));
+    let setting = Setting { layout: layout.as_ref(), ..*setting };
+    Ok(fit_to_all(name, &calibration.of_units(&kept), &setting)?.without(broken, calibration.units()))
+}
+
+fn fit_to_all(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
+    let fitted = |solver: Box<dyn Solver>| Fitted::new(solver, calibration.units());
     if name == "physics" {
         let response = physics(calibration, setting.layout)?;
-        let solver = Forward::new("physics", response, calibration, setting);
-        return Ok(Fitted::new(Box::new(solver), calibration.units(), None));
+        return Ok(fitted(Box::new(Forward::new("physics", response, calibration, setting))));
     }
     let response = surrogate(calibration)?;
     if name == "surrogate" {
-        let solver = Forward::new("surrogate", response, calibration, setting);
-        return Ok(Fitted::new(Box::new(solver), calibration.units(), None));
+        return Ok(fitted(Box::new(Forward::new("surrogate", response, calibration, setting))));
     }
     let tried =
         |name: &str| heldout::trials(calibration, setting, &response, |part| method(name, part, setting, &response));
     if name != BEST {
         let method = method(name, calibration, setting, &response)?;
-        let solver = Appraised::new(method, &tried(name)?, &response, setting);
-        return Ok(Fitted::new(Box::new(solver), calibration.units(), None));
+        return Ok(fitted(Box::new(Appraised::new(method, &tried(name)?, &response, setting))));
     }
     let candidates = SOLVERS.map(|name| best::candidate(name, &tried(name).unwrap_or_default()));
     let choice = best::choice(candidates.to_vec());
     let chosen = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
-    let solver = fit(chosen.map_or(SOLVERS[0], |best| &best.solver), calibration, setting)?;
-    Ok(solver.chosen(choice))
+    let fitted = fit_to_all(chosen.map_or(SOLVERS[0], |best| &best.solver), calibration, setting)?;
+    Ok(fitted.chosen(choice))
 }
 
 /// The method of that name, fitted, without an idea of its errors.
@@ -218,7 +250,6 @@ pub enum SolveError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantity::ArrayLayout;
 
     fn calibration() -> Calibration {
         let places = (0..16).map(|i| Place::new(f64::from(i % 4), f64::from(i / 4)));
