@@ -42,17 +42,15 @@ const MOST_CELLS: usize = 64;
 const FEWEST_CELLS: usize = 4;
 
 impl Field {
-    /// Tabulates `sample`, which fills in one value a channel at a place, in cells of about `step_mm`. It is asked for up to two
-    /// cells beyond the area.
-    pub fn new(area: Area, step_mm: f64, channels: usize, mut sample: impl FnMut(Place, &mut [f64])) -> Self {
+    /// Tabulates `sample`, which is asked once for the values at many places (row-major, places x channels), in cells of about
+    /// `step_mm`. The places go up to two cells beyond the area.
+    pub fn new(area: Area, step_mm: f64, channels: usize, sample: impl FnOnce(&[Place]) -> Vec<f64>) -> Self {
         let x = Axis::new(area.least.x_mm, area.most.x_mm, step_mm);
         let y = Axis::new(area.least.y_mm, area.most.y_mm, step_mm);
         // One more node each way than coefficients: a coefficient is made from three samples.
         let (wide, high) = (x.coefficients() + 2, y.coefficients() + 2);
-        let mut samples = vec![0.0; wide * high * channels];
-        for (node, values) in samples.chunks_exact_mut(channels).enumerate() {
-            sample(Place::new(x.node(node % wide), y.node(node / wide)), values);
-        }
+        let place = |node: usize| Place::new(x.node(node % wide), y.node(node / wide));
+        let samples = sample(&(0..wide * high).map(place).collect::<Vec<_>>());
         let along_x = quasi_interpolated(&samples, high, wide, channels);
         let row = x.coefficients() * channels;
         Field { area, channels, x, y, coefficients: quasi_interpolated(&along_x, 1, high, row) }
@@ -182,7 +180,11 @@ mod tests {
             let (x, y) = (place.x_mm, place.y_mm);
             values.copy_from_slice(&[x * x * x - 2.0 * x * y * y, y * y * y + x]);
         };
-        let field = Field::new(AREA, 1.3, 2, cubic);
+        let field = Field::new(AREA, 1.3, 2, |places| {
+            let mut values = vec![0.0; 2 * places.len()];
+            places.iter().zip(values.chunks_exact_mut(2)).for_each(|(place, row)| cubic(*place, row));
+            values
+        });
         let (mut value, mut along_x, mut along_y) = ([0.0; 2], [0.0; 2], [0.0; 2]);
         for (x, y) in [(-3.0, 1.0), (5.0, 7.0), (0.31, 4.2), (4.99, 1.01)] {
             let mut truth = [0.0; 2];
@@ -203,7 +205,7 @@ mod tests {
 
     #[test]
     fn beyond_the_area_the_border_counts() {
-        let field = Field::new(AREA, 1.0, 1, |place, value| value[0] = place.x_mm + place.y_mm);
+        let field = Field::new(AREA, 1.0, 1, |places| places.iter().map(|place| place.x_mm + place.y_mm).collect());
         let mut value = [0.0];
         field.value(Place::new(99.0, -99.0), &mut value);
         assert!((value[0] - 6.0).abs() < 1e-9);
@@ -213,7 +215,7 @@ mod tests {
     fn an_area_may_be_a_line_or_a_place() {
         let place = Place::new(1.0, 2.0);
         let area = Area::around([place]).unwrap();
-        let field = Field::new(area, 0.5, 1, |place, value| value[0] = place.y_mm);
+        let field = Field::new(area, 0.5, 1, |places| places.iter().map(|place| place.y_mm).collect());
         let mut value = [0.0];
         field.value(place, &mut value);
         assert!((value[0] - 2.0).abs() < 1e-12);

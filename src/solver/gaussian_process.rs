@@ -1,4 +1,4 @@
-use super::kriging::{Kriging, MOST_PLACES, farthest_apart};
+use super::kriging::{Kriging, MOST_PLACES, Manner, farthest_apart};
 use super::{Calibration, FitError, Load, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 
@@ -13,6 +13,9 @@ pub(super) struct GaussianProcess {
     /// The calibration's force where the load is constant, N.
     force_n: f64,
 }
+
+/// The correlation decides, so it is sought with most of the places that there are.
+const MANNER: Manner = Manner { about_mean: true, most_to_seek_with: 320 };
 
 /// What the process answers: x, y, logarithm of length a newton.
 const ANSWERS: usize = 3;
@@ -37,7 +40,7 @@ impl GaussianProcess {
             inputs = kept.iter().flat_map(|&row| &inputs[row * units..][..units]).copied().collect();
             answers = kept.iter().flat_map(|&row| &answers[row * ANSWERS..][..ANSWERS]).copied().collect();
         }
-        let process = Kriging::fit(&inputs, units, &answers, ANSWERS, true);
+        let process = Kriging::fit(&inputs, units, &answers, ANSWERS, MANNER);
         Ok(GaussianProcess { process, load, force_n: calibration.typical_force_n() })
     }
 }

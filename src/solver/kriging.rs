@@ -1,4 +1,4 @@
-use faer::{Mat, Side};
+use faer::{Mat, MatRef, Side};
 
 /// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the
 /// Matérn 5/2 covariance, also known as kriging (Rasmussen and Williams 2006, equations 2.25, 4.17 and 5.8).
@@ -21,6 +21,15 @@ pub(super) struct Kriging {
     eigen: Eigen,
 }
 
+/// How a process is regressed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Manner {
+    /// Whether each output strays about its mean, or about 0.
+    pub about_mean: bool,
+    /// The most places that the correlation is sought with.
+    pub most_to_seek_with: usize,
+}
+
 /// What a process regressed without one of its places says there.
 pub(super) struct HeldOut {
     /// Measured less predicted, row-major places x outputs.
@@ -32,11 +41,8 @@ pub(super) struct HeldOut {
 /// The most places a process is regressed from; of more, those farthest apart are taken. The cost grows with the cube.
 pub(super) const MOST_PLACES: usize = 1200;
 
-/// The most places the correlation length is sought with.
-const MOST_PLACES_TO_SEEK_WITH: usize = 160;
-
 /// How many lengths are tried of each smoothness, evenly by their logarithm, from the spacing of the places to [`LONGEST`].
-const LENGTHS: usize = 8;
+const LENGTHS: usize = 6;
 
 /// The longest length that is tried, over the places' extent.
 const LONGEST: f64 = 4.0;
@@ -54,9 +60,10 @@ const NOISE_ALIKE: f64 = 1.5;
 const ROUNDS_OF_NOISE: usize = 5;
 
 impl Kriging {
-    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions), about the mean of each
-    /// output or about 0. At least one place; everything finite.
-    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, about_mean: bool) -> Self {
+    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions). At least one place;
+    /// everything finite.
+    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Manner) -> Self {
+        let Manner { about_mean, most_to_seek_with } = manner;
         let count = places.len() / dimensions;
         let mean = if about_mean { column_means(values, outputs) } else { vec![0.0; outputs] };
         let flat = flat_columns(values, outputs);
@@ -65,7 +72,7 @@ impl Kriging {
             false => values[row * outputs + output] - mean[output],
         };
 
-        let few = farthest_apart(places, dimensions, MOST_PLACES_TO_SEEK_WITH.min(count));
+        let few = farthest_apart(places, dimensions, most_to_seek_with.min(count));
         let few_places: Vec<f64> =
             few.iter().flat_map(|&row| &places[row * dimensions..][..dimensions]).copied().collect();
         let few_values = Mat::from_fn(few.len(), outputs, |row, output| centred(few[row], output));
@@ -90,14 +97,17 @@ impl Kriging {
             correlation,
             mean,
             noise_ratio: noise.iter().map(|noise| noise.ratio).collect(),
-            weights: (0..count).flat_map(|row| (0..outputs).map(move |o| (row, o))).map(|at| weights[at]).collect(),
+            weights: rows(&weights).collect(),
             eigen,
         }
     }
 
-    /// Over which distance the outputs change, in the places' unit.
-    pub fn length(&self) -> f64 {
-        self.correlation.length
+    /// The distance over which the outputs look smooth, in the places' unit.
+    pub fn grain(&self) -> f64 {
+        match self.correlation.smoothness {
+            Smoothness::Matern => 0.5 * self.correlation.length,
+            Smoothness::Gaussian => self.correlation.length,
+        }
     }
 
     /// The outputs at a place, one each; returns how far it is from the nearest known place.
@@ -115,47 +125,58 @@ impl Kriging {
         nearest
     }
 
+    /// The outputs at many places, row-major places x outputs.
+    pub fn predict_all(&self, places: &[f64]) -> Vec<f64> {
+        let known = self.eigen.values.len();
+        let weights = MatRef::from_row_major_slice(&self.weights, known, self.outputs);
+        let predicted = self.correlations(places).transpose() * weights;
+        rows(&predicted).zip(self.mean.iter().cycle()).map(|(value, mean)| value + mean).collect()
+    }
+
     /// The variance of each prediction over that of the noise: row-major, places x outputs. About one over the number of
     /// measurements that a prediction is the mean of; large where there are none.
     pub fn leverage(&self, places: &[f64]) -> Vec<f64> {
-        let (count, known) = (places.len() / self.dimensions, self.eigen.values.len());
-        let row = |i: usize| &places[i * self.dimensions..][..self.dimensions];
-        let own = |i: usize| &self.places[i * self.dimensions..][..self.dimensions];
-        let covariances = Mat::from_fn(known, count, |i, j| self.correlation.at(distance(own(i), row(j))));
-        let turned = self.eigen.vectors.transpose() * covariances;
-        let precisions = self.precisions();
-        let mut leverage = Vec::with_capacity(count * self.outputs);
-        for j in 0..count {
-            for (ratio, precisions) in self.noise_ratio.iter().zip(&precisions) {
-                let told: f64 = turned.col_as_slice(j).iter().zip(precisions).map(|(t, p)| t * t * p).sum();
-                leverage.push((1.0 - told).max(0.0) / ratio);
-            }
-        }
-        leverage
+        let mut turned = self.eigen.vectors.transpose() * self.correlations(places);
+        square(&mut turned);
+        let told = turned.transpose() * self.precisions();
+        let ratios = self.noise_ratio.iter().cycle();
+        rows(&told).zip(ratios).map(|(told, ratio)| (1.0 - told).max(0.0) / ratio).collect()
     }
 
     /// What each place would be predicted to be without it, in closed form (equations 5.10 to 5.12).
     pub fn held_out(&self) -> HeldOut {
-        let count = self.eigen.values.len();
-        let mut precision = vec![0.0; count * self.outputs];
-        for (i, vector) in self.eigen.vectors.col_iter().enumerate() {
-            for (row, sums) in precision.chunks_exact_mut(self.outputs).enumerate() {
-                let square = vector[row] * vector[row];
-                for (sum, ratio) in sums.iter_mut().zip(&self.noise_ratio) {
-                    *sum += square / (self.eigen.values[i] + ratio);
-                }
-            }
-        }
-        let residuals = self.weights.iter().zip(&precision).map(|(weight, precision)| weight / precision).collect();
+        let mut squares = self.eigen.vectors.clone();
+        square(&mut squares);
+        let precisions = squares * self.precisions();
+        let residuals = self.weights.iter().zip(rows(&precisions)).map(|(weight, p)| weight / p).collect();
         let ratios = self.noise_ratio.iter().cycle();
-        let leverage = precision.iter().zip(ratios).map(|(p, ratio)| (1.0 / (p * ratio) - 1.0).max(0.0)).collect();
+        let leverage = rows(&precisions).zip(ratios).map(|(p, ratio)| (1.0 / (p * ratio) - 1.0).max(0.0)).collect();
         HeldOut { residuals, leverage }
     }
 
-    /// One over eigenvalue plus noise ratio, an output each.
-    fn precisions(&self) -> Vec<Vec<f64>> {
-        let of = |ratio: &f64| self.eigen.values.iter().map(|value| 1.0 / (value + ratio)).collect();
-        self.noise_ratio.iter().map(of).collect()
+    /// Correlations of the known places with others, known x others.
+    fn correlations(&self, places: &[f64]) -> Mat<f64> {
+        let own: Vec<&[f64]> = self.places.chunks_exact(self.dimensions).collect();
+        let others: Vec<&[f64]> = places.chunks_exact(self.dimensions).collect();
+        Mat::from_fn(own.len(), others.len(), |i, j| self.correlation.at(distance(own[i], others[j])))
+    }
+
+    /// One over eigenvalue plus noise ratio, eigenvalues x outputs.
+    fn precisions(&self) -> Mat<f64> {
+        let value = |i: usize, output: usize| 1.0 / (self.eigen.values[i] + self.noise_ratio[output]);
+        Mat::from_fn(self.eigen.values.len(), self.outputs, value)
+    }
+}
+
+/// A matrix' values, row by row.
+fn rows(matrix: &Mat<f64>) -> impl Iterator<Item = f64> {
+    (0..matrix.nrows()).flat_map(move |i| (0..matrix.ncols()).map(move |j| matrix[(i, j)]))
+}
+
+/// Squares every value.
+fn square(matrix: &mut Mat<f64>) {
+    for column in matrix.col_iter_mut() {
+        column.iter_mut().for_each(|value| *value *= *value);
     }
 }
 
@@ -266,27 +287,25 @@ fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation)
     let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
     let spacing = (0..rows.len()).map(nearest).fold(extent, f64::min).max(extent / 1000.0);
     let (least, most) = (spacing.ln(), (LONGEST * extent).ln());
-    let mut step = (most - least) / (LENGTHS - 1) as f64;
     let scored = |smoothness: Smoothness, log_length: f64| {
         let correlation = Correlation { smoothness, length: log_length.exp() };
         (correlation, likelihood(correlation))
     };
     let better = |a: (Correlation, f64), b: (Correlation, f64)| if b.1 > a.1 { b } else { a };
-    let coarse = [Smoothness::Matern, Smoothness::Gaussian]
-        .into_iter()
-        .flat_map(|smoothness| (0..LENGTHS).map(move |i| (smoothness, least + step * i as f64)));
-    let coarse = coarse.map(|(smoothness, log_length)| scored(smoothness, log_length));
-    let Some(mut best) = coarse.reduce(better) else {
-        return Correlation { smoothness: Smoothness::Matern, length: extent };
-    };
-    for _ in 0..HALVINGS {
-        step *= 0.5;
-        let middle = best.0.length.ln();
-        for log_length in [middle - step, middle + step] {
-            best = better(best, scored(best.0.smoothness, log_length));
+    let best_of = |smoothness: Smoothness| {
+        let mut step = (most - least) / (LENGTHS - 1) as f64;
+        let first = scored(smoothness, least);
+        let mut best = (1..LENGTHS).map(|i| scored(smoothness, least + step * i as f64)).fold(first, better);
+        for _ in 0..HALVINGS {
+            step *= 0.5;
+            let middle = best.0.length.ln();
+            for log_length in [middle - step, middle + step] {
+                best = better(best, scored(smoothness, log_length));
+            }
         }
-    }
-    best.0
+        best
+    };
+    better(best_of(Smoothness::Matern), best_of(Smoothness::Gaussian)).0
 }
 
 /// How alike the outputs at two places are.

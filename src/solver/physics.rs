@@ -31,24 +31,24 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
     });
     let misfit = |taxels: &[Taxel]| taxels.iter().map(|taxel| taxel.left.ln()).sum::<f64>();
     let [half_space, layer] = covers;
-    let taxels = if misfit(&layer) < misfit(&half_space) { layer } else { half_space };
+    let taxels = &if misfit(&layer) < misfit(&half_space) { layer } else { half_space };
 
     let depth_mm = taxels.iter().map(|taxel| taxel.parameters[DEPTH].exp()).fold(side, f64::min);
-    let field = Field::new(area, depth_mm / CELLS_A_DEPTH, units, |place, outputs| {
-        outputs.iter_mut().zip(&taxels).for_each(|(output, taxel)| *output = taxel.at(place).0);
-    });
+    let everywhere = |value: fn(&Taxel, Place) -> f64| {
+        let row = move |place: &Place| taxels.iter().map(move |taxel| value(taxel, *place)).collect::<Vec<f64>>();
+        move |places: &[Place]| places.iter().flat_map(row).collect::<Vec<f64>>()
+    };
+    let field = Field::new(area, depth_mm / CELLS_A_DEPTH, units, everywhere(|taxel, place| taxel.at(place).0));
     let (mut residuals, mut leverage) = (Vec::new(), Vec::new());
     for (place, row) in places.iter().zip(per_newton.chunks_exact(units)) {
-        for (output, taxel) in row.iter().zip(&taxels) {
+        for (output, taxel) in row.iter().zip(taxels) {
             let own = taxel.leverage(*place).min(MOST_LEVERAGE);
             residuals.push((output - taxel.at(*place).0) / (1.0 - own));
             leverage.push(own / (1.0 - own));
         }
     }
     let held = spots.hold_out(calibration, &residuals, &leverage);
-    let everywhere =
-        |places: &[Place]| places.iter().flat_map(|place| taxels.iter().map(|taxel| taxel.leverage(*place))).collect();
-    Ok(Response::new(field, everywhere, held, calibration))
+    Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration))
 }
 
 /// The fewest places that four parameters a unit can be fitted to, with something left to tell the noise by.

@@ -44,15 +44,7 @@ impl Response {
     ) -> Self {
         let (area, units) = (field.area(), field.channels());
         let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm).max(f64::MIN_POSITIVE);
-        let mut places = Vec::new();
-        Field::new(area, side / LEVERAGE_CELLS, 1, |place, _| places.push(place));
-        let values = leverage(&places);
-        let mut rows = values.chunks_exact(units);
-        let leverage = Field::new(area, side / LEVERAGE_CELLS, units, |_, row| {
-            if let Some(values) = rows.next() {
-                row.copy_from_slice(values);
-            }
-        });
+        let leverage = Field::new(area, side / LEVERAGE_CELLS, units, leverage);
         let of_unit = |unit: usize| held.iter().map(|held| held.residuals[unit]).collect();
         let noise = Noise::fit(&(0..units).map(of_unit).collect::<Vec<Vec<Residual>>>());
         Response { field, leverage, noise, force_n: calibration.typical_force_n(), held }
