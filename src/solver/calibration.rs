@@ -116,10 +116,15 @@ impl Calibration {
         spots
     }
 
-    /// The one force that all points were pressed with, N; none where they differ, or it isn't known.
-    pub(super) fn single_force_n(&self) -> Option<f64> {
+    /// Whether the forces are known.
+    pub(super) fn forces_are_known(&self) -> bool {
+        self.forces_known
+    }
+
+    /// Whether it is known to be pressed with several forces.
+    pub(super) fn has_several_forces(&self) -> bool {
         let (least, most) = self.force_n.iter().fold((f64::MAX, 0.0f64), |(l, m), f| (l.min(*f), m.max(*f)));
-        (self.forces_known && most < ONE_FORCE * least).then(|| self.typical_force_n())
+        self.forces_known && most >= ONE_FORCE * least
     }
 
     /// The force that the points are pressed with, root mean square, N.

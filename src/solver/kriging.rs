@@ -12,6 +12,8 @@ pub(super) struct Kriging {
     /// Row-major, places x dimensions.
     places: Vec<f64>,
     correlation: Correlation,
+    /// Logarithm of the marginal likelihood of the places it was sought with.
+    likelihood: f64,
     /// Mean of each output; 0 where the process is taken to be about 0.
     mean: Vec<f64>,
     /// Noise variance over the process' variance, one an output.
@@ -81,7 +83,7 @@ impl Kriging {
             let turned = eigen.vectors.transpose() * &few_values;
             eigen.likeliest_noise(&turned).iter().map(|noise| noise.likelihood).sum::<f64>()
         };
-        let correlation = likeliest(&few_places, dimensions, likelihood);
+        let (correlation, likelihood) = likeliest(&few_places, dimensions, likelihood);
 
         let eigen = Eigen::of(places, dimensions, correlation);
         let turned = eigen.vectors.transpose() * Mat::from_fn(count, outputs, centred);
@@ -95,11 +97,17 @@ impl Kriging {
             outputs,
             places: places.to_vec(),
             correlation,
+            likelihood,
             mean,
             noise_ratio: noise.iter().map(|noise| noise.ratio).collect(),
             weights: rows(&weights).collect(),
             eigen,
         }
+    }
+
+    /// How likely the values are: the logarithm of their marginal likelihood, at the places that the correlation was sought with.
+    pub fn likelihood(&self) -> f64 {
+        self.likelihood
     }
 
     /// The distance over which the outputs look smooth, in the places' unit.
@@ -275,13 +283,14 @@ impl Eigen {
     }
 }
 
-/// The correlation of the largest likelihood.
-fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation) -> f64) -> Correlation {
+/// The correlation of the largest likelihood, and that.
+fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation) -> f64) -> (Correlation, f64) {
     let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
     let apart = |i: usize, j: usize| distance(rows[i], rows[j]);
     let extent = (0..rows.len()).map(|i| apart(0, i)).fold(0.0, f64::max);
     if extent == 0.0 {
-        return Correlation { smoothness: Smoothness::Matern, length: 1.0 }; // one place only: any length will do
+        // one place only: any length will do
+        return (Correlation { smoothness: Smoothness::Matern, length: 1.0 }, 0.0);
     }
     let others = |i: usize| (0..rows.len()).filter(move |&j| j != i);
     let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
@@ -305,7 +314,7 @@ fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation)
         }
         best
     };
-    better(best_of(Smoothness::Matern), best_of(Smoothness::Gaussian)).0
+    better(best_of(Smoothness::Matern), best_of(Smoothness::Gaussian))
 }
 
 /// How alike the outputs at two places are.

@@ -43,10 +43,15 @@ impl<'a> Setting<'a> {
     /// By what presses of a calibration are scaled, least and most, to stand for the forces to come. Presses of several forces, or
     /// of unknown ones, stand for themselves.
     pub(super) fn shares(&self, calibration: &Calibration) -> (f64, f64) {
-        match (self.load, self.forces_n, calibration.single_force_n()) {
-            (Load::Constant, ..) | (Load::Unknown, _, None) => (1.0, 1.0),
-            (Load::Unknown, Some((least, most)), Some(force_n)) => (least / force_n, most / force_n),
-            (Load::Unknown, None, Some(_)) => (LEAST_FORCE_SHARE, 1.0),
+        let stands_for_itself = !calibration.forces_are_known() || calibration.has_several_forces();
+        match (self.load, self.forces_n) {
+            _ if stands_for_itself => (1.0, 1.0),
+            (Load::Constant, _) => (1.0, 1.0),
+            (Load::Unknown, Some((least, most))) => {
+                let force_n = calibration.typical_force_n();
+                (least / force_n, most / force_n)
+            }
+            (Load::Unknown, None) => (LEAST_FORCE_SHARE, 1.0),
         }
     }
 
