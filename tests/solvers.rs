@@ -270,3 +270,41 @@ fn a_dead_centre_is_found_and_left_out() {
     assert!(readings_until.unwrap() <= 50);
     assert!(after.mean(after.location_mm) <= 0.42);
 }
+
+#[test]
+fn an_offset_that_all_units_share_can_be_eliminated() {
+    // computed apart: 0.248 and 0.054 mm with the offset eliminated, 0.51 to 0.54 and 0.46 to 0.49 mm without
+    for (spec, most_mm) in [(scene_t(), 0.26), (scene_q(), 0.06)] {
+        let calibration = Bench::new(&spec, 3).calibration(25);
+        let drifted = SkinSpec { taxels: Taxels { baseline: 0.02, ..Taxels::default() }, ..spec };
+        let mut bench = Bench::new(&drifted, 3);
+        let layout = bench.layout.clone();
+        let setting = Setting { common_offset: true, ..Setting::of_layout(Some(&layout)) };
+        let solver = fit("surrogate", &calibration, &setting).unwrap();
+        let (mut sums, mut workspace) = (Sums::default(), Workspace::default());
+        for _ in 0..4000 {
+            let contact = bench.random();
+            sums.add(&contact, &solver.solve(&contact.outputs, &mut workspace).unwrap());
+        }
+        println!("offset of 0.02: {:.4} mm, flagged {:.4}", sums.mean(sums.location_mm), sums.mean(sums.flagged));
+        assert!(sums.mean(sums.location_mm) <= most_mm && sums.mean(sums.flagged) < 0.02);
+    }
+}
+
+#[test]
+fn a_contact_beyond_the_calibrated_area_is_told() {
+    let mut bench = Bench::new(&scene_q(), 4);
+    let calibration = bench.calibration(25);
+    let solver = bench.fit(BEST, &calibration);
+    let mut workspace = Workspace::default();
+    let contacts = 1000;
+    let mut flagged = 0;
+    for _ in 0..contacts {
+        let along_mm = bench.rng.random_range(-6.0..=6.0);
+        let contact = bench.press(Place::new(7.0, along_mm), 1.0);
+        let solution = solver.solve(&contact.outputs, &mut workspace).unwrap();
+        flagged += usize::from(solution.verdict != Verdict::Ok);
+    }
+    println!("1 mm beyond the border, Q, 1 N: {flagged} of {contacts} flagged");
+    assert!(flagged as f64 >= 0.95 * f64::from(contacts));
+}

@@ -8,6 +8,8 @@ use crate::quantity::Place;
 pub(super) struct Descent<'a> {
     pub response: &'a Response,
     pub load: Load,
+    /// Whether an offset that all units share is eliminated too.
+    pub common_offset: bool,
     /// One output a unit.
     pub outputs: &'a [f64],
     /// The unit that is left out of account, if any.
@@ -25,6 +27,8 @@ pub(super) struct Estimate {
     pub information: [[f64; 3]; 3],
     /// By how much `chi2` would fall, to first order, could the place leave the area.
     pub beyond: f64,
+    /// The variance of the map there over that of the noise, mean of all units.
+    pub leverage: f64,
 }
 
 /// One value a unit each.
@@ -68,7 +72,8 @@ impl Descent<'_> {
             let step = self.inside(&normal, place, freely);
             let estimate = |place| {
                 let beyond = normal.gain(freely) - normal.gain(step);
-                Estimate { place, force_n: force_n + step[2], chi2, information: normal.information, beyond }
+                let leverage = b.leverage.iter().sum::<f64>() / b.leverage.len() as f64;
+                Estimate { place, force_n: force_n + step[2], chi2, information: normal.information, beyond, leverage }
             };
             if !(chi2.is_finite() && step.iter().all(|value| value.is_finite())) {
                 return None;
@@ -114,24 +119,39 @@ impl Descent<'_> {
         if self.load == Load::Constant {
             return self.response.force_n;
         }
+        let (output_0, value_0) = (self.offset(self.outputs, b), self.offset(&b.value, b));
         let (mut projected, mut length) = (0.0, 0.0);
         for ((output, value), weight) in self.outputs.iter().zip(&b.value).zip(&b.weight) {
+            let (output, value) = (output - output_0, value - value_0);
             projected += weight * output * value;
             length += weight * value * value;
         }
         if length > 0.0 { projected / length } else { 0.0 }
     }
 
+    /// The weighted mean of a column, which an offset that all units share takes away; 0 where there is none.
+    fn offset(&self, column: &[f64], b: &Buffers) -> f64 {
+        if !self.common_offset {
+            return 0.0;
+        }
+        let sum: f64 = column.iter().zip(&b.weight).map(|(value, weight)| value * weight).sum();
+        sum / b.weight.iter().sum::<f64>()
+    }
+
     fn chi2(&self, force_n: f64, b: &Buffers) -> f64 {
+        let offset = self.offset(self.outputs, b) - force_n * self.offset(&b.value, b);
         let terms = self.outputs.iter().zip(&b.value).zip(&b.weight);
-        terms.map(|((output, value), weight)| weight * (output - force_n * value).powi(2)).sum()
+        terms.map(|((output, value), weight)| weight * (output - offset - force_n * value).powi(2)).sum()
     }
 
     fn normal(&self, force_n: f64, b: &Buffers) -> (Normal, f64) {
         let (mut normal, mut chi2) = (Normal::default(), 0.0);
+        let [x_0, y_0, value_0] = [&b.along_x, &b.along_y, &b.value].map(|column| self.offset(column, b));
+        let offset = self.offset(self.outputs, b) - force_n * value_0;
         for (unit, output) in self.outputs.iter().enumerate() {
-            let residual = output - force_n * b.value[unit];
-            let jacobian = [force_n * b.along_x[unit], force_n * b.along_y[unit], b.value[unit]];
+            let residual = output - offset - force_n * b.value[unit];
+            let (along_x, along_y) = (b.along_x[unit] - x_0, b.along_y[unit] - y_0);
+            let jacobian = [force_n * along_x, force_n * along_y, b.value[unit] - value_0];
             normal.add(b.weight[unit], jacobian, residual);
             chi2 += b.weight[unit] * residual * residual;
         }

@@ -67,7 +67,7 @@ impl Solver for Fitted {
         }
         let Some(kept) = &self.kept else {
             check(outputs)?;
-            return self.solver.solve(outputs, workspace);
+            return contained(self.solver.solve(outputs, workspace)?);
         };
         let mut row = std::mem::take(&mut workspace.kept);
         row.clear();
@@ -81,8 +81,18 @@ impl Solver for Fitted {
         if let Verdict::ChannelFault(unit) = &mut solution.verdict {
             *unit = kept[*unit];
         }
-        Ok(solution)
+        contained(solution)
     }
+}
+
+/// Numbers beyond all bounds end here: a reading out of all proportion has no answer, an error that can't be told isn't.
+fn contained(solution: Solution) -> Result<Solution, SolveError> {
+    let Solution { place, force_n, covariance, misfit, .. } = solution;
+    if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {
+        return Err(SolveError::OutOfProportion);
+    }
+    let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
+    Ok(Solution { covariance, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
 }
 
 fn check(outputs: &[f64]) -> Result<(), SolveError> {

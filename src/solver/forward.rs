@@ -1,7 +1,7 @@
 use super::descent::{Descent, Estimate};
 use super::normal::inverse;
 use super::response::Response;
-use super::scan::Scan;
+use super::scan::{Scan, to_length_one};
 use super::threshold::{Threshold, chi2_quantile};
 use super::{
     Calibration, Covariance, Load, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
@@ -16,6 +16,7 @@ pub(super) struct Forward {
     name: &'static str,
     response: Response,
     load: Load,
+    common_offset: bool,
     starts: Starts,
     /// The largest output a newton that each unit showed anywhere.
     loudest: Vec<f64>,
@@ -33,6 +34,8 @@ struct Limits {
     no_contact: f64,
     /// What a contact in the area gains beyond its border.
     inside: f64,
+    /// The map's error over the noise, mean of all units, where it is still known.
+    known: f64,
 }
 
 /// Readings that no contact explains look broken where they are this many sd from silence, or over the loudest.
@@ -40,7 +43,7 @@ const BROKEN_SD: f64 = 3.0;
 
 impl Forward {
     pub fn new(name: &'static str, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
-        let starts = Starts::new(&response);
+        let starts = Starts::new(&response, setting.common_offset);
         let mut loudest = vec![0.0f64; response.field.channels()];
         let mut value = vec![0.0; loudest.len()];
         for place in &starts.places {
@@ -56,13 +59,15 @@ impl Forward {
             no_contact: chi2_quantile(units, rate),
             // on one side only: half of all errors point inward
             inside: chi2_quantile(1, 2.0 * rate),
+            known: response.largest_held_leverage(),
         };
-        Forward { name, response, load: setting.load, starts, loudest, limits }
+        Forward { name, response, load: setting.load, common_offset: setting.common_offset, starts, loudest, limits }
     }
 
     fn estimate(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) -> Option<Estimate> {
         let start = self.starts.nearest(outputs, without, workspace)?;
-        Descent { response: &self.response, load: self.load, outputs, without }.from(start, workspace)
+        let Forward { response, load, common_offset, .. } = self;
+        Descent { response, load: *load, common_offset: *common_offset, outputs, without }.from(start, workspace)
     }
 
     /// The best fit without a unit that reads as a broken one does, if that leaves nothing unexplained.
@@ -98,11 +103,8 @@ impl Solver for Forward {
             if let Some((unit, fit)) = self.without_a_unit(outputs, estimate.force_n, workspace) {
                 (estimate, limit, verdict) = (fit, self.limits.without_a_unit, Verdict::ChannelFault(unit));
             }
-        } else if estimate.beyond > self.limits.inside {
+        } else if estimate.beyond > self.limits.inside || estimate.leverage > self.limits.known {
             verdict = Verdict::OutsideArea;
-        }
-        if !estimate.force_n.is_finite() {
-            return Err(SolveError::OutOfProportion);
         }
         Ok(Solution {
             place: estimate.place,
@@ -122,17 +124,14 @@ impl Locate for Forward {
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
         let Estimate { place, force_n, chi2, .. } =
             self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
-        if force_n.is_finite() {
-            Ok(Located { place, force_n, residue: chi2 })
-        } else {
-            Err(SolveError::OutOfProportion)
-        }
+        Ok(Located { place, force_n, residue: chi2 })
     }
 }
 
 /// A grid of places, and the direction in which the array reads a contact at each.
 struct Starts {
     places: Vec<Place>,
+    common_offset: bool,
     /// Noise of each unit under the calibration's force.
     sd: Vec<f64>,
     /// The response at each place in units of `sd`, of length 1.
@@ -143,7 +142,7 @@ struct Starts {
 const STARTS_A_SIDE: usize = 25;
 
 impl Starts {
-    fn new(response: &Response) -> Self {
+    fn new(response: &Response, common_offset: bool) -> Self {
         let (area, units) = (response.field.area(), response.field.channels());
         let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (STARTS_A_SIDE - 1) as f64;
         let place = |i: usize| {
@@ -156,9 +155,12 @@ impl Starts {
         for (place, row) in places.iter().zip(directions.chunks_exact_mut(units)) {
             response.field.value(*place, row);
             row.iter_mut().zip(&sd).for_each(|(value, sd)| *value /= sd);
-            to_length_one(row);
+            if common_offset {
+                project_out(row, &sd);
+            }
+            to_length_one(row); // a row of zeros stays, and is nobody's direction
         }
-        Starts { places, sd, directions: Scan::new(units, directions) }
+        Starts { places, common_offset, sd, directions: Scan::new(units, directions) }
     }
 
     /// The place whose direction is closest to the reading's, one unit left out or none.
@@ -170,7 +172,10 @@ impl Starts {
             direction[unit] = 0.0;
             return self.nearest_without(direction, unit);
         }
-        to_length_one(direction);
+        if self.common_offset {
+            project_out(direction, &self.sd);
+        }
+        to_length_one(direction)?;
         let hit = self.directions.best(direction, &mut workspace.scratch)?;
         (hit.score > 0.0).then(|| self.places[hit.row])
     }
@@ -186,10 +191,9 @@ impl Starts {
     }
 }
 
-/// Scales a row to length 1; one of zeros stays.
-fn to_length_one(row: &mut [f64]) {
-    let length = row.iter().map(|value| value * value).sum::<f64>().sqrt();
-    if length > 0.0 {
-        row.iter_mut().for_each(|value| *value /= length);
-    }
+/// Takes from a row of outputs over their sd what an offset common to all of them could have caused.
+fn project_out(row: &mut [f64], sd: &[f64]) {
+    let length: f64 = sd.iter().map(|sd| 1.0 / (sd * sd)).sum();
+    let share = row.iter().zip(sd).map(|(value, sd)| value / sd).sum::<f64>() / length;
+    row.iter_mut().zip(sd).for_each(|(value, sd)| *value -= share / sd);
 }

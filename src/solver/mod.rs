@@ -248,30 +248,4 @@ pub enum SolveError {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn calibration() -> Calibration {
-        let places = (0..16).map(|i| Place::new(f64::from(i % 4), f64::from(i / 4)));
-        let output = |place: Place, x_mm: f64| (-0.2 * place.distance_mm(Place::new(x_mm, 1.0)).powi(2)).exp();
-        let rows: Vec<_> = places.map(|place| (place, [0.0, 1.5, 3.0].map(|x_mm| output(place, x_mm)))).collect();
-        let points = rows.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs });
-        Calibration::new(&points.collect::<Vec<_>>()).unwrap()
-    }
-
-    #[test]
-    fn every_listed_solver_can_be_fitted_and_answers_to_its_name() {
-        for name in SOLVERS {
-            assert_eq!(fit(name, &calibration(), &Setting::default()).unwrap().name(), name);
-        }
-    }
-
-    #[test]
-    fn an_unknown_name_and_a_foreign_layout_are_refused() {
-        let refusal = fit("person", &calibration(), &Setting::default()).err().unwrap();
-        assert!(refusal.to_string().contains("pearson-lsq"), "{refusal}");
-        let layout = ArrayLayout::grid(3, 3, 4.5);
-        let refusal = fit("pearson", &calibration(), &Setting::of_layout(Some(&layout))).err().unwrap();
-        assert_eq!(refusal, FitError::Layout { layout: 9, calibration: 3 });
-    }
-}
+mod tests;

@@ -59,6 +59,13 @@ impl Response {
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
 
+    /// The map's variance over the noise's, mean of all units, at the calibration place that is worst predicted by the others. Where
+    /// the map itself is less sure, it has left the calibrated places behind.
+    pub fn largest_held_leverage(&self) -> f64 {
+        let mean = |held: &Held| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / held.residuals.len() as f64;
+        self.held.iter().map(mean).fold(0.0, f64::max)
+    }
+
     /// What must be added to an output that is scaled by `share` for it to be as noisy as one that was measured: standard
     /// deviation. Proportional noise scales along, additive noise doesn't.
     pub fn missing_noise(&self, unit: usize, share: f64) -> f64 {

@@ -9,6 +9,9 @@ pub struct Setting<'a> {
     pub layout: Option<&'a ArrayLayout>,
     /// Whether contacts to come press as hard as the calibration did.
     pub load: Load,
+    /// Whether all outputs may be off by one and the same amount, which is then solved for with every reading: forward methods pay
+    /// for it with some of their accuracy where there is none. Pearson's correlation never sees it.
+    pub common_offset: bool,
     /// How many single contacts may be called something else: the share of false alarms of each verdict.
     pub false_alarms: f64,
     /// The forces to come, N; without it from a tenth of the calibration's to the calibration's.
@@ -30,7 +33,7 @@ const LEAST_FORCE_SHARE: f64 = 0.1;
 
 impl Default for Setting<'_> {
     fn default() -> Self {
-        Setting { layout: None, load: Load::default(), false_alarms: 0.01, forces_n: None }
+        Setting { layout: None, load: Load::default(), common_offset: false, false_alarms: 0.01, forces_n: None }
     }
 }
 
@@ -57,9 +60,10 @@ impl<'a> Setting<'a> {
 
     /// How many unknowns a reading is solved for.
     pub(super) fn unknowns(&self) -> usize {
-        match self.load {
+        let of_contact = match self.load {
             Load::Unknown => 3,
             Load::Constant => 2,
-        }
+        };
+        of_contact + usize::from(self.common_offset)
     }
 }

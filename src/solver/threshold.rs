@@ -1,6 +1,6 @@
 use super::heldout::GOLDEN_SHARE;
 use super::response::Response;
-use super::{Calibration, Setting};
+use super::{Calibration, Load, Setting};
 use crate::quantity::stream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -26,6 +26,7 @@ impl Threshold {
         let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
         let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
         let (least, most) = setting.shares(calibration);
+        let columns = [true, true, setting.load == Load::Unknown, setting.common_offset];
         for (index, held) in response.held.iter().enumerate() {
             response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
             for part in 0..FORCES_A_PRESS {
@@ -38,10 +39,10 @@ impl Threshold {
                     let variance = response.noise.variance(unit, force_n * g)
                         + share * share * residual.leverage * response.noise.variance(unit, held.force_n * g);
                     let normal: f64 = StandardNormal.sample(&mut rng);
-                    let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g];
+                    let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g, 1.0];
                     (share * residual.residual + response.missing_noise(unit, share) * normal, 1.0 / variance, jacobian)
                 });
-                sums.push(left_over(rows, setting.unknowns()));
+                sums.push(left_over(rows, columns));
             }
         }
         let count = sums.len().max(1) as f64;
@@ -61,29 +62,21 @@ pub(super) fn chi2_quantile(degrees: usize, probability: f64) -> f64 {
     ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |chi2| chi2.inverse_cdf(1.0 - probability))
 }
 
-/// What remains of a weighted sum of squares once the unknowns have been fitted, to first order: each Jacobian column in turn is
-/// projected out.
-fn left_over(rows: impl Iterator<Item = (f64, f64, [f64; 3])>, unknowns: usize) -> f64 {
-    let mut rows: Vec<(f64, [f64; 3])> = rows
-        .map(|(residual, weight, jacobian)| (residual * weight.sqrt(), jacobian.map(|j| j * weight.sqrt())))
+/// What remains of a weighted sum of squares once some unknowns have been fitted, to first order: the columns of the Jacobian (x, y,
+/// force, common offset) that count are projected out one after another. Rows are residual, weight and Jacobian.
+fn left_over(rows: impl Iterator<Item = (f64, f64, [f64; 4])>, columns: [bool; 4]) -> f64 {
+    let mut rows: Vec<[f64; 5]> = rows
+        .map(|(residual, weight, [x, y, force, offset])| [x, y, force, offset, residual].map(|v| v * weight.sqrt()))
         .collect();
-    for unknown in 0..unknowns {
-        let length: f64 = rows.iter().map(|(_, jacobian)| jacobian[unknown].powi(2)).sum();
+    for column in (0..4).filter(|&column| columns[column]) {
+        let length: f64 = rows.iter().map(|row| row[column] * row[column]).sum();
         if !(length > 0.0) {
             continue;
         }
-        let onto = |of: &dyn Fn(&(f64, [f64; 3])) -> f64| {
-            rows.iter().map(|row| row.1[unknown] * of(row)).sum::<f64>() / length
-        };
-        let of_residual = onto(&|row| row.0);
-        let of_others = [0, 1, 2].map(|other| onto(&|row| row.1[other]));
-        for (residual, jacobian) in &mut rows {
-            let column = jacobian[unknown];
-            *residual -= of_residual * column;
-            for other in unknown + 1..3 {
-                jacobian[other] -= of_others[other] * column;
-            }
+        for other in column + 1..5 {
+            let share = rows.iter().map(|row| row[column] * row[other]).sum::<f64>() / length;
+            rows.iter_mut().for_each(|row| row[other] -= share * row[column]);
         }
     }
-    rows.iter().map(|(residual, _)| residual * residual).sum()
+    rows.iter().map(|row| row[4] * row[4]).sum()
 }
