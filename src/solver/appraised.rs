@@ -20,8 +20,8 @@ struct Experience {
     residue: Noise,
     /// What it leaves over that, which only the share of false alarms exceeds.
     most_residue: f64,
-    /// Additive noise of each unit, standard deviation.
-    silence_sd: Vec<f64>,
+    /// One over the additive noise of each unit, a variance.
+    silence: Vec<f64>,
     /// Sum of squares that no contact exceeds but by the share of false alarms.
     no_contact: f64,
 }
@@ -90,13 +90,14 @@ impl Experience {
             force: Noise::fit(&[force]),
             residue,
             most_residue: over[rank].max(f64::MIN_POSITIVE),
-            silence_sd: (0..units).map(|unit| response.noise.variance(unit, 0.0).sqrt()).collect(),
+            silence: (0..units).map(|unit| 1.0 / response.noise.variance(unit, 0.0)).collect(),
             no_contact: chi2_quantile(units, setting.false_alarms),
         })
     }
 
     fn verdict(&self, outputs: &[f64], misfit: Option<f64>) -> Verdict {
-        let loudness: f64 = outputs.iter().zip(&self.silence_sd).map(|(output, sd)| (output / sd).powi(2)).sum();
+        let loudness: f64 =
+            outputs.iter().zip(&self.silence).map(|(output, precision)| output * output * precision).sum();
         if loudness < self.no_contact {
             Verdict::WeakSignal
         } else if misfit.is_some_and(|misfit| misfit > 1.0) {

@@ -1,3 +1,4 @@
+use super::pearson::check;
 use super::{Broken, Solution, SolveError, Solver, Verdict, Workspace};
 
 /// A method fitted to a calibration: what [`fit`](super::fit) gives.
@@ -62,17 +63,17 @@ impl Solver for Fitted {
     }
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
+        let Some(kept) = &self.kept else {
+            check(outputs, self.units)?;
+            return contained(self.solver.solve(outputs, workspace)?);
+        };
         if outputs.len() != self.units {
             return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
         }
-        let Some(kept) = &self.kept else {
-            check(outputs)?;
-            return contained(self.solver.solve(outputs, workspace)?);
-        };
         let mut row = std::mem::take(&mut workspace.kept);
         row.clear();
         row.extend(kept.iter().map(|&unit| outputs[unit]));
-        let solved = check(&row).and_then(|()| self.solver.solve(&row, workspace));
+        let solved = check(&row, row.len()).and_then(|()| self.solver.solve(&row, workspace));
         workspace.kept = row;
         let mut solution = solved.map_err(|error| match error {
             SolveError::NotFinite { unit } => SolveError::NotFinite { unit: kept[unit - 1] + 1 },
@@ -93,11 +94,4 @@ fn contained(solution: Solution) -> Result<Solution, SolveError> {
     }
     let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
     Ok(Solution { covariance, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
-}
-
-fn check(outputs: &[f64]) -> Result<(), SolveError> {
-    match outputs.iter().position(|output| !output.is_finite()) {
-        None => Ok(()),
-        Some(index) => Err(SolveError::NotFinite { unit: index + 1 }),
-    }
 }

@@ -123,10 +123,12 @@ pub(super) fn check(outputs: &[f64], units: usize) -> Result<(), SolveError> {
     if outputs.len() != units {
         return Err(SolveError::Channels { expected: units, found: outputs.len() });
     }
-    match outputs.iter().position(|output| !output.is_finite()) {
-        Some(index) => Err(SolveError::NotFinite { unit: index + 1 }),
-        None => Ok(()),
+    // all of them in one go, as next to every reading is finite
+    if outputs.iter().fold(true, |all, output| all & output.is_finite()) {
+        return Ok(());
     }
+    let unit = outputs.iter().take_while(|output| output.is_finite()).count() + 1;
+    Err(SolveError::NotFinite { unit })
 }
 
 /// A row less its mean, scaled to length 1; none where nothing is left, or a value is not finite.
