@@ -1,4 +1,4 @@
-use super::{SolveError, Solver, Workspace};
+use super::{Choice, Covariance, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;
 use serde::Serialize;
 
@@ -20,6 +20,16 @@ pub struct Evaluation {
     pub force_error_n: Option<ErrorSummary>,
     /// Shares of the points that are good enough.
     pub within: Within,
+    /// How often the errors were no larger than the solver said; null where it doesn't say.
+    pub coverage: Option<Coverage>,
+    /// How many of the points got which verdict.
+    pub verdicts: Verdicts,
+    /// What one solve takes, ns. No clock is asked here: it is for whoever measures it to fill in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ns_per_solve: Option<f64>,
+    /// How the solver was chosen, where it was; for whoever fitted it to fill in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<Choice>,
     /// The same against the load cell, which then also gives the calibration's forces; only for a run, where
     /// `force_error_n` holds against the commanded force.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -60,6 +70,32 @@ pub struct Within {
     pub force_0_1n: Option<f64>,
     /// Both; null where the true force isn't known.
     pub both: Option<f64>,
+}
+
+/// Shares of the errors that are no larger than one and two standard deviations as the solver stated them, 0 to 1: those of x
+/// and of y counted together. Normal errors of the size stated are within one in 0.683 and within two in 0.954 of the cases.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Errors of x and y within one.
+    pub xy_1sd: f64,
+    /// Errors of x and y within two.
+    pub xy_2sd: f64,
+    /// Errors of the force within one; null where the true force isn't known.
+    pub force_1sd: Option<f64>,
+    /// Errors of the force within two; null where the true force isn't known.
+    pub force_2sd: Option<f64>,
+}
+
+/// How many presses got which verdict, by its word.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[allow(missing_docs)] // as in `Verdict`
+pub struct Verdicts {
+    pub ok: usize,
+    pub weak_signal: usize,
+    pub outside_area: usize,
+    pub not_one_contact: usize,
+    pub channel_fault: usize,
 }
 
 /// Presses that were recorded but didn't count.
@@ -134,17 +170,23 @@ pub enum EvaluationError {
 /// Forces are evaluated if every solved press has one. A press without an answer is counted and kept in `unsolved`.
 pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
     let (mut presses, mut unsolved) = (Vec::with_capacity(test.len()), Vec::new());
+    let (mut verdicts, mut stated) = (Verdicts::default(), Stated::default());
     let mut workspace = Workspace::default();
     for (index, press) in test.iter().enumerate() {
         match solver.solve(press.outputs, &mut workspace) {
-            Ok(solution) => presses.push(PressError {
-                index,
-                place_true: press.place,
-                place_solved: solution.place,
-                location_error_mm: solution.place.distance_mm(press.place),
-                force_solved_n: solution.force_n,
-                force_error_n: press.force_n.map(|force_n| (solution.force_n - force_n).abs()),
-            }),
+            Ok(solution) => {
+                let error = PressError {
+                    index,
+                    place_true: press.place,
+                    place_solved: solution.place,
+                    location_error_mm: solution.place.distance_mm(press.place),
+                    force_solved_n: solution.force_n,
+                    force_error_n: press.force_n.map(|force_n| (solution.force_n - force_n).abs()),
+                };
+                verdicts.count(solution.verdict);
+                stated.extend(&error, solution.covariance);
+                presses.push(error);
+            }
             Err(reason @ SolveError::Channels { .. }) => return Err(EvaluationError::OtherArray(reason)),
             Err(reason) => unsolved.push(Unsolved { index, reason }),
         }
@@ -163,6 +205,10 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
         location_error_mm,
         force_error_n: force_errors.as_deref().and_then(ErrorSummary::of),
         within: Within::of(&location_errors, force_errors.as_deref()),
+        coverage: stated.coverage(),
+        verdicts,
+        ns_per_solve: None,
+        choice: None,
         force_error_load_cell_n: None,
         left_out: LeftOut { test_unsolved: unsolved.len(), ..LeftOut::default() },
         presses,
@@ -209,6 +255,61 @@ impl Within {
             force_0_1n: force_errors.map(|forces| share(forces.iter().filter(|error| is_right(error)).count())),
             both: force_errors.map(|forces| share(pairs(forces))),
         }
+    }
+}
+
+impl Verdict {
+    /// The word it goes by wherever it is written.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Ok => "ok",
+            Verdict::WeakSignal => "weak-signal",
+            Verdict::OutsideArea => "outside-area",
+            Verdict::NotOneContact => "not-one-contact",
+            Verdict::ChannelFault(_) => "channel-fault",
+        }
+    }
+}
+
+impl Verdicts {
+    fn count(&mut self, verdict: Verdict) {
+        match verdict {
+            Verdict::Ok => self.ok += 1,
+            Verdict::WeakSignal => self.weak_signal += 1,
+            Verdict::OutsideArea => self.outside_area += 1,
+            Verdict::NotOneContact => self.not_one_contact += 1,
+            Verdict::ChannelFault(_) => self.channel_fault += 1,
+        }
+    }
+}
+
+/// Errors over the standard deviations stated for them.
+#[derive(Default)]
+struct Stated {
+    xy: Vec<f64>,
+    force: Vec<f64>,
+}
+
+impl Stated {
+    fn extend(&mut self, error: &PressError, covariance: Option<Covariance>) {
+        let Some(covariance) = covariance else { return };
+        let (found, there) = (error.place_solved, error.place_true);
+        self.xy.push((found.x_mm - there.x_mm).abs() / covariance.x_mm());
+        self.xy.push((found.y_mm - there.y_mm).abs() / covariance.y_mm());
+        self.force.extend(error.force_error_n.map(|error_n| error_n / covariance.force_n()));
+    }
+
+    fn coverage(&self) -> Option<Coverage> {
+        let share = |ratios: &[f64], sd: f64| {
+            let within = ratios.iter().filter(|ratio| **ratio <= sd).count();
+            (!ratios.is_empty()).then(|| within as f64 / ratios.len() as f64)
+        };
+        Some(Coverage {
+            xy_1sd: share(&self.xy, 1.0)?,
+            xy_2sd: share(&self.xy, 2.0)?,
+            force_1sd: share(&self.force, 1.0),
+            force_2sd: share(&self.force, 2.0),
+        })
     }
 }
 
@@ -288,8 +389,60 @@ mod tests {
         let expected =
             r#"{"solver":"echo","points":1,"location_error_mm":{"mean":0.5,"median":0.5,"p95":0.5,"max":0.5},"#
                 .to_owned()
-                + r#""force_error_n":null,"within":{"location_1mm":1.0,"force_0_1n":null,"both":null}}"#;
+                + r#""force_error_n":null,"within":{"location_1mm":1.0,"force_0_1n":null,"both":null},"#
+                + r#""coverage":null,"verdicts":{"ok":1,"weak-signal":0,"outside-area":0,"#
+                + r#""not-one-contact":0,"channel-fault":0}}"#;
         assert_eq!(json, expected);
+    }
+
+    /// Answers the origin and 1 N, as sure of it as the first output says, with the verdict that the second one says.
+    struct Modest;
+
+    impl Solver for Modest {
+        fn name(&self) -> &'static str {
+            "modest"
+        }
+
+        fn solve(&self, outputs: &[f64], _: &mut Workspace) -> Result<Solution, SolveError> {
+            let variance = outputs[0] * outputs[0];
+            let covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, variance]];
+            let covariance = (variance > 0.0).then_some(Covariance(covariance));
+            let verdict = if outputs[1] > 0.0 { Verdict::ChannelFault(0) } else { Verdict::OutsideArea };
+            Ok(Solution { place: Place::new(0.0, 0.0), force_n: 1.0, covariance, misfit: None, verdict })
+        }
+    }
+
+    #[test]
+    fn errors_are_held_against_the_ones_that_were_stated_and_verdicts_counted() {
+        let press = |outputs, force_n| TestPress { place: Place::new(0.5, 1.5), force_n, outputs };
+        let coverage = |test: &[TestPress<'_>]| evaluate(&Modest, test).unwrap().coverage;
+        // 0.5, 1.5 and 0.6 of one; then a quarter, three quarters and 0.3; then nothing is stated
+        let test = [press(&[1.0, 0.0], Some(1.6)), press(&[2.0, 1.0], Some(1.6)), press(&[0.0, 0.0], Some(1.6))];
+        let expected = Coverage { xy_1sd: 0.75, xy_2sd: 1.0, force_1sd: Some(1.0), force_2sd: Some(1.0) };
+        assert_eq!(coverage(&test), Some(expected));
+        let expected = Coverage { xy_1sd: 0.5, xy_2sd: 1.0, force_1sd: None, force_2sd: None };
+        assert_eq!(coverage(&[press(&[1.0, 0.0], None)]), Some(expected));
+        let expected = Coverage { xy_1sd: 0.0, xy_2sd: 0.5, force_1sd: Some(0.0), force_2sd: Some(0.0) };
+        assert_eq!(coverage(&[press(&[0.4, 0.0], Some(2.0))]), Some(expected));
+        assert_eq!(coverage(&test[2..]), None);
+        let verdicts = evaluate(&Modest, &test).unwrap().verdicts;
+        assert_eq!(verdicts, Verdicts { outside_area: 2, channel_fault: 1, ..Verdicts::default() });
+    }
+
+    #[test]
+    fn a_verdict_is_counted_under_the_word_it_is_written_with() {
+        for verdict in [
+            Verdict::Ok,
+            Verdict::WeakSignal,
+            Verdict::OutsideArea,
+            Verdict::NotOneContact,
+            Verdict::ChannelFault(3),
+        ] {
+            let mut verdicts = Verdicts::default();
+            verdicts.count(verdict);
+            let json = serde_json::to_string(&verdicts).unwrap();
+            assert!(json.contains(&format!("\"{}\":1", verdict.word())), "{json}");
+        }
     }
 
     #[test]

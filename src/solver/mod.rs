@@ -38,8 +38,8 @@ mod whitened;
 pub use broken::{Broken, Fault};
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
-    ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
-    TestPress, Unsolved, Within, evaluate,
+    Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
+    TestPress, Unsolved, Verdicts, Within, evaluate,
 };
 pub use fitted::{Candidate, Choice, Fitted};
 pub use knn::{NEIGHBOURS, PearsonKnn};
