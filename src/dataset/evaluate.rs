@@ -1,12 +1,18 @@
-//! From tables to an evaluation: which rows calibrate, which test, and whose force counts as true.
+//! From tables to an evaluation: which presses test, and whose force counts as true.
 
+use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection};
 use super::table::{Row, Table, TableError};
 use crate::quantity::ArrayLayout;
 use crate::solver::{
-    Calibration, CalibrationError, CalibrationPoint, Evaluation, EvaluationError, FitError, Setting, TestPress,
-    evaluate, fit,
+    Calibration, Evaluation, EvaluationError, FitError, Fitted, Load, Setting, Solver, TestPress, Workspace, evaluate,
+    fit,
 };
 use miette::Diagnostic;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+/// How long solves are repeated for to time one of them: long beside a clock's grain, short beside a person's patience.
+const TIMED: Duration = Duration::from_millis(20);
 
 /// Why there is no evaluation; all of them are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -15,20 +21,10 @@ pub enum EvaluateError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Table(#[from] TableError),
-    /// A table has no press of the kind asked for.
-    #[error("{file}: there is no {phase} press to evaluate with ({flagged} are flagged and left out)")]
-    #[diagnostic(help(
-        "an evaluation needs presses of both phases, or two tables: \
-         --calibration runs/calibrate/presses.csv --test runs/test/presses.csv"
-    ))]
-    NoPresses {
-        /// The table.
-        file: String,
-        /// calibration or test.
-        phase: &'static str,
-        /// How many of them are flagged.
-        flagged: usize,
-    },
+    /// Its presses can't be calibrated on, or there are none.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Calibrate(#[from] CalibrateError),
     /// The two tables come from two arrays.
     #[error("{calibration} has {calibration_units} outputs (out_1..), {test} has {test_units}")]
     #[diagnostic(help("calibrate and test with the same array, and keep all its outputs in both tables"))]
@@ -42,27 +38,6 @@ pub enum EvaluateError {
         /// Its outputs.
         test_units: usize,
     },
-    /// A row can't be calibrated on.
-    #[error("{file}, line {line}, column `{column}`: the press can't be calibrated on")]
-    #[diagnostic(help("correct the row, or remove it"))]
-    Calibration {
-        /// The calibration's table.
-        file: String,
-        /// The row's line.
-        line: u64,
-        /// The column its force comes from.
-        column: &'static str,
-        /// What is wrong.
-        source: CalibrationError,
-    },
-    /// The method can't be fitted.
-    #[error("{file}: can't be calibrated on")]
-    Fit {
-        /// The calibration's table.
-        file: String,
-        /// Why.
-        source: FitError,
-    },
     /// The test can't be evaluated.
     #[error("{file}: can't be evaluated")]
     Evaluation {
@@ -73,32 +48,98 @@ pub enum EvaluateError {
     },
 }
 
-/// A run's calibration presses against its test presses: `force_error_n` by the commanded force throughout, as in the
-/// paper, `force_error_load_cell_n` by the load cell throughout. Flagged presses are left out and counted.
-pub fn evaluate_run(table: &Table, layout: Option<&ArrayLayout>, solver: &str) -> Result<Evaluation, EvaluateError> {
-    let calibration = Selection::of_phase(table, "calibration")?;
-    let test = Selection::of_phase(table, "test")?;
-    let commanded = ForceColumn { name: "force_set_n", of: |row| Some(row.record.as_ref()?.force_set_n) };
-    let load_cell = ForceColumn { name: "force_n", of: |row| row.force_n };
-    let by_load_cell = evaluate_selections(&calibration, &test, &load_cell, layout, solver)?;
-    let mut evaluation = evaluate_selections(&calibration, &test, &commanded, layout, solver)?;
-    evaluation.force_error_load_cell_n = by_load_cell.force_error_n;
-    Ok(evaluation)
+/// A calibration and a test of known truth, to hold any number of methods against. Flagged presses are left out and counted.
+pub struct Trial<'a> {
+    calibration: Selection<'a>,
+    test: Selection<'a>,
+    layout: Option<&'a ArrayLayout>,
+    load: Load,
+    force: &'static ForceColumn,
+    /// A run is held against the load cell as well.
+    is_run: bool,
 }
 
-/// A table to calibrate on against a table to solve. Flagged presses are left out and counted.
-pub fn evaluate_tables(calibration: &Table, test: &Table, solver: &str) -> Result<Evaluation, EvaluateError> {
-    if calibration.units != test.units {
-        return Err(EvaluateError::Units {
-            calibration: calibration.file.clone(),
-            calibration_units: calibration.units,
-            test: test.file.clone(),
-            test_units: test.units,
-        });
+impl<'a> Trial<'a> {
+    /// A run's calibration presses and its test presses: `force_error_n` by the commanded force throughout, as in the paper,
+    /// `force_error_load_cell_n` by the load cell throughout.
+    pub fn of_run(table: &'a Table, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
+        let calibration = Selection::of_phase(table, "calibration")?;
+        let test = Selection::of_phase(table, "test")?;
+        Ok(Trial { calibration, test, layout, load: Load::default(), force: &COMMANDED, is_run: true })
     }
-    let force = ForceColumn { name: "force_n", of: |row| row.force_n };
-    let calibration = Selection::new(calibration, "calibration", |_| true)?;
-    evaluate_selections(&calibration, &Selection::new(test, "test", |_| true)?, &force, None, solver)
+
+    /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
+    pub fn of_tables(calibration: &'a Table, test: &'a Table) -> Result<Self, EvaluateError> {
+        if calibration.units != test.units {
+            return Err(EvaluateError::Units {
+                calibration: calibration.file.clone(),
+                calibration_units: calibration.units,
+                test: test.file.clone(),
+                test_units: test.units,
+            });
+        }
+        let calibration = Selection::new(calibration, "calibration", |_| true)?;
+        let test = Selection::new(test, "test", |_| true)?;
+        Ok(Trial { calibration, test, layout: None, load: Load::default(), force: &LOAD_CELL, is_run: false })
+    }
+
+    /// The same with what is known of the load of the test.
+    #[must_use]
+    pub fn with_load(self, load: Load) -> Self {
+        Trial { load, ..self }
+    }
+
+    /// Fits a method and solves the test with it.
+    pub fn evaluate(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
+        self.evaluate_fitted(solver).map(|(evaluation, _)| evaluation)
+    }
+
+    /// The same, and times it.
+    pub fn evaluate_timed(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
+        let (mut evaluation, fitted) = self.evaluate_fitted(solver)?;
+        evaluation.ns_per_solve = Some(ns_per_solve(&fitted, &self.presses(self.force)));
+        Ok(evaluation)
+    }
+
+    fn evaluate_fitted(&self, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
+        let (mut evaluation, fitted) = self.by(self.force, solver)?;
+        if self.is_run {
+            // by its name: what was chosen isn't chosen again
+            evaluation.force_error_load_cell_n = self.by(&LOAD_CELL, fitted.name())?.0.force_error_n;
+        }
+        evaluation.choice = fitted.choice().cloned();
+        Ok((evaluation, fitted))
+    }
+
+    fn by(&self, force: &ForceColumn, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
+        let calibration: Calibration = self.calibration.calibration(force, self.load)?;
+        let setting = Setting { load: self.load, ..Setting::of_layout(self.layout) };
+        let fit_error = |source: FitError| CalibrateError::Fit { file: self.calibration.file.to_owned(), source };
+        let fitted = fit(solver, &calibration, &setting).map_err(fit_error)?;
+        let mut evaluation = evaluate(&fitted, &self.presses(force))
+            .map_err(|source| EvaluateError::Evaluation { file: self.test.file.to_owned(), source })?;
+        evaluation.left_out.calibration_flagged = self.calibration.flagged;
+        evaluation.left_out.test_flagged = self.test.flagged;
+        Ok((evaluation, fitted))
+    }
+
+    /// The presses to solve. Against a calibration of relative forces no force in newtons can be held.
+    fn presses(&self, force: &ForceColumn) -> Vec<TestPress<'a>> {
+        let is_known = self.calibration.knows(force);
+        let force_n = |row: &Row| (force.of)(row).filter(|_| is_known);
+        let press = |row: &&'a Row| TestPress { place: row.place, force_n: force_n(row), outputs: &row.outputs };
+        self.test.rows.iter().map(press).collect()
+    }
+}
+
+/// A run held against itself with one method, see [`Trial::of_run`].
+pub fn evaluate_run(table: &Table, layout: Option<&ArrayLayout>, solver: &str) -> Result<Evaluation, EvaluateError> {
+    Trial::of_run(table, layout)?.evaluate(solver)
+}
+
+/// A table held against another with one method, see [`Trial::of_tables`].
+pub fn evaluate_tables(calibration: &Table, test: &Table, solver: &str) -> Result<Evaluation, EvaluateError> {
+    Trial::of_tables(calibration, test)?.evaluate(solver)
 }
 
 /// Whether a row of a run takes part in its evaluation, flagged or not.
@@ -106,66 +147,21 @@ pub fn is_to_evaluate(row: &Row) -> bool {
     row.record.as_ref().is_some_and(|record| matches!(record.phase.as_str(), "calibration" | "test"))
 }
 
-/// The unflagged presses of one kind.
-struct Selection<'a> {
-    file: &'a str,
-    rows: Vec<&'a Row>,
-    flagged: usize,
-}
-
-impl<'a> Selection<'a> {
-    fn of_phase(table: &'a Table, phase: &'static str) -> Result<Self, EvaluateError> {
-        Self::new(table, phase, |row| row.record.as_ref().is_some_and(|record| record.phase == phase))
-    }
-
-    fn new(table: &'a Table, phase: &'static str, is_of_it: impl Fn(&Row) -> bool) -> Result<Self, EvaluateError> {
-        let (flagged, rows): (Vec<&Row>, Vec<&Row>) =
-            table.rows.iter().filter(|row| is_of_it(row)).partition(|row| row.flagged);
-        let flagged = flagged.len();
-        if rows.is_empty() {
-            return Err(EvaluateError::NoPresses { file: table.file.clone(), phase, flagged });
+/// The mean time of a solve over whole passes through the test, as many as fill [`TIMED`]; `presses` isn't empty.
+fn ns_per_solve(solver: &dyn Solver, presses: &[TestPress<'_>]) -> f64 {
+    let mut workspace = Workspace::default();
+    let (begun, mut solves) = (Instant::now(), 0);
+    loop {
+        for press in presses {
+            // what it answers was looked at before; here it only must not be left out
+            let _ = black_box(solver.solve(black_box(press.outputs), &mut workspace));
         }
-        Ok(Selection { file: &table.file, rows, flagged })
+        solves += presses.len();
+        let passed = begun.elapsed();
+        if passed >= TIMED {
+            return passed.as_nanos() as f64 / solves as f64;
+        }
     }
-}
-
-/// What a calibration press counts as where its table has no force, N.
-const UNIT_FORCE_N: f64 = 1.0;
-
-/// Where a press' true force comes from.
-struct ForceColumn {
-    name: &'static str,
-    of: fn(&Row) -> Option<f64>,
-}
-
-fn evaluate_selections<'a>(
-    calibration: &Selection<'a>,
-    test: &Selection<'a>,
-    force: &ForceColumn,
-    layout: Option<&ArrayLayout>,
-    solver: &str,
-) -> Result<Evaluation, EvaluateError> {
-    let point = |row: &&'a Row| {
-        let force_n = (force.of)(row).unwrap_or(UNIT_FORCE_N);
-        CalibrationPoint { place: row.place, force_n, outputs: &row.outputs }
-    };
-    let press = |row: &&'a Row| TestPress { place: row.place, force_n: (force.of)(row), outputs: &row.outputs };
-    let points: Vec<CalibrationPoint<'_>> = calibration.rows.iter().map(point).collect();
-    let presses: Vec<TestPress<'_>> = test.rows.iter().map(press).collect();
-    let file = || calibration.file.to_owned();
-    let database = Calibration::new(&points).map_err(|source| EvaluateError::Calibration {
-        file: file(),
-        line: source.point().and_then(|point| calibration.rows.get(point)).map_or(1, |row| row.line),
-        column: force.name,
-        source,
-    })?;
-    let solver = fit(solver, &database, &Setting::of_layout(layout))
-        .map_err(|source| EvaluateError::Fit { file: file(), source })?;
-    let mut evaluation = evaluate(&solver, &presses)
-        .map_err(|source| EvaluateError::Evaluation { file: test.file.to_owned(), source })?;
-    evaluation.left_out.calibration_flagged = calibration.flagged;
-    evaluation.left_out.test_flagged = test.flagged;
-    Ok(evaluation)
 }
 
 #[cfg(test)]
@@ -174,7 +170,7 @@ pub(crate) mod tests {
     use std::path::Path;
 
     /// Reads what a file of that text holds.
-    fn table(text: &str, read: fn(&Path) -> Result<Table, TableError>) -> Table {
+    pub(crate) fn table(text: &str, read: fn(&Path) -> Result<Table, TableError>) -> Table {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.csv"), text).unwrap();
         read(&folder.path().join("a.csv")).unwrap()
@@ -208,10 +204,12 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
     fn plain_tables_need_no_force() {
         let calibration = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n", Table::read);
         let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n", Table::read);
-        let evaluation = evaluate_tables(&calibration, &test, "pearson").unwrap();
-        assert_eq!(evaluation.force_error_n.unwrap().max, 0.0); // twice what 1 N gave
-        let evaluation = evaluate_tables(&test, &calibration, "pearson").unwrap();
-        assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
+        // newtons against shares of a typical press would mean nothing
+        for (calibration, test) in [(&calibration, &test), (&test, &calibration), (&calibration, &calibration)] {
+            let evaluation = evaluate_tables(calibration, test, "pearson").unwrap();
+            assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
+        }
+        assert_eq!(evaluate_tables(&test, &test, "pearson").unwrap().force_error_n.unwrap().max, 0.0);
     }
 
     #[test]
@@ -224,6 +222,17 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
         assert!(refusal.contains("line 4, column `force_n`"), "{refusal}");
         let flagged = table("x_mm,y_mm,out_1,out_2,flags\n0,0,1,2,bad\n", Table::read);
         let refusal = evaluate_tables(&good, &flagged, "pearson").unwrap_err();
-        assert!(matches!(refusal, EvaluateError::NoPresses { phase: "test", flagged: 1, .. }));
+        let expected =
+            matches!(refusal, EvaluateError::Calibrate(CalibrateError::NoPresses { phase: "test", flagged: 1, .. }));
+        assert!(expected, "{refusal}");
+    }
+
+    #[test]
+    fn a_solve_is_timed_only_where_that_is_asked_for() {
+        let run = table(RUN, Table::read_run);
+        let trial = Trial::of_run(&run, None).unwrap().with_load(Load::Constant);
+        assert_eq!(trial.evaluate("pearson").unwrap().ns_per_solve, None);
+        let ns_per_solve = trial.evaluate_timed("pearson").unwrap().ns_per_solve.unwrap();
+        assert!(ns_per_solve > 0.0 && ns_per_solve.is_finite());
     }
 }

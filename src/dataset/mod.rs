@@ -4,6 +4,7 @@
 //! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are written anew at the end. Whoever
 //! makes presses sees a [`Ledger`] only: a run folder, or a [`Memory`] that leaves no files.
 
+pub mod calibration;
 pub mod characteristics;
 pub mod evaluate;
 mod folder;

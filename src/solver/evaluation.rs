@@ -431,13 +431,9 @@ mod tests {
 
     #[test]
     fn a_verdict_is_counted_under_the_word_it_is_written_with() {
-        for verdict in [
-            Verdict::Ok,
-            Verdict::WeakSignal,
-            Verdict::OutsideArea,
-            Verdict::NotOneContact,
-            Verdict::ChannelFault(3),
-        ] {
+        for verdict in
+            [Verdict::Ok, Verdict::WeakSignal, Verdict::OutsideArea, Verdict::NotOneContact, Verdict::ChannelFault(3)]
+        {
             let mut verdicts = Verdicts::default();
             verdicts.count(verdict);
             let json = serde_json::to_string(&verdicts).unwrap();
