@@ -48,6 +48,13 @@ pub enum EvaluateError {
     },
 }
 
+impl EvaluateError {
+    /// Whether it may be this solver's alone: another one could be evaluated.
+    pub fn is_of_solver(&self) -> bool {
+        matches!(self, EvaluateError::Calibrate(CalibrateError::Fit { .. }) | EvaluateError::Evaluation { .. })
+    }
+}
+
 /// A calibration and a test of known truth, to hold any number of methods against. Flagged presses are left out and counted.
 pub struct Trial<'a> {
     calibration: Selection<'a>,

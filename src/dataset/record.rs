@@ -156,7 +156,8 @@ impl RowTruth {
     }
 }
 
-fn round(value: f64, digits: i32) -> f64 {
+/// To so many decimals.
+pub(crate) fn round(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     let rounded = (value * scale).round() / scale;
     if rounded == 0.0 { 0.0 } else { rounded } // no "-0"

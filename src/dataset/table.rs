@@ -2,19 +2,28 @@
 //!
 //! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged
 //! unless its cell is empty or 0). A run's `presses.csv` has more, see [`Record`]. Columns may stand in any order;
-//! those that aren't known are ignored. A byte-order mark and either kind of line end are tolerated.
+//! those that aren't known are ignored. A byte-order mark and either kind of line end are tolerated. What a table without
+//! `force_n` is worth is for [`calibration`](super::calibration) to say.
 
+use super::header::Header;
 use crate::quantity::Place;
 use csv::StringRecord;
 use miette::Diagnostic;
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// The largest table that is read, bytes: some 100 000 presses of 100 units, far beyond any run, and it fits in memory.
-pub const MAX_TABLE_BYTES: u64 = 256 << 20;
+/// The largest table that is read, bytes: some 100 000 presses of 500 units, far beyond any run. What is held of it is numbers
+/// alone, mostly less than the text.
+pub const MAX_TABLE_BYTES: u64 = 512 << 20;
+/// The most rows a table may have: a stage that presses every three seconds is a month over them.
+pub const MAX_ROWS: usize = 1 << 20;
 /// The most columns a table may have: far beyond any array, and few enough to look names up one by one.
 pub const MAX_COLUMNS: usize = 4096;
+
+/// What a table needs.
+const HELP: &str = "needed are x_mm, y_mm and out_1, out_2, ... without a gap; in a run also what it wrote itself";
 
 /// A table as read: at least one row, at least one unit, every number finite.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,7 +73,7 @@ pub enum TableError {
     /// Not there, not a file, not permitted.
     #[error("{file}: can't be read")]
     Unreadable { file: String, source: io::Error },
-    /// More than [`MAX_TABLE_BYTES`] or [`MAX_COLUMNS`].
+    /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
     #[error("{file}: more than {limit} {what}")]
     #[diagnostic(help("leave out columns that aren't needed, or average repeated presses first"))]
     TooLarge { file: String, limit: u64, what: &'static str },
@@ -106,35 +115,39 @@ pub enum TableError {
 impl Table {
     /// Reads a plain table.
     pub fn read(path: &Path) -> Result<Self, TableError> {
-        Self::from_bytes(&path.display().to_string(), &bytes_of(path)?, Kind::Plain)
+        Self::open(path, Kind::Plain)
     }
 
     /// Reads a run's `presses.csv`: `force_n` and the columns of [`Record`] must be there.
     pub fn read_run(path: &Path) -> Result<Self, TableError> {
-        Self::from_bytes(&path.display().to_string(), &bytes_of(path)?, Kind::Run)
+        Self::open(path, Kind::Run)
     }
 
     /// The same from a text; `file` is its name in messages.
     pub fn of_run(file: &str, text: &str) -> Result<Self, TableError> {
-        Self::from_bytes(file, text.as_bytes(), Kind::Run)
+        Self::parse(file, text.as_bytes(), Kind::Run)
     }
 
-    fn from_bytes(file: &str, bytes: &[u8], kind: Kind) -> Result<Self, TableError> {
-        let text = std::str::from_utf8(bytes).map_err(|error| TableError::NotText {
-            file: file.to_owned(),
-            line: Lines::new(bytes).at(error.valid_up_to()),
-        })?;
-        // Rows of the wrong length are found here rather than by the reader, which counts lines its own way.
-        let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
-        let unreadable = |error: csv::Error| TableError::Unreadable { file: file.to_owned(), source: error.into() };
-        let mut lines = Lines::new(bytes);
-        let header = reader.headers().map_err(unreadable)?.clone();
-        let columns = Columns::find(file, lines.of(&header), &header, kind)?;
-        let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(unreadable)?;
-            let cells = Cells { file, line: lines.of(&record), header: &header, record: &record };
-            rows.push(columns.row(&cells)?);
+    fn open(path: &Path, kind: Kind) -> Result<Self, TableError> {
+        let file = path.display().to_string();
+        match File::open(path) {
+            Ok(input) => Self::parse(&file, input, kind),
+            Err(source) => Err(TableError::Unreadable { file, source }),
+        }
+    }
+
+    fn parse(file: &str, input: impl Read, kind: Kind) -> Result<Self, TableError> {
+        let mut records = Records::new(file, input);
+        let mut header = StringRecord::new();
+        records.next(&mut header)?;
+        header.trim();
+        let columns = Columns::find(&Header { file, line: records.line, names: &header, help: HELP }, kind)?;
+        let (mut rows, mut record) = (Vec::new(), StringRecord::new());
+        while records.next(&mut record)? {
+            if rows.len() == MAX_ROWS {
+                return Err(TableError::TooLarge { file: file.to_owned(), limit: MAX_ROWS as u64, what: "rows" });
+            }
+            rows.push(columns.row(&Cells { file, line: records.line, header: &header, record: &record })?);
         }
         if rows.is_empty() {
             return Err(TableError::NoRows { file: file.to_owned() });
@@ -147,18 +160,6 @@ impl Table {
 enum Kind {
     Plain,
     Run,
-}
-
-fn bytes_of(path: &Path) -> Result<Vec<u8>, TableError> {
-    let file = || path.display().to_string();
-    let unreadable = |source| TableError::Unreadable { file: file(), source };
-    let mut bytes = Vec::new();
-    // One byte more than allowed is asked for, so that a pipe without end is found out as well.
-    File::open(path).and_then(|file| file.take(MAX_TABLE_BYTES + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
-    if bytes.len() as u64 > MAX_TABLE_BYTES {
-        return Err(TableError::TooLarge { file: file(), limit: MAX_TABLE_BYTES, what: "bytes" });
-    }
-    Ok(bytes)
 }
 
 /// Where each known column stands.
@@ -179,40 +180,20 @@ struct RecordColumns {
 }
 
 impl Columns {
-    fn find(file: &str, line: u64, header: &StringRecord, kind: Kind) -> Result<Self, TableError> {
-        let is_repeated =
-            |(index, name): &(usize, &str)| !name.is_empty() && header.iter().take(*index).any(|n| n == *name);
-        if header.iter().all(str::is_empty) {
-            return Err(TableError::NoRows { file: file.to_owned() });
-        }
-        if header.len() > MAX_COLUMNS {
-            return Err(TableError::TooLarge { file: file.to_owned(), limit: MAX_COLUMNS as u64, what: "columns" });
-        }
-        if let Some((_, name)) = header.iter().enumerate().find(is_repeated) {
-            return Err(TableError::DuplicateColumn { file: file.to_owned(), line, column: name.to_owned() });
-        }
-        let optional = |column: &str| header.iter().position(|name| name == column);
-        let missing = |column: &str| TableError::MissingColumn {
-            file: file.to_owned(),
-            line,
-            column: column.to_owned(),
-            help: hint(column, header),
-        };
-        let needed = |column: &str| optional(column).ok_or_else(|| missing(column));
+    fn find(header: &Header<'_>, kind: Kind) -> Result<Self, TableError> {
+        header.check()?;
         let record = match kind {
             Kind::Plain => None,
             Kind::Run => Some(RecordColumns {
-                phase: needed("phase")?,
-                press: needed("press")?,
-                level: needed("level")?,
-                force_set: needed("force_set_n")?,
+                phase: header.needed("phase")?,
+                press: header.needed("press")?,
+                level: header.needed("level")?,
+                force_set: header.needed("force_set_n")?,
             }),
         };
-        let force = if kind == Kind::Run { Some(needed("force_n")?) } else { optional("force_n") };
-        let (x, y) = (needed("x_mm")?, needed("y_mm")?);
-        let count = count_outputs(file, line, header)?;
-        let outputs = (1..=count.max(1)).map(|unit| needed(&format!("out_{unit}"))).collect::<Result<_, _>>()?;
-        Ok(Columns { x, y, force, flags: optional("flags"), outputs, record })
+        let force = if kind == Kind::Run { Some(header.needed("force_n")?) } else { header.optional("force_n") };
+        let (x, y) = (header.needed("x_mm")?, header.needed("y_mm")?);
+        Ok(Columns { x, y, force, flags: header.optional("flags"), outputs: header.outputs()?, record })
     }
 
     fn row(&self, cells: &Cells<'_>) -> Result<Row, TableError> {
@@ -226,11 +207,15 @@ impl Columns {
                 force_set_n: cells.number(columns.force_set)?,
             }),
         };
+        let mut outputs = Vec::with_capacity(self.outputs.len());
+        for &column in &self.outputs {
+            outputs.push(cells.number(column)?);
+        }
         Ok(Row {
             line: cells.line,
             place: Place::new(cells.number(self.x)?, cells.number(self.y)?),
             force_n: self.force.map(|column| cells.number(column)).transpose()?,
-            outputs: self.outputs.iter().map(|&column| cells.number(column)).collect::<Result<_, _>>()?,
+            outputs,
             flagged: self.flags.is_some_and(|column| !matches!(cells.text(column), "" | "0")),
             record,
         })
@@ -257,7 +242,7 @@ impl<'a> Cells<'a> {
     }
 
     fn text(&self, column: usize) -> &'a str {
-        self.record.get(column).unwrap_or_default()
+        self.record.get(column).unwrap_or_default().trim()
     }
 
     fn number(&self, column: usize) -> Result<f64, TableError> {
@@ -280,61 +265,76 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// The largest number of an `out_N` column that the number of columns allows; 0 without any.
-fn count_outputs(file: &str, line: u64, header: &StringRecord) -> Result<usize, TableError> {
-    let numbered =
-        |name: &&str| name.strip_prefix("out_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
-    let names: Vec<&str> = header.iter().filter(numbered).collect();
-    match names.iter().find(|name| name.starts_with("out_0")) {
-        // Numbered from 0 or padded: no gap, but no output either.
-        Some(name) => Err(TableError::OutputNumber { file: file.to_owned(), line, column: (*name).to_owned() }),
-        // Without a gap, as many numbers as columns: the first that isn't among 1..=count is then missed by name.
-        None => Ok(names.len()),
-    }
-}
-
-/// What to do about a missing column: the header's nearest unknown name, where one is near.
-fn hint(column: &str, header: &StringRecord) -> String {
-    /// Jaro-Winkler similarity from which a name is taken for a slip of another.
-    const NEAR: f64 = 0.7;
-    let only = header.get(0).unwrap_or_default();
-    if header.len() == 1 && only.contains([';', '\t']) {
-        return "columns are separated by commas".to_owned();
-    }
-    let is_known = |name: &str| matches!(name, "x_mm" | "y_mm" | "force_n" | "flags") || name.starts_with("out_");
-    let unknown = header.iter().filter(|name| !name.is_empty() && !is_known(name));
-    let scored = unknown.map(|name| (strsim::jaro_winkler(column, &name.to_lowercase()), name));
-    match scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(similarity, _)| *similarity > NEAR) {
-        Some((_, name)) => format!("`{name}` is there: rename it to `{column}` if that is what it holds"),
-        None => {
-            "needed are x_mm, y_mm and out_1, out_2, ... without a gap; in a run also what it wrote itself".to_owned()
-        }
-    }
-}
-
-/// Finds line numbers, going forward only: the csv reader's own are off after blank lines and Windows line ends.
-struct Lines<'a> {
-    bytes: &'a [u8],
-    offset: usize,
+/// The records of a table, one at a time, each with its line.
+struct Records<'a, R> {
+    file: &'a str,
+    reader: csv::Reader<Lines<R>>,
+    /// The first line of the record that was read last.
     line: u64,
 }
 
-impl<'a> Lines<'a> {
-    fn new(bytes: &'a [u8]) -> Self {
-        Lines { bytes, offset: 0, line: 1 }
+impl<'a, R: Read> Records<'a, R> {
+    fn new(file: &'a str, input: R) -> Self {
+        // Rows of the wrong length are found later, with their line: the reader counts lines its own way.
+        let reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(Lines::new(input));
+        Records { file, reader, line: 1 }
     }
 
-    /// The line of a record, past the blank lines and the rest of a line end that may come before it.
-    fn of(&mut self, record: &StringRecord) -> u64 {
-        let start = record.position().map_or(0, |position| position.byte() as usize).min(self.bytes.len());
-        let blank = self.bytes[start..].iter().take_while(|byte| matches!(byte, b'\r' | b'\n')).count();
-        self.at(start + blank)
+    /// Whether there was another one.
+    fn next(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
+        let read = self.reader.read_record(record);
+        let end = self.reader.position().byte();
+        let lines = self.reader.get_mut();
+        self.line = lines.of_record(end, record);
+        let file = || self.file.to_owned();
+        if lines.taken > MAX_TABLE_BYTES {
+            return Err(TableError::TooLarge { file: file(), limit: MAX_TABLE_BYTES, what: "bytes" });
+        }
+        read.map_err(|error| match error.into_kind() {
+            csv::ErrorKind::Utf8 { .. } => TableError::NotText { file: file(), line: self.line },
+            csv::ErrorKind::Io(source) => TableError::Unreadable { file: file(), source },
+            other => TableError::Unreadable { file: file(), source: io::Error::other(format!("{other:?}")) },
+        })
+    }
+}
+
+/// What is read passes through here and leaves its line ends behind, so that a record's line can be told: the csv reader's own
+/// count is off after blank lines and Windows line ends.
+struct Lines<R> {
+    input: R,
+    /// Bytes so far; the input counts as ended a little beyond [`MAX_TABLE_BYTES`].
+    taken: u64,
+    /// Where the line ends are that no record has passed yet: those of one buffer of the reader.
+    ends: VecDeque<u64>,
+    passed: u64,
+}
+
+impl<R> Lines<R> {
+    fn new(input: R) -> Self {
+        Lines { input, taken: 0, ends: VecDeque::new(), passed: 0 }
     }
 
-    fn at(&mut self, offset: usize) -> u64 {
-        self.line += self.bytes[self.offset..offset].iter().filter(|byte| **byte == b'\n').count() as u64;
-        self.offset = offset;
-        self.line
+    /// The first line of a record that ends before that byte, its own line end included.
+    fn of_record(&mut self, end: u64, record: &StringRecord) -> u64 {
+        while self.ends.front().is_some_and(|at| at + 1 < end) {
+            self.ends.pop_front();
+            self.passed += 1;
+        }
+        let within = record.as_slice().bytes().filter(|byte| *byte == b'\n').count() as u64;
+        1 + self.passed.saturating_sub(within)
+    }
+}
+
+impl<R: Read> Read for Lines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.taken > MAX_TABLE_BYTES {
+            return Ok(0);
+        }
+        let count = self.input.read(buffer)?;
+        let ends = buffer[..count].iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+        self.ends.extend(ends.map(|(at, _)| self.taken + at as u64));
+        self.taken += count as u64;
+        Ok(count)
     }
 }
 
@@ -343,7 +343,7 @@ mod tests {
     use super::*;
 
     fn plain(text: &str) -> Result<Table, TableError> {
-        Table::from_bytes("a.csv", text.as_bytes(), Kind::Plain)
+        Table::parse("a.csv", text.as_bytes(), Kind::Plain)
     }
 
     /// Message and help of a table that is refused.
@@ -354,12 +354,13 @@ mod tests {
 
     #[test]
     fn a_plain_table_is_read_whatever_its_order_and_line_ends() {
-        let text = "\u{feff}out_2, x_mm ,note,y_mm,out_1\r\n4,1,\"a, b\",2,3\r\n\r\n-1e-3,0.5,,.25,0\r\n";
+        let text =
+            "\u{feff}out_2, x_mm ,note,y_mm,out_1\r\n4, 1 ,\"a, b\",2,3\r\n\r\n-1e-3,0.5,\"a\nb\",.25,0\r\n0,0,,0,0";
         let table = plain(text).unwrap();
-        assert_eq!((table.units, table.rows.len()), (2, 2));
-        assert_eq!(table.rows[0].outputs, [3.0, 4.0]);
+        assert_eq!((table.units, table.rows.len()), (2, 3));
+        assert_eq!((table.rows[0].place.x_mm, table.rows[0].outputs.as_slice()), (1.0, [3.0, 4.0].as_slice()));
         assert_eq!(table.rows[1].place, Place::new(0.5, 0.25));
-        assert_eq!(table.rows.iter().map(|row| row.line).collect::<Vec<_>>(), [2, 4]);
+        assert_eq!(table.rows.iter().map(|row| row.line).collect::<Vec<_>>(), [2, 4, 6]);
         assert!(table.rows.iter().all(|row| row.force_n.is_none() && !row.flagged && row.record.is_none()));
     }
 
@@ -367,14 +368,14 @@ mod tests {
     fn a_runs_columns_are_read_from_a_run_and_ignored_elsewhere() {
         let text = "press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,flags\n".to_owned()
             + "7,2,test,0,0,0.5,0.49,1,\n8,0,test,0,0,1,1,1,drift\n";
-        let run = Table::from_bytes("presses.csv", text.as_bytes(), Kind::Run).unwrap();
+        let run = Table::parse("presses.csv", text.as_bytes(), Kind::Run).unwrap();
         let record = Record { phase: "test".into(), press: 7, level: 2, force_set_n: 0.5 };
         assert_eq!(run.rows[0].record, Some(record));
         assert_eq!(run.rows.iter().map(|row| row.flagged).collect::<Vec<_>>(), [false, true]);
         assert_eq!(plain(&text.replace("7,2,test,0,0,0.5", "a,b,c,0,0,d")).unwrap().rows[0].record, None);
-        let without = Table::from_bytes("presses.csv", text.replace("force_n", "f").as_bytes(), Kind::Run).unwrap_err();
+        let without = Table::parse("presses.csv", text.replace("force_n", "f").as_bytes(), Kind::Run).unwrap_err();
         assert!(without.to_string().contains("`force_n` is missing"), "{without}");
-        let wrong = Table::from_bytes("presses.csv", text.replace("8,0", "8,-1").as_bytes(), Kind::Run).unwrap_err();
+        let wrong = Table::parse("presses.csv", text.replace("8,0", "8,-1").as_bytes(), Kind::Run).unwrap_err();
         assert_eq!(
             wrong.to_string(),
             "presses.csv, line 3, column `level`: expected a whole number from 0, found `-1`"
@@ -416,7 +417,7 @@ mod tests {
 
     #[test]
     fn bytes_that_are_no_text_and_files_that_are_not_there_are_told_apart() {
-        let error = Table::from_bytes("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n", Kind::Plain).unwrap_err();
+        let error = Table::parse("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice(), Kind::Plain).unwrap_err();
         assert_eq!(error.to_string(), "a.csv, line 2: not UTF-8 text");
         let folder = tempfile::tempdir().unwrap();
         assert!(matches!(Table::read(&folder.path().join("none.csv")), Err(TableError::Unreadable { .. })));

@@ -1,0 +1,94 @@
+use super::table::{MAX_COLUMNS, TableError};
+use csv::StringRecord;
+
+/// A header, and all that a message about it needs.
+pub(super) struct Header<'a> {
+    pub file: &'a str,
+    pub line: u64,
+    pub names: &'a StringRecord,
+    /// What to say of a missing column that isn't just misspelt.
+    pub help: &'static str,
+}
+
+impl Header<'_> {
+    /// Neither empty, nor endless, nor ambiguous.
+    pub fn check(&self) -> Result<(), TableError> {
+        let names = self.names;
+        let is_repeated =
+            |(index, name): &(usize, &str)| !name.is_empty() && names.iter().take(*index).any(|n| n == *name);
+        if names.iter().all(str::is_empty) {
+            return Err(TableError::NoRows { file: self.file.to_owned() });
+        }
+        if names.len() > MAX_COLUMNS {
+            return Err(TableError::TooLarge {
+                file: self.file.to_owned(),
+                limit: MAX_COLUMNS as u64,
+                what: "columns",
+            });
+        }
+        match names.iter().enumerate().find(is_repeated) {
+            Some((_, name)) => Err(TableError::DuplicateColumn {
+                file: self.file.to_owned(),
+                line: self.line,
+                column: name.to_owned(),
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// Where a column stands, if it is there.
+    pub fn optional(&self, column: &str) -> Option<usize> {
+        self.names.iter().position(|name| name == column)
+    }
+
+    /// Where a column stands.
+    pub fn needed(&self, column: &str) -> Result<usize, TableError> {
+        self.optional(column).ok_or_else(|| TableError::MissingColumn {
+            file: self.file.to_owned(),
+            line: self.line,
+            column: column.to_owned(),
+            help: self.hint(column),
+        })
+    }
+
+    /// Where `out_1`, `out_2`, ... stand: at least one, without a gap.
+    pub fn outputs(&self) -> Result<Vec<usize>, TableError> {
+        let count = self.count_outputs()?;
+        (1..=count.max(1)).map(|unit| self.needed(&format!("out_{unit}"))).collect()
+    }
+
+    /// The largest number of an `out_N` column that the number of columns allows; 0 without any.
+    fn count_outputs(&self) -> Result<usize, TableError> {
+        let numbered = |name: &&str| {
+            name.strip_prefix("out_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let names: Vec<&str> = self.names.iter().filter(numbered).collect();
+        match names.iter().find(|name| name.starts_with("out_0")) {
+            // Numbered from 0 or padded: no gap, but no output either.
+            Some(name) => Err(TableError::OutputNumber {
+                file: self.file.to_owned(),
+                line: self.line,
+                column: (*name).to_owned(),
+            }),
+            // Without a gap, as many numbers as columns: the first that isn't among 1..=count is then missed by name.
+            None => Ok(names.len()),
+        }
+    }
+
+    /// What to do about a missing column: the header's nearest unknown name, where one is near.
+    fn hint(&self, column: &str) -> String {
+        /// Jaro-Winkler similarity from which a name is taken for a slip of another.
+        const NEAR: f64 = 0.7;
+        let only = self.names.get(0).unwrap_or_default();
+        if self.names.len() == 1 && only.contains([';', '\t']) {
+            return "columns are separated by commas".to_owned();
+        }
+        let is_known = |name: &str| matches!(name, "x_mm" | "y_mm" | "force_n" | "flags") || name.starts_with("out_");
+        let unknown = self.names.iter().filter(|name| !name.is_empty() && !is_known(name));
+        let scored = unknown.map(|name| (strsim::jaro_winkler(column, &name.to_lowercase()), name));
+        match scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(similarity, _)| *similarity > NEAR) {
+            Some((_, name)) => format!("`{name}` is there: rename it to `{column}` if that is what it holds"),
+            None => self.help.to_owned(),
+        }
+    }
+}
