@@ -9,7 +9,7 @@ use support::{Bench, SMALL, SMALL_PRESSES, SMALL_ROWS, shipped};
 fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
     let bench = Bench::new();
     let whole = bench.palpate_ends(0, "--help").out;
-    for subcommand in ["check", "run", "resume", "evaluate", "study", "emulate", "ports"] {
+    for subcommand in ["check", "run", "resume", "evaluate", "solve", "study", "emulate", "ports"] {
         assert!(whole.contains(&format!("\n  {subcommand} ")), "{subcommand} isn't in\n{whole}");
         let help = bench.palpate_ends(0, &format!("{subcommand} --help")).out;
         let (_, examples) = help.split_once("Example").unwrap_or_else(|| panic!("no example in\n{help}"));
@@ -139,7 +139,7 @@ fn what_a_recipe_asks_to_be_evaluated_is_printed_and_decides_the_exit_code() {
     let text = SMALL.to_owned() + "[evaluate]\nsolvers = [\"pearson\", \"pearson-lsq\"]\n";
     let bench = Bench::with([("r.toml", text.as_str())]);
     let told = bench.palpate("run r.toml --out run");
-    let alone = bench.palpate("evaluate run");
+    let alone = bench.palpate("evaluate run --solver pearson");
     assert_eq!(told.code, alone.code);
     for expected in ["pearson-lsq", "location error, mean", "virtual time", "run\n", "hysteresis"] {
         assert!(told.out.contains(expected), "{expected:?} isn't in\n{}", told.out);

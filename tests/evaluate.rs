@@ -2,6 +2,7 @@
 
 mod support;
 
+use palpate::solver::SOLVERS;
 use serde_json::{Value, json};
 use support::{Bench, SMALL, Told, exchanged};
 
@@ -23,11 +24,20 @@ x_mm,y_mm,force_n,out_1,out_2,out_3
 
 const WORDS: &str = "evaluate --calibration a.csv --test b.csv";
 
+/// The paper's solver, whose answers are known by hand.
+const PAPERS: &str = "--json --solver pearson";
+
+/// What every object has.
+const KEYS: [&str; 8] =
+    ["coverage", "force_error_n", "location_error_mm", "ns_per_solve", "points", "solver", "verdicts", "within"];
+
 #[test]
 fn two_tables_come_to_one_json_object_with_the_agreed_keys() {
-    let object = evaluation(CALIBRATION, TEST, "--json --solver pearson", 1);
-    assert_eq!(keys(&object), ["force_error_n", "location_error_mm", "points", "solver", "within"]);
+    let object = evaluation(CALIBRATION, TEST, PAPERS, 1);
+    assert_eq!(keys(&object), KEYS);
     assert_eq!(object["solver"], "pearson");
+    assert!(object["ns_per_solve"].as_f64() > Some(0.0), "{object}");
+    assert_eq!(keys(&object["verdicts"]), ["channel-fault", "not-one-contact", "ok", "outside-area", "weak-signal"]);
     assert_eq!(object["points"], 3);
     assert_eq!(keys(&object["location_error_mm"]), ["max", "mean", "median", "p95"]);
     assert_eq!(keys(&object["force_error_n"]), ["max", "mean", "median", "p95"]);
@@ -45,12 +55,12 @@ fn two_tables_come_to_one_json_object_with_the_agreed_keys() {
 #[test]
 fn the_exit_code_says_whether_the_errors_are_accepted() {
     let (far, right) = (exchanged(TEST, "0,0,1,", "4,0,1,"), exchanged(CALIBRATION, "4,0,1,", "4,0,1,"));
-    evaluation(&right, &far, "--json", 0);
-    evaluation(CALIBRATION, TEST, "--json", 1); // 1.33 mm
+    evaluation(&right, &far, PAPERS, 0);
+    evaluation(CALIBRATION, TEST, PAPERS, 1); // 1.33 mm
     let strong = exchanged(&far, "0,0,2,", "0,0,2.4,");
-    evaluation(CALIBRATION, &strong, "--json", 1); // 0.13 N
+    evaluation(CALIBRATION, &strong, PAPERS, 1); // 0.13 N
     let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
-    let told = bench.palpate_ends(1, WORDS);
+    let told = bench.palpate_ends(1, &format!("{WORDS} --solver pearson"));
     let row = |label: &str| told.out.lines().find(|line| line.starts_with(label)).unwrap_or_default().to_owned();
     assert!(row("location error, mean").ends_with("1.333 mm"), "{}", told.out);
     assert!(row("accepted ").ends_with("no"), "{}", told.out);
@@ -67,7 +77,7 @@ fn the_number_of_outputs_and_the_order_of_columns_are_the_tables() {
         format!("{},a note,{x_mm},0\n", cells.join(","))
     };
     let table = format!("{header}note,x_mm,y_mm\n{}{}", row(2, -3), row(11, 3));
-    let object = evaluation(&table, &table, "--json", 0);
+    let object = evaluation(&table, &table, PAPERS, 0);
     assert_eq!((&object["points"], &object["location_error_mm"]["max"]), (&json!(2), &json!(0.0)));
     let fewer = exchanged(&table, "out_12,", "more,");
     assert_refused(&table, &fewer, &["a.csv", "has 12 outputs", "b.csv has 11"]);
@@ -76,28 +86,103 @@ fn the_number_of_outputs_and_the_order_of_columns_are_the_tables() {
 #[test]
 fn without_forces_in_the_test_only_the_location_is_evaluated() {
     let located = without_force(TEST);
-    let object = evaluation(CALIBRATION, &located, "--json", 1);
-    assert_eq!(keys(&object), ["force_error_n", "location_error_mm", "points", "solver", "within"]);
+    let object = evaluation(CALIBRATION, &located, PAPERS, 1);
+    assert_eq!(keys(&object), KEYS);
     assert_eq!(object["force_error_n"], Value::Null);
     assert_eq!((&object["within"]["force_0_1n"], &object["within"]["both"]), (&Value::Null, &Value::Null));
     assert_near(&object["location_error_mm"]["mean"], 4.0 / 3.0);
 }
 
 #[test]
-fn without_forces_in_the_calibration_each_press_counts_as_1_n() {
-    let explicit = evaluation(CALIBRATION, TEST, "--json", 1);
-    assert_eq!(evaluation(&without_force(CALIBRATION), TEST, "--json", 1), explicit);
+fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
+    let located = evaluation(&without_force(CALIBRATION), TEST, PAPERS, 1);
+    assert_eq!(located["force_error_n"], Value::Null);
+    let stated = evaluation(CALIBRATION, TEST, PAPERS, 1);
+    assert_eq!(located["location_error_mm"], stated["location_error_mm"]);
     let doubled = CALIBRATION.replace(",0,1,", ",0,2,");
-    assert_ne!(evaluation(&doubled, TEST, "--json", 1), explicit, "a stated force counts");
+    assert_ne!(
+        evaluation(&doubled, TEST, PAPERS, 1)["force_error_n"],
+        stated["force_error_n"],
+        "a stated force counts"
+    );
+}
+
+#[test]
+fn a_calibration_without_forces_is_one_of_proportions_unless_the_load_is_constant() {
+    // one place pressed thrice as hard as the others: by its proportions it reads like them
+    let calibration = "\
+x_mm,y_mm,out_1,out_2,out_3
+-4,0,1.0,0.3,0.1
+-2,0,0.7,0.7,0.2
+0,0,0.9,3.0,0.9
+2,0,0.2,0.7,0.7
+4,0,0.1,0.3,1.0
+";
+    let test = "x_mm,y_mm,out_1,out_2,out_3\n0,0,0.3,1.0,0.3\n";
+    let error_mm = |words: &str| {
+        let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
+        let object = one_object(&bench.palpate(&format!("{WORDS} --json --solver surrogate {words}")));
+        object["location_error_mm"]["mean"].as_f64().expect("a number")
+    };
+    let (by_proportions, as_it_stands) = (error_mm(""), error_mm("--constant-load"));
+    assert!(by_proportions < 0.3 && as_it_stands > 2.0 * by_proportions, "{by_proportions} {as_it_stands}");
+}
+
+#[test]
+fn the_best_is_the_default() {
+    let (default, best) = (evaluation_of(CALIBRATION, TEST), evaluation(CALIBRATION, TEST, "--json --solver best", 1));
+    assert_eq!((&default["solver"], &default["location_error_mm"]), (&best["solver"], &best["location_error_mm"]));
+}
+
+#[test]
+fn all_solvers_are_a_line_each_with_the_best_last() {
+    let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
+    let told = bench.palpate_ends(1, &format!("{WORDS} --solver all --json"));
+    let objects = told.json_lines();
+    let names: Vec<&str> = objects.iter().map(|object| object["solver"].as_str().expect("a name")).collect();
+    assert_eq!(names[..SOLVERS.len()], SOLVERS);
+    assert!(names.len() == SOLVERS.len() + 1 && SOLVERS.contains(&names[SOLVERS.len()]), "{names:?}");
+    let alone = one_object(&bench.palpate_ends(1, &format!("{WORDS} {PAPERS}")));
+    assert_eq!(objects[0]["location_error_mm"], alone["location_error_mm"]);
+
+    let told = bench.palpate_ends(1, &format!("{WORDS} --solver all"));
+    let lines: Vec<&str> = told.out.lines().collect();
+    assert!(lines.iter().all(|line| line.chars().count() <= 80), "{}", told.out);
+    assert!(lines[2].starts_with("paper ") && lines[3].starts_with("pearson "), "{}", told.out);
+    assert_eq!(
+        lines[3].split_whitespace().collect::<Vec<_>>()[1..7],
+        "1.333 0.000 3.600 4.000 0.000 66.7".split(' ').collect::<Vec<_>>()
+    );
+    let best = lines.iter().find(|line| line.starts_with("best: ")).unwrap_or_else(|| panic!("{}", told.out));
+    assert!(best.starts_with(&format!("best: {}", names[SOLVERS.len()])), "{best}");
+}
+
+#[test]
+fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
+    let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n3,0,5,5\n";
+    let bench = Bench::with([("a.csv", flat), ("b.csv", flat)]);
+    let told = bench.palpate(&format!("{WORDS} --solver all --json"));
+    let reason = "all units read the same at every calibration point: no point can be told from another";
+    assert_eq!(told.json_lines()[0], json!({"solver": "pearson", "error": reason}));
+    assert_eq!(told.json_lines().len(), SOLVERS.len() + 1);
+    let told = bench.palpate(&format!("{WORDS} --solver all"));
+    let expected = "\n\
+        pearson               all units read the same at every calibration point: no\n                      \
+        point can be told from another\n";
+    assert!(told.out.contains(expected), "{}", told.out);
+    // asked for alone, there is nothing else to say
+    let told = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
+    assert!(told.out.is_empty() && told.running().contains(reason), "{told:?}");
+    // what none of them could be evaluated on is no line
+    let other = Bench::with([("a.csv", flat), ("b.csv", TEST)]).palpate_ends(2, &format!("{WORDS} --solver all"));
+    assert!(other.out.is_empty() && other.running().contains("a.csv has 2 outputs"), "{other:?}");
 }
 
 #[test]
 fn the_better_baseline_has_the_same_places_and_its_own_forces() {
     let noisy = exchanged(TEST, "0.6,2.0,0.6", "0.8,2.0,0.5");
-    let (paper, baseline) = (
-        evaluation(CALIBRATION, &noisy, "--json", 1),
-        evaluation(CALIBRATION, &noisy, "--json --solver pearson-lsq", 1),
-    );
+    let (paper, baseline) =
+        (evaluation(CALIBRATION, &noisy, PAPERS, 1), evaluation(CALIBRATION, &noisy, "--json --solver pearson-lsq", 1));
     assert_eq!(paper["location_error_mm"], baseline["location_error_mm"]);
     assert_ne!(paper["force_error_n"], baseline["force_error_n"]);
     assert_eq!(baseline["solver"], "pearson-lsq");
@@ -130,9 +215,10 @@ fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
 fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
-    let told = bench.palpate("evaluate run --json");
+    let told = bench.palpate("evaluate run --json --solver pearson");
     let object = one_object(&told);
-    let agreed = ["force_error_load_cell_n", "force_error_n", "location_error_mm", "points", "solver", "within"];
+    let mut agreed = [KEYS.as_slice(), &["force_error_load_cell_n"]].concat();
+    agreed.sort_unstable();
     assert_eq!(keys(&object), agreed);
     assert_eq!(keys(&object["force_error_load_cell_n"]), ["max", "mean", "median", "p95"]);
     assert_eq!((&object["points"], &object["solver"]), (&json!(2), &json!("pearson")));
@@ -146,8 +232,9 @@ fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
         let rows = rows.iter().filter(|row| row[2] == phase).map(|row| row.join(","));
         std::iter::once(header.join(",")).chain(rows).collect::<Vec<_>>().join("\n")
     };
-    let plain = evaluation_of(&of_phase("calibration"), &of_phase("test"));
-    assert_eq!(keys(&plain), ["force_error_n", "location_error_mm", "points", "solver", "within"]);
+    let bench = Bench::with([("a.csv", of_phase("calibration").as_str()), ("b.csv", of_phase("test").as_str())]);
+    let plain = one_object(&bench.palpate(&format!("{WORDS} {PAPERS}")));
+    assert_eq!(keys(&plain), KEYS);
     assert_eq!(plain["location_error_mm"], object["location_error_mm"]);
 }
 

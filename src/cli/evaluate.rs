@@ -2,27 +2,39 @@
 //! are.
 
 use super::exit::{Failure, accepted};
+use super::solve::{load, solvers};
 use super::sources::read_rig;
 use super::summary::print;
-use super::tables::{characteristics_table, evaluation_table};
+use super::tables::{characteristics_table, evaluation_table, solvers_table};
 use crate::dataset::RunFolder;
 use crate::dataset::characteristics::{Repeatability, Staircases};
-use crate::dataset::evaluate::{evaluate_run, evaluate_tables, is_to_evaluate};
+use crate::dataset::evaluate::{Trial, is_to_evaluate};
 use crate::dataset::table::Table;
-use crate::solver::SOLVERS;
+use crate::solver::{BEST, Evaluation, SOLVERS};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::IntoDiagnostic as _;
+use serde::Serialize;
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// In place of a method's name: every method, and the best.
+const ALL: &str = "all";
 
 const EXAMPLES: &str = "\
 Examples:
   palpate evaluate runs/paper
-  palpate evaluate runs/paper --solver pearson-lsq --json
+  palpate evaluate runs/paper --solver pearson --json
+  palpate evaluate runs/paper --solver all
   palpate evaluate --calibration grid.csv --test random.csv
 
-Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n.
-Exit code: 0 accepted (mean errors under 1 mm and 0.1 N), 1 not accepted, 2 bad input.";
+Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. Where the
+calibration has no force_n, a press counts as long as its row of outputs is,
+beside all others: its proportions are what counts, and of the test only the
+location is evaluated. With --constant-load every press then counts as 1 N.
+
+Exit code: 0 accepted (mean errors under 1 mm and 0.1 N), 1 not accepted, 2 bad
+input. Of all solvers the best decides; it stands last.";
 
 /// Solve the test presses of a run, or of two tables, and print how far off the answers are
 #[derive(Debug, clap::Args)]
@@ -31,16 +43,19 @@ pub struct Args {
     /// A run folder: its calibration presses against its test presses
     #[arg(required_unless_present_any = ["calibration", "test"])]
     run: Option<PathBuf>,
-    /// A table of presses to calibrate on; without force_n, 1 N each
+    /// A table of presses to calibrate on
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     calibration: Option<PathBuf>,
     /// A table of presses to solve; without force_n, location only
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     test: Option<PathBuf>,
-    /// The method
-    #[arg(long, value_name = "NAME", default_value = SOLVERS[0], value_parser = PossibleValuesParser::new(SOLVERS))]
+    /// The method; best is the one that cross-validation on the calibration finds best
+    #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST, ALL]))]
     solver: String,
-    /// Print one JSON object instead of tables
+    /// Every contact presses as hard as the calibration did
+    #[arg(long)]
+    constant_load: bool,
+    /// Print one JSON object for each solver, a line each, instead of tables
     #[arg(long)]
     json: bool,
     /// What repeatability means in a run's Table 1
@@ -49,9 +64,16 @@ pub struct Args {
     repeatability: Repeatability,
 }
 
+/// A method that has no evaluation, as `--json` prints it.
+#[derive(Serialize)]
+struct Failed<'a> {
+    solver: &'a str,
+    error: &'a str,
+}
+
 /// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its Table 1.
 pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
-    let (evaluation, table_1) = match (&args.run, &args.calibration, &args.test) {
+    match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
             let table = read_presses(run)?;
             let layout = read_rig(&run.join("rig.toml"))?.1.array.layout;
@@ -61,29 +83,56 @@ pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
                 print(table_1)?;
                 return Ok(ExitCode::SUCCESS);
             }
-            (evaluate_run(&table, Some(&layout), &args.solver), table_1)
+            evaluate_trial(args, Trial::of_run(&table, Some(&layout)).map_err(Failure::usage)?, table_1)
         }
         (None, Some(calibration), Some(test)) => {
             let calibration = Table::read(calibration).map_err(Failure::usage)?;
             let test = Table::read(test).map_err(Failure::usage)?;
-            (evaluate_tables(&calibration, &test, &args.solver), None)
+            evaluate_trial(args, Trial::of_tables(&calibration, &test).map_err(Failure::usage)?, None)
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not
-        _ => return Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
-    };
-    let evaluation = evaluation.map_err(Failure::usage)?;
-    if args.json {
-        let object = serde_json::to_string(&evaluation).into_diagnostic().map_err(Failure::usage)?;
-        print(&format!("{object}\n"))?;
-    } else {
-        let table_1 = table_1.map(|table| format!("\n{table}")).unwrap_or_default();
-        print(&(evaluation_table(std::slice::from_ref(&evaluation)) + &table_1))?;
+        _ => Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
     }
-    Ok(accepted(std::slice::from_ref(&evaluation)))
+}
+
+fn evaluate_trial(args: &Args, trial: Trial<'_>, table_1: Option<String>) -> Result<ExitCode, Failure> {
+    let trial = trial.with_load(load(args.constant_load));
+    let names = if args.solver == ALL { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![args.solver.as_str()] };
+    let mut outcomes: Vec<(&str, Result<Evaluation, String>)> = Vec::new();
+    for solver in names {
+        let outcome = match trial.evaluate_timed(solver) {
+            Err(error) if args.solver != ALL || !error.is_of_solver() => return Err(Failure::usage(error)),
+            // its cause is what differs from one solver to another
+            outcome => {
+                outcome.map_err(|error| error.source().map_or_else(|| error.to_string(), <dyn Error>::to_string))
+            }
+        };
+        outcomes.push((solver, outcome));
+    }
+    let text = match outcomes.as_slice() {
+        outcomes if args.json => outcomes.iter().map(json).collect::<Result<String, _>>()?,
+        [(_, Ok(evaluation))] => evaluation_table(std::slice::from_ref(evaluation)),
+        outcomes => solvers_table(outcomes),
+    };
+    let table_1 = table_1.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
+    print(&(text + &table_1))?;
+    match outcomes.pop() {
+        Some((solver, Err(reason))) => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),
+        decisive => Ok(accepted(decisive.and_then(|(_, evaluation)| evaluation.ok()).as_slice())),
+    }
+}
+
+/// One line of `--json`.
+fn json((solver, outcome): &(&str, Result<Evaluation, String>)) -> Result<String, Failure> {
+    let object = match outcome {
+        Ok(evaluation) => serde_json::to_string(evaluation),
+        Err(error) => serde_json::to_string(&Failed { solver, error }),
+    };
+    Ok(object.into_diagnostic().map_err(Failure::usage)? + "\n")
 }
 
 /// The presses of a run folder.
-fn read_presses(run: &Path) -> Result<Table, Failure> {
+pub fn read_presses(run: &Path) -> Result<Table, Failure> {
     RunFolder::read_manifest(run).map_err(Failure::usage)?; // says best that this is no run
     RunFolder::read_presses(run).map_err(Failure::usage)
 }
@@ -107,7 +156,7 @@ mod tests {
     #[test]
     fn the_command_line_takes_a_run_or_two_tables() {
         assert_eq!(arguments("runs/paper --repeatability t95").unwrap().repeatability, Repeatability::T95);
-        assert_eq!(arguments("--calibration a.csv --test b.csv").unwrap().solver, "pearson");
+        assert_eq!(arguments("--calibration a.csv --test b.csv").unwrap().solver, "best");
         for line in
             ["", "--calibration a.csv", "runs/paper --test b.csv", "runs/paper --calibration a.csv --test b.csv"]
         {

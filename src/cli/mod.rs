@@ -13,6 +13,8 @@ mod progress;
 mod resume;
 mod run;
 mod session;
+mod solutions;
+mod solve;
 mod sources;
 mod study;
 mod summary;
@@ -28,7 +30,8 @@ Examples:
   palpate check recipes/paper.toml
   palpate run recipes/paper.toml
   palpate run recipes/calibrate.toml --rig rigs/esp301.toml --sensor A-017
-  palpate evaluate runs/paper";
+  palpate evaluate runs/paper --solver all
+  palpate solve --calibration runs/paper < readings.csv";
 
 /// Calibrates tactile sensors: presses the sensor where a recipe says, as hard as it says, keeps every press, and solves
 /// where and how hard an unknown contact is.
@@ -45,6 +48,7 @@ enum Command {
     Run(run::Args),
     Resume(resume::Args),
     Evaluate(evaluate::Args),
+    Solve(solve::Args),
     Study(study::Args),
     Emulate(emulate::Args),
     Ports(ports::Args),
@@ -62,6 +66,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(args),
         Command::Resume(args) => resume::resume(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
+        Command::Solve(args) => solve::solve(args),
         Command::Study(args) => study::study(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),

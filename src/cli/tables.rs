@@ -3,8 +3,13 @@
 use crate::dataset::characteristics::{
     CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, characterise,
 };
-use crate::solver::{ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use crate::solver::{
+    BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, Verdicts,
+};
 use std::fmt::Write as _;
+
+/// The widest that anything is printed, columns.
+const WIDTH: usize = 80;
 
 /// The paper's results beside those of any number of solvers on the same test, in at most 80 columns for up to three.
 pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
@@ -34,8 +39,75 @@ pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
     row("location error under 1 mm", "93 %", &|e| share(Some(e.within.location_1mm)));
     row("force error under 0.1 N", "91 %", &|e| share(e.within.force_0_1n));
     row("both", "84 %", &|e| share(e.within.both));
+    if evaluations.iter().any(|evaluation| evaluation.coverage.is_some()) {
+        let both = |e: &Evaluation, parts: fn(&Coverage) -> [Option<f64>; 2]| {
+            let shares = e.coverage.as_ref().map(parts).and_then(|[one, two]| Some((one?, two?)));
+            shares.map_or("-".to_owned(), |(one, two)| format!("{:.1}, {:.1} %", 100.0 * one, 100.0 * two))
+        };
+        row("x, y within 1, 2 stated sd", "", &|e| both(e, |c| [Some(c.xy_1sd), Some(c.xy_2sd)]));
+        row("force within 1, 2 stated sd", "", &|e| both(e, |c| [c.force_1sd, c.force_2sd]));
+    }
+    if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
+        row("time a solve", "", &|e| e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0)));
+    }
     row("accepted", "yes", &|e| if e.accepted() { "yes" } else { "no" }.to_owned());
-    text + &footnotes(evaluations)
+    text + &footnotes(&evaluations.iter().collect::<Vec<_>>())
+}
+
+/// The paper's results above those of every solver on the same test, or why it has none, a line each.
+pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String {
+    let line = |name: &str, [location, force, within]: [&[String]; 3], time: &str| {
+        let cells =
+            |cells: &[String], width: usize| cells.iter().map(|cell| format!("{cell:>width$}")).collect::<String>();
+        let numbers = cells(location, 8) + &cells(force, 7) + &cells(within, 6);
+        format!("{name:<22}{numbers}{time:>7}").trim_end().to_owned() + "\n"
+    };
+    let words = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
+    let mut text = format!("{:<22}{:<31}{:>8}{:>12}{:>7}\n", "", "  location error, mm", "force, N", "within, %", "us");
+    text += &line("", [&words("mean median p95 largest"), &words("mean"), &words("1mm both")], "solve");
+    text += &line("paper", [&words("0.46 - - -"), &words("0.043"), &words("93.0 84.0")], "-");
+    for (name, outcome) in outcomes {
+        let evaluation = match outcome {
+            Ok(evaluation) => evaluation,
+            Err(reason) => {
+                text += &filled(&format!("{name:<22}{reason}"), &" ".repeat(22));
+                continue;
+            }
+        };
+        let name = if *name == BEST { format!("{BEST}: {}", evaluation.solver) } else { (*name).to_owned() };
+        let ErrorSummary { mean, median, p95, max } = evaluation.location_error_mm;
+        let force = evaluation.force_error_n.map_or("-".to_owned(), |error| figures(error.mean));
+        let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share));
+        let within = [Some(evaluation.within.location_1mm), evaluation.within.both].map(percent);
+        let us = evaluation.ns_per_solve.map_or("-".to_owned(), |ns| figures(ns / 1000.0));
+        text += &line(&name, [&[mean, median, p95, max].map(figures), &[force], &within], &us);
+    }
+    let evaluations: Vec<&Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.as_ref().ok()).collect();
+    text + &footnotes(&evaluations)
+}
+
+/// How a method was chosen, in a line or two.
+pub fn chosen(choice: &Choice) -> String {
+    let candidate = |candidate: &Candidate| match candidate.location_error_mm {
+        Some(error_mm) => format!("{} {} mm", candidate.solver, figures(error_mm)),
+        None => format!("{} -", candidate.solver),
+    };
+    let candidates = choice.candidates.iter().map(candidate).collect::<Vec<_>>().join(", ");
+    filled(&format!("chosen by cross-validation on the calibration: {candidates}"), "  ")
+}
+
+/// A number, not negative, in at most 6 characters.
+fn figures(number: f64) -> String {
+    match number {
+        small if small < 99.9995 => format!("{number:.3}"),
+        large if large < 9999.95 => format!("{number:.1}"),
+        _ => format!("{number:.1e}"),
+    }
+}
+
+/// A paragraph broken at its blanks, lines after the first indented.
+fn filled(text: &str, indent: &str) -> String {
+    textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)) + "\n"
 }
 
 /// The paper's Table 1 beside a run's, with the definitions underneath, in at most 80 columns.
@@ -85,7 +157,7 @@ const SHARED_ERROR_NOTE: &str = "\
 simulated taxels draw one error a contact, for both branches: there, the
 unloading repeatability is not modelled apart\n";
 
-fn footnotes(evaluations: &[Evaluation]) -> String {
+fn footnotes(evaluations: &[&Evaluation]) -> String {
     let mut text = format!(
         "(mean errors under {LOCATION_REFERENCE_MM} mm and, where the force is known, {FORCE_REFERENCE_N} N)\n"
     );
@@ -96,7 +168,10 @@ fn footnotes(evaluations: &[Evaluation]) -> String {
             let _ = writeln!(text, "left out, flagged: {calibration} calibration and {test} test presses");
         }
     }
-    for Evaluation { solver, unsolved, .. } in evaluations {
+    // the best is one of them once more
+    let is_told = |index: usize| evaluations[..index].iter().any(|before| before.solver == evaluations[index].solver);
+    let each = || (0..evaluations.len()).filter(|index| !is_told(*index)).map(|index| evaluations[index]);
+    for Evaluation { solver, unsolved, .. } in each() {
         if let Some(first) = unsolved.first() {
             let _ = writeln!(
                 text,
@@ -106,7 +181,26 @@ fn footnotes(evaluations: &[Evaluation]) -> String {
             );
         }
     }
-    text
+    for Evaluation { solver, verdicts, .. } in each() {
+        text += &doubted(*verdicts)
+            .map(|counts| filled(&format!("doubted by {solver}: {counts}"), "  "))
+            .unwrap_or_default();
+    }
+    text + &evaluations.iter().filter_map(|evaluation| evaluation.choice.as_ref()).map(chosen).collect::<String>()
+}
+
+/// How many presses got a verdict other than ok, and which, if there are any.
+fn doubted(verdicts: Verdicts) -> Option<String> {
+    let Verdicts { ok: _, weak_signal, outside_area, not_one_contact, channel_fault } = verdicts;
+    let counts = [
+        (weak_signal, "weak-signal"),
+        (outside_area, "outside-area"),
+        (not_one_contact, "not-one-contact"),
+        (channel_fault, "channel-fault"),
+    ];
+    let told: Vec<String> =
+        counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, word)| format!("{count} {word}")).collect();
+    (!told.is_empty()).then(|| told.join(", "))
 }
 
 #[cfg(test)]
@@ -134,6 +228,46 @@ mod tests {
     fn without_forces_the_force_column_is_empty() {
         let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
         assert!(evaluation_table(&[located]).contains("force error, mean            0.043 N             -"));
+    }
+
+    #[test]
+    fn how_a_solver_was_chosen_and_what_it_doubts_is_said() {
+        let candidate = |solver: &str, location_error_mm| Candidate {
+            solver: solver.to_owned(),
+            location_error_mm,
+            force_error_n: None,
+        };
+        let candidates = vec![
+            candidate("gaussian-process", Some(0.1234)),
+            candidate("pearson", Some(123.46)),
+            candidate("physics", None),
+        ];
+        let choice = Choice { candidates };
+        assert_eq!(
+            chosen(&choice),
+            "chosen by cross-validation on the calibration: gaussian-process 0.123 mm,\n  pearson 123.5 mm, physics -\n"
+        );
+        let verdicts = Verdicts { ok: 3, weak_signal: 2, outside_area: 0, not_one_contact: 0, channel_fault: 1 };
+        let evaluation = Evaluation { choice: Some(choice), verdicts, ..evaluation("pearson") };
+        let text = evaluation_table(&[evaluation]);
+        assert!(text.contains("\ndoubted by pearson: 2 weak-signal, 1 channel-fault\nchosen by cross-"), "{text}");
+    }
+
+    #[test]
+    fn a_line_a_solver_stays_within_80_columns() {
+        let evaluation = evaluation("pearson");
+        let far = ErrorSummary { mean: 1.0e6, median: 99.9996, p95: 9999.96, max: 123_456.0 };
+        let far = Evaluation {
+            solver: "gaussian-process".to_owned(),
+            location_error_mm: far,
+            ns_per_solve: Some(1_234_567.0),
+            ..evaluation.clone()
+        };
+        let outcomes = [("pearson", Ok(evaluation)), ("physics", Err("a reason ".repeat(20))), ("best", Ok(far))];
+        let text = solvers_table(&outcomes);
+        assert!(text.lines().all(|line| line.len() <= 80), "{text}");
+        assert!(text.contains("\nbest: gaussian-process   1.0e6   100.0   1.0e4   1.2e5"), "{text}");
+        assert_eq!(text.matches("left out, unsolved by").count(), 2, "{text}");
     }
 
     #[test]

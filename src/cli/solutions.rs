@@ -1,0 +1,173 @@
+use crate::dataset::readings::Reading;
+use crate::dataset::round;
+use crate::solver::{Covariance, Solution, SolveError, Verdict};
+use serde::Serialize;
+use serde_json::Value;
+use std::io::{self, BufWriter, Write};
+
+/// How much is written at once, bytes.
+const BUFFER_BYTES: usize = 64 << 10;
+/// Decimals of what is written: as many as a run's tables have, far beyond what any array resolves.
+const DECIMALS: i32 = 6;
+/// The verdict on a reading that has no answer.
+const UNSOLVED: &str = "unsolved";
+
+/// Writes contacts, a line each.
+pub enum Solutions<W: Write> {
+    /// As CSV; which of id and t_s stand in front is what the first reading has.
+    Csv { writer: Box<csv::Writer<W>>, labels: Option<[bool; 2]> },
+    /// As NDJSON.
+    Ndjson(BufWriter<W>),
+}
+
+/// One line. Keys and columns are the same, and always there, but for those that may be skipped.
+#[derive(Serialize)]
+struct Line<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    id: Option<&'a Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    t_s: Option<&'a Value>,
+    x_mm: Option<f64>,
+    y_mm: Option<f64>,
+    force_n: Option<f64>,
+    sd_x_mm: Option<f64>,
+    sd_y_mm: Option<f64>,
+    sd_force_n: Option<f64>,
+    misfit: Option<f64>,
+    verdict: &'static str,
+    unit: Option<usize>,
+    /// Only as JSON.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
+}
+
+impl<W: Write> Solutions<W> {
+    pub fn new(to: W, json: bool) -> Self {
+        if json {
+            return Solutions::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to));
+        }
+        let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
+        Solutions::Csv { writer: Box::new(writer), labels: None }
+    }
+
+    pub fn write(&mut self, reading: &Reading, solved: &Result<Solution, SolveError>) -> io::Result<()> {
+        let mut line = Line::of(reading, solved);
+        match self {
+            Solutions::Csv { writer, labels } => {
+                let [id, t_s] = *labels.get_or_insert([line.id.is_some(), line.t_s.is_some()]);
+                line.id = id.then_some(line.id.unwrap_or(&Value::Null));
+                line.t_s = t_s.then_some(line.t_s.unwrap_or(&Value::Null));
+                line.error = None;
+                writer.serialize(line).map_err(io_error)
+            }
+            Solutions::Ndjson(writer) => {
+                serde_json::to_writer(&mut *writer, &line)?;
+                writer.write_all(b"\n")
+            }
+        }
+    }
+
+    /// Hands on what was written so far.
+    pub fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Solutions::Csv { writer, .. } => writer.flush(),
+            Solutions::Ndjson(writer) => writer.flush(),
+        }
+    }
+}
+
+impl<'a> Line<'a> {
+    fn of(reading: &'a Reading, solved: &Result<Solution, SolveError>) -> Self {
+        let found = solved.as_ref().ok();
+        let number = |of: &dyn Fn(&Solution) -> f64| found.map(of).and_then(finite);
+        let sd = |of: fn(&Covariance) -> f64| found.and_then(|s| s.covariance.as_ref()).map(of).and_then(finite);
+        Line {
+            id: reading.id.as_ref(),
+            t_s: reading.t_s.as_ref(),
+            x_mm: number(&|s| s.place.x_mm),
+            y_mm: number(&|s| s.place.y_mm),
+            force_n: number(&|s| s.force_n),
+            sd_x_mm: sd(Covariance::x_mm),
+            sd_y_mm: sd(Covariance::y_mm),
+            sd_force_n: sd(Covariance::force_n),
+            misfit: found.and_then(|s| s.misfit).and_then(finite),
+            verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
+            unit: found.and_then(|s| match s.verdict {
+                Verdict::ChannelFault(unit) => Some(unit + 1),
+                _ => None,
+            }),
+            error: solved.as_ref().err().map(SolveError::to_string),
+        }
+    }
+}
+
+/// What a number that isn't finite tells is that it isn't known.
+fn finite(value: f64) -> Option<f64> {
+    let rounded = round(value, DECIMALS);
+    rounded.is_finite().then_some(rounded)
+}
+
+/// What the stream said, by itself.
+fn io_error(error: csv::Error) -> io::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        other => io::Error::other(format!("{other:?}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Place;
+
+    fn written(json: bool, lines: &[(Reading, Result<Solution, SolveError>)]) -> String {
+        let mut bytes = Vec::new();
+        let mut solutions = Solutions::new(&mut bytes, json);
+        lines.iter().for_each(|(reading, solved)| solutions.write(reading, solved).unwrap());
+        solutions.flush().unwrap();
+        drop(solutions);
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn lines() -> [(Reading, Result<Solution, SolveError>); 3] {
+        let reading = Reading { id: Some(Value::from("a,b")), t_s: Some(Value::from(0.5)), ..Reading::default() };
+        let covariance = Covariance([[0.04, 0.0, 0.0], [0.0, 0.09, 0.0], [0.0, 0.0, -1.0]]);
+        let sure = Solution {
+            place: Place::new(1.25, -2.0000001),
+            force_n: 1.0,
+            covariance: Some(covariance),
+            misfit: Some(0.5),
+            verdict: Verdict::ChannelFault(4),
+        };
+        let unsure = Solution { covariance: None, misfit: None, verdict: Verdict::NotOneContact, ..sure };
+        [(reading, Ok(sure)), (Reading::default(), Ok(unsure)), (Reading::default(), Err(SolveError::AllEqual))]
+    }
+
+    #[test]
+    fn a_contact_is_a_line_with_what_is_unknown_left_empty() {
+        let expected = "\
+id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
+\"a,b\",0.5,1.25,-2.0,1.0,0.2,0.3,,0.5,channel-fault,5
+,,1.25,-2.0,1.0,,,,,not-one-contact,
+,,,,,,,,,unsolved,
+";
+        assert_eq!(written(false, &lines()), expected);
+        let without = written(false, &lines()[1..]);
+        assert!(without.starts_with("x_mm,") && without.ends_with("\n,,,,,,,unsolved,\n"), "{without}");
+        assert_eq!(written(false, &[]), "");
+    }
+
+    #[test]
+    fn a_contact_is_an_object_with_null_for_what_is_unknown() {
+        let expected = r#"{"id":"a,b","t_s":0.5,"x_mm":1.25,"y_mm":-2.0,"force_n":1.0,"#.to_owned()
+            + r#""sd_x_mm":0.2,"sd_y_mm":0.3,"sd_force_n":null,"misfit":0.5,"verdict":"channel-fault","unit":5}"#
+            + "\n"
+            + r#"{"x_mm":1.25,"y_mm":-2.0,"force_n":1.0,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"#
+            + r#""misfit":null,"verdict":"not-one-contact","unit":null}"#
+            + "\n"
+            + r#"{"x_mm":null,"y_mm":null,"force_n":null,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"misfit":null,"#
+            + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal: such a reading correlates with no place"}"#
+            + "\n";
+        assert_eq!(written(true, &lines()), expected);
+    }
+}

@@ -1,0 +1,179 @@
+//! `palpate solve`: readings of the array in, contacts out, a line for a line.
+
+use super::evaluate::read_presses;
+use super::exit::Failure;
+use super::solutions::Solutions;
+use super::sources::read_rig;
+use super::summary::tell;
+use super::tables::chosen;
+use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
+use crate::dataset::readings::{Format, ReadingError, Readings};
+use crate::dataset::table::Table;
+use crate::quantity::ArrayLayout;
+use crate::solver::{BEST, Calibration, Load, SOLVERS, Session, Setting, Solver as _};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use miette::{IntoDiagnostic, WrapErr};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate solve --calibration runs/paper < readings.csv > contacts.csv
+  palpate solve --calibration grid.csv --solver pearson-lsq < readings.csv
+  palpate solve --calibration runs/paper --json < readings.ndjson
+
+A reading is a line: as CSV with a header that has out_1..out_n, or numbers
+alone; as NDJSON {\"outputs\": [0.1, 0.2, ...]}, or the bare array. Its id and
+t_s, if it has them, come back with its contact.
+
+A contact is x_mm, y_mm, force_n, their standard deviations sd_..., misfit (above
+1: no single contact reads like this) and verdict: ok, weak-signal, outside-area,
+not-one-contact, channel-fault (unit says which), or unsolved where the reading
+has no answer at all. A table without force_n is calibrated on by proportions:
+force_n is then in units of its typical press.
+
+Exit code: 0 every line was answered, 2 bad input: those before it were answered.";
+
+/// Read outputs of the array line by line and print the contact behind each
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// A run folder, or a table of presses to calibrate on
+    #[arg(long, value_name = "RUN")]
+    calibration: PathBuf,
+    /// The method; best is the one that cross-validation on the calibration finds best
+    #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST]))]
+    solver: String,
+    /// The format of the readings, if its first character isn't to tell it
+    #[arg(long, value_name = "FORMAT", value_parser =
+        PossibleValuesParser::new(Format::NAMES).try_map(|name| name.parse::<Format>()))]
+    input: Option<Format>,
+    /// Print one JSON object a line instead of CSV
+    #[arg(long)]
+    json: bool,
+    /// Don't say which method is used and why
+    #[arg(long)]
+    quiet: bool,
+    /// Every contact presses as hard as the calibration did
+    #[arg(long)]
+    constant_load: bool,
+    /// The share of single contacts that a verdict may wrongly call something else
+    #[arg(long, value_name = "SHARE", default_value_t = Setting::default().false_alarms, value_parser = share)]
+    false_alarms: f64,
+    /// The forces to come, N; else from a tenth of the calibration's to the calibration's
+    #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
+    forces_n: Option<Vec<f64>>,
+}
+
+/// Every name a method can be asked for by, with some more.
+pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesParser {
+    PossibleValuesParser::new(more.into_iter().chain(SOLVERS))
+}
+
+/// What `--constant-load` says.
+pub fn load(is_constant: bool) -> Load {
+    if is_constant { Load::Constant } else { Load::Unknown }
+}
+
+/// Fits the method, then answers as the readings come in.
+pub fn solve(args: &Args) -> Result<ExitCode, Failure> {
+    let source = Source::read(&args.calibration, load(args.constant_load))?;
+    let setting = Setting {
+        layout: source.layout.as_ref(),
+        load: load(args.constant_load),
+        false_alarms: args.false_alarms,
+        forces_n: forces_n(args)?,
+    };
+    let calibration = &source.calibration;
+    let name = args.calibration.display();
+    let session = Session::new(&args.solver, calibration, setting).into_diagnostic();
+    let mut session = session.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)?;
+    if !args.quiet {
+        let (presses, units) = (calibration.len(), calibration.units());
+        tell(&format!("{}, fitted to {presses} presses of {units} units\n", session.fitted().name()))?;
+        tell(&session.fitted().choice().map(chosen).unwrap_or_default())?;
+        if source.is_relative && !args.constant_load {
+            tell("no force_n in the calibration: forces are in units of its typical press\n")?;
+        }
+    }
+    let mut readings = Readings::new("stdin", io::stdin().lock(), calibration.units(), args.input);
+    let mut solutions = Solutions::new(io::stdout().lock(), args.json);
+    match answer(&mut session, &mut readings, &mut solutions) {
+        Ok(Ok(())) => Ok(ExitCode::SUCCESS),
+        Ok(Err(error)) => Err(Failure::usage(error)),
+        // a reader that has seen enough is no error
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(ExitCode::SUCCESS),
+        Err(error) => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
+    }
+}
+
+/// A contact for each reading; whatever the end is, what came before it is out.
+fn answer(
+    session: &mut Session<'_>,
+    readings: &mut Readings<impl Read>,
+    solutions: &mut Solutions<impl Write>,
+) -> io::Result<Result<(), ReadingError>> {
+    let mut masked = 0;
+    loop {
+        let reading = match readings.next() {
+            Ok(Some(reading)) => reading,
+            end => {
+                solutions.flush()?;
+                return Ok(end.map(drop));
+            }
+        };
+        solutions.write(reading, &session.solve(&reading.outputs))?;
+        for unit in session.masked().iter().skip(masked) {
+            writeln!(io::stderr(), "stdin, line {}: unit {} is left out from here on", reading.line, unit + 1)?;
+        }
+        masked = session.masked().len();
+        if readings.is_drained() {
+            solutions.flush()?;
+        }
+    }
+}
+
+/// What is calibrated on.
+struct Source {
+    calibration: Calibration,
+    layout: Option<ArrayLayout>,
+    /// Its forces aren't newtons.
+    is_relative: bool,
+}
+
+impl Source {
+    fn read(path: &Path, load: Load) -> Result<Source, Failure> {
+        if path.is_dir() {
+            let table = read_presses(path)?;
+            let layout = read_rig(&path.join("rig.toml"))?.1.array.layout;
+            let calibration = calibration_of_run(&table, load).map_err(Failure::usage)?;
+            return Ok(Source { calibration, layout: Some(layout), is_relative: false });
+        }
+        let table = Table::read(path).map_err(Failure::usage)?;
+        let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
+        Ok(Source { calibration, layout: None, is_relative: table.rows.iter().any(|row| row.force_n.is_none()) })
+    }
+}
+
+fn forces_n(args: &Args) -> Result<Option<(f64, f64)>, Failure> {
+    match args.forces_n.as_deref() {
+        Some([least, most]) if least < most => Ok(Some((*least, *most))),
+        None => Ok(None),
+        Some(_) => Err(Failure::usage(miette::miette!("--forces-n takes the least force first, then the most"))),
+    }
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if share > 0.0 && share < 1.0 => Ok(share),
+        _ => Err("expected a share between 0 and 1: 0.01 is one in a hundred".to_owned()),
+    }
+}
+
+fn force(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(force_n) if force_n.is_finite() && force_n > 0.0 => Ok(force_n),
+        _ => Err("expected a force over 0 N".to_owned()),
+    }
+}
