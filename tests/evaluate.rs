@@ -108,30 +108,28 @@ fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
 }
 
 #[test]
-fn a_calibration_without_forces_is_one_of_proportions_unless_the_load_is_constant() {
-    // one place pressed thrice as hard as the others: by its proportions it reads like them
-    let calibration = "\
-x_mm,y_mm,out_1,out_2,out_3
--4,0,1.0,0.3,0.1
--2,0,0.7,0.7,0.2
-0,0,0.9,3.0,0.9
-2,0,0.2,0.7,0.7
-4,0,0.1,0.3,1.0
-";
-    let test = "x_mm,y_mm,out_1,out_2,out_3\n0,0,0.3,1.0,0.3\n";
+fn a_constant_load_is_only_as_good_as_it_is_true() {
+    let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 1.0").replace("count = 2", "count = 20");
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    bench.palpate_ends(0, "run r.toml --out run");
     let error_mm = |words: &str| {
-        let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
-        let object = one_object(&bench.palpate(&format!("{WORDS} --json --solver surrogate {words}")));
+        let object = one_object(&bench.palpate(&format!("evaluate run --json --solver surrogate {words}")));
         object["location_error_mm"]["mean"].as_f64().expect("a number")
     };
-    let (by_proportions, as_it_stands) = (error_mm(""), error_mm("--constant-load"));
-    assert!(by_proportions < 0.3 && as_it_stands > 2.0 * by_proportions, "{by_proportions} {as_it_stands}");
+    let (unknown, constant) = (error_mm(""), error_mm("--constant-load"));
+    assert!(2.0 * unknown < constant, "half a newton to one newton: {unknown} {constant}");
 }
 
 #[test]
 fn the_best_is_the_default() {
     let (default, best) = (evaluation_of(CALIBRATION, TEST), evaluation(CALIBRATION, TEST, "--json --solver best", 1));
-    assert_eq!((&default["solver"], &default["location_error_mm"]), (&best["solver"], &best["location_error_mm"]));
+    for key in ["solver", "location_error_mm", "choice"] {
+        assert_eq!(default[key], best[key]);
+    }
+    let mut keys_of_best = [KEYS.as_slice(), &["choice"]].concat();
+    keys_of_best.sort_unstable();
+    assert_eq!(keys(&default), keys_of_best);
+    assert_eq!(default["choice"]["candidates"][0]["solver"], default["solver"]);
 }
 
 #[test]

@@ -163,6 +163,35 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
 }
 
 #[test]
+fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
+    let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5").replace("count = 2", "count = 60");
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let (header, rows) = bench.table("run/presses.csv");
+    let first = header.iter().position(|name| name == "out_1").expect("out_1");
+    let readings = |broken: Option<usize>| -> String {
+        let output =
+            |(unit, cell): (usize, &String)| if broken == Some(unit + 1) { "0".to_owned() } else { cell.clone() };
+        let reading = |row: &Vec<String>| {
+            let outputs = row[first..first + 9].iter().enumerate().map(output);
+            outputs.collect::<Vec<_>>().join(",") + "\n"
+        };
+        rows.iter().filter(|row| row[2] == "test").map(reading).collect()
+    };
+    let words = "solve --calibration run --solver surrogate --quiet";
+    let told = solved_on(&bench, words, &readings(None), 0);
+    assert!(told.err.is_empty(), "{}", told.err);
+    let told = solved_on(&bench, words, &readings(Some(5)), 0);
+    let line = told.err.strip_prefix("stdin, line ").and_then(|said| {
+        said.strip_suffix(": unit 5 contradicts all other units, left out from here on\n")?.parse::<usize>().ok()
+    });
+    let line = line.unwrap_or_else(|| panic!("{}", told.err));
+    let verdicts: Vec<String> = told.out.lines().skip(1).map(|line| line.split(',').skip(7).collect()).collect();
+    let of_unit_5 = verdicts.iter().rposition(|verdict| verdict == "channel-fault5").expect("it was named");
+    assert!(of_unit_5 + 1 == line && verdicts.len() == 60 && line < 30, "{}", told.out);
+}
+
+#[test]
 fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
     let note = "no force_n in the calibration: forces are in units of its typical press\n";
     let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();

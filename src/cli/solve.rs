@@ -10,7 +10,7 @@ use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::readings::{Format, ReadingError, Readings};
 use crate::dataset::table::Table;
 use crate::quantity::ArrayLayout;
-use crate::solver::{BEST, Calibration, Load, SOLVERS, Session, Setting, Solver as _};
+use crate::solver::{BEST, Broken, Calibration, Load, SOLVERS, Session, Setting, Solver as _};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Read, Write};
@@ -97,6 +97,9 @@ pub fn solve(args: &Args) -> Result<ExitCode, Failure> {
             tell("no force_n in the calibration: forces are in units of its typical press\n")?;
         }
     }
+    for Broken { unit, fault } in session.broken() {
+        tell(&format!("{name}: unit {} {}, left out\n", unit + 1, fault.told()))?;
+    }
     let mut readings = Readings::new("stdin", io::stdin().lock(), calibration.units(), args.input);
     let mut solutions = Solutions::new(io::stdout().lock(), args.json);
     match answer(&mut session, &mut readings, &mut solutions) {
@@ -114,20 +117,20 @@ fn answer(
     readings: &mut Readings<impl Read>,
     solutions: &mut Solutions<impl Write>,
 ) -> io::Result<Result<(), ReadingError>> {
-    let mut masked = 0;
     loop {
-        let reading = match readings.next() {
+        let reading = match readings.read_next() {
             Ok(Some(reading)) => reading,
             end => {
                 solutions.flush()?;
                 return Ok(end.map(drop));
             }
         };
+        let known = session.broken().len();
         solutions.write(reading, &session.solve(&reading.outputs))?;
-        for unit in session.masked().iter().skip(masked) {
-            writeln!(io::stderr(), "stdin, line {}: unit {} is left out from here on", reading.line, unit + 1)?;
+        for Broken { unit, fault } in session.broken().iter().skip(known) {
+            let (line, unit, does) = (reading.line, unit + 1, fault.told());
+            writeln!(io::stderr(), "stdin, line {line}: unit {unit} {does}, left out from here on")?;
         }
-        masked = session.masked().len();
         if readings.is_drained() {
             solutions.flush()?;
         }

@@ -11,6 +11,9 @@ use std::fmt::Write as _;
 /// The widest that anything is printed, columns.
 const WIDTH: usize = 80;
 
+/// A blank at which [`filled`] breaks no line.
+const NO_BREAK: char = '\u{a0}';
+
 /// The paper's results beside those of any number of solvers on the same test, in at most 80 columns for up to three.
 pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
     let mut text = String::new();
@@ -88,12 +91,15 @@ pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String 
 
 /// How a method was chosen, in a line or two.
 pub fn chosen(choice: &Choice) -> String {
-    let candidate = |candidate: &Candidate| match candidate.location_error_mm {
-        Some(error_mm) => format!("{} {} mm", candidate.solver, figures(error_mm)),
-        None => format!("{} -", candidate.solver),
+    let candidate = |candidate: &Candidate| {
+        let error_mm = candidate.location_error_mm?;
+        Some(format!("{} {}{NO_BREAK}mm", candidate.solver, figures(error_mm)))
     };
-    let candidates = choice.candidates.iter().map(candidate).collect::<Vec<_>>().join(", ");
-    filled(&format!("chosen by cross-validation on the calibration: {candidates}"), "  ")
+    let tried: Vec<String> = choice.candidates.iter().filter_map(candidate).collect();
+    if tried.is_empty() {
+        return "chosen as the paper's: too few presses to cross-validate on\n".to_owned();
+    }
+    filled(&format!("chosen by cross-validation on the calibration: {}", tried.join(", ")), "  ")
 }
 
 /// A number, not negative, in at most 6 characters.
@@ -107,7 +113,7 @@ fn figures(number: f64) -> String {
 
 /// A paragraph broken at its blanks, lines after the first indented.
 fn filled(text: &str, indent: &str) -> String {
-    textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)) + "\n"
+    textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
 /// The paper's Table 1 beside a run's, with the definitions underneath, in at most 80 columns.
@@ -242,10 +248,12 @@ mod tests {
             candidate("pearson", Some(123.46)),
             candidate("physics", None),
         ];
+        let untried = Choice { candidates: candidates[2..].to_vec() };
+        assert_eq!(chosen(&untried), "chosen as the paper's: too few presses to cross-validate on\n");
         let choice = Choice { candidates };
         assert_eq!(
             chosen(&choice),
-            "chosen by cross-validation on the calibration: gaussian-process 0.123 mm,\n  pearson 123.5 mm, physics -\n"
+            "chosen by cross-validation on the calibration: gaussian-process 0.123 mm,\n  pearson 123.5 mm\n"
         );
         let verdicts = Verdicts { ok: 3, weak_signal: 2, outside_area: 0, not_one_contact: 0, channel_fault: 1 };
         let evaluation = Evaluation { choice: Some(choice), verdicts, ..evaluation("pearson") };

@@ -116,7 +116,7 @@ impl<R: Read> Readings<R> {
     }
 
     /// The next one; none at the end.
-    pub fn next(&mut self) -> Result<Option<&Reading>, ReadingError> {
+    pub fn read_next(&mut self) -> Result<Option<&Reading>, ReadingError> {
         while self.next_line()? {
             let Some(first) = self.line.trim_ascii_start().first() else { continue };
             let found = if matches!(first, b'{' | b'[') { Format::Ndjson } else { Format::Csv };
@@ -337,7 +337,7 @@ mod tests {
     fn readings(text: &str, format: Option<Format>) -> (Vec<Reading>, Option<String>) {
         let (mut readings, mut found) = (Readings::new("stdin", text.as_bytes(), 2, format), Vec::new());
         loop {
-            match readings.next() {
+            match readings.read_next() {
                 Ok(Some(reading)) => found.push(reading.clone()),
                 Ok(None) => return (found, None),
                 Err(error) => {
@@ -431,7 +431,7 @@ mod tests {
     fn a_reading_is_to_be_waited_for_where_no_whole_line_is_there() {
         let mut readings = Readings::new("stdin", "1,2\n3,4\n5,".as_bytes(), 2, None);
         let mut drained = Vec::new();
-        while let Ok(Some(_)) = readings.next() {
+        while let Ok(Some(_)) = readings.read_next() {
             drained.push(readings.is_drained());
         }
         assert_eq!(drained, [false, true]);
