@@ -24,14 +24,37 @@ fn every_second_place_calibrated_the_others_tested() {
     let Some(data) = data("every_second_place_calibrated_the_others_tested") else { return };
     let mut calibration = mean_of_passes(&data.join("fixed_depth.csv"));
     let mut test = Table::read(&data.join("random_depth.csv")).unwrap();
-    let least = |of: fn(Place) -> f64| test.rows.iter().map(|row| of(row.place)).fold(f64::MAX, f64::min);
-    let (x_least_mm, y_least_mm) = (least(|place| place.x_mm), least(|place| place.y_mm));
-    let is_even = |from_mm: f64, mm: f64| ((mm - from_mm).round() as i64) % 2 == 0; // a grid of 1 mm
-    let is_calibrated = |place: Place| is_even(x_least_mm, place.x_mm) && is_even(y_least_mm, place.y_mm);
+    let is_calibrated = every_second(&test);
     calibration.retain(|(place, _)| is_calibrated(*place));
     test.rows.retain(|row| !is_calibrated(row.place));
     assert_eq!((calibration.len(), test.rows.len()), (256, 3525));
+    let best_mm = mean_error(&calibration, &test, "best");
+    assert!(best_mm <= 0.75, "{best_mm} mm");
     assert_mean_error(&calibration, test, 1.434);
+}
+
+#[test]
+fn one_pass_calibrated_another_tested() {
+    let Some(data) = data("one_pass_calibrated_another_tested") else { return };
+    let mut table = Table::read(&data.join("fixed_depth.csv")).unwrap();
+    let is_calibrated = every_second(&table);
+    // passes stand one after another, each over all places
+    let passes = table.rows.len() / 31 / 31;
+    let of_pass = |pass: usize| pass * 31 * 31..(pass + 1) * 31 * 31;
+    let calibration: Vec<_> = table.rows[of_pass(0)].iter().map(|row| (row.place, row.outputs.clone())).collect();
+    let calibration: Vec<_> = calibration.into_iter().filter(|(place, _)| is_calibrated(*place)).collect();
+    table.rows = table.rows.drain(of_pass(passes - 1)).filter(|row| !is_calibrated(row.place)).collect();
+    assert_eq!((passes, calibration.len(), table.rows.len()), (5, 256, 705));
+    let best_mm = mean_error(&calibration, &table, "best");
+    assert!(best_mm <= 0.52, "{best_mm} mm");
+}
+
+/// Whether a place is one of every second row and column of a table's grid of 1 mm.
+fn every_second(table: &Table) -> impl Fn(Place) -> bool + use<> {
+    let least = |of: fn(Place) -> f64| table.rows.iter().map(|row| of(row.place)).fold(f64::MAX, f64::min);
+    let (x_least_mm, y_least_mm) = (least(|place| place.x_mm), least(|place| place.y_mm));
+    let is_even = |from_mm: f64, mm: f64| ((mm - from_mm).round() as i64) % 2 == 0;
+    move |place| is_even(x_least_mm, place.x_mm) && is_even(y_least_mm, place.y_mm)
 }
 
 /// The folder with the two tables, if it is there.
@@ -66,8 +89,13 @@ fn mean_of_passes(path: &Path) -> Vec<(Place, Vec<f64>)> {
     places.into_values().map(place).collect()
 }
 
-/// Evaluates as a user would, from a table on disk.
 fn assert_mean_error(calibration: &[(Place, Vec<f64>)], test: Table, golden_mm: f64) {
+    let mean_mm = mean_error(calibration, &test, "pearson");
+    assert!((mean_mm - golden_mm).abs() < 0.01, "{mean_mm} mm instead of {golden_mm} mm");
+}
+
+/// Evaluates as a user would, from a table on disk: mean location error, mm.
+fn mean_error(calibration: &[(Place, Vec<f64>)], test: &Table, solver: &str) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.csv");
     let mut writer = csv::Writer::from_path(&path).unwrap();
@@ -78,9 +106,9 @@ fn assert_mean_error(calibration: &[(Place, Vec<f64>)], test: Table, golden_mm: 
         writer.write_record(numbers.iter().chain(outputs).map(f64::to_string)).unwrap();
     }
     writer.flush().unwrap();
-    let evaluation = evaluate_tables(&Table::read(&path).unwrap(), &test, "pearson").unwrap();
-    let mean_mm = evaluation.location_error_mm.mean;
-    println!("{} points, mean location error {mean_mm:.4} mm, expected {golden_mm}", evaluation.points);
-    assert!((mean_mm - golden_mm).abs() < 0.01, "{mean_mm} mm instead of {golden_mm} mm");
+    let evaluation = evaluate_tables(&Table::read(&path).unwrap(), test, solver).unwrap();
     assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
+    let mean_mm = evaluation.location_error_mm.mean;
+    println!("{} of {} points: mean location error {mean_mm:.4} mm", evaluation.solver, evaluation.points);
+    mean_mm
 }

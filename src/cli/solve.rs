@@ -58,6 +58,9 @@ pub struct Args {
     /// Every contact presses as hard as the calibration did
     #[arg(long)]
     constant_load: bool,
+    /// All outputs may be off by one and the same amount: solve for it too
+    #[arg(long)]
+    common_offset: bool,
     /// The share of single contacts that a verdict may wrongly call something else
     #[arg(long, value_name = "SHARE", default_value_t = Setting::default().false_alarms, value_parser = share)]
     false_alarms: f64,
@@ -82,6 +85,7 @@ pub fn solve(args: &Args) -> Result<ExitCode, Failure> {
     let setting = Setting {
         layout: source.layout.as_ref(),
         load: load(args.constant_load),
+        common_offset: args.common_offset,
         false_alarms: args.false_alarms,
         forces_n: forces_n(args)?,
     };

@@ -49,7 +49,7 @@ pub fn calibration_of_run(table: &Table, load: Load) -> Result<Calibration, Cali
     Selection::of_phase(table, "calibration")?.calibration(&LOAD_CELL, load)
 }
 
-/// Every press of a table. Without `force_n` the forces are relative, see [`relative_forces`].
+/// Every press of a table. Without `force_n` the forces are relative, see [`Calibration::without_forces`].
 pub fn calibration_of_table(table: &Table, load: Load) -> Result<Calibration, CalibrateError> {
     Selection::new(table, "calibration", |_| true)?.calibration(&LOAD_CELL, load)
 }
@@ -96,15 +96,14 @@ impl<'a> Selection<'a> {
 
     /// The presses as a calibration.
     pub fn calibration(&self, force: &ForceColumn, load: Load) -> Result<Calibration, CalibrateError> {
-        let known: Option<Vec<f64>> = self.rows.iter().map(|row| (force.of)(row)).collect();
-        let forces = known.unwrap_or_else(|| match load {
-            Load::Constant => vec![1.0; self.rows.len()],
-            Load::Unknown => relative_forces(self.rows.iter().map(|row| row.outputs.as_slice())),
-        });
-        let point =
-            |(row, force_n): (&&'a Row, f64)| CalibrationPoint { place: row.place, force_n, outputs: &row.outputs };
-        let points: Vec<CalibrationPoint<'_>> = self.rows.iter().zip(forces).map(point).collect();
-        Calibration::new(&points).map_err(|source| CalibrateError::Press {
+        let force_n = |row: &Row| (force.of)(row).unwrap_or(UNIT_FORCE_N);
+        let point = |row: &&'a Row| CalibrationPoint { place: row.place, force_n: force_n(row), outputs: &row.outputs };
+        let points: Vec<CalibrationPoint<'_>> = self.rows.iter().map(point).collect();
+        let calibration = match load {
+            Load::Unknown if !self.knows(force) => Calibration::without_forces(&points),
+            _ => Calibration::new(&points),
+        };
+        calibration.map_err(|source| CalibrateError::Press {
             file: self.file.to_owned(),
             line: source.point().and_then(|point| self.rows.get(point)).map_or(1, |row| row.line),
             column: force.name,
@@ -113,19 +112,8 @@ impl<'a> Selection<'a> {
     }
 }
 
-/// What presses of unknown force count as: the length of each one's row of outputs over the root mean square of all lengths. A
-/// press then tells only in which proportions the units read, and one that is twice as strong as another no more than it.
-///
-/// A row of zeros has no proportions: it counts as 1, a typical press that no unit felt.
-pub fn relative_forces<'a>(rows: impl Iterator<Item = &'a [f64]> + Clone) -> Vec<f64> {
-    // over the largest output of all, so that no square is beyond what a number can hold
-    let largest = rows.clone().flatten().fold(0.0f64, |largest, output| largest.max(output.abs()));
-    let square = |row: &[f64]| row.iter().map(|output| (output / largest).powi(2)).sum::<f64>();
-    let squares: Vec<f64> = rows.map(square).collect();
-    let typical = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-    let relative = |square: f64| if square > 0.0 { square.sqrt() / typical } else { 1.0 };
-    squares.into_iter().map(relative).collect()
-}
+/// What a constant load counts as where it isn't told, N.
+const UNIT_FORCE_N: f64 = 1.0;
 
 #[cfg(test)]
 mod tests {
@@ -134,19 +122,6 @@ mod tests {
 
     fn forces(calibration: &Calibration) -> Vec<f64> {
         calibration.points().map(|point| point.force_n).collect()
-    }
-
-    #[test]
-    fn without_forces_directions_are_what_counts() {
-        let rows: [&[f64]; 4] = [&[3.0, 4.0], &[0.0, -10.0], &[5.0, 0.0], &[0.0, 0.0]];
-        let relative = relative_forces(rows.into_iter());
-        let typical = (150.0f64 / 4.0).sqrt();
-        for (force, expected) in relative.iter().zip([5.0 / typical, 10.0 / typical, 5.0 / typical, 1.0]) {
-            assert!((force - expected).abs() < 1e-12, "{relative:?}");
-        }
-        assert_eq!(relative_forces([[0.0].as_slice()].into_iter()), [1.0]);
-        let huge: [&[f64]; 2] = [&[1e300, 0.0], &[0.0, 1e300]];
-        assert_eq!(relative_forces(huge.into_iter()), [1.0, 1.0]);
     }
 
     #[test]

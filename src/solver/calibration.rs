@@ -53,12 +53,14 @@ impl Calibration {
         let unit: Vec<CalibrationPoint<'_>> =
             points.iter().map(|press| CalibrationPoint { force_n: 1.0, ..*press }).collect();
         let mut calibration = Self::new(&unit)?;
-        let square = |press: &CalibrationPoint<'_>| press.outputs.iter().map(|output| output * output).sum::<f64>();
-        let mean = points.iter().map(square).sum::<f64>() / points.len() as f64;
-        let length = |press: &CalibrationPoint<'_>| (square(press) / mean).sqrt();
-        // a press that nothing was read of has no direction to lose
-        calibration.force_n =
-            points.iter().map(|press| Some(length(press)).filter(|l| *l > 0.0).unwrap_or(1.0)).collect();
+        // over the largest output of all, so that no square is beyond what a number can hold
+        let largest = calibration.outputs.iter().fold(0.0f64, |largest, output| largest.max(output.abs()));
+        let square = |row: &[f64]| row.iter().map(|output| (output / largest).powi(2)).sum::<f64>();
+        let squares: Vec<f64> = points.iter().map(|press| square(press.outputs)).collect();
+        let typical = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        // a row of zeros has no proportions: a typical press that no unit felt
+        let relative = |square: f64| if square > 0.0 { square.sqrt() / typical } else { 1.0 };
+        calibration.force_n = squares.into_iter().map(relative).collect();
         calibration.forces_known = false;
         Ok(calibration)
     }
@@ -232,5 +234,20 @@ mod tests {
         }
         assert_eq!(Calibration::new(&[]), Err(CalibrationError::NoPoints));
         assert_eq!(Calibration::new(&[CalibrationPoint { outputs: &[], ..GOOD }]), Err(CalibrationError::NoUnits));
+    }
+
+    #[test]
+    fn without_forces_directions_are_what_counts() {
+        let forces = |rows: &[&[f64]]| {
+            let points: Vec<_> = rows.iter().map(|row| CalibrationPoint { outputs: row, ..GOOD }).collect();
+            Calibration::without_forces(&points).unwrap().force_n
+        };
+        let typical = (150.0f64 / 4.0).sqrt();
+        let relative = forces(&[&[3.0, 4.0], &[0.0, -10.0], &[5.0, 0.0], &[0.0, 0.0]]);
+        for (force, expected) in relative.iter().zip([5.0 / typical, 10.0 / typical, 5.0 / typical, 1.0]) {
+            assert!((force - expected).abs() < 1e-12, "{relative:?}");
+        }
+        assert_eq!(forces(&[&[0.0]]), [1.0]);
+        assert_eq!(forces(&[&[1e300, 0.0], &[0.0, 1e300]]), [1.0, 1.0]);
     }
 }
