@@ -41,6 +41,9 @@ struct Limits {
 /// Readings that no contact explains look broken where they are this many sd from silence, or over the loudest.
 const BROKEN_SD: f64 = 3.0;
 
+/// The largest standard deviation of a place that is still told, over the area's diagonal.
+const MOST_SD_AREAS: f64 = 1000.0;
+
 impl Forward {
     pub fn new(name: &'static str, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let starts = Starts::new(&response, setting.common_offset);
@@ -81,6 +84,12 @@ impl Forward {
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
+    /// Whether errors are those of a place that is known at all: a calibration along a line tells nothing across it.
+    fn tells(&self, sd: &Covariance) -> bool {
+        let area = self.response.field.area();
+        sd.x_mm().max(sd.y_mm()) < MOST_SD_AREAS * area.least.distance_mm(area.most)
+    }
+
     /// The sum of squares of a reading, if nothing touched the array.
     fn loudness(&self, outputs: &[f64]) -> f64 {
         outputs.iter().enumerate().map(|(unit, output)| output * output / self.response.noise.variance(unit, 0.0)).sum()
@@ -109,7 +118,7 @@ impl Solver for Forward {
         Ok(Solution {
             place: estimate.place,
             force_n: estimate.force_n,
-            covariance: inverse(&estimate.information).map(Covariance),
+            covariance: inverse(&estimate.information).map(Covariance).filter(|sd| self.tells(sd)),
             misfit: Some(estimate.chi2 / limit),
             verdict,
         })

@@ -72,7 +72,7 @@ impl Locate for GaussianProcess {
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
         let length = length(outputs);
-        if !(length > 0.0) {
+        if length == 0.0 {
             return Err(SolveError::AllEqual);
         }
         workspace.row.clear();

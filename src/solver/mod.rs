@@ -5,8 +5,26 @@
 //! turns a reading (one output a unit) into a [`Solution`], or says why it can't: a reading without an answer is an
 //! error, never NaN. [`evaluate`] holds a solver against presses whose truth is known.
 //!
-//! Nothing here reads files, asks the time or logs. A new method is a file beside `pearson.rs`, a name in [`SOLVERS`]
-//! and an arm in [`fit`].
+//! Nothing here reads files, asks the time or logs.
+//!
+//! # The methods
+//!
+//! | name | file | what it is |
+//! |---|---|---|
+//! | `pearson`, `pearson-lsq` | `pearson` | the paper's: the calibration point of the highest correlation |
+//! | `pearson-knn` | `knn` | the mean of the four best points |
+//! | `whitened` | `whitened` | the point of the highest cosine, each unit weighed by its noise |
+//! | `surrogate` | `surrogate` | a smooth map of the calibration, inverted |
+//! | `physics` | `physics` | an elastic map with four parameters a unit, inverted |
+//! | `gaussian-process` | `gaussian_process` | a regression from readings to places |
+//!
+//! The first three search a table (`scan`). `surrogate` and `physics` each make a `Response` (map, its error, noise), which
+//! `Forward` inverts: `field` tabulates it, `descent` and `normal` refine, `threshold` says what one contact may leave
+//! unexplained. Methods without a map of the array answer through `Appraised`, which has learned from presses that were held
+//! out (`heldout`) how far they are off; `best` ranks them all by the same. `kriging` is what `surrogate` and
+//! `gaussian-process` share. What [`fit`] gives is a [`Fitted`]; a [`Session`] solves one reading after another with it.
+//!
+//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`] and an arm in `method`.
 
 mod appraised;
 mod best;

@@ -14,11 +14,11 @@ impl Normal {
     /// Takes a row in; the half above the diagonal is left to [`finish`](Self::finish).
     #[inline]
     pub fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
-        for i in 0..3 {
+        for (i, row) in self.information.iter_mut().enumerate() {
             let weighted = weight * jacobian[i];
             self.slope[i] += weighted * residual;
-            for j in 0..=i {
-                self.information[i][j] += weighted * jacobian[j];
+            for (sum, other) in row.iter_mut().zip(&jacobian[..=i]) {
+                *sum += weighted * other;
             }
         }
     }
@@ -36,10 +36,8 @@ impl Normal {
     pub fn step(&self, free: [bool; 3]) -> [f64; 3] {
         let (mut a, mut x) = (self.information, self.slope);
         for i in (0..3).filter(|&i| !free[i]) {
-            for j in 0..3 {
-                a[i][j] = 0.0;
-                a[j][i] = 0.0;
-            }
+            a[i] = [0.0; 3];
+            a.iter_mut().for_each(|row| row[i] = 0.0);
             a[i][i] = 1.0;
             x[i] = 0.0;
         }
@@ -120,11 +118,9 @@ mod tests {
     fn the_inverse_is_one_and_what_has_none_is_told() {
         let a = normal().information;
         let inverse = inverse(&a).unwrap();
-        for i in 0..3 {
-            for j in 0..3 {
-                let product: f64 = (0..3).map(|k| a[i][k] * inverse[k][j]).sum();
-                assert!((product - f64::from(u8::from(i == j))).abs() < 1e-12);
-            }
+        for (i, row) in a.iter().enumerate() {
+            let product = |j: usize| row.iter().zip(&inverse).map(|(value, row)| value * row[j]).sum::<f64>();
+            assert!((0..3).all(|j| (product(j) - f64::from(u8::from(i == j))).abs() < 1e-12));
         }
         let mut blind = Normal::default();
         blind.add(1.0, [1.0, 1.0, 0.0], 1.0);

@@ -70,7 +70,7 @@ fn left_over(rows: impl Iterator<Item = (f64, f64, [f64; 4])>, columns: [bool; 4
         .collect();
     for column in (0..4).filter(|&column| columns[column]) {
         let length: f64 = rows.iter().map(|row| row[column] * row[column]).sum();
-        if !(length > 0.0) {
+        if length == 0.0 {
             continue;
         }
         for other in column + 1..5 {
