@@ -2,7 +2,7 @@ use super::{Load, Manner, Order, Phase, Places, Recipe, Step, UnitChoice};
 use crate::control::Strategy;
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::Place;
-use crate::solver::SOLVERS;
+use crate::solver::{BEST, SOLVERS};
 
 const DAY_S: f64 = 86_400.0;
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
@@ -41,7 +41,8 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         }
         let mut solvers = Vec::new();
         if let Some(mut evaluate) = root.table("evaluate") {
-            let names = evaluate.choices("solvers", &SOLVERS).unwrap_or_else(|| vec![SOLVERS[0]]);
+            let known = [&[BEST], &SOLVERS[..]].concat();
+            let names = evaluate.choices("solvers", &known).unwrap_or_else(|| vec![SOLVERS[0]]);
             solvers = names.into_iter().map(str::to_owned).collect();
             evaluate.finish();
         }

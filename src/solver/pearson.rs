@@ -66,6 +66,15 @@ impl Pearson {
         Ok(Pearson { units, force_rule, candidates, outputs: calibrated, scan: Scan::new(units, directions) })
     }
 
+    /// The calibration point whose outputs correlate best with a reading: its index among those that correlate with anything,
+    /// from 0, and its r. No more than the paper's step 3.
+    pub fn nearest(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<(usize, f64), SolveError> {
+        check(outputs, self.units)?;
+        let reading = direction(outputs, &mut workspace.row).ok_or(SolveError::AllEqual)?;
+        let best = self.scan.best(reading, &mut workspace.scratch).ok_or(SolveError::AllEqual)?;
+        Ok((best.row, best.score))
+    }
+
     fn force_n(&self, row: usize, outputs: &[f64]) -> f64 {
         let candidate = &self.candidates[row];
         let calibrated = &self.outputs[row * self.units..][..self.units];
@@ -86,14 +95,12 @@ impl Locate for Pearson {
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
-        check(outputs, self.units)?;
-        let reading = direction(outputs, &mut workspace.row).ok_or(SolveError::AllEqual)?;
-        let best = self.scan.best(reading, &mut workspace.scratch).ok_or(SolveError::AllEqual)?;
-        let force_n = self.force_n(best.row, outputs);
+        let (row, r) = self.nearest(outputs, workspace)?;
+        let force_n = self.force_n(row, outputs);
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: self.candidates[best.row].place, force_n, residue: (1.0 - best.score).max(0.0) })
+        Ok(Located { place: self.candidates[row].place, force_n, residue: (1.0 - r).max(0.0) })
     }
 }
 
