@@ -2,7 +2,7 @@ use super::descent::{Descent, Estimate};
 use super::normal::inverse;
 use super::response::Response;
 use super::scan::{Scan, to_length_one};
-use super::threshold::{Threshold, chi2_quantile};
+use super::threshold::{chi2_quantile, one_contact};
 use super::{
     Calibration, Covariance, Load, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
 };
@@ -55,7 +55,7 @@ impl Forward {
         }
         let (units, rate) = (loudest.len(), setting.false_alarms);
         let left = |units: usize| chi2_quantile(units.saturating_sub(setting.unknowns()), rate);
-        let one_contact = Threshold::new(&response, calibration, setting).misfit;
+        let one_contact = one_contact(&response, calibration, setting);
         let limits = Limits {
             one_contact,
             without_a_unit: one_contact * left(units.saturating_sub(1)) / left(units),

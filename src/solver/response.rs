@@ -54,8 +54,14 @@ impl Response {
     /// map's own error.
     #[inline]
     pub fn variance(&self, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
-        let share = force_n / self.force_n;
-        let of_calibration = self.noise.variance(unit, self.force_n * per_newton);
+        self.variance_from(self.force_n, unit, force_n, per_newton, leverage)
+    }
+
+    /// The same, the map's error being that of presses of `calibrated_n`.
+    #[inline]
+    pub fn variance_from(&self, calibrated_n: f64, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
+        let share = force_n / calibrated_n;
+        let of_calibration = self.noise.variance(unit, calibrated_n * per_newton);
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
 

@@ -6,55 +6,46 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Gamma};
 
-/// What the sum of squares of a single contact's residuals is exceeded by as rarely as asked, learned from the calibration's own
-/// presses, each held against a map made without it and rescaled over the forces to come.
-///
-/// The sums of these presses give a gamma distribution by their mean and variance (for perfect weights a chi-squared one): of
-/// some hundreds of presses, the tail itself says much less than these two.
-pub(super) struct Threshold {
-    /// What the misfit of one contact exceeds as rarely as asked.
-    pub misfit: f64,
-}
-
 /// How many forces each held press is rescaled to.
 const FORCES_A_PRESS: usize = 4;
 
-impl Threshold {
-    pub fn new(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
-        let units = response.field.channels();
-        let mut rng = stream(0, 0, "thresholds");
-        let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
-        let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
-        let (least, most) = setting.shares(calibration);
-        let columns = [true, true, setting.load == Load::Unknown, setting.common_offset];
-        for (index, held) in response.held.iter().enumerate() {
-            response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
-            for part in 0..FORCES_A_PRESS {
-                // evenly over the forces, shuffled over the presses
-                let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / FORCES_A_PRESS as f64).fract();
-                let share = least + (most - least) * quantile;
-                let force_n = share * held.force_n;
-                let rows = held.residuals.iter().enumerate().map(|(unit, residual)| {
-                    let g = value[unit];
-                    let variance = response.noise.variance(unit, force_n * g)
-                        + share * share * residual.leverage * response.noise.variance(unit, held.force_n * g);
-                    let normal: f64 = StandardNormal.sample(&mut rng);
-                    let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g, 1.0];
-                    (share * residual.residual + response.missing_noise(unit, share) * normal, 1.0 / variance, jacobian)
-                });
-                sums.push(left_over(rows, columns));
-            }
+/// What the sum of squares of a single contact's residuals exceeds as rarely as asked, learned from the calibration's own presses,
+/// each held against a map made without it and rescaled over the forces to come.
+///
+/// The sums of these presses give a gamma distribution by their mean and variance (for perfect weights a chi-squared one): of
+/// some hundreds of presses, the tail itself says much less than these two.
+pub(super) fn one_contact(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> f64 {
+    let units = response.field.channels();
+    let mut rng = stream(0, 0, "thresholds");
+    let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
+    let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
+    let (least, most) = setting.shares(calibration);
+    let columns = [true, true, setting.load == Load::Unknown, setting.common_offset];
+    for (index, held) in response.held.iter().enumerate() {
+        response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
+        for part in 0..FORCES_A_PRESS {
+            // evenly over the forces, shuffled over the presses
+            let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / FORCES_A_PRESS as f64).fract();
+            let share = least + (most - least) * quantile;
+            let force_n = share * held.force_n;
+            let rows = held.residuals.iter().enumerate().map(|(unit, residual)| {
+                let g = value[unit];
+                let variance = response.variance_from(held.force_n, unit, force_n, g, residual.leverage);
+                let normal: f64 = StandardNormal.sample(&mut rng);
+                let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g, 1.0];
+                (share * residual.residual + response.missing_noise(unit, share) * normal, 1.0 / variance, jacobian)
+            });
+            sums.push(left_over(rows, columns));
         }
-        let count = sums.len().max(1) as f64;
-        let mean = sums.iter().sum::<f64>() / count;
-        let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / count;
-        let misfit = Gamma::new(mean * mean / variance, mean / variance)
-            .map(|gamma| gamma.inverse_cdf(1.0 - setting.false_alarms))
-            .ok()
-            .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
-            .unwrap_or_else(|| chi2_quantile(units.saturating_sub(setting.unknowns()), setting.false_alarms));
-        Threshold { misfit }
     }
+    let count = sums.len().max(1) as f64;
+    let mean = sums.iter().sum::<f64>() / count;
+    let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / count;
+    Gamma::new(mean * mean / variance, mean / variance)
+        .map(|gamma| gamma.inverse_cdf(1.0 - setting.false_alarms))
+        .ok()
+        .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
+        .unwrap_or_else(|| chi2_quantile(units.saturating_sub(setting.unknowns()), setting.false_alarms))
 }
 
 /// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
