@@ -1,13 +1,13 @@
 //! The study of the force loop: which conditions it is made of, and carrying them out.
 
 use super::condition::{Condition, Outcome, Part};
+use super::parallel::in_parallel;
 use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
 use super::{Bench, StudyError};
 use crate::control::Strategy;
 use crate::rig::RigSpec;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
 
 /// The tolerances that are asked for, N.
 pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
@@ -175,40 +175,5 @@ fn mark_pareto(outcomes: &mut [Outcome]) {
             !all.iter().any(beats)
         });
         outcome.pareto = Some(is_best);
-    }
-}
-
-/// Each input's output, in order, on as many threads as there are processors.
-fn in_parallel<I: Sync, O: Send>(inputs: &[I], work: impl Fn(&I) -> O + Sync) -> Vec<O> {
-    let next = AtomicUsize::new(0);
-    let worker = || {
-        let mut done = Vec::new();
-        while let Some((index, input)) =
-            Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, inputs.get(i)?)))
-        {
-            done.push((index, work(input)));
-        }
-        done
-    };
-    let threads = thread::available_parallelism().map_or(1, usize::from);
-    let mut outputs: Vec<(usize, O)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(worker)).collect();
-        workers
-            .into_iter()
-            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-            .collect()
-    });
-    outputs.sort_by_key(|(index, _)| *index);
-    outputs.into_iter().map(|(_, output)| output).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_done_in_parallel_comes_back_in_order() {
-        let inputs: Vec<usize> = (0..100).collect();
-        assert_eq!(in_parallel(&inputs, |i| i * i), inputs.iter().map(|i| i * i).collect::<Vec<_>>());
     }
 }

@@ -66,6 +66,7 @@ fn time_and_error(findings: &Findings) -> Figure {
             })
             .to_vec(),
         notes,
+        ..Figure::default()
     }
 }
 
@@ -137,6 +138,7 @@ fn stability_map(findings: &Findings) -> Figure {
         notes: vec![
             "left: filled, the gain from which it overshoots; hollow, the gain from which it never settles".to_owned(),
         ],
+        ..Figure::default()
     }
 }
 
@@ -192,6 +194,7 @@ fn scenes(findings: &Findings) -> Figure {
         notes: vec![
             "a strategy that breaks a safety rule ends there: its marks are of the presses made until then; dotted: the tolerance".to_owned(),
         ],
+        ..Figure::default()
     }
 }
 
@@ -228,6 +231,7 @@ fn caution(findings: &Findings) -> Figure {
         notes: vec![format!(
             "{SLOW_SIDE} x {SLOW_SIDE} places from {SLOW_N_MM} N/mm on; a strategy that a rule ends before is named at the top"
         )],
+        ..Figure::default()
     }
 }
 
@@ -278,6 +282,7 @@ fn calibration(findings: &Findings) -> Figure {
         ],
         legend: vec![strategies.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec()],
         notes,
+        ..Figure::default()
     }
 }
 

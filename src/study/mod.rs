@@ -1,7 +1,8 @@
-//! Studies of the force loop: many small simulated runs, each strategy under each condition, and figures of what came of them.
+//! Studies: many conditions, rows of what came of each, and figures.
 //!
-//! A [`Condition`] is walked as any run is, on the shipped benches with one thing changed, and judged by the scene's truth.
-//! Everything follows from the seed: the same study gives the same bytes.
+//! Of the force loop, [`control`]: a [`Condition`] is walked as any run is, on the shipped benches with one thing changed, and
+//! judged by the scene's truth. Of the methods that solve, [`methods`]: how near and how fast each of them is, how many presses it
+//! needs, and where it fails. Everything but measured times follows from the seed: the same study gives the same bytes.
 
 mod bench;
 mod bound;
@@ -9,6 +10,8 @@ mod chart;
 mod condition;
 mod control;
 mod figures;
+pub mod methods;
+mod parallel;
 mod scenes;
 mod stability;
 
@@ -21,6 +24,7 @@ pub use scenes::{NOMINAL, SCENES, Scene};
 pub use stability::Onset;
 
 use crate::document::Problems;
+use crate::solver::CalibrationError;
 use miette::Diagnostic;
 use thiserror::Error;
 
@@ -31,6 +35,9 @@ pub enum StudyError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Problems(#[from] Problems),
+    /// A press can't be calibrated on.
+    #[error("the study can't calibrate: {0}")]
+    Calibration(#[from] CalibrationError),
     /// The operating system refused.
     #[error("the study can't be carried out: {0}")]
     System(#[from] std::io::Error),

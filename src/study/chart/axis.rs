@@ -16,6 +16,8 @@ pub enum Scale {
     Linear,
     /// By their logarithm.
     Log,
+    /// By their logarithm, with these values and no others told; what follows a line's end stands below.
+    LogAt(Vec<(f64, String)>),
     /// By rows with names; row i is at i.
     Rows(Vec<String>),
 }
@@ -45,10 +47,10 @@ impl Axis {
     }
 
     /// Where a value is, from 0 to 1.
-    pub(super) fn share(&self, value: f64) -> f64 {
+    pub fn share(&self, value: f64) -> f64 {
         let (min, max) = self.range;
         match self.scale {
-            Scale::Log => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
+            Scale::Log | Scale::LogAt(_) => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
             Scale::Linear | Scale::Rows(_) => (value - min) / (max - min),
         }
     }
@@ -59,6 +61,7 @@ impl Axis {
         let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
         match &self.scale {
             Scale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
+            Scale::LogAt(ticks) => ticks.clone(),
             Scale::Linear => {
                 let step = linear_step(max - min);
                 let first = (min / step).ceil() as i64;
@@ -68,8 +71,8 @@ impl Axis {
             Scale::Log => {
                 let decades = max.log10() - min.log10();
                 let steps: &[f64] = match decades {
-                    d if d < 1.2 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
-                    d if d < 2.8 => &[1.0, 2.0, 5.0],
+                    d if d < 0.9 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
+                    d if d < 2.2 => &[1.0, 2.0, 5.0],
                     _ => &[1.0],
                 };
                 let (first, last) = (min.log10().floor() as i32, max.log10().ceil() as i32);

@@ -3,9 +3,12 @@
 //! needs: axes, curves, markers, rules and words, in colours that also the colour-blind tell apart, and shapes for print.
 
 mod axis;
+mod look;
 
 pub use axis::{Axis, Scale};
+pub use look::{Hue, Line, Look, Shape};
 
+use look::{STYLE, write_line, write_marker};
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
@@ -18,12 +21,23 @@ pub struct Figure {
     pub subtitle: String,
     /// Height of the panels, px.
     pub height_px: f64,
-    /// Side by side.
+    /// Side by side, or in rows.
     pub panels: Vec<Panel>,
+    /// None: all side by side.
+    pub grid: Option<Grid>,
     /// What the marks mean, in lines.
     pub legend: Vec<Vec<(Look, String)>>,
     /// Lines below.
     pub notes: Vec<String>,
+}
+
+/// Small panels, row by row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// Panels in a row; the axis upward is named at the first.
+    pub columns: usize,
+    /// Width of the figure, px.
+    pub width_px: f64,
 }
 
 /// One pair of axes and what is drawn between them.
@@ -44,6 +58,10 @@ pub enum Mark {
     Curve(Look, Vec<(f64, f64)>),
     /// A ring around a point: it stands out.
     Ring((f64, f64)),
+    /// A stroke upward at an x from one y to another: how sure a point is.
+    Bar(Hue, f64, (f64, f64)),
+    /// What a panel shows, above it.
+    Title(String),
     /// A line right across at an x, and a word beside it.
     At(f64, String),
     /// A line right across at a y, and a word above it.
@@ -63,98 +81,47 @@ pub enum Anchor {
     End,
 }
 
-/// How a series looks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Look {
-    /// Which of the colours.
-    pub hue: Hue,
-    /// The marker; none: a line only.
-    pub shape: Option<Shape>,
-    /// Whether the marker is filled.
-    pub filled: bool,
-    /// The line between the points.
-    pub line: Line,
-}
-
-/// The colours: they differ in lightness too.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hue {
-    /// A blue.
-    Blue,
-    /// An orange.
-    Orange,
-    /// A green.
-    Green,
-    /// For what is not a series.
-    Grey,
-}
-
-/// The markers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
-    /// Round.
-    Circle,
-    /// Four sides.
-    Square,
-    /// Point up.
-    Triangle,
-    /// A square on its corner.
-    Diamond,
-    /// Two strokes: never filled.
-    Cross,
-}
-
-/// The lines.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Line {
-    /// The points alone.
-    None,
-    /// Drawn through.
-    Solid,
-    /// Broken.
-    Dashed,
-}
-
 const WIDTH: f64 = 900.0;
 const LEFT: f64 = 72.0;
 const LEFT_OF_ROWS: f64 = 172.0;
 const RIGHT: f64 = 24.0;
 const GAP: f64 = 44.0;
+/// Between the panels of a grid, px: room for the numbers beside them.
+const GAP_OF_GRID: f64 = 50.0;
+/// A panel's title, px.
+const TITLE_LINE: f64 = 24.0;
+/// How large markers are in a grid.
+const SMALL: f64 = 0.7;
 const TOP: f64 = 64.0;
 const LEGEND_LINE: f64 = 22.0;
 const BELOW_AXIS: f64 = 68.0;
+/// The part of it that an axis' label takes.
+const LABEL_LINE: f64 = 28.0;
 const NOTE_LINE: f64 = 17.0;
 /// Letters in a line of notes.
 const NOTE_LETTERS: usize = 138;
 /// Width of a letter, amply: to know where the next entry of the legend begins.
 const LETTER_PX: f64 = 6.8;
 
-const STYLE: &str = "\
-text{font:13px system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif;fill:#1f2328;stroke:none}
-.title{font-size:17px;font-weight:600}.small{font-size:12px;fill:#57606a}.word{font-size:11.5px}
-.end{text-anchor:end}.mid{text-anchor:middle}
-.paper{fill:#ffffff}.band{fill:#f3f5f7}.grid{stroke:#e4e7eb;stroke-width:1}.axis{stroke:#57606a;stroke-width:1;fill:none}
-.rule{stroke:#57606a;stroke-width:1.3;stroke-dasharray:2 3}
-.blue{fill:#0b5cad;stroke:#0b5cad}.orange{fill:#d9730d;stroke:#d9730d}.green{fill:#12805c;stroke:#12805c}
-.grey{fill:#57606a;stroke:#57606a}
-.mark{stroke-width:1.8;stroke-linejoin:round}.hollow{fill:#ffffff}.line{fill:none;stroke-width:1.8}
-.dashed{stroke-dasharray:6 4}.ring{fill:none;stroke:#1f2328;stroke-width:1.2}
-@media (prefers-color-scheme:dark){
-text{fill:#e6edf3}.small{fill:#9aa5b1}.paper{fill:#0d1117}.band{fill:#161b22}.hollow{fill:#0d1117}.grid{stroke:#262c34}
-.axis,.rule{stroke:#9aa5b1}.ring{stroke:#e6edf3}.blue{fill:#58a6ff;stroke:#58a6ff}.orange{fill:#f0a050;stroke:#f0a050}
-.green{fill:#4cc38a;stroke:#4cc38a}.grey{fill:#9aa5b1;stroke:#9aa5b1}
-.mark.hollow{fill:#0d1117}.line{fill:none}}";
-
 impl Figure {
     /// The figure as one SVG document.
     pub fn svg(&self) -> String {
-        let notes: Vec<Cow<'_, str>> = self.notes.iter().flat_map(|note| textwrap::wrap(note, NOTE_LETTERS)).collect();
+        let notes: Vec<Cow<'_, str>> =
+            self.notes.iter().flat_map(|note| textwrap::wrap(note, self.note_letters())).collect();
         let top = TOP + LEGEND_LINE * self.legend.len() as f64;
-        let height = top + self.height_px + BELOW_AXIS + NOTE_LINE * notes.len() as f64;
+        let columns = self.grid.map_or(self.panels.len(), |grid| grid.columns).max(1);
+        let rows: Vec<&[Panel]> = self.panels.chunks(columns).collect();
+        let full_width = self.width_px();
+        let row_px = |row: &[Panel]| {
+            let below_px = row.iter().map(Panel::below_px).fold(0.0, f64::max);
+            self.above_panel_px() + self.height_px + below_px
+        };
+        let bottom = top + rows.iter().map(|row| row_px(row)).sum::<f64>();
+        let height = bottom + NOTE_LINE * notes.len() as f64;
         let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" \
-             role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}\n</style>\n\
-             <rect class=\"paper\" width=\"{WIDTH}\" height=\"{height}\"/>\n",
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{full_width}\" height=\"{height}\" \
+             viewBox=\"0 0 {full_width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}\n</style>\n\
+             <rect class=\"paper\" width=\"{full_width}\" height=\"{height}\"/>\n",
             title = escaped(&self.title)
         );
         write_text(&mut svg, (20.0, 28.0), "title", &self.title);
@@ -163,25 +130,50 @@ impl Figure {
             let (mut x, y) = (20.0, TOP + 8.0 + LEGEND_LINE * line as f64);
             for (look, name) in entries {
                 write_line(&mut svg, *look, &[(x, y), (x + 28.0, y)]);
-                write_marker(&mut svg, *look, (x + 14.0, y));
+                write_marker(&mut svg, *look, (x + 14.0, y), 1.0);
                 write_text(&mut svg, (x + 36.0, y + 4.5), "", name);
                 x += 36.0 + LETTER_PX * name.chars().count() as f64 + 20.0;
             }
         }
         let has_rows = self.panels.iter().any(|panel| matches!(panel.y.scale, Scale::Rows(_)));
         let left = if has_rows { LEFT_OF_ROWS } else { LEFT };
-        let count = self.panels.len().max(1) as f64;
-        let gap = if has_rows { GAP } else { GAP + LEFT };
-        let width = (WIDTH - left - RIGHT - gap * (count - 1.0)) / count;
-        for (index, panel) in self.panels.iter().enumerate() {
-            let area = Area { x: left + index as f64 * (width + gap), y: top, width, height: self.height_px };
-            panel.write(&mut svg, &area, index == 0 || !has_rows);
+        let gap = match self.grid {
+            Some(_) => GAP_OF_GRID,
+            None if has_rows => GAP,
+            None => GAP + LEFT,
+        };
+        let width = (full_width - left - RIGHT - gap * (columns as f64 - 1.0)) / columns as f64;
+        let mut y = top + self.above_panel_px();
+        for row in rows {
+            for (column, panel) in row.iter().enumerate() {
+                let area = Area { x: left + column as f64 * (width + gap), y, width, height: self.height_px };
+                let words = Words {
+                    ticks: column == 0 || !has_rows,
+                    label: column == 0 || self.grid.is_none() && !has_rows,
+                    size: if self.grid.is_some() { SMALL } else { 1.0 },
+                };
+                panel.write(&mut svg, &area, &words);
+            }
+            y += row_px(row);
         }
         for (line, note) in notes.iter().enumerate() {
-            let y = top + self.height_px + BELOW_AXIS + NOTE_LINE * line as f64;
-            write_text(&mut svg, (20.0, y), "small", note);
+            write_text(&mut svg, (20.0, bottom + NOTE_LINE * line as f64), "small", note);
         }
         svg + "</svg>\n"
+    }
+
+    fn width_px(&self) -> f64 {
+        self.grid.map_or(WIDTH, |grid| grid.width_px)
+    }
+
+    fn note_letters(&self) -> usize {
+        (NOTE_LETTERS as f64 * self.width_px() / WIDTH) as usize
+    }
+
+    /// Room for the panels' own titles.
+    fn above_panel_px(&self) -> f64 {
+        let is_title = |mark: &Mark| matches!(mark, Mark::Title(_));
+        if self.panels.iter().any(|panel| panel.marks.iter().any(is_title)) { TITLE_LINE } else { 0.0 }
     }
 }
 
@@ -193,8 +185,22 @@ struct Area {
     height: f64,
 }
 
+/// What is written beside a panel, and how large its markers are.
+struct Words {
+    ticks: bool,
+    label: bool,
+    size: f64,
+}
+
 impl Panel {
-    fn write(&self, svg: &mut String, area: &Area, names: bool) {
+    /// Room for what stands below it, px.
+    fn below_px(&self) -> f64 {
+        let lines = self.x.ticks().iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1);
+        let of_label = if self.x.label.is_empty() { LABEL_LINE } else { 0.0 };
+        BELOW_AXIS + NOTE_LINE * (lines - 1) as f64 - of_label
+    }
+
+    fn write(&self, svg: &mut String, area: &Area, words: &Words) {
         let (right, bottom) = (area.x + area.width, area.y + area.height);
         let at = |(x, y): (f64, f64)| {
             let up = self.y.share(y);
@@ -215,22 +221,27 @@ impl Panel {
                 Scale::Rows(_) => {}
                 _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
             }
-            if names {
+            if words.ticks {
                 write_text(svg, (area.x - 9.0, y + 4.5), "end", &told);
             }
         }
+        let mut below_ticks = 0.0;
         for (value, told) in self.x.ticks() {
             let x = at((value, self.y.range.0)).0;
             write_stroke(svg, "grid", (x, area.y), (x, bottom));
-            write_text(svg, (x, bottom + 18.0), "mid", &told);
+            for (line, told) in told.lines().enumerate() {
+                let class = if line == 0 { "mid" } else { "mid small" };
+                write_text(svg, (x, bottom + 18.0 + NOTE_LINE * line as f64), class, told);
+            }
+            below_ticks = NOTE_LINE * (told.lines().count().max(1) - 1) as f64;
         }
         let _ = writeln!(
             svg,
             "<rect class=\"axis\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
             area.x, area.y, area.width, area.height
         );
-        write_text(svg, (area.x + area.width / 2.0, bottom + 38.0), "mid", &self.x.label);
-        if names && !self.y.label.is_empty() {
+        write_text(svg, (area.x + area.width / 2.0, bottom + 38.0 + below_ticks), "mid", &self.x.label);
+        if words.label && !self.y.label.is_empty() {
             let (x, y) = (area.x - 50.0, area.y + area.height / 2.0);
             let told = escaped(&self.y.label);
             let _ =
@@ -241,12 +252,16 @@ impl Panel {
                 Mark::Curve(look, points) => {
                     let points: Vec<(f64, f64)> = points.iter().map(|point| at(*point)).collect();
                     write_line(svg, *look, &points);
-                    points.into_iter().for_each(|point| write_marker(svg, *look, point));
+                    points.into_iter().for_each(|point| write_marker(svg, *look, point, words.size));
                 }
                 Mark::Ring(point) => {
                     let (x, y) = at(*point);
                     let _ = writeln!(svg, "<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"9\"/>");
                 }
+                Mark::Bar(hue, value, (from, to)) => {
+                    write_stroke(svg, &format!("{} bar", hue.name()), at((*value, *from)), at((*value, *to)));
+                }
+                Mark::Title(told) => write_text(svg, (area.x, area.y - 9.0), "head", told),
                 Mark::At(value, told) => {
                     let x = at((*value, self.y.range.0)).0;
                     write_stroke(svg, "rule", (x, area.y), (x, bottom));
@@ -271,39 +286,6 @@ impl Panel {
     }
 }
 
-fn write_line(svg: &mut String, look: Look, points: &[(f64, f64)]) {
-    let dashed = match look.line {
-        Line::None => return,
-        Line::Solid => "",
-        Line::Dashed => " dashed",
-    };
-    let path: String = points.iter().map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
-    let _ = writeln!(svg, "<polyline class=\"{} line{dashed}\" points=\"{}\"/>", look.hue.name(), path.trim_end());
-}
-
-fn write_marker(svg: &mut String, look: Look, (x, y): (f64, f64)) {
-    let Some(shape) = look.shape else { return };
-    let class = format!("{} mark{}", look.hue.name(), if look.filled { "" } else { " hollow" });
-    let polygon = |corners: &[(f64, f64)]| {
-        let points: String = corners.iter().map(|(dx, dy)| format!("{:.1},{:.1} ", x + dx, y + dy)).collect();
-        format!("<polygon class=\"{class}\" points=\"{}\"/>", points.trim_end())
-    };
-    let drawn = match shape {
-        Shape::Circle => format!("<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.2\"/>"),
-        Shape::Square => polygon(&[(-3.8, -3.8), (3.8, -3.8), (3.8, 3.8), (-3.8, 3.8)]),
-        Shape::Triangle => polygon(&[(0.0, -5.2), (4.8, 3.6), (-4.8, 3.6)]),
-        Shape::Diamond => polygon(&[(0.0, -5.4), (5.4, 0.0), (0.0, 5.4), (-5.4, 0.0)]),
-        Shape::Cross => {
-            let (left, right, up, down) = (x - 4.0, x + 4.0, y - 4.0, y + 4.0);
-            format!(
-                "<path class=\"{class}\" d=\"M{left:.1} {up:.1}L{right:.1} {down:.1}M{left:.1} {down:.1}L{right:.1} {up:.1}\"/>"
-            )
-        }
-    };
-    svg.push_str(&drawn);
-    svg.push('\n');
-}
-
 fn write_stroke(svg: &mut String, class: &str, from: (f64, f64), to: (f64, f64)) {
     let ((x1, y1), (x2, y2)) = (from, to);
     let _ = writeln!(svg, "<line class=\"{class}\" x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\"/>");
@@ -311,17 +293,6 @@ fn write_stroke(svg: &mut String, class: &str, from: (f64, f64), to: (f64, f64))
 
 fn write_text(svg: &mut String, (x, y): (f64, f64), class: &str, told: &str) {
     let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escaped(told));
-}
-
-impl Hue {
-    fn name(self) -> &'static str {
-        match self {
-            Hue::Blue => "blue",
-            Hue::Orange => "orange",
-            Hue::Green => "green",
-            Hue::Grey => "grey",
-        }
-    }
 }
 
 fn escaped(text: &str) -> String {

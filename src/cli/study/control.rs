@@ -1,73 +1,19 @@
-//! `palpate study`: measures the force loop in simulation and draws what was found.
+//! `palpate study control`: how fast and how near each strategy presses.
 
-use super::exit::Failure;
-use super::summary::print;
+use super::{Begun, Common, number};
+use crate::cli::exit::Failure;
 use crate::control::Strategy;
-use crate::dataset::DatasetError;
-use crate::study::{Findings, Outcome, Part, Size, StudyError, control, figures};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::fs;
-use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use crate::study::{Findings, Outcome, Part, Size, control, figures};
+use std::path::Path;
 use std::process::ExitCode;
 
-const EXAMPLES: &str = "\
-Examples:
-  palpate study control
-  palpate study control --out study-2 --json
-  palpate study control --quick";
-
-/// Measure how fast and how near each strategy presses, in simulation
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
-pub struct Args {
-    #[command(subcommand)]
-    study: Study,
-}
-
-#[derive(Debug, clap::Subcommand)]
-enum Study {
-    /// The force loop: every strategy under every condition, a minute or two
-    #[command(after_help = EXAMPLES)]
-    Control(ControlArgs),
-}
-
-#[derive(Debug, clap::Args)]
-struct ControlArgs {
-    /// The folder to make for figures and rows
-    #[arg(long, value_name = "DIR", default_value = "study-control")]
-    out: PathBuf,
-    /// Print one JSON object for each strategy and condition, not a summary
-    #[arg(long)]
-    json: bool,
-    /// A few presses each: a first look in seconds, whose numbers mean little
-    #[arg(long)]
-    quick: bool,
-    /// What the specimen and all noise are drawn from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-}
-
-/// Carries a study out, writes its figures and prints what was found.
-pub fn study(args: &Args) -> Result<ExitCode, Failure> {
-    let Study::Control(args) = &args.study;
-    if args.out.symlink_metadata().is_ok() {
-        return Err(Failure::dataset(DatasetError::Exists { path: args.out.clone() }));
-    }
+/// Carries the study out, writes its figures and prints what was found.
+pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(args, "control")?;
     let size = if args.quick { Size::QUICK } else { Size::WHOLE };
-    let bar = bar();
-    let told = |done: usize, of: usize| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    };
-    let findings = control(size, args.seed, &told).map_err(failure)?;
-    bar.finish_and_clear();
-    let rows = findings.ndjson();
-    let figures = figures(&findings);
-    let files = figures.iter().map(|(name, svg)| (*name, svg.as_str())).chain([("rows.ndjson", rows.as_str())]);
-    write(&args.out, files).map_err(Failure::dataset)?;
-    print(&if args.json { rows.clone() } else { summary(&findings, &args.out) })?;
-    Ok(ExitCode::SUCCESS)
+    let findings = begun.carried(control(size, args.seed, &begun.told()))?;
+    let figures = figures(&findings).into_iter().map(|(name, svg)| (name.to_owned(), svg)).collect();
+    begun.end(figures, findings.ndjson(), |out| summary(&findings, out))
 }
 
 /// What was found, in at most 80 columns.
@@ -160,40 +106,4 @@ fn summary(findings: &Findings, out: &Path) -> String {
     }
     line(format!("\nfigures and rows: {}", out.display()));
     text
-}
-
-fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
-}
-
-/// How far the study is, for a person who watches.
-fn bar() -> ProgressBar {
-    let is_watched = std::io::stderr().is_terminal();
-    let target = if is_watched { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(None, target);
-    match ProgressStyle::with_template("[{bar:22}] {pos:>5}/{len} conditions, {elapsed}") {
-        Ok(style) => bar.with_style(style),
-        Err(_) => bar,
-    }
-}
-
-/// Makes the folder with its files.
-fn write<'a>(folder: &Path, files: impl Iterator<Item = (&'a str, &'a str)>) -> Result<(), DatasetError> {
-    let io = |doing, path: &Path| DatasetError::io(doing, path.to_owned());
-    if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        fs::create_dir_all(parent).map_err(io("making", parent))?;
-    }
-    fs::create_dir(folder).map_err(io("making", folder))?;
-    for (name, text) in files {
-        let path = folder.join(name);
-        fs::write(&path, text).map_err(io("writing", &path))?;
-    }
-    Ok(())
-}
-
-fn failure(error: StudyError) -> Failure {
-    match error {
-        StudyError::Problems(problems) => Failure::usage(problems),
-        StudyError::System(_) => Failure::unwritten(error),
-    }
 }

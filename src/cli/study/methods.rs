@@ -1,0 +1,190 @@
+//! `palpate study speed-accuracy | budget | failures`: the methods that solve.
+
+use super::{Begun, Common, number};
+use crate::cli::exit::Failure;
+use crate::cli::sources::read_rig;
+use crate::dataset::RunFolder;
+use crate::dataset::table::Table;
+use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use crate::study::methods;
+use crate::study::methods::{
+    BudgetSize, CONDITIONS, FailuresSize, Method, Noise, Row, Rows, Trial, budget_figures, failure_figures, of_run,
+    of_tables, speed_accuracy_figures, told,
+};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate study speed-accuracy
+  palpate study speed-accuracy runs/paper
+  palpate study speed-accuracy --calibration grid.csv --test random.csv
+
+Without a run or tables: the paper's array, simulated, with the noise of its Table 1 as a share
+of full scale (T) and of the reading (Q).";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct SpeedAccuracy {
+    /// A run folder: its calibration presses against its test presses
+    run: Option<PathBuf>,
+    /// A table of presses to calibrate on
+    #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
+    calibration: Option<PathBuf>,
+    /// A table of presses to solve; without force_n, location only
+    #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
+    test: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Simulated: presses along a side of the calibration, and test contacts.
+const SIMULATED: (usize, usize) = (25, 10_000);
+const QUICK: (usize, usize) = (7, 100);
+
+/// How near each method comes against the time of a solve.
+pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(&args.common, "speed-accuracy")?;
+    let trials = match (&args.run, &args.calibration, &args.test) {
+        (Some(run), ..) => vec![read_run(run)?],
+        (None, Some(calibration), Some(test)) => {
+            let calibration = Table::read(calibration).map_err(Failure::usage)?;
+            let test = Table::read(test).map_err(Failure::usage)?;
+            vec![of_tables(&calibration, &test).map_err(Failure::usage)?]
+        }
+        _ => {
+            let (side, tests) = if args.common.quick { QUICK } else { SIMULATED };
+            begun.carried(Trial::simulated(side, tests, args.common.seed))?
+        }
+    };
+    let titles: Vec<_> = trials.iter().map(told).collect();
+    let found = begun.carried(Ok(methods::speed_accuracy(&trials, &begun.told())))?;
+    begun.end(speed_accuracy_figures(&titles, &found), found.ndjson(), |out| {
+        let mut text = String::new();
+        for (scene, told, _) in &titles {
+            text += &speed_accuracy_table(told, found.rows.iter().filter(|row| row.scene == *scene));
+        }
+        text + "*: no other method is both faster and nearer; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
+    })
+}
+
+/// How near each method comes against the number of presses.
+pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(args, "budget")?;
+    let size = if args.quick { BudgetSize::QUICK } else { BudgetSize::WHOLE };
+    let found = begun.carried(methods::budget(size, args.seed, &begun.told()))?;
+    begun.end(budget_figures(&found), found.ndjson(), |out| {
+        let tables = Noise::ALL.map(|noise| budget_table(noise, &found)).concat();
+        let minutes = format!("minutes: {} s a press, map on the fast bench; bound: Cramér-Rao\n", methods::PRESS_S);
+        format!("location error, mean, mm, by calibration presses\n\n{tables}{minutes}") + &ended(out)
+    })
+}
+
+/// Where each method fails.
+pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(args, "failures")?;
+    let size = if args.quick { FailuresSize::QUICK } else { FailuresSize::WHOLE };
+    let found = begun.carried(methods::failures(size, args.seed, &begun.told()))?;
+    begun.end(failure_figures(&found), found.ndjson(), |out| {
+        let tables = Noise::ALL.map(|noise| breaks(noise, &found) + &silent(noise, &found)).concat();
+        tables + "rows and figures have every value between\n" + &ended(out)
+    })
+}
+
+fn read_run(run: &Path) -> Result<Trial, Failure> {
+    let manifest = RunFolder::read_manifest(run).map_err(Failure::usage)?;
+    let table = RunFolder::read_presses(run).map_err(Failure::usage)?;
+    let spec = read_rig(&run.join("rig.toml"))?.1;
+    let name = run.file_name().map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned());
+    of_run(&name, &table, &spec, manifest.seed).map_err(Failure::usage)
+}
+
+fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a Row>) -> String {
+    let mut text = format!(
+        "{told}\n{:<18}{:>8}{:>8}{:>8}{:>9}{:>9}{:>8}{:>8}\n",
+        "", "mean mm", "+-", "p95", "force N", "ns", "wrong", "silent"
+    );
+    let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+    let (mut bound, mut refusals) = (None, String::new());
+    for row in rows {
+        let best = if row.pareto == Some(true) { " *" } else { "" };
+        let _ = writeln!(
+            text,
+            "{:<18}{:>8}{:>8}{:>8}{:>9}{:>9}{:>8}{:>8}{best}",
+            row.solver,
+            number(row.mean_mm(), 3),
+            number(row.location_error_within_mm, 3),
+            number(row.location_error_mm.map(|error| error.p95), 2),
+            number(row.force_error_n.map(|error| error.mean), 4),
+            number(row.ns_per_solve, 0),
+            percent(row.wrong),
+            percent(row.wrong_unflagged),
+        );
+        if let Some(refused) = &row.refused {
+            let _ = writeln!(refusals, "{}: {refused}", row.solver);
+        }
+        bound = bound.or(row.location_bound_mm.zip(row.bound).zip(row.force_bound_n));
+    }
+    if let Some(((location_mm, whose), force_n)) = bound {
+        let _ = writeln!(text, "{:<18}{location_mm:>8.3}{:>25.4}  {whose}", "bound", force_n);
+    }
+    text + &refusals + "\n"
+}
+
+fn budget_table(noise: Noise, found: &Rows) -> String {
+    let presses: Vec<&Row> =
+        found.rows.iter().filter(|row| row.scene == noise.name() && row.solver == "best").collect();
+    let line = |name: &str, cell: &dyn Fn(&Row) -> String, rows: &[&Row]| {
+        let cells: String = rows.iter().map(|row| format!("{:>7}", cell(row))).collect();
+        format!("{name:<18}{cells}\n")
+    };
+    let mut text = line(noise.told().split(':').next().unwrap_or_default(), &|row| row.value.to_string(), &presses);
+    text += &line("minutes", &|row| number(row.minutes, 1), &presses);
+    for solver in Method::names() {
+        let rows: Vec<&Row> =
+            found.rows.iter().filter(|row| row.scene == noise.name() && row.solver == solver).collect();
+        text += &line(solver, &|row| number(row.mean_mm(), 3), &rows);
+    }
+    text + &line("bound", &|row| number(row.location_bound_mm, 3), &presses) + "\n"
+}
+
+/// At which value of each condition a method's mean error exceeds the paper's reference.
+fn breaks(noise: Noise, found: &Rows) -> String {
+    let cell = |solver: &str, harm: &methods::Harm| {
+        let rows: Vec<&Row> = found.of(noise.name(), solver, harm.name).collect();
+        let is_good = |row: &Row| {
+            let force_n = row.force_error_n.map_or(0.0, |error| error.mean);
+            row.mean_mm().is_some_and(|mm| mm <= LOCATION_REFERENCE_MM) && force_n <= FORCE_REFERENCE_N
+        };
+        let broken = rows.iter().find(|row| !is_good(row));
+        broken.map_or("-".to_owned(), |row| row.told.map_or(row.value.to_string(), str::to_owned))
+    };
+    format!("{}\nfirst value with a mean error over 1 mm or 0.1 N (-: none)\n", noise.told()) + &table(&cell)
+}
+
+/// The largest share of a method's answers that are wrong and not flagged.
+fn silent(noise: Noise, found: &Rows) -> String {
+    let cell = |solver: &str, harm: &methods::Harm| {
+        let shares = found.of(noise.name(), solver, harm.name).filter_map(|row| row.wrong_unflagged);
+        format!("{:.0}", 100.0 * shares.fold(0.0, f64::max))
+    };
+    "wrong and not flagged, at the worst value, %\n".to_owned() + &table(&cell)
+}
+
+/// A line a condition, a column a method.
+fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
+    let short = |solver: &'static str| solver.rsplit('-').next().unwrap_or(solver);
+    let line = |first: &str, cell: &dyn Fn(&'static str) -> String| {
+        let cells: String =
+            Method::names().map(|solver| format!("{:>1$}", cell(solver), short(solver).len().max(6) + 1)).collect();
+        format!("{first:<13}{cells}\n")
+    };
+    let head = line("", &|solver| short(solver).to_owned());
+    let lines = CONDITIONS.iter().map(|harm| line(harm.name, &|solver| cell(solver, harm)));
+    head + &lines.collect::<String>() + "\n"
+}
+
+fn ended(out: &Path) -> String {
+    format!("figures and rows: {}\n", out.display())
+}

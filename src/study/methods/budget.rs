@@ -1,0 +1,126 @@
+//! How many calibration presses each method needs.
+
+use super::cramer_rao::Least;
+use super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Readings, Specimen, anywhere, grid};
+use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally};
+use super::{Rows, Told};
+use crate::quantity::stream;
+use crate::solver::Setting;
+use crate::study::StudyError;
+use crate::study::parallel::in_parallel;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// What is varied, as it stands in rows.
+pub const BUDGET: &str = "calibration presses";
+/// Presses along a side of the square, the most first: they take longest.
+pub const SIDES: [usize; 8] = [25, 19, 13, 9, 7, 5, 4, 3];
+/// The same for a first look.
+const QUICK_SIDES: [usize; 3] = [7, 5, 3];
+/// From one calibration press to the next, s: the median of `palpate study control` for places 0.5 mm apart, by the strategy
+/// `map` on the fast bench, 10 mN.
+pub const PRESS_S: f64 = 0.755;
+/// How one specimen differs from the next: gains % and depths %, and places mm.
+const GAIN_SPREAD_PERCENT: f64 = 20.0;
+const DEPTH_SPREAD_PERCENT: f64 = 5.0;
+const PLACE_SPREAD_MM: f64 = 0.1;
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Presses along a side.
+    sides: &'static [usize],
+    /// Specimens, each calibrated once with each number of presses.
+    pub specimens: usize,
+    /// Contacts that each calibration is tested with.
+    pub tests: usize,
+}
+
+impl Size {
+    /// The whole study.
+    pub const WHOLE: Size = Size { sides: &SIDES, specimens: 6, tests: 1000 };
+    /// For a first look, and for tests.
+    pub const QUICK: Size = Size { sides: &QUICK_SIDES, specimens: 1, tests: 60 };
+}
+
+/// Calibrates every method with ever fewer presses.
+///
+/// # Errors
+/// None in practice: simulated presses can be calibrated on.
+pub fn budget(size: Size, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
+    let mut jobs = Vec::new();
+    for &side in size.sides {
+        for noise in Noise::ALL {
+            jobs.extend((0..size.specimens).map(|specimen| (noise, side, specimen)));
+        }
+    }
+    let done = AtomicUsize::new(0);
+    let tried = in_parallel(&jobs, |&(noise, side, specimen)| {
+        let tried = calibrate(noise, side, size.tests, seed.wrapping_add(specimen as u64));
+        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
+        tried
+    });
+    let tried = tried.into_iter().collect::<Result<Vec<Tried>, StudyError>>()?;
+    let mut rows = Vec::new();
+    for noise in Noise::ALL {
+        for &side in size.sides.iter().rev() {
+            let of_it: Vec<&Tried> = jobs
+                .iter()
+                .zip(&tried)
+                .filter(|((its, its_side, _), _)| (*its, *its_side) == (noise, side))
+                .map(|(_, tried)| tried)
+                .collect();
+            rows.extend(Method::names().enumerate().map(|(index, solver)| {
+                let mut sum = Tally::default();
+                of_it.iter().for_each(|tried| sum.add(tried.tallies[index].clone()));
+                row(noise, side, solver, &sum, mean(of_it.iter().map(|tried| tried.least)))
+            }));
+        }
+    }
+    Ok(Rows { rows })
+}
+
+/// What every method made of one calibration.
+struct Tried {
+    tallies: Vec<Tally>,
+    least: Option<Least>,
+}
+
+fn calibrate(noise: Noise, side: usize, tests: usize, seed: u64) -> Result<Tried, StudyError> {
+    let specimen = Specimen::papers(noise).with(|skin| {
+        skin.taxels.gain_spread_percent = GAIN_SPREAD_PERCENT;
+        skin.taxels.place_spread_mm = PLACE_SPREAD_MM;
+        skin.taxels.depth_spread_percent = DEPTH_SPREAD_PERCENT;
+    });
+    let mut skin = specimen.skin(seed);
+    let presses = Readings::of(&mut skin, &grid(side), &mut stream(seed, side as u64, "calibration noise"));
+    let touches = anywhere(tests, FORCES_N, &mut stream(seed, 0, "test contacts"));
+    let test = Readings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
+    let methods = Method::all(&presses.calibration()?, &Setting::of_layout(Some(&specimen.layout)));
+    Ok(Tried {
+        tallies: methods.iter().map(|method| Tally::of(method, &test)).collect(),
+        least: Least::over(&skin, &specimen.skin, FULL_SCALE_N, &test),
+    })
+}
+
+fn row(noise: Noise, side: usize, solver: &'static str, sum: &Tally, least: Option<Least>) -> Row {
+    let presses = side * side;
+    let heading = Heading {
+        study: "budget",
+        scene: noise.name().to_owned(),
+        condition: BUDGET,
+        value: presses as f64,
+        told: None,
+        calibration_presses: presses,
+    };
+    let minutes = Some((presses as f64 * PRESS_S / 60.0 * 1e3).round() / 1e3);
+    Row { minutes, ..sum.row(solver, heading, least.map(|least| (least, CRAMER_RAO))) }
+}
+
+/// The mean over specimens; none if one has none.
+fn mean(bounds: impl Iterator<Item = Option<Least>>) -> Option<Least> {
+    let bounds = bounds.collect::<Option<Vec<Least>>>()?;
+    let count = bounds.len() as f64;
+    let sum = |of: fn(&Least) -> f64| bounds.iter().map(of).sum::<f64>() / count;
+    (!bounds.is_empty())
+        .then(|| Least { location_mm: sum(|least| least.location_mm), force_n: sum(|least| least.force_n) })
+}

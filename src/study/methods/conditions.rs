@@ -1,0 +1,263 @@
+//! What makes methods fail: one thing at a time, from harmless to past bearing.
+
+use super::specimen::{CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, Noise, Specimen, Touch, anywhere};
+use crate::mechanics::Medium;
+use crate::quantity::{Place, Stream};
+use crate::scene::{Converter, Elastomer, SkinSpec, TaxelFault, TaxelFaultKind};
+use rand::RngExt;
+use std::f64::consts::TAU;
+
+/// One thing that is varied.
+#[derive(Clone, Copy, Debug)]
+pub struct Harm {
+    /// As it stands in rows.
+    pub name: &'static str,
+    /// For a person, with the unit.
+    pub label: &'static str,
+    /// How its values are spread along an axis.
+    pub spread: Spread,
+    /// From harmless to harmful.
+    pub values: &'static [f64],
+    kind: Kind,
+}
+
+/// How values are spread along an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Spread {
+    /// Evenly.
+    Linear,
+    /// By their logarithm.
+    Log,
+    /// Value i is no quantity but this.
+    Words(&'static [&'static str]),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Force,
+    Outside,
+    Units,
+    Spacing,
+    Noise,
+    Bits,
+    Dead,
+    Stuck,
+    Drift,
+    Baseline,
+    Second,
+    Physics,
+}
+
+/// All of them, in the order of the figures.
+pub const CONDITIONS: [Harm; 12] = [
+    harm(Kind::Force, "low force", "force, N", Spread::Log, &[1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005]),
+    harm(Kind::Outside, "beyond grid", "beyond the grid, mm", Spread::Linear, &[0.0, 0.25, 0.5, 1.0, 1.5, 2.0]),
+    harm(Kind::Units, "few units", "units along a side, on 9 mm", Spread::Linear, &[5.0, 4.0, 3.0, 2.0]),
+    harm(
+        Kind::Spacing,
+        "spacing",
+        "pitch / depth, 3 x 3 units",
+        Spread::Linear,
+        &[0.9, 1.2, 0.6, 1.6, 0.4, 2.0, 0.2, 2.5],
+    ),
+    harm(Kind::Noise, "noise", "noise, times that of Table 1", Spread::Log, &[1.0, 2.0, 5.0, 10.0, 20.0, 50.0]),
+    harm(Kind::Bits, "few bits", "converter, bits over ±10 N", Spread::Linear, &[16.0, 14.0, 12.0, 10.0, 8.0, 7.0]),
+    harm(
+        Kind::Dead,
+        "dead unit",
+        "unit that dies after calibration",
+        Spread::Words(&["none", "corner", "edge", "centre"]),
+        &[0.0, 1.0, 2.0, 3.0],
+    ),
+    harm(Kind::Stuck, "stuck unit", "centre unit stuck at, N", Spread::Linear, &[0.0, 0.25, 0.5, 1.0, 2.0]),
+    harm(
+        Kind::Drift,
+        "gain drift",
+        "gain drift of the centre unit, %",
+        Spread::Linear,
+        &[0.0, 2.0, -2.0, 5.0, -5.0, 10.0, -10.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0],
+    ),
+    harm(Kind::Baseline, "offset", "offset of all units, N", Spread::Linear, &[0.0, 0.005, 0.01, 0.02, 0.05, 0.1]),
+    harm(
+        Kind::Second,
+        "two contacts",
+        "distance of two contacts, mm",
+        Spread::Linear,
+        &[0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0],
+    ),
+    harm(
+        Kind::Physics,
+        "physics",
+        "physical terms",
+        Spread::Words(&["none", "punch", "disc", "units", "layer", "all"]),
+        &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
+    ),
+];
+
+/// What the words on the axes of the figures mean.
+pub const MEANINGS: [&str; 3] = [
+    "Forces are 0.1 to 1 N where nothing else is said, and one thing is changed at a time. offset, stuck: 1 N is what a unit reads of 1 N straight above. dead, stuck, drift, offset: after calibration. noise: of the test \
+     alone. units and spacing: all units as noisy as Table 1 on average.",
+    "two contacts: 0.5 N each; error to the nearer one, wrong where farther than 1 mm from both.",
+    "physics, in calibration and test: flat punch of 0.5 mm radius; units read discs of 1 mm radius; units' gains ±20 %, places ±0.1 mm, \
+     depths ±5 %; layer bonded to a rigid base, Poisson's ratio 0.49; all of these.",
+];
+
+/// A second contact presses as hard as the first, N.
+const EACH_N: f64 = 0.5;
+
+const fn harm(kind: Kind, name: &'static str, label: &'static str, spread: Spread, values: &'static [f64]) -> Harm {
+    Harm { name, label, spread, values, kind }
+}
+
+/// One value of one condition.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// What is calibrated.
+    pub calibrated: Specimen,
+    /// What has become of it when it is tested.
+    pub tested: Specimen,
+    /// Whether the map of the calibration is that of the test, so that there is a bound.
+    pub map_is_known: bool,
+}
+
+impl Harm {
+    /// A value in words, where it is no quantity.
+    pub fn words(&self, value: f64) -> Option<&'static str> {
+        match self.spread {
+            Spread::Words(words) => words.get(value as usize).copied(),
+            Spread::Linear | Spread::Log => None,
+        }
+    }
+
+    /// What is calibrated and tested at a value.
+    pub fn case(&self, noise: Noise, value: f64) -> Case {
+        let papers = Specimen::papers(noise);
+        let same = |specimen: Specimen| Case { tested: specimen.clone(), calibrated: specimen, map_is_known: true };
+        let after = |tested: Specimen| Case { map_is_known: tested == papers, calibrated: papers.clone(), tested };
+        let fault = |unit: usize, kind| after(papers.with(|skin| skin.faults = vec![TaxelFault { unit, kind }]));
+        match self.kind {
+            Kind::Force | Kind::Outside | Kind::Second => same(papers),
+            Kind::Units => {
+                let side = value as usize;
+                same(Specimen::square(noise, side, 9.0 / (side - 1) as f64))
+            }
+            Kind::Spacing => same(Specimen::square(noise, 3, value * DEPTH_MM)),
+            Kind::Noise => {
+                let louder = papers.with(|skin| {
+                    if let Some(noise) = &mut skin.noise {
+                        noise.repeatability_percent.iter_mut().for_each(|percent| *percent *= value);
+                        noise.floor *= value;
+                    }
+                });
+                Case { map_is_known: true, ..after(louder) }
+            }
+            Kind::Bits => {
+                same(papers.with(|skin| skin.converter = Some(Converter { bits: value as u32, ..CONVERTER })))
+            }
+            Kind::Dead => match value as usize {
+                0 => same(papers),
+                // corner, edge, centre of the paper's nine
+                which => fault([1, 2, 5][(which - 1).min(2)], TaxelFaultKind::Dead),
+            },
+            Kind::Stuck => fault(5, TaxelFaultKind::Stuck(value)),
+            Kind::Drift if value == 0.0 => same(papers),
+            Kind::Drift => fault(5, TaxelFaultKind::Drifted(value)),
+            Kind::Baseline => after(papers.with(|skin| skin.taxels.baseline = value)),
+            Kind::Physics => same(papers.with(|skin| add_terms(skin, value as usize))),
+        }
+    }
+
+    /// What presses at a value: the same places and forces at each as far as they aren't what is varied.
+    pub fn touches(&self, value: f64, count: usize, rng: &mut Stream) -> Vec<Touch> {
+        match self.kind {
+            Kind::Force => anywhere(count, (value, value), rng),
+            Kind::Outside => anywhere(count, FORCES_N, rng).into_iter().map(|touch| beyond(touch, value)).collect(),
+            Kind::Second => (0..count).map(|_| pair(value, rng)).collect(),
+            _ => anywhere(count, FORCES_N, rng),
+        }
+    }
+}
+
+/// A contact moved straight out to the edge of the grid and so far beyond it, mm.
+fn beyond(touch: Touch, beyond_mm: f64) -> Touch {
+    let Place { x_mm, y_mm } = touch.place;
+    let far_mm = x_mm.abs().max(y_mm.abs()).max(f64::MIN_POSITIVE);
+    let times = (HALF_MM + beyond_mm) / far_mm;
+    Touch { place: Place::new(times * x_mm, times * y_mm), ..touch }
+}
+
+/// Two contacts so far apart, mm, both on the grid.
+fn pair(apart_mm: f64, rng: &mut Stream) -> Touch {
+    let mut coordinate = || rng.random_range(-HALF_MM..=HALF_MM);
+    loop {
+        let (x_mm, y_mm) = (coordinate(), coordinate());
+        let (sin, cos) = (coordinate() / (2.0 * HALF_MM) * TAU).sin_cos();
+        let second = Place::new(x_mm + apart_mm * cos, y_mm + apart_mm * sin);
+        if second.x_mm.abs() <= HALF_MM && second.y_mm.abs() <= HALF_MM {
+            return Touch { place: Place::new(x_mm, y_mm), force_n: EACH_N, second: Some(second) };
+        }
+    }
+}
+
+/// Turns on one of the physical terms, or all.
+fn add_terms(skin: &mut SkinSpec, which: usize) {
+    const ALL: usize = 5;
+    let has = |term: usize| which == term || which == ALL;
+    if has(1) {
+        skin.indenter_radius_mm = 0.5;
+    }
+    if has(2) {
+        skin.taxels.radius_mm = 1.0;
+    }
+    if has(3) {
+        skin.taxels.gain_spread_percent = 20.0;
+        skin.taxels.place_spread_mm = 0.1;
+        skin.taxels.depth_spread_percent = 5.0;
+    }
+    if has(4) {
+        skin.elastomer = Some(Elastomer { depth_mm: DEPTH_MM, medium: Medium::BondedLayer { poisson_ratio: 0.49 } });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::stream;
+
+    #[test]
+    fn contacts_are_where_they_are_meant_to_be() {
+        let rng = || stream(1, 0, "test");
+        let of = |kind| CONDITIONS.iter().find(|harm| harm.kind == kind).unwrap();
+        for touch in of(Kind::Outside).touches(1.5, 100, &mut rng()) {
+            assert!((touch.place.x_mm.abs().max(touch.place.y_mm.abs()) - 7.5).abs() < 1e-9, "{touch:?}");
+        }
+        for touch in of(Kind::Second).touches(8.0, 100, &mut rng()) {
+            assert!((touch.place.distance_mm(touch.second.unwrap()) - 8.0).abs() < 1e-9, "{touch:?}");
+        }
+        assert!(of(Kind::Force).touches(0.05, 10, &mut rng()).iter().all(|touch| touch.force_n == 0.05));
+        assert!(of(Kind::Bits).touches(8.0, 50, &mut rng()).iter().all(|touch| touch.force_n <= FORCES_N.1));
+    }
+
+    #[test]
+    fn the_first_value_is_harmless_where_there_is_such_a_one_and_shares_its_calibration() {
+        for harm in CONDITIONS.iter().filter(|harm| harm.kind != Kind::Stuck) {
+            let case = harm.case(Noise::T, harm.values[0]);
+            assert_eq!(case.calibrated, case.tested, "{}", harm.name);
+            assert!(case.map_is_known, "{}", harm.name);
+        }
+        let calibrations = |noise| {
+            let mut all: Vec<Specimen> = Vec::new();
+            for harm in CONDITIONS {
+                for value in harm.values {
+                    let calibrated = harm.case(noise, *value).calibrated;
+                    if !all.contains(&calibrated) {
+                        all.push(calibrated);
+                    }
+                }
+            }
+            all.len()
+        };
+        assert_eq!(calibrations(Noise::Q), 22, "the paper's, and those that can't share it");
+    }
+}

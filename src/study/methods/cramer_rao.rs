@@ -1,0 +1,204 @@
+//! The least error there is: the bound of Cramer and Rao on any unbiased method that knows the specimen's response exactly.
+//!
+//! A reading's expectation is the skin's noise-free output; its derivatives by x, y and force, weighed by the noise of the
+//! reading, make the information, and the inverse of that the covariance. What a signal-dependent variance tells by itself is
+//! left out, and so is the noise of a calibration. A method that knows that contacts lie in an area, or averages, is biased and
+//! can do better where the bound is large: at low force, and in the corners.
+
+use super::specimen::{Readings, Truth};
+use crate::quantity::Place;
+use crate::scene::{NoiseOf, Skin, SkinSpec, TaxelFaultKind};
+use crate::solver::Covariance;
+use nalgebra::Matrix3;
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
+
+/// Half the way over which a slope is taken, mm.
+const STEP_MM: f64 = 1e-3;
+/// A covariance larger than this is a matrix without an inverse, mm^2 and N^2.
+const MOST: f64 = 1e6;
+
+/// Standard deviation of a unit's error, reading units: of the noise, and of the converter's rounding (a step over the root of
+/// 12). None: the unit says nothing.
+fn error_sd(spec: &SkinSpec, full_scale_n: f64, unit: usize, reading: f64) -> Option<f64> {
+    for fault in spec.faults.iter().filter(|fault| fault.unit == unit + 1) {
+        match fault.kind {
+            TaxelFaultKind::Dead | TaxelFaultKind::Stuck(_) => return None,
+            TaxelFaultKind::Clipped(most) if reading > most => return None,
+            TaxelFaultKind::Clipped(_) | TaxelFaultKind::Drifted(_) => {}
+        }
+    }
+    let of_noise = spec.noise.as_ref().map_or(0.0, |noise| {
+        let share = noise.repeatability_percent.get(unit).map_or(0.0, |percent| percent / 300.0);
+        let scale = match noise.of {
+            NoiseOf::FullScale => full_scale_n,
+            NoiseOf::Reading => reading,
+        };
+        (share * scale).hypot(noise.floor)
+    });
+    let step = spec.converter.map_or(0.0, |converter| 2.0 * converter.range / 2f64.powi(converter.bits.cast_signed()));
+    Some(of_noise.hypot(step / 12f64.sqrt())).filter(|sd| *sd > 0.0)
+}
+
+/// The covariance of x (mm), y (mm) and force (N) that no unbiased method gets below; none where the units don't tell all three.
+pub fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, force_n: f64) -> Option<Covariance> {
+    let outputs = |x_mm: f64, y_mm: f64| {
+        let mut outputs = vec![0.0; skin.len()];
+        skin.add_load(1.0, Place::new(x_mm, y_mm), &mut outputs);
+        outputs
+    };
+    let Place { x_mm, y_mm } = place;
+    let here = outputs(x_mm, y_mm);
+    let sides = [
+        [outputs(x_mm + STEP_MM, y_mm), outputs(x_mm - STEP_MM, y_mm)],
+        [outputs(x_mm, y_mm + STEP_MM), outputs(x_mm, y_mm - STEP_MM)],
+    ];
+    let mut information = Matrix3::zeros();
+    for (unit, per_n) in here.iter().enumerate() {
+        let Some(sd) = error_sd(spec, full_scale_n, unit, force_n * per_n) else { continue };
+        let slope = |[after, before]: &[Vec<f64>; 2]| force_n * (after[unit] - before[unit]) / (2.0 * STEP_MM);
+        let row = [slope(&sides[0]), slope(&sides[1]), *per_n].map(|value| value / sd);
+        information += Matrix3::from_fn(|i, j| row[i] * row[j]);
+    }
+    let inverse = information.try_inverse()?;
+    let covariance: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]));
+    (0..3).all(|i| (0.0..MOST).contains(&covariance[i][i])).then_some(Covariance(covariance))
+}
+
+/// Mean distance from the truth, mm, of a place with this covariance and no bias.
+///
+/// With the variances l1 >= l2 along its axes: E|e| = sqrt(2 l1 / pi) E(1 - l2/l1), E being the complete elliptic integral of
+/// the second kind by its parameter; isotropic sqrt(pi/2) sd, on a line sqrt(2/pi) sd.
+pub fn mean_distance_mm(covariance: &Covariance) -> f64 {
+    let [[xx, xy, _], [_, yy, _], _] = covariance.0;
+    let (middle, half) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+    let (most, least) = (middle + half, (middle - half).max(0.0));
+    if most <= 0.0 { 0.0 } else { (FRAC_2_PI * most).sqrt() * elliptic_e(1.0 - least / most) }
+}
+
+/// Mean absolute error, N, of a force with this covariance and no bias.
+pub fn mean_force_error_n(covariance: &Covariance) -> f64 {
+    FRAC_2_PI.sqrt() * covariance.force_n()
+}
+
+/// The complete elliptic integral of the second kind of a parameter m, 0 to 1, by the arithmetic-geometric mean (Abramowitz and
+/// Stegun 1964, 17.6.4).
+fn elliptic_e(m: f64) -> f64 {
+    if m >= 1.0 {
+        return 1.0;
+    }
+    let (mut a, mut b, mut weight, mut sum) = (1.0, (1.0 - m).sqrt(), 0.5, 0.5 * m);
+    // it doubles its digits each time
+    for _ in 0..8 {
+        let c: f64 = (a - b) / 2.0;
+        (a, b) = ((a + b) / 2.0, f64::sqrt(a * b));
+        weight *= 2.0;
+        sum += weight * c * c;
+    }
+    FRAC_PI_2 / a * (1.0 - sum)
+}
+
+/// Means of the bound over some contacts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Least {
+    /// Mean distance, mm.
+    pub location_mm: f64,
+    /// Mean force error, N.
+    pub force_n: f64,
+}
+
+impl Least {
+    /// Over the single contacts among some readings; none if there is one that the units don't tell.
+    pub fn over(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, readings: &Readings) -> Option<Least> {
+        let of = |truth: &Truth| bound(skin, spec, full_scale_n, truth.place, truth.force_n?);
+        Self::mean(readings.truths.iter().map(of))
+    }
+
+    /// Of covariances, however they were come by; none if one is missing, or all are.
+    pub fn mean(covariances: impl Iterator<Item = Option<Covariance>>) -> Option<Least> {
+        let (mut sum, mut count) = (Least { location_mm: 0.0, force_n: 0.0 }, 0.0);
+        for covariance in covariances {
+            let covariance = covariance?;
+            sum.location_mm += mean_distance_mm(&covariance);
+            sum.force_n += mean_force_error_n(&covariance);
+            count += 1.0;
+        }
+        (count > 0.0).then(|| Least { location_mm: sum.location_mm / count, force_n: sum.force_n / count })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Specimen, Touch, anywhere};
+    use super::*;
+    use crate::quantity::stream;
+    use crate::scene::TaxelNoise;
+
+    fn even(sd: f64) -> Specimen {
+        Specimen::papers(Noise::T).with(|skin| {
+            let repeatability_percent = vec![300.0 * sd / FULL_SCALE_N; 9];
+            skin.noise = Some(TaxelNoise { repeatability_percent, of: NoiseOf::FullScale, floor: 0.0 });
+            skin.converter = None;
+        })
+    }
+
+    #[test]
+    fn it_has_the_values_that_were_computed_apart() {
+        let specimen = even(0.01);
+        let skin = specimen.skin(1);
+        for (x_mm, y_mm, golden) in [
+            (0.0, 0.0, [0.058443, 0.058443, 0.008986]),
+            (2.25, 2.25, [0.036104, 0.036104, 0.011574]),
+            (4.5, 4.5, [0.087329, 0.087329, 0.009995]),
+            (6.0, 0.0, [0.246060, 0.073421, 0.066623]),
+            (6.0, 6.0, [0.848750, 0.848750, 0.422704]),
+        ] {
+            let least = bound(&skin, &specimen.skin, FULL_SCALE_N, Place::new(x_mm, y_mm), 1.0).unwrap();
+            for (ours, golden) in [least.x_mm(), least.y_mm(), least.force_n()].into_iter().zip(golden) {
+                assert!((ours - golden).abs() < 1e-6, "({x_mm}, {y_mm}): {ours}, golden {golden}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_mean_over_area_and_forces_is_that_of_both_scenes() {
+        for (noise, location_mm, force_n) in [(Noise::T, 0.2288, 0.0181), (Noise::Q, 0.0352, 0.0033)] {
+            let specimen = Specimen::papers(noise);
+            let touches = anywhere(20_000, FORCES_N, &mut stream(3, 0, "test"));
+            let mut skin = specimen.skin(1);
+            let readings = Readings::of(&mut skin, &touches, &mut stream(3, 1, "test"));
+            let least = Least::over(&skin, &specimen.skin, FULL_SCALE_N, &readings).unwrap();
+            assert!((least.location_mm / location_mm - 1.0).abs() < 0.02, "{noise:?}: {least:?}");
+            assert!((least.force_n / force_n - 1.0).abs() < 0.02, "{noise:?}: {least:?}");
+        }
+    }
+
+    #[test]
+    fn the_mean_distance_is_the_integral_over_the_angle() {
+        let covariance = |xx: f64, xy: f64, yy: f64| Covariance([[xx, xy, 0.0], [xy, yy, 0.0], [0.0; 3]]);
+        for (xx, xy, yy) in [(1.0, 0.0, 1.0), (4.0, 0.0, 0.01), (1.0, 0.6, 0.5), (2.0, 0.0, 0.0)] {
+            // |e| = r(angle) times the length of a normal vector of two parts, whose mean is sqrt(pi / 2)
+            let steps = 100_000;
+            let length = |i: usize| {
+                let (sin, cos) = (std::f64::consts::TAU * (i as f64 + 0.5) / steps as f64).sin_cos();
+                // the columns of a square root of the covariance
+                let a = f64::sqrt(xx);
+                let (b, c) = (xy / a, f64::sqrt(yy - xy * xy / xx));
+                (a * cos).hypot(b * cos + c * sin)
+            };
+            let mean = (0..steps).map(length).sum::<f64>() / steps as f64 * FRAC_PI_2.sqrt();
+            let ours = mean_distance_mm(&covariance(xx, xy, yy));
+            assert!((ours - mean).abs() < 1e-6, "{xx} {xy} {yy}: {ours}, {mean}");
+        }
+    }
+
+    #[test]
+    fn where_units_do_not_tell_there_is_no_bound() {
+        let specimen = Specimen::square(Noise::T, 1, 4.5);
+        assert_eq!(bound(&specimen.skin(1), &specimen.skin, FULL_SCALE_N, Place::default(), 1.0), None);
+        let touch = Touch { place: Place::default(), force_n: 1.0, second: Some(Place::default()) };
+        let papers = Specimen::papers(Noise::T);
+        let mut skin = papers.skin(1);
+        let readings = Readings::of(&mut skin, &[touch], &mut stream(1, 0, "test"));
+        assert_eq!(Least::over(&skin, &papers.skin, FULL_SCALE_N, &readings), None, "two contacts");
+    }
+}

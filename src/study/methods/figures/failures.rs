@@ -1,0 +1,89 @@
+//! Where methods fail: a panel of errors and one of silent failures a condition.
+
+use super::{BOUND, Drawn, legend, look};
+use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
+use crate::study::chart::{Axis, Figure, Grid, Mark, Panel};
+use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
+use crate::study::methods::{Method, Noise, Row, Rows};
+
+const COLUMNS: usize = 4;
+/// Silent failures up to this share don't stretch an axis, %.
+const LEAST_PERCENT: f64 = 5.0;
+
+/// A figure a scene.
+pub fn failure_figures(found: &Rows) -> Vec<Drawn> {
+    Noise::ALL.map(|noise| (format!("failures-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
+}
+
+fn figure(noise: Noise, found: &Rows) -> Figure {
+    let points = found.rows.first().map_or(0, |row| row.points);
+    let presses = found.rows.first().map_or(0, |row| row.calibration_presses);
+    let panels = CONDITIONS.chunks(COLUMNS).flat_map(|harms| {
+        let errors = harms.iter().map(|harm| errors(harm, noise, found));
+        errors.chain(harms.iter().map(|harm| silent(harm, noise, found))).collect::<Vec<Panel>>()
+    });
+    Figure {
+        title: format!("Where each method fails, and whether it says so; {}", noise.told()),
+        subtitle: format!(
+            "above: mean error (dotted: 1 mm); below: share of answers off by more than 1 mm or 0.1 N and not flagged; calibrated \
+             with 1 N at {presses} places on ±6 mm, {points} contacts at each value"
+        ),
+        height_px: 150.0,
+        panels: panels.collect(),
+        grid: Some(Grid { columns: COLUMNS, width_px: 1240.0 }),
+        legend: vec![legend(99).concat()],
+        notes: MEANINGS.map(str::to_owned).to_vec(),
+    }
+}
+
+fn errors(harm: &Harm, noise: Noise, found: &Rows) -> Panel {
+    let rows = || found.rows.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
+    let values = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
+    let most_mm = rows().filter_map(Row::mean_mm).fold(LOCATION_REFERENCE_MM, f64::max);
+    // a bound beyond all errors is one no method that knows the area is held to
+    let y = Axis::log("location error, mean, mm", values.map(|mm| mm.min(most_mm)), (0.9, LOCATION_REFERENCE_MM));
+    let mut marks = vec![Mark::Title(harm.name.to_owned()), Mark::Level(LOCATION_REFERENCE_MM, String::new())];
+    let is_inside = |mm: &f64| *mm <= y.range.1;
+    let bound = curve(harm, noise, SOLVERS[0], found, |row| row.location_bound_mm.filter(is_inside));
+    marks.push(Mark::Curve(BOUND, bound));
+    marks.extend(
+        Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, Row::mean_mm))),
+    );
+    Panel { x: axis(harm, false), y, marks }
+}
+
+fn silent(harm: &Harm, noise: Noise, found: &Rows) -> Panel {
+    let percent = |row: &Row| row.wrong_unflagged.map(|share| 100.0 * share);
+    let rows = found.rows.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
+    let most = rows.filter_map(percent).fold(LEAST_PERCENT, f64::max);
+    let marks = Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, percent)));
+    Panel { x: axis(harm, true), y: Axis::linear("wrong, not flagged, %", (0.0, 1.05 * most)), marks: marks.collect() }
+}
+
+/// The values of a method in the order of the axis.
+fn curve(
+    harm: &Harm,
+    noise: Noise,
+    solver: &str,
+    found: &Rows,
+    value: impl Fn(&Row) -> Option<f64>,
+) -> Vec<(f64, f64)> {
+    let rows = found.of(noise.name(), solver, harm.name);
+    let mut points: Vec<(f64, f64)> = rows.filter_map(|row| Some((row.value, value(row)?))).collect();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    points
+}
+
+fn axis(harm: &Harm, labelled: bool) -> Axis {
+    let label = if labelled { harm.label } else { "" };
+    let ends = harm.values.iter().fold((f64::MAX, f64::MIN), |(l, m), value| (l.min(*value), m.max(*value)));
+    let room = 0.04 * (ends.1 - ends.0);
+    match harm.spread {
+        Spread::Linear => Axis::linear(label, (ends.0 - room, ends.1 + room)),
+        Spread::Log => Axis { range: (ends.0 / 1.12, ends.1 * 1.12), ..Axis::log(label, [], ends) },
+        Spread::Words(words) => {
+            let names = words.iter().map(|word| (*word).to_owned()).collect();
+            Axis { label: label.to_owned(), ..Axis::rows(names) }
+        }
+    }
+}

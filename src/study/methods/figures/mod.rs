@@ -1,0 +1,53 @@
+//! The figures of the methods' studies.
+
+mod budget;
+mod failures;
+mod speed_accuracy;
+
+pub use budget::budget_figures;
+pub use failures::failure_figures;
+pub use speed_accuracy::{speed_accuracy_figures, told};
+
+use super::trial::{CRAMER_RAO, Method, Row};
+use crate::solver::BEST;
+use crate::study::chart::{Hue, Line, Look, Shape};
+
+/// The paper's own mean location error, mm (its section 4).
+const PAPER_MM: f64 = 0.46;
+
+/// A figure: its file's name and the SVG.
+pub type Drawn = (String, String);
+
+/// How a method looks: alike methods in alike colours; the choice among them as a thin line over the one that was chosen.
+fn look(solver: &str) -> Look {
+    let (hue, shape) = match solver {
+        "pearson" => (Hue::Blue, Shape::Circle),
+        "pearson-lsq" => (Hue::Teal, Shape::Diamond),
+        "pearson-knn" => (Hue::Purple, Shape::Square),
+        "whitened" => (Hue::Orange, Shape::Triangle),
+        "surrogate" => (Hue::Green, Shape::Circle),
+        "physics" => (Hue::Red, Shape::Square),
+        "gaussian-process" => (Hue::Brown, Shape::Triangle),
+        BEST => return Look { hue: Hue::Ink, shape: None, filled: true, line: Line::Dashed },
+        _ => (Hue::Grey, Shape::Cross),
+    };
+    Look { hue, shape: Some(shape), filled: !matches!(solver, "pearson-lsq"), line: Line::Solid }
+}
+
+/// The bound's line.
+const BOUND: Look = Look { hue: Hue::Grey, shape: None, filled: true, line: Line::Solid };
+
+/// What the lines mean, so many in a line of the legend.
+fn legend(in_a_line: usize) -> Vec<Vec<(Look, String)>> {
+    let mut entries: Vec<(Look, String)> = Method::names().map(|name| (look(name), name.to_owned())).collect();
+    entries.push((BOUND, "least error there is (Cramér-Rao)".to_owned()));
+    entries.chunks(in_a_line).map(<[_]>::to_vec).collect()
+}
+
+/// What a bound is, for a note.
+fn told_bound(row: &Row) -> Option<&'static str> {
+    Some(match row.bound? {
+        CRAMER_RAO => "bound: the least mean error of any unbiased method that knows the array exactly (Cramér-Rao)",
+        _ => "stated: the mean error that surrogate expects of its own answers",
+    })
+}

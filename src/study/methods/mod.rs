@@ -1,0 +1,43 @@
+//! Studies of the methods: how near and how fast, with how many presses, and where they fail, on skins read without a rig.
+
+mod budget;
+mod conditions;
+mod cramer_rao;
+mod failures;
+mod figures;
+mod recorded;
+mod specimen;
+mod speed_accuracy;
+mod trial;
+
+pub use budget::{PRESS_S, Size as BudgetSize, budget};
+pub use conditions::{CONDITIONS, Harm};
+pub use failures::{Size as FailuresSize, failures};
+pub use figures::{budget_figures, failure_figures, speed_accuracy_figures, told};
+pub use recorded::{of_run, of_tables};
+pub use specimen::Noise;
+pub use speed_accuracy::{Trial, speed_accuracy};
+pub use trial::{Errors, Method, Row};
+
+/// Hears how many parts of a study are done, and of how many.
+pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
+/// What came of a study.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rows {
+    /// A row a method and condition.
+    pub rows: Vec<Row>,
+}
+
+impl Rows {
+    /// One JSON object a line.
+    pub fn ndjson(&self) -> String {
+        // numbers and text can't fail
+        self.rows.iter().map(|row| serde_json::to_string(row).unwrap_or_default() + "\n").collect()
+    }
+
+    /// The rows of one scene, method and condition, in order.
+    pub fn of<'a>(&'a self, scene: &'a str, solver: &'a str, condition: &'a str) -> impl Iterator<Item = &'a Row> {
+        self.rows.iter().filter(move |row| row.scene == scene && row.solver == solver && row.condition == condition)
+    }
+}

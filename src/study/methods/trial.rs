@@ -1,0 +1,306 @@
+//! One method on some readings: how far off, how sure, how long it takes.
+
+use super::cramer_rao::Least;
+use super::specimen::Readings;
+use crate::solver::{
+    BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, SOLVERS, Setting,
+    Solver, Verdict, Workspace, fit,
+};
+use serde::Serialize;
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A method, fitted or refused.
+#[derive(Clone)]
+pub struct Method {
+    /// The name that was asked for.
+    pub name: &'static str,
+    /// What it came to; methods that are the same share it.
+    pub fitted: Result<Arc<Fitted>, FitError>,
+}
+
+impl Method {
+    /// Every method there is, and the choice among them last.
+    pub fn all(calibration: &Calibration, setting: &Setting<'_>) -> Vec<Method> {
+        let best = Method { name: BEST, fitted: fit(BEST, calibration, setting).map(Arc::new) };
+        let is_best = |name: &str| best.fitted.as_ref().is_ok_and(|best| best.name() == name);
+        let of = |name| {
+            // the same method on the same presses is the same again
+            let fitted =
+                if is_best(name) { best.fitted.clone() } else { fit(name, calibration, setting).map(Arc::new) };
+            Method { name, fitted }
+        };
+        SOLVERS.into_iter().map(of).chain([best.clone()]).collect()
+    }
+
+    /// The names, in the same order.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        SOLVERS.into_iter().chain([BEST])
+    }
+}
+
+/// What a method made of one condition. Times are measured, all else follows from the seed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Which study.
+    pub study: &'static str,
+    /// The noise's letter, or the run's or the table's name.
+    pub scene: String,
+    /// The method's name.
+    pub solver: &'static str,
+    /// What "best" took, where it took the same each time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<&'static str>,
+    /// What is varied.
+    pub condition: &'static str,
+    /// Its value, in the unit that the condition names.
+    pub value: f64,
+    /// The value in words, where it is no quantity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub told: Option<&'static str>,
+    /// Presses of the calibration.
+    pub calibration_presses: usize,
+    /// Calibrations that were made.
+    pub calibrations: usize,
+    /// Time of one calibration, minutes, where the study reckons it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub minutes: Option<f64>,
+    /// Readings that were solved.
+    pub points: usize,
+    /// Of which there was an answer.
+    pub answers: usize,
+    /// Distance from the true place, of two contacts the nearer, mm; null without answers.
+    pub location_error_mm: Option<Errors>,
+    /// Half the 95 % confidence interval of its mean, mm: 1.96 standard errors.
+    pub location_error_within_mm: Option<f64>,
+    /// Difference from the true force, N; null where that isn't one, or isn't known.
+    pub force_error_n: Option<Errors>,
+    /// Time of a solve, ns; measured.
+    pub ns_per_solve: Option<f64>,
+    /// Share of the readings without an answer, or with a verdict other than ok.
+    pub flagged: Option<f64>,
+    /// Share off by more than 1 mm or 0.1 N, or without an answer; of two contacts, farther than 1 mm from both.
+    pub wrong: Option<f64>,
+    /// Share that is wrong and isn't flagged.
+    pub wrong_unflagged: Option<f64>,
+    /// The least mean distance there is, mm.
+    pub location_bound_mm: Option<f64>,
+    /// The least mean force error there is, N.
+    pub force_bound_n: Option<f64>,
+    /// Whose bound that is.
+    pub bound: Option<&'static str>,
+    /// Whether no other method of its scene is both faster and nearer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pareto: Option<bool>,
+    /// Why there is no method.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+/// Some errors, summed up.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Errors {
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// 50th percentile.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+}
+
+/// Whose bound it is.
+pub const CRAMER_RAO: &str = "cramer-rao";
+/// The errors that a method states of itself.
+pub const STATED: &str = "stated by surrogate";
+
+/// Where a row belongs.
+#[derive(Clone, Debug)]
+pub struct Heading {
+    /// Which study.
+    pub study: &'static str,
+    /// The scene.
+    pub scene: String,
+    /// What is varied.
+    pub condition: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// The value in words.
+    pub told: Option<&'static str>,
+    /// Presses of the calibration.
+    pub calibration_presses: usize,
+}
+
+/// What a method made of readings, added up over any number of calibrations.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    calibrations: usize,
+    points: usize,
+    locations_mm: Vec<f64>,
+    forces_n: Vec<f64>,
+    flagged: usize,
+    wrong: usize,
+    wrong_unflagged: usize,
+    taken: Duration,
+    chosen: Vec<&'static str>,
+    refused: Option<String>,
+}
+
+impl Tally {
+    /// Solves all readings.
+    pub fn of(method: &Method, readings: &Readings) -> Tally {
+        let solver = match &method.fitted {
+            Ok(solver) => solver,
+            Err(refused) => return Tally { refused: Some(refused.to_string()), ..Tally::default() },
+        };
+        let mut tally = Tally { calibrations: 1, points: readings.truths.len(), ..Tally::default() };
+        if method.name == BEST {
+            tally.chosen.push(solver.name());
+        }
+        let mut workspace = Workspace::default();
+        let began = Instant::now();
+        let solved: Vec<_> = readings.iter().map(|(_, outputs)| solver.solve(outputs, &mut workspace)).collect();
+        tally.taken = began.elapsed();
+        for ((truth, _), solved) in readings.iter().zip(solved) {
+            let Ok(solution) = solved else {
+                (tally.flagged, tally.wrong) = (tally.flagged + 1, tally.wrong + 1);
+                continue;
+            };
+            let to_first_mm = solution.place.distance_mm(truth.place);
+            let to_second_mm = truth.second.map_or(f64::INFINITY, |second| solution.place.distance_mm(second));
+            let location_mm = to_first_mm.min(to_second_mm);
+            let force_n = truth.force_n.map(|force_n| (solution.force_n - force_n).abs());
+            let is_wrong =
+                location_mm > LOCATION_REFERENCE_MM || force_n.is_some_and(|error| error > FORCE_REFERENCE_N);
+            let is_flagged = solution.verdict != Verdict::Ok;
+            tally.locations_mm.push(location_mm);
+            tally.forces_n.extend(force_n);
+            tally.flagged += usize::from(is_flagged);
+            tally.wrong += usize::from(is_wrong);
+            tally.wrong_unflagged += usize::from(is_wrong && !is_flagged);
+        }
+        tally
+    }
+
+    /// Adds another's readings.
+    pub fn add(&mut self, other: Tally) {
+        self.calibrations += other.calibrations;
+        self.points += other.points;
+        self.locations_mm.extend(other.locations_mm);
+        self.forces_n.extend(other.forces_n);
+        self.flagged += other.flagged;
+        self.wrong += other.wrong;
+        self.wrong_unflagged += other.wrong_unflagged;
+        self.taken += other.taken;
+        self.chosen.extend(other.chosen);
+        self.refused = self.refused.take().or(other.refused);
+    }
+
+    /// The row it makes.
+    pub fn row(&self, solver: &'static str, heading: Heading, least: Option<(Least, &'static str)>) -> Row {
+        let share = |count: usize| (self.points > 0).then(|| grain(count as f64 / self.points as f64));
+        let chosen = self.chosen.first().filter(|first| self.chosen.iter().all(|chosen| chosen == *first));
+        let Heading { study, scene, condition, value, told, calibration_presses } = heading;
+        Row {
+            study,
+            scene,
+            solver,
+            chosen: chosen.copied(),
+            condition,
+            value,
+            told,
+            calibration_presses,
+            calibrations: self.calibrations,
+            minutes: None,
+            points: self.points,
+            answers: self.locations_mm.len(),
+            location_error_mm: Errors::of(&self.locations_mm),
+            location_error_within_mm: within(&self.locations_mm).map(grain),
+            force_error_n: Errors::of(&self.forces_n),
+            ns_per_solve: (self.points > 0).then(|| whole(self.taken.as_nanos() as f64 / self.points as f64)),
+            flagged: share(self.flagged),
+            wrong: share(self.wrong),
+            wrong_unflagged: share(self.wrong_unflagged),
+            location_bound_mm: least.map(|(least, _)| grain(least.location_mm)),
+            force_bound_n: least.map(|(least, _)| grain(least.force_n)),
+            bound: least.map(|(_, whose)| whose),
+            pareto: None,
+            refused: self.refused.clone(),
+        }
+    }
+}
+
+impl Row {
+    /// Mean location error, mm.
+    pub fn mean_mm(&self) -> Option<f64> {
+        self.location_error_mm.map(|error| error.mean)
+    }
+}
+
+impl Errors {
+    fn of(errors: &[f64]) -> Option<Errors> {
+        // an answer far out of any scene would make a sum that JSON can't hold
+        let sum = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
+        Some(Errors { mean: grain(sum.mean), median: grain(sum.median), p95: grain(sum.p95) })
+    }
+}
+
+/// 1.96 standard errors of the mean.
+fn within(errors: &[f64]) -> Option<f64> {
+    let count = errors.len() as f64;
+    let mean = errors.iter().sum::<f64>() / count;
+    let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    Some(1.96 * (square / count).sqrt()).filter(|within| within.is_finite())
+}
+
+/// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
+fn grain(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6 + 0.0 // no "-0"
+}
+
+/// Rounded to a tenth.
+fn whole(value: f64) -> f64 {
+    (value * 10.0).round() / 10.0
+}
+
+/// Readings that are solved again and again to see how long it takes, and the least time of that.
+const TIMED: usize = 1000;
+const LEAST: Duration = Duration::from_millis(20);
+const LEAST_PASSES: usize = 5;
+
+/// Time of a solve, ns: the median over passes through the same readings, of which there are at least 5 and 20 ms.
+pub fn ns_per_solve(solver: &dyn Solver, readings: &Readings) -> Option<f64> {
+    let mut workspace = Workspace::default();
+    let count = readings.truths.len().min(TIMED);
+    let mut pass = || {
+        let began = Instant::now();
+        for (_, outputs) in readings.iter().take(count) {
+            // an answer that isn't one takes its time too
+            let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
+        }
+        began.elapsed()
+    };
+    pass(); // the first one makes room
+    let (mut passes, mut taken) = (Vec::new(), Duration::ZERO);
+    while taken < LEAST || passes.len() < LEAST_PASSES {
+        let pass = pass();
+        taken += pass;
+        passes.push(pass.as_nanos() as f64);
+    }
+    ErrorSummary::of(&passes).filter(|_| count > 0).map(|sum| whole(sum.median / count as f64))
+}
+
+/// Of the rows of each scene: is no other both faster and nearer? Rows without both have no part in it.
+pub fn mark_pareto(rows: &mut [Row]) {
+    let mark = |row: &Row| Some((row.ns_per_solve?, row.mean_mm()?));
+    let all: Vec<(String, (f64, f64))> = rows.iter().filter_map(|row| Some((row.scene.clone(), mark(row)?))).collect();
+    for row in rows {
+        let is_best = mark(row).is_some_and(|(ns, mm)| {
+            let beats = |(scene, (other_ns, other_mm)): &(String, (f64, f64))| {
+                *scene == row.scene && *other_ns <= ns && *other_mm <= mm && (*other_ns, *other_mm) != (ns, mm)
+            };
+            !all.iter().any(beats)
+        });
+        row.pareto = Some(is_best);
+    }
+}
