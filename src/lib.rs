@@ -9,7 +9,7 @@
 //! | floor | room | what it is |
 //! |---|---|---|
 //! | 7 | [`cli`] | the command line, one file a subcommand; the only room that prints |
-//! | 6 | [`study`] | the force loop measured under many conditions, and drawn |
+//! | 6 | [`study`] | the force loop and the solvers measured under many conditions, and drawn |
 //! | 5 | [`run`] | walks a plan on a rig: prepares, presses, records, parks |
 //! | 4 | [`rig`] | a rig file understood; the only place that chooses a real or a simulated link |
 //! | 4 | [`dataset`] | the journal, which is the truth, and plain tables that are views of it |
