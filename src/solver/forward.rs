@@ -62,7 +62,7 @@ impl Forward {
             no_contact: chi2_quantile(units, rate),
             // on one side only: half of all errors point inward
             inside: chi2_quantile(1, 2.0 * rate),
-            known: response.largest_held_leverage(),
+            known: response.known_leverage,
         };
         Forward { name, response, load: setting.load, common_offset: setting.common_offset, starts, loudest, limits }
     }

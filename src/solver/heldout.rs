@@ -17,6 +17,9 @@ pub(super) struct Trial {
 /// In how many parts the places of a calibration are held out, one part at a time.
 const FOLDS: usize = 5;
 
+/// The fewest places of which some can be held out.
+const FEWEST_PLACES: usize = 9;
+
 /// How many forces each press stands for.
 const FORCES_A_PRESS: usize = 2;
 
@@ -34,7 +37,7 @@ pub(super) fn trials(
     fit: impl Fn(&Calibration) -> Result<Box<dyn Locate>, FitError>,
 ) -> Result<Vec<Trial>, FitError> {
     let mut spots = calibration.by_place();
-    if spots.len() < 2 * FOLDS {
+    if spots.len() < FEWEST_PLACES {
         return Ok(Vec::new());
     }
     let mut rng = stream(0, 0, "held-out presses");

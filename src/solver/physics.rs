@@ -48,11 +48,11 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
         }
     }
     let held = spots.hold_out(calibration, &residuals, &leverage);
-    Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration))
+    Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration).known_everywhere())
 }
 
 /// The fewest places that four parameters a unit can be fitted to, with something left to tell the noise by.
-const FEWEST_PLACES: usize = 9;
+const FEWEST_PLACES: usize = 6;
 /// Poisson's ratio of a rubber-like cover.
 const RUBBER: f64 = 0.49;
 /// Cells of the response's table along a depth.

@@ -17,6 +17,9 @@ pub(super) struct Response {
     pub force_n: f64,
     /// The calibration's presses against a map made without them.
     pub held: Vec<Held>,
+    /// The leverage, mean of all units, up to which the map is known: that of the press which is worst predicted by the others.
+    /// Where the map is less sure than there, it has left the calibrated places behind.
+    pub known_leverage: f64,
 }
 
 /// A calibration press against a map made without it.
@@ -47,7 +50,9 @@ impl Response {
         let leverage = Field::new(area, side / LEVERAGE_CELLS, units, leverage);
         let of_unit = |unit: usize| held.iter().map(|held| held.residuals[unit]).collect();
         let noise = Noise::fit(&(0..units).map(of_unit).collect::<Vec<Vec<Residual>>>());
-        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held }
+        let mean = |held: &Held| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / units as f64;
+        let known_leverage = held.iter().map(mean).fold(0.0, f64::max);
+        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held, known_leverage }
     }
 
     /// The variance of one unit's output under `force_n`, where a newton gives `per_newton`: the noise of the reading, and the
@@ -65,11 +70,9 @@ impl Response {
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
 
-    /// The map's variance over the noise's, mean of all units, at the calibration place that is worst predicted by the others. Where
-    /// the map itself is less sure, it has left the calibrated places behind.
-    pub fn largest_held_leverage(&self) -> f64 {
-        let mean = |held: &Held| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / held.residuals.len() as f64;
-        self.held.iter().map(mean).fold(0.0, f64::max)
+    /// The same for a map that holds wherever it was fitted, as it knows what is under the cover.
+    pub fn known_everywhere(self) -> Self {
+        Response { known_leverage: f64::INFINITY, ..self }
     }
 
     /// What must be added to an output that is scaled by `share` for it to be as noisy as one that was measured: standard
