@@ -71,6 +71,7 @@ use crate::quantity::{ArrayLayout, Place};
 use appraised::Appraised;
 use forward::Forward;
 use gaussian_process::GaussianProcess;
+use heldout::Trial;
 use physics::physics;
 use response::Response;
 use surrogate::surrogate;
@@ -167,25 +168,39 @@ fn fit_without(
 
 fn fit_to_all(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
     let fitted = |solver: Box<dyn Solver>| Fitted::new(solver, calibration.units());
-    if name == "physics" {
-        let response = physics(calibration, setting.layout)?;
-        return Ok(fitted(Box::new(Forward::new("physics", response, calibration, setting))));
+    if let Some(forward) = forward(name, calibration, setting)? {
+        return Ok(fitted(Box::new(forward)));
     }
     let response = surrogate(calibration)?;
-    if name == "surrogate" {
-        return Ok(fitted(Box::new(Forward::new("surrogate", response, calibration, setting))));
-    }
     let tried =
         |name: &str| heldout::trials(calibration, setting, &response, |part| method(name, part, setting, &response));
-    if name != BEST {
+    let appraised = |name: &str, trials: &[Trial]| -> Result<Box<dyn Solver>, FitError> {
         let method = method(name, calibration, setting, &response)?;
-        return Ok(fitted(Box::new(Appraised::new(method, &tried(name)?, &response, setting))));
+        Ok(Box::new(Appraised::new(method, trials, &response, setting)))
+    };
+    if name != BEST {
+        return Ok(fitted(appraised(name, &tried(name)?)?));
     }
-    let candidates = SOLVERS.map(|name| best::candidate(name, &tried(name).unwrap_or_default()));
-    let choice = best::choice(candidates.to_vec());
-    let chosen = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
-    let fitted = fit_to_all(chosen.map_or(SOLVERS[0], |best| &best.solver), calibration, setting)?;
-    Ok(fitted.chosen(choice))
+    let trials = SOLVERS.map(|name| tried(name).unwrap_or_default());
+    let candidates = SOLVERS.iter().zip(&trials).map(|(name, trials)| best::candidate(name, trials));
+    let choice = best::choice(candidates.collect());
+    let best = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
+    let chosen = SOLVERS.iter().position(|name| best.is_some_and(|best| best.solver == *name)).unwrap_or(0);
+    let solver = match forward(SOLVERS[chosen], calibration, setting)? {
+        Some(forward) => Box::new(forward),
+        None => appraised(SOLVERS[chosen], &trials[chosen])?,
+    };
+    Ok(fitted(solver).chosen(choice))
+}
+
+/// The method of that name, if it is one that inverts a map of the array.
+fn forward(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Option<Forward>, FitError> {
+    let (name, response) = match name {
+        "surrogate" => ("surrogate", surrogate(calibration)?),
+        "physics" => ("physics", physics(calibration, setting.layout)?),
+        _ => return Ok(None),
+    };
+    Ok(Some(Forward::new(name, response, calibration, setting)))
 }
 
 /// The method of that name, fitted, without an idea of its errors.
@@ -195,13 +210,14 @@ fn method(
     setting: &Setting<'_>,
     response: &Response,
 ) -> Result<Box<dyn Locate>, FitError> {
+    if let Some(forward) = forward(name, calibration, setting)? {
+        return Ok(Box::new(forward));
+    }
     Ok(match name {
         "pearson" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::ClosestUnit)?),
         "pearson-lsq" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::LeastSquares)?),
         "pearson-knn" => Box::new(PearsonKnn::fit(calibration)?),
         "whitened" => Box::new(Whitened::fit(calibration, &response.typical_sd())?),
-        "surrogate" => Box::new(Forward::new("surrogate", surrogate(calibration)?, calibration, setting)),
-        "physics" => Box::new(Forward::new("physics", physics(calibration, setting.layout)?, calibration, setting)),
         "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     })
