@@ -2,14 +2,14 @@
 //! skin is calibrated with 1 N at 625 points and tested with random contacts, without a rig. See the numbers with
 //! `cargo test --release --test skin -- --nocapture`.
 
+mod support;
+
 use palpate::mechanics::Medium;
 use palpate::quantity::{ArrayLayout, Place, Stream, stream};
-use palpate::scene::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
+use palpate::scene::{Elastomer, Skin, SkinSpec, TaxelFault, TaxelFaultKind, Taxels};
 use palpate::solver::{Calibration, CalibrationPoint, Setting, TestPress, evaluate, fit};
 use rand::RngExt;
-
-/// Loading repeatability of each unit, % of full scale (the paper's Table 1).
-const REPEATABILITY_PERCENT: [f64; 9] = [1.60, 3.74, 2.19, 0.83, 0.51, 1.02, 0.71, 2.84, 3.97];
+use support::skins::{scene_q, scene_t};
 
 const SEEDS: u64 = 12;
 const TESTS: usize = 300;
@@ -19,25 +19,6 @@ const TESTS: usize = 300;
 struct Errors {
     location_mm: f64,
     force_n: f64,
-}
-
-fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
-    SkinSpec {
-        elastomer: Some(Elastomer::half_space(5.0)),
-        noise: Some(TaxelNoise { repeatability_percent: REPEATABILITY_PERCENT.to_vec(), of, floor }),
-        converter: Some(Converter { bits: 16, range: 10.0 }),
-        ..SkinSpec::default()
-    }
-}
-
-/// Noise that is a share of full scale.
-fn scene_t() -> SkinSpec {
-    scene(NoiseOf::FullScale, 0.0)
-}
-
-/// Noise that is a share of the reading, and a floor.
-fn scene_q() -> SkinSpec {
-    scene(NoiseOf::Reading, 0.001)
 }
 
 /// A skin's reading of one contact.

@@ -4,37 +4,20 @@
 //! Scene T has Table 1's noise as a share of full scale, scene Q as a share of the reading and a floor; both have a 16-bit converter
 //! and a stage that stands within 0.5 um of where it was told to.
 
+mod support;
+
 use palpate::mechanics::Medium;
 use palpate::quantity::{ArrayLayout, Place, Stream, stream};
-use palpate::scene::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels};
+use palpate::scene::{Elastomer, Skin, SkinSpec, Taxels};
 use palpate::solver::{
     BEST, Calibration, CalibrationPoint, Fitted, Session, Setting, Solution, Solver, Verdict, Workspace, fit,
 };
 use rand::RngExt;
-
-/// Loading repeatability of each unit, % of full scale (the paper's Table 1).
-const REPEATABILITY_PERCENT: [f64; 9] = [1.60, 3.74, 2.19, 0.83, 0.51, 1.02, 0.71, 2.84, 3.97];
+use support::skins::{scene_q, scene_t};
 
 /// Mean location error that no unbiased estimator can go below, mm, computed apart by another program.
 const BOUND_T_MM: f64 = 0.2288;
 const BOUND_Q_MM: f64 = 0.0352;
-
-fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
-    SkinSpec {
-        elastomer: Some(Elastomer::half_space(5.0)),
-        noise: Some(TaxelNoise { repeatability_percent: REPEATABILITY_PERCENT.to_vec(), of, floor }),
-        converter: Some(Converter { bits: 16, range: 10.0 }),
-        ..SkinSpec::default()
-    }
-}
-
-fn scene_t() -> SkinSpec {
-    scene(NoiseOf::FullScale, 0.0)
-}
-
-fn scene_q() -> SkinSpec {
-    scene(NoiseOf::Reading, 0.001)
-}
 
 /// Layer on a rigid base, punch, discs, spread of gains, places and depths.
 fn with_all_terms(spec: SkinSpec) -> SkinSpec {

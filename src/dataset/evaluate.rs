@@ -77,14 +77,7 @@ impl<'a> Trial<'a> {
 
     /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
     pub fn of_tables(calibration: &'a Table, test: &'a Table) -> Result<Self, EvaluateError> {
-        if calibration.units != test.units {
-            return Err(EvaluateError::Units {
-                calibration: calibration.file.clone(),
-                calibration_units: calibration.units,
-                test: test.file.clone(),
-                test_units: test.units,
-            });
-        }
+        check_units(calibration, test)?;
         let calibration = Selection::new(calibration, "calibration", |_| true)?;
         let test = Selection::new(test, "test", |_| true)?;
         Ok(Trial { calibration, test, layout: None, load: Load::default(), force: &LOAD_CELL, is_run: false })
@@ -147,6 +140,19 @@ pub fn evaluate_run(table: &Table, layout: Option<&ArrayLayout>, solver: &str) -
 /// A table held against another with one method, see [`Trial::of_tables`].
 pub fn evaluate_tables(calibration: &Table, test: &Table, solver: &str) -> Result<Evaluation, EvaluateError> {
     Trial::of_tables(calibration, test)?.evaluate(solver)
+}
+
+/// Whether two tables can come from one array: as many outputs in both.
+pub fn check_units(calibration: &Table, test: &Table) -> Result<(), EvaluateError> {
+    if calibration.units != test.units {
+        return Err(EvaluateError::Units {
+            calibration: calibration.file.clone(),
+            calibration_units: calibration.units,
+            test: test.file.clone(),
+            test_units: test.units,
+        });
+    }
+    Ok(())
 }
 
 /// Whether a row of a run takes part in its evaluation, flagged or not.

@@ -63,7 +63,7 @@ pub struct Reading {
 
 /// Why the rest can't be read; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[allow(missing_docs)] // the fields say what the messages say
+#[allow(missing_docs, reason = "the fields say what the messages say")]
 pub enum ReadingError {
     /// The input broke off.
     #[error("{file}: can't be read")]

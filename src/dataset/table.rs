@@ -68,7 +68,7 @@ pub struct Record {
 
 /// Why a table can't be used; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[allow(missing_docs)] // the fields say what the messages say
+#[allow(missing_docs, reason = "the fields say what the messages say")]
 pub enum TableError {
     /// Not there, not a file, not permitted.
     #[error("{file}: can't be read")]

@@ -89,7 +89,7 @@ pub struct Coverage {
 /// How many presses got which verdict, by its word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[allow(missing_docs)] // as in `Verdict`
+#[allow(missing_docs, reason = "each is a verdict of `Verdict`, described there")]
 pub struct Verdicts {
     pub ok: usize,
     pub weak_signal: usize,

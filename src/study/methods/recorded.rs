@@ -5,7 +5,7 @@ use super::specimen::{Readings, Truth};
 use super::speed_accuracy::Trial;
 use super::trial::{CRAMER_RAO, STATED};
 use crate::dataset::calibration::{CalibrateError, calibration_of_run, calibration_of_table};
-use crate::dataset::evaluate::EvaluateError;
+use crate::dataset::evaluate::{EvaluateError, check_units};
 use crate::dataset::table::{Row, Table};
 use crate::quantity::ArrayLayout;
 use crate::rig::RigSpec;
@@ -37,14 +37,7 @@ pub fn of_run(name: &str, table: &Table, spec: &RigSpec, seed: u64) -> Result<Tr
 /// # Errors
 /// Tables of two arrays, without presses, or with one that can't be calibrated on.
 pub fn of_tables(calibration: &Table, test: &Table) -> Result<Trial, EvaluateError> {
-    if calibration.units != test.units {
-        return Err(EvaluateError::Units {
-            calibration: calibration.file.clone(),
-            calibration_units: calibration.units,
-            test: test.file.clone(),
-            test_units: test.units,
-        });
-    }
+    check_units(calibration, test)?;
     let readings = readings(test, knows_forces(calibration, |_| true), |_| true)?;
     Ok(trial(test.file.clone(), calibration_of_table(calibration, Load::default())?, readings, None))
 }
