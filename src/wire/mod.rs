@@ -5,6 +5,7 @@
 //! at a time over a line protocol: each with a deadline, a stop that needn't wait, and resynchronisation after a misfit.
 
 mod connect;
+pub mod daqmx;
 mod line;
 mod link;
 

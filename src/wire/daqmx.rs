@@ -1,0 +1,56 @@
+//! The functions of NI's DAQmx C library that a rig needs, as a table: filled by the library itself, loaded at run time, or by
+//! an emulator. Names, parameters and codes are those of `NIDAQmx.h`.
+
+/// A task as the library knows it.
+pub type Task = usize;
+
+/// Terminal configurations (`DAQmx_Val_RSE`, `NRSE`, `Diff`, `PseudoDiff`).
+pub const RSE: i32 = 10083;
+/// See [`RSE`].
+pub const NRSE: i32 = 10078;
+/// See [`RSE`].
+pub const DIFF: i32 = 10106;
+/// See [`RSE`].
+pub const PSEUDO_DIFF: i32 = 12529;
+/// `DAQmx_Val_Volts`.
+pub const VOLTS: i32 = 10348;
+/// `DAQmx_Val_Rising`.
+pub const RISING: i32 = 10280;
+/// `DAQmx_Val_ContSamps`.
+pub const CONTINUOUS: i32 = 10123;
+/// `DAQmx_Val_GroupByScanNumber`: the samples of one instant stand together.
+pub const BY_SCAN: u32 = 1;
+/// `DAQmx_Val_Auto`: all samples that are there.
+pub const AUTO: i32 = -1;
+
+/// The table of functions. Each gives the library's own status: 0 done, over 0 a warning, under 0 an error. Nothing here
+/// may wait: every read has a time-out of 0.
+pub trait NiDaqmx: Send + Sync {
+    /// `DAQmxCreateTask`.
+    fn create_task(&self, name: &str, task: &mut Task) -> i32;
+
+    /// `DAQmxCreateAIVoltageChan` with units of volts and no custom scale. `physical` may be a range: `Dev1/ai0:8`.
+    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32;
+
+    /// `DAQmxCfgSampClkTiming` on the device's own clock, rising edge, continuous, a buffer of so many samples a channel.
+    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32;
+
+    /// `DAQmxStartTask`.
+    fn start_task(&self, task: Task) -> i32;
+
+    /// `DAQmxStopTask`.
+    fn stop_task(&self, task: Task) -> i32;
+
+    /// `DAQmxClearTask`: the task is gone afterwards.
+    fn clear_task(&self, task: Task) -> i32;
+
+    /// `DAQmxReadAnalogF64` with a time-out of 0, grouped by scan: at most `samples_per_channel` ([`AUTO`]: all there are)
+    /// into `buffer`; `read` is how many a channel came.
+    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32;
+
+    /// `DAQmxGetExtendedErrorInfo`: the last error of this thread in NI's words.
+    fn extended_error_info(&self) -> String;
+
+    /// `DAQmxGetErrorString`.
+    fn error_string(&self, code: i32) -> String;
+}
