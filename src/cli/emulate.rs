@@ -3,7 +3,7 @@ use super::session::stop_on_signal;
 use super::sources::read_rig;
 use super::summary::print;
 use crate::emulator::listen::{self, ListenError, Listening};
-use crate::rig::{EmulatedDevice, RigSpec, Wiring};
+use crate::rig::{FarEnd, RigSpec};
 use miette::IntoDiagnostic;
 use serde::Serialize;
 use std::path::PathBuf;

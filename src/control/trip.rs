@@ -19,6 +19,8 @@ pub struct Trip {
 pub enum Rule {
     /// The mean of 10 ms is above the force limit by more than the noise explains.
     OverForce,
+    /// The stage's controller saw too large a force itself and ended the motion.
+    Guarded,
     /// The mean of 10 ms is below zero by more than the noise explains.
     WrongSign,
     /// The cell gives the same code again and again, which its noise makes all but impossible.
@@ -58,6 +60,7 @@ impl Rule {
     pub fn name(self) -> &'static str {
         match self {
             Rule::OverForce => "over-force",
+            Rule::Guarded => "guarded",
             Rule::WrongSign => "wrong-sign",
             Rule::Frozen => "frozen",
             Rule::Unhealthy => "unhealthy",
@@ -81,6 +84,7 @@ impl Rule {
     pub fn check(self) -> &'static str {
         match self {
             Rule::OverForce => "is the specimen stiffer than `limits.stiffness_n_mm` says?",
+            Rule::Guarded => "what did the indenter press on? The controller's guard ended the motion",
             Rule::WrongSign => "is the load cell wired so that pressing reads positive?",
             Rule::Frozen => "does the transmitter still convert? Reconnect the load cell",
             Rule::Unhealthy => "is the load cell within its range and its cable whole?",

@@ -33,6 +33,12 @@ pub enum Problem {
     /// The device is in order but isn't what the rig file says.
     #[error("{0}")]
     Mismatch(String),
+    /// The controller ended a motion by itself, at the force that its guard was given.
+    #[error("it ended the motion by itself: its guard saw a force of {limit_n:.3} N or more")]
+    Guarded {
+        /// The guard's force, N, the cell's own zero included.
+        limit_n: f64,
+    },
     /// A motion didn't end, or not where it should.
     #[error("{0}")]
     Motion(String),
@@ -51,6 +57,7 @@ impl Diagnostic for DeviceError {
                 "look the message up in the device's manual; clear its cause, then `palpate resume` the run"
             }
             Problem::Mismatch(_) => "correct the rig file or the device's settings so that they agree",
+            Problem::Guarded { .. } => "look at the specimen and the load cell before going on",
             Problem::Motion(_) => "look for what holds the stage; clear it, then `palpate resume` the run",
         }))
     }

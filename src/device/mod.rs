@@ -71,6 +71,13 @@ pub trait Stage {
 
     /// What the controller has to complain of, oldest first; empties its list.
     fn complaints(&mut self) -> impl Future<Output = Result<Vec<String>, DeviceError>>;
+
+    /// Has the controller itself end a motion when the load cell reads `limit_n`, N, the cell's own zero included; none: no
+    /// longer. A controller that can't, or that the rig doesn't ask to, does nothing.
+    fn guard(&mut self, limit_n: Option<f64>) -> impl Future<Output = Result<(), DeviceError>> {
+        let _ = limit_n;
+        async { Ok(()) }
+    }
 }
 
 /// A load cell.

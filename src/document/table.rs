@@ -128,6 +128,25 @@ impl<'d> Table<'d> {
         self.integer(key, min, max)
     }
 
+    /// True or false.
+    pub fn flag(&mut self, key: &'static str) -> Option<bool> {
+        let value = self.get(key)?;
+        match value.get_ref().as_bool() {
+            Some(flag) => Some(flag),
+            None => self.wrong_kind(key, value, "true or false"),
+        }
+    }
+
+    /// A list of strings.
+    pub fn texts(&mut self, key: &'static str) -> Option<Vec<&'d str>> {
+        let value = self.get(key)?;
+        let Some(items) = value.get_ref().as_array() else { return self.wrong_kind(key, value, "a list of strings") };
+        all(items.iter().map(|item| match item.get_ref().as_str() {
+            Some(text) => Some(text),
+            None => self.wrong_kind(key, item, "a string"),
+        }))
+    }
+
     /// A string.
     pub fn text(&mut self, key: &'static str) -> Option<&'d str> {
         let value = self.get(key)?;
@@ -224,6 +243,11 @@ impl<'d> Table<'d> {
             Some(table) => Some(self.inner(key, table, value.span())),
             None => self.wrong_kind(key, value, "a table"),
         }
+    }
+
+    /// The first of some keys that is there.
+    pub fn first_of(&mut self, keys: &[&'static str]) -> Option<&'static str> {
+        keys.iter().copied().find(|key| self.has(key))
     }
 
     /// The same, and a problem without it.

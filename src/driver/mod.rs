@@ -1,6 +1,12 @@
 //! One module per instrument family: a role of [`crate::device`] over a link of [`crate::wire`].
 
+mod any;
+pub mod daqmx;
 mod esp301;
+pub mod grbl;
 pub mod modbus;
+pub mod process;
+pub mod xps;
 
+pub use any::{AnyArray, AnyLoadCell, AnyStage};
 pub use esp301::Esp301;

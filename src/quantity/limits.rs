@@ -15,6 +15,11 @@ impl Range {
         value >= self.min && value <= self.max
     }
 
+    /// The interval with so much more at either end.
+    pub fn widened(&self, by: f64) -> Range {
+        Range { min: self.min - by, max: self.max + by }
+    }
+
     /// Upper less lower end.
     pub fn width(&self) -> f64 {
         self.max - self.min

@@ -3,16 +3,21 @@
 //! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
 //! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
 
+mod driver;
+mod map;
 mod open;
 mod parse;
 mod scene;
+mod simulated;
 mod skin;
 
-pub use open::{EmulatedDevice, OpenRig, SceneProbe, SimulatedRig, Wiring};
+pub use driver::{ArrayDriver, LoadCellDriver, StageDriver};
+pub use map::MappedDevice;
+pub use open::OpenRig;
+pub use simulated::{EmulatedDevice, FarEnd, SceneProbe, SimulatedRig};
 pub use parse::parse;
 
 use crate::control::Timing;
-use crate::driver::modbus::Profile;
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
 use crate::scene::SceneSpec;
 use crate::wire::Link;
@@ -57,18 +62,11 @@ pub struct StageSpec {
     pub settle_s: f64,
 }
 
-/// The stage drivers there are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StageDriver {
-    /// Newport ESP301 or ESP300.
-    Esp301,
-}
-
 /// The load cell's part of a rig file.
 #[derive(Clone, Debug)]
 pub struct LoadCellSpec {
-    /// Its register map.
-    pub map: MappedDevice,
+    /// Which driver.
+    pub driver: LoadCellDriver,
     /// Where it is.
     pub link: Link,
     /// Conversions a second.
@@ -80,23 +78,12 @@ pub struct LoadCellSpec {
 /// The array's part of a rig file.
 #[derive(Clone, Debug)]
 pub struct ArraySpec {
-    /// Its register map.
-    pub map: MappedDevice,
+    /// Which driver.
+    pub driver: ArrayDriver,
     /// Where it is.
     pub link: Link,
     /// Where its units are, in channel order.
     pub layout: ArrayLayout,
-}
-
-/// A Modbus register map and where it came from.
-#[derive(Clone, Debug)]
-pub struct MappedDevice {
-    /// The name in the rig file: one that came with the program, or a file beside the rig's.
-    pub name: String,
-    /// The map.
-    pub profile: Profile,
-    /// The text of a map of the user's own; none where it came with the program.
-    pub own_text: Option<String>,
 }
 
 impl RigSpec {

@@ -1,80 +1,44 @@
-use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec};
-use crate::device::{DeviceError, Instruments, Problem, StageUse};
-use crate::driver::Esp301;
+use super::{
+    ArrayDriver, ArraySpec, EmulatedDevice, LoadCellDriver, LoadCellSpec, MappedDevice, RigSpec, SceneProbe, SimulatedRig,
+    StageDriver, StageSpec,
+};
+use crate::device::{DeviceError, Identity, Instruments, Problem, StageUse};
+use crate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, SharedAcquisition};
+use crate::driver::grbl::Grbl;
 use crate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
-use crate::emulator::{self, Instrument, LabJackT7, Modbus, Shared, Transmitter};
-use crate::quantity::{Axis, Place, Position};
-use crate::scene::{Device, Scene, Setting, Truth};
+use crate::driver::process::{ProcessArray, ProcessLoadCell, ProcessStage};
+use crate::driver::xps::{Xps, XpsAnalog};
+use crate::driver::{AnyArray, AnyLoadCell, AnyStage, Esp301};
+use crate::emulator::{self, Instrument, Shared};
+use crate::scene::Scene;
+use crate::wire::daqmx::{DaqmxLibrary, Functions};
 use crate::wire::{Connector, Link};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use tokio::io::duplex;
+use tokio::sync::Mutex;
 use tokio::time::Instant;
 
 /// Bytes that wait in a link in memory before its writer waits too.
 const DUPLEX_BYTES: usize = 4096;
 
-/// Half the side of the loading area (PAPER S8), mm.
-const LOADING_HALF_MM: f64 = 6.0;
-
-/// How far from the specimen the axes stand when an emulated controller is switched on, mm.
-const POWER_ON_MM: f64 = 5.0;
-
-/// The range of the emulated transmitter over the specimen's force limit.
-const RANGE_OVER_LIMIT: f64 = 2.5;
-
 /// A rig with its drivers on their links. Nothing has been sent yet.
 pub struct OpenRig {
     /// The drivers.
-    pub instruments: Instruments<Esp301, ModbusLoadCell, ModbusArray>,
+    pub instruments: Instruments<AnyStage, AnyLoadCell, AnyArray>,
     /// How the stage is to be used.
     pub stage_use: StageUse,
     /// The truth behind a simulated rig.
     pub probe: Option<SceneProbe>,
 }
 
-/// A rig's emulators, acting on one scene.
-pub struct SimulatedRig {
-    /// The scene.
-    pub scene: Shared<Scene>,
-    /// The stage's controller.
-    pub stage: EmulatedDevice,
-    /// The load cell's transmitter.
-    pub load_cell: EmulatedDevice,
-    /// The array's converter.
-    pub array: EmulatedDevice,
-}
-
-/// One emulated device, and how it would be wired.
-pub struct EmulatedDevice {
-    /// The device.
-    pub instrument: Shared<dyn Instrument>,
-    /// What it speaks: `esp301`, `modbus-rtu` or `modbus-tcp`.
-    pub protocol: &'static str,
-    /// What it speaks over.
-    pub wiring: Wiring,
-}
-
-/// What a device speaks over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wiring {
-    /// A serial line.
-    Serial,
-    /// A network.
-    Network,
-}
-
-/// What a run may know of a simulated scene: it names the presses and reads the truth, and touches nothing.
-#[derive(Clone)]
-pub struct SceneProbe {
-    scene: Shared<Scene>,
-    origin: Instant,
-}
+/// Opens the links of one role, as many as its driver needs.
+type Dial<'a> = &'a dyn Fn() -> Connector;
 
 impl RigSpec {
     /// Puts the drivers on their links; in a simulated rig our emulators are at the far ends, in a scene of this seed.
     ///
     /// # Errors
-    /// A simulated link to a device there is no emulator for.
+    /// A simulated link to a device there is no emulator for, or NI's library where there is none.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -82,8 +46,13 @@ impl RigSpec {
         if self.is_simulated() {
             return self.open_on(self.emulators(seed)?);
         }
-        let links = [&self.stage.link, &self.load_cell.link, &self.array.link];
-        self.wired(links.map(|link| Connector::Real(link.clone())), None, Instant::now())
+        let real = |link: &Link| {
+            let link = link.clone();
+            move || Connector::Real(link.clone())
+        };
+        let (stage, load_cell, array) = (real(&self.stage.link), real(&self.load_cell.link), real(&self.array.link));
+        let functions = self.daqmx_library()?;
+        self.wired([&stage, &load_cell, &array], functions, None, Instant::now())
     }
 
     /// Puts the drivers on links in memory with these devices at the far ends; their scene's time begins now.
@@ -96,21 +65,28 @@ impl RigSpec {
     pub fn open_on(&self, simulated: SimulatedRig) -> Result<OpenRig, DeviceError> {
         let origin = Instant::now();
         let SimulatedRig { scene, stage, load_cell, array } = simulated;
-        let devices = [stage, load_cell, array];
-        let connectors = devices.map(|device| dial(device.instrument, scene.clone(), origin));
-        self.wired(connectors, Some(SceneProbe { scene, origin }), origin)
+        let [stage, load_cell, array] =
+            [stage, load_cell, array].map(|device: EmulatedDevice| in_memory(device, scene.clone(), origin));
+        let functions = self.uses_daqmx().then(|| Functions::Here(self.emulated_daqmx(&scene, origin)));
+        self.wired([&stage, &load_cell, &array], functions, Some(SceneProbe { scene, origin }), origin)
     }
 
     fn wired(
         &self,
-        [stage, load_cell, array]: [Connector; 3],
+        [stage, load_cell, array]: [Dial; 3],
+        functions: Option<Functions>,
         probe: Option<SceneProbe>,
         origin: Instant,
     ) -> Result<OpenRig, DeviceError> {
+        let acquisition = functions.map(|functions| self.acquisition(functions));
+        let guard = match (&self.stage.driver, &self.load_cell.driver) {
+            (StageDriver::Xps { guard: true, .. }, LoadCellDriver::Xps(guard)) => Some(guard.clone()),
+            _ => None,
+        };
         let instruments = Instruments {
-            stage: Esp301::new(stage, self.stage.link.to_string()),
-            load_cell: self.load_cell.driver(load_cell, origin)?,
-            array: self.array.driver(array)?,
+            stage: self.stage.driver(stage, guard),
+            load_cell: self.load_cell.driver(load_cell, acquisition.as_ref(), origin)?,
+            array: self.array.driver(array, acquisition.as_ref(), &self.load_cell)?,
         };
         let stage_use = StageUse {
             travel: self.permitted_travel(),
@@ -121,95 +97,108 @@ impl RigSpec {
         Ok(OpenRig { instruments, stage_use, probe })
     }
 
-    /// The rig's emulators in a scene of this seed.
-    ///
-    /// # Errors
-    /// A device there is no emulator for.
-    pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
-        let spec = self.scene.clone();
-        let away = self.frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
-        let travel = &self.stage.travel;
-        let within = |axis: Axis, mm: f64| mm.clamp(travel.along(axis).min, travel.along(axis).max);
-        let setting = Setting {
-            frame: self.frame,
-            layout: self.array.layout.clone(),
-            full_scale_n: self.limits.force_n,
-            half_extent_mm: LOADING_HALF_MM,
-            power_on: Position {
-                x_mm: within(Axis::X, self.frame.origin.x_mm + 1.3),
-                y_mm: within(Axis::Y, self.frame.origin.y_mm - 0.8),
-                z_mm: within(Axis::Z, away),
-            },
-            conversions_hz: self.load_cell.conversions_hz,
-            latencies: spec.latencies,
+    fn uses_daqmx(&self) -> bool {
+        matches!(self.load_cell.driver, LoadCellDriver::Daqmx { .. }) || matches!(self.array.driver, ArrayDriver::Daqmx(_))
+    }
+
+    /// NI's library, loaded, where the rig needs it.
+    fn daqmx_library(&self) -> Result<Option<Functions>, DeviceError> {
+        let path = match (&self.load_cell.link, &self.array.link) {
+            (Link::Daqmx(path), _) | (_, Link::Daqmx(path)) => path.as_deref(),
+            _ => return Ok(None),
         };
-        let scene = Scene::new(spec, setting, seed);
-        let stage = EmulatedDevice {
-            instrument: Arc::new(Mutex::new(emulator::Esp301::new(&scene))),
-            protocol: "esp301",
-            wiring: Wiring::Serial,
+        let failed = |told: String| DeviceError {
+            device: "NI device".to_owned(),
+            doing: "loading NI's library".to_owned(),
+            problem: Problem::Link(told),
         };
-        let range_n = RANGE_OVER_LIMIT * self.limits.force_n;
-        let load_cell = emulate(&self.load_cell.map, Device::LoadCell, range_n)?;
-        let array = emulate(&self.array.map, Device::Array, range_n)?;
-        Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
+        let library = DaqmxLibrary::load(path).map_err(|error| failed(error.to_string()))?;
+        let functions = Functions::on_a_thread(Arc::new(library));
+        functions.map(Some).map_err(|error| failed(format!("there is no thread for it: {error}")))
+    }
+
+    /// One task for all NI inputs of the rig: the load cell's first.
+    fn acquisition(&self, functions: Functions) -> SharedAcquisition {
+        let mut inputs = Vec::new();
+        if let LoadCellDriver::Daqmx { inputs: cell, .. } = &self.load_cell.driver {
+            inputs.push(cell.clone());
+        }
+        if let ArrayDriver::Daqmx(array) = &self.array.driver {
+            inputs.push(array.clone());
+        }
+        let load_cells = matches!(self.load_cell.driver, LoadCellDriver::Daqmx { .. });
+        let link = if load_cells { &self.load_cell.link } else { &self.array.link };
+        let (rate_hz, link) = (self.load_cell.conversions_hz, link.to_string());
+        Arc::new(Mutex::new(Acquisition::new(functions, inputs, rate_hz, link)))
     }
 }
 
-impl SimulatedRig {
-    /// The devices with their roles.
-    pub fn devices(&self) -> [(&EmulatedDevice, &'static str); 3] {
-        [(&self.stage, Device::Stage), (&self.load_cell, Device::LoadCell), (&self.array, Device::Array)]
-            .map(|(device, role)| (device, role.name()))
-    }
-}
-
-impl SceneProbe {
-    /// Names the press that comes next.
-    pub fn begin_press(&self, press: u64) {
-        self.scene().begin_press(press);
-    }
-
-    /// Begins to average the true force.
-    pub fn open_window(&self) {
-        self.scene().open_window(self.now_s());
-    }
-
-    /// Ends that average.
-    pub fn close_window(&self) {
-        self.scene().close_window(self.now_s());
-    }
-
-    /// What really happened since this was last asked.
-    pub fn take_truth(&self) -> Truth {
-        self.scene().take_truth(self.now_s())
-    }
-
-    fn scene(&self) -> MutexGuard<'_, Scene> {
-        self.scene.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn now_s(&self) -> f64 {
-        self.origin.elapsed().as_secs_f64()
+impl StageSpec {
+    fn driver(&self, dial: Dial, guard: Option<crate::driver::xps::Guard>) -> AnyStage {
+        let link = self.link.to_string();
+        match &self.driver {
+            StageDriver::Esp301 => AnyStage::Esp301(Esp301::new(dial(), link)),
+            StageDriver::Xps { group, .. } => {
+                let sockets = [dial(), dial(), dial()];
+                AnyStage::Xps(Box::new(Xps::new(sockets, link, group.clone(), guard)))
+            }
+            StageDriver::Grbl => AnyStage::Grbl(Grbl::new(dial(), link)),
+            StageDriver::Process => AnyStage::Process(ProcessStage::new(dial(), link)),
+        }
     }
 }
 
 impl LoadCellSpec {
-    fn driver(&self, connector: Connector, origin: Instant) -> Result<ModbusLoadCell, DeviceError> {
-        let MappedDevice { name, profile, .. } = &self.map;
-        let transport = transport(&self.link, profile);
-        let link = self.link.to_string();
-        ModbusLoadCell::new(connector, transport, profile.clone(), &link, self.conversions_hz, origin)
-            .ok_or_else(|| unfit("load cell", name))
+    fn driver(
+        &self,
+        dial: Dial,
+        acquisition: Option<&SharedAcquisition>,
+        origin: Instant,
+    ) -> Result<AnyLoadCell, DeviceError> {
+        let (link, hz) = (self.link.to_string(), self.conversions_hz);
+        Ok(match &self.driver {
+            LoadCellDriver::Modbus(MappedDevice { name, profile, .. }) => {
+                let transport = transport(&self.link, profile);
+                let driver = ModbusLoadCell::new(dial(), transport, profile.clone(), &link, hz, origin);
+                AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", name))?)
+            }
+            LoadCellDriver::Xps(input) => {
+                AnyLoadCell::Xps(XpsAnalog::new(dial(), link, &input.input, input.newton_per_volt, hz, origin))
+            }
+            LoadCellDriver::Daqmx { inputs, newton_per_volt } => {
+                let identity = ni_identity("load_cell", &inputs.physical, hz, link);
+                let acquisition = acquisition.ok_or_else(|| unfit("load cell", "daqmx"))?.clone();
+                let (at, range_v) = (0, inputs.range_v);
+                AnyLoadCell::Daqmx(DaqmxLoadCell::new(acquisition, at, *newton_per_volt, range_v, hz, origin, identity))
+            }
+            LoadCellDriver::Process => AnyLoadCell::Process(ProcessLoadCell::new(dial(), link, hz, origin)),
+        })
     }
 }
 
 impl ArraySpec {
-    fn driver(&self, connector: Connector) -> Result<ModbusArray, DeviceError> {
-        let MappedDevice { name, profile, .. } = &self.map;
-        let transport = transport(&self.link, profile);
-        ModbusArray::new(connector, transport, profile.clone(), &self.link.to_string(), self.layout.len())
-            .ok_or_else(|| unfit("array", name))
+    fn driver(
+        &self,
+        dial: Dial,
+        acquisition: Option<&SharedAcquisition>,
+        load_cell: &LoadCellSpec,
+    ) -> Result<AnyArray, DeviceError> {
+        let (link, units) = (self.link.to_string(), self.layout.len());
+        Ok(match &self.driver {
+            ArrayDriver::Modbus(MappedDevice { name, profile, .. }) => {
+                let transport = transport(&self.link, profile);
+                let driver = ModbusArray::new(dial(), transport, profile.clone(), &link, units);
+                AnyArray::Modbus(driver.ok_or_else(|| unfit("array", name))?)
+            }
+            ArrayDriver::Daqmx(inputs) => {
+                let acquisition = acquisition.ok_or_else(|| unfit("array", "daqmx"))?.clone();
+                let identity = ni_identity("array", &inputs.physical, load_cell.conversions_hz, link);
+                // behind the load cell, where that is in the same task
+                let at = usize::from(matches!(load_cell.driver, LoadCellDriver::Daqmx { .. }));
+                AnyArray::Daqmx(DaqmxArray::new(acquisition, at, units, identity))
+            }
+            ArrayDriver::Process => AnyArray::Process(ProcessArray::new(dial(), link, units)),
+        })
     }
 }
 
@@ -218,32 +207,28 @@ fn transport(link: &Link, profile: &Profile) -> Transport {
     match link {
         Link::Serial { .. } => Transport::Rtu,
         Link::Tcp { .. } => Transport::Tcp,
-        Link::Sim => profile.transport,
+        _ => profile.transport,
     }
 }
 
-fn emulate(map: &MappedDevice, role: Device, range_n: f64) -> Result<EmulatedDevice, DeviceError> {
-    let (instrument, protocol, wiring): (Shared<dyn Instrument>, _, _) = match (map.name.as_str(), role) {
-        ("generic-rs485", Device::LoadCell) => {
-            let device = Modbus::rtu(Transmitter::new(range_n), map.profile.unit_id);
-            (Arc::new(Mutex::new(device)), "modbus-rtu", Wiring::Serial)
-        }
-        ("labjack-t7", Device::LoadCell | Device::Array) => {
-            (Arc::new(Mutex::new(Modbus::tcp(LabJackT7::new(role)))), "modbus-tcp", Wiring::Network)
-        }
-        (name, role) => return Err(unfit(role.name(), name)),
-    };
-    Ok(EmulatedDevice { instrument, protocol, wiring })
+fn ni_identity(role: &str, physical: &str, rate_hz: f64, link: String) -> Identity {
+    let identity = format!("NI-DAQmx {physical} at {rate_hz} Hz");
+    Identity { role: role.to_owned(), identity, link, warnings: Vec::new() }
 }
 
-fn unfit(role: &str, map: &str) -> DeviceError {
-    let told = "simulated are generic-rs485 (load cell) and labjack-t7 (load cell or array)";
-    let problem =
-        Problem::Mismatch(format!("there is no emulator for the register map \"{map}\" in this role: {told}"));
+fn unfit(role: &str, driver: &str) -> DeviceError {
+    let problem = Problem::Mismatch(format!("\"{driver}\" can't play this role"));
     DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }
 }
 
-/// A link in memory: each time it is opened an emulator begins to serve its far end.
+/// Links in memory: each time one is opened an emulator begins to serve its far end.
+fn in_memory(device: EmulatedDevice, scene: Shared<Scene>, origin: Instant) -> impl Fn() -> Connector {
+    move || match device.instrument() {
+        Some(instrument) => dial(instrument.clone(), scene.clone(), origin),
+        None => Connector::Real(Link::Sim), // a library has no stream; nobody opens this
+    }
+}
+
 fn dial(instrument: Shared<dyn Instrument>, scene: Shared<Scene>, origin: Instant) -> Connector {
     Connector::Memory(Box::new(move || {
         let (near, far) = duplex(DUPLEX_BYTES);

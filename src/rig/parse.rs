@@ -1,8 +1,9 @@
+use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
+use super::map::Beside;
 use super::scene::{paper_scene, read_scene};
-use super::{ArraySpec, LoadCellSpec, MappedDevice, RigSpec, StageDriver, StageSpec};
+use super::{ArrayDriver, ArraySpec, LoadCellDriver, LoadCellSpec, RigSpec, StageDriver, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
-use crate::document::{self, Bounds, Problem, Problems, Table, with_nearest};
-use crate::driver::modbus::{Profile, SHIPPED};
+use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
 use crate::wire::Link;
 
@@ -26,7 +27,7 @@ const UNITS_MAX: u64 = 4096;
 ///
 /// # Errors
 /// Every problem of the text, each at its line.
-pub fn parse(file: &str, text: &str, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Result<RigSpec, Problems> {
+pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems> {
     document::read(file, text, |root| {
         if root.has("step") && !root.has("stage") {
             root.leave_the_rest();
@@ -53,14 +54,14 @@ pub fn parse(file: &str, text: &str, beside: &dyn Fn(&str) -> std::io::Result<St
             scene: scene?,
         };
         check_links(&spec, root);
+        check_drivers(&spec, root);
         check_room(&spec, root);
         Some(spec)
     })
 }
 
 fn read_stage(mut table: Table) -> Option<StageSpec> {
-    let driver = table.require_choice("driver", &[("esp301", StageDriver::Esp301), ("esp300", StageDriver::Esp301)]);
-    let link = read_link(&mut table);
+    let driver = read_stage_driver(&mut table);
     let travel = table.require_table("travel_mm").and_then(|mut travel| {
         let axes = ["x", "y", "z"].map(|axis| travel.require_range(axis, COORDINATE));
         travel.finish();
@@ -71,21 +72,21 @@ fn read_stage(mut table: Table) -> Option<StageSpec> {
     let acceleration_mm_s2 = table.number("acceleration_mm_s2", ACCELERATION).unwrap_or(100.0);
     let settle_s = table.number("settle_ms", SETTLE).unwrap_or(SETTLE_MS) / 1000.0;
     table.finish();
-    Some(StageSpec { driver: driver?, link: link?, travel: travel?, speed_mm_s, acceleration_mm_s2, settle_s })
+    let (driver, link) = driver?;
+    Some(StageSpec { driver, link, travel: travel?, speed_mm_s, acceleration_mm_s2, settle_s })
 }
 
-fn read_load_cell(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<LoadCellSpec> {
-    let map = read_map(&mut table, "force", |profile| profile.force.is_some(), beside);
-    let link = read_link(&mut table);
+fn read_load_cell(mut table: Table, beside: Beside) -> Option<LoadCellSpec> {
+    let driver = read_load_cell_driver(&mut table, beside);
     let conversions_hz = table.require_number("conversions_hz", CONVERSIONS);
     let lag_s = table.number("lag_ms", SETTLE).unwrap_or(0.0) / 1000.0;
     table.finish();
-    Some(LoadCellSpec { map: map?, link: link?, conversions_hz: conversions_hz?, lag_s })
+    let (driver, link) = driver?;
+    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s })
 }
 
-fn read_array(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>) -> Option<ArraySpec> {
-    let map = read_map(&mut table, "outputs", |profile| profile.outputs.is_some(), beside);
-    let link = read_link(&mut table);
+fn read_array(mut table: Table, beside: Beside) -> Option<ArraySpec> {
+    let driver = read_array_driver(&mut table, beside);
     let layout = match (table.has("grid"), table.has("places_mm")) {
         (true, false) => table.table("grid").and_then(|mut grid| {
             let rows = grid.require_integer("rows", 1, UNITS_MAX);
@@ -111,16 +112,27 @@ fn read_array(mut table: Table, beside: &dyn Fn(&str) -> std::io::Result<String>
     };
     let layout_key = if table.has("grid") { "grid" } else { "places_mm" };
     let layout_span = table.span_of(layout_key);
-    if let (Some(map), Some(layout)) = (&map, &layout) {
-        let most = map.profile.outputs.as_ref().map_or(0, |outputs| outputs.count_max);
-        if layout.is_empty() || layout.len() > most {
-            let told = format!("{} units, but {} has {most} outputs", layout.len(), map.profile.name);
-            let help = "a register map of your own may have more, on real links only: it has no emulator";
-            table.complain(Problem::new(layout_span, told).help(help));
-        }
+    if let (Some((driver, _)), Some(layout)) = (&driver, &layout) {
+        let units = layout.len();
+        let problem = match driver {
+            _ if layout.is_empty() => Some(Problem::new(layout_span, "an array without units")),
+            ArrayDriver::Modbus(map) => {
+                let most = map.profile.outputs.as_ref().map_or(0, |outputs| outputs.count_max);
+                let told = format!("{units} units, but {} has {most} outputs", map.profile.name);
+                let help = "a register map of your own may have more, on real links only: it has no emulator";
+                (units > most).then(|| Problem::new(layout_span, told).help(help))
+            }
+            ArrayDriver::Daqmx(inputs) => {
+                let told = format!("{units} units, but \"{}\" is {} inputs", inputs.physical, inputs.count);
+                (units != inputs.count).then(|| Problem::new(layout_span, told))
+            }
+            ArrayDriver::Process => None,
+        };
+        problem.into_iter().for_each(|problem| table.complain(problem));
     }
     table.finish();
-    Some(ArraySpec { map: map?, link: link?, layout: layout? })
+    let (driver, link) = driver?;
+    Some(ArraySpec { driver, link, layout: layout? })
 }
 
 fn read_limits(mut table: Table) -> Option<Limits> {
@@ -152,66 +164,6 @@ fn read_frame(mut table: Table) -> Option<Frame> {
     Some(Frame { origin: origin?, surface_z_mm, uncertainty_mm, down: down? })
 }
 
-fn read_link(table: &mut Table) -> Option<Link> {
-    let span = table.span_of("link");
-    let text = table.require_text("link", "where it is: sim, serial://PORT?baud=RATE or tcp://HOST:PORT")?;
-    match Link::parse(text) {
-        Ok(link) => Some(link),
-        Err(expected) => {
-            table.complain(Problem::new(span, format!("`link` is \"{text}\", {expected}")));
-            None
-        }
-    }
-}
-
-/// `driver = { modbus = "NAME" }`, a map that came with the program or a file beside the rig's.
-fn read_map(
-    table: &mut Table,
-    part: &str,
-    fits: impl Fn(&Profile) -> bool,
-    beside: &dyn Fn(&str) -> std::io::Result<String>,
-) -> Option<MappedDevice> {
-    let mut driver = table.require_table("driver")?;
-    let name = driver.require_text("modbus", "the name of a register map, or a file beside this one");
-    let span = driver.span_of("modbus");
-    driver.finish();
-    let name = name?;
-    let map = if let Some(profile) = Profile::shipped(name) {
-        MappedDevice { name: name.to_owned(), profile, own_text: None }
-    } else {
-        let known = || SHIPPED.map(|(name, _)| name).join(", ");
-        let plain = !name.contains(['/', '\\']) && name.ends_with(".toml");
-        if !plain {
-            let told = format!("there is no register map \"{name}\"");
-            let help = format!("known: {}; or name a .toml file that lies beside this one", known());
-            let problem = Problem::new(span, told).help(help);
-            table.complain(with_nearest(problem, name, &SHIPPED.map(|(name, _)| name)));
-            return None;
-        }
-        let text = match beside(name) {
-            Ok(text) => text,
-            Err(error) => {
-                let help = format!("it must lie beside the rig; maps that come with the program: {}", known());
-                table.complain(Problem::new(span, format!("{name}: {error}")).help(help));
-                return None;
-            }
-        };
-        match Profile::parse(name, &text) {
-            Ok(profile) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
-            Err(problems) => {
-                // each with the map's own line
-                problems.lines().into_iter().for_each(|line| table.complain(Problem::new(span.clone(), line)));
-                return None;
-            }
-        }
-    };
-    if !fits(&map.profile) {
-        table.complain(Problem::new(span, format!("the register map \"{name}\" has no [{part}]")));
-        return None;
-    }
-    Some(map)
-}
-
 fn check_links(spec: &RigSpec, root: &Table) {
     let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
     let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
@@ -219,6 +171,29 @@ fn check_links(spec: &RigSpec, root: &Table) {
         let told = "some links are simulated and some are real: they can't share one clock";
         let help = "make all links \"sim\", or none; `--simulate` simulates any rig whole";
         root.complain(Problem::new(root.span_of("stage"), told).help(help));
+    }
+}
+
+/// Whether the drivers can work together.
+fn check_drivers(spec: &RigSpec, root: &Table) {
+    let (stage, cell, array) = (&spec.stage, &spec.load_cell, &spec.array);
+    if let LoadCellDriver::Xps(_) = cell.driver
+        && (!matches!(stage.driver, StageDriver::Xps { .. }) || stage.link != cell.link)
+    {
+        let told = "the load cell is on an XPS that isn't the stage's";
+        root.complain(Problem::new(root.span_of("load_cell"), told).help("give both the same link and an xps driver"));
+    }
+    if let StageDriver::Xps { guard: true, .. } = stage.driver
+        && !matches!(cell.driver, LoadCellDriver::Xps(_))
+    {
+        let told = "`guard` has the XPS look at the force, but the load cell isn't on one of its inputs";
+        root.complain(Problem::new(root.span_of("stage"), told).help("leave `guard` out, or wire the cell to GPIO2 too"));
+    }
+    if let (LoadCellDriver::Daqmx { .. }, ArrayDriver::Daqmx(_)) = (&cell.driver, &array.driver)
+        && cell.link != array.link
+    {
+        let told = "load cell and array are on NI inputs, but over different links";
+        root.complain(Problem::new(root.span_of("array"), told).help("one task samples both: give them the same link"));
     }
 }
 

@@ -17,9 +17,9 @@ pub use estimate::estimated_s;
 pub use pace::keep_pace;
 pub use walk::{Ending, Errand, Listener, walk, walk_on};
 
-use crate::control::Trip;
+use crate::control::{Rule, Trip};
 use crate::dataset::DatasetError;
-use crate::device::DeviceError;
+use crate::device::{DeviceError, Problem};
 
 /// Why a run ended before its plan did.
 #[derive(Debug)]
@@ -42,7 +42,10 @@ impl From<Trip> for Halt {
 
 impl From<DeviceError> for Halt {
     fn from(error: DeviceError) -> Self {
-        Halt::Device(error)
+        match error.problem {
+            Problem::Guarded { limit_n } => Trip::new(Rule::Guarded, limit_n, limit_n, "N").into(),
+            _ => Halt::Device(error),
+        }
     }
 }
 

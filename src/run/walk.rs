@@ -15,6 +15,9 @@ use std::time::Duration;
 /// Clearance above the learned surface in which the indenter travels from place to place, mm.
 const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 
+/// Noise of one reading that the controller's guard leaves room for: it looks at each by itself, thousands a press.
+const GUARD_SIGMAS: f64 = 8.0;
+
 /// How often parking is tried: a link that stutters mostly answers the second time, and a third costs nothing but seconds.
 const PARK_TRIES: usize = 3;
 
@@ -169,6 +172,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.travel(entry.place, &self.permit, first_mm).await?;
         self.hand.cell.watch.pause();
         let air = self.hand.cell.close_air().await?;
+        self.hand.stage.guard(Some(self.guard_n())).await?;
         let first_mm = self.first_mm(entry.place, next);
         let mut press = Press::new(entry.task.clone(), self.context(entry, first_mm));
         let mut levels: Vec<Held> = Vec::with_capacity(entry.task.levels.len());
@@ -199,6 +203,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 Command::Trip(trip) => return Err(trip.into()),
             };
         }
+        self.hand.stage.guard(None).await?;
         if let (Some(last), Some(after)) = (levels.last_mut().and_then(|held| held.truth.as_mut()), self.truth()) {
             last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
             last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
@@ -207,6 +212,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let rows = levels.iter().enumerate().map(|(level, held)| self.row(entry, level, held, touched_mm)).collect();
         let truth = levels.iter().filter_map(|held| held.truth.map(RowTruth::rounded)).collect();
         Ok(Contact { press: entry.press, rows, truth, lesson: press.lesson() })
+    }
+
+    /// The reading at which the controller's own guard ends a motion: a little over what the watch trips at, N.
+    fn guard_n(&self) -> f64 {
+        let zero = self.hand.cell.watch.zero();
+        zero.offset_n + self.limits.force_n + GUARD_SIGMAS * zero.sigma_n
     }
 
     fn context(&self, entry: &Entry, first_mm: f64) -> Context {
@@ -277,6 +288,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// axis is, is asked each time, and the target is the same place in the clear.
     async fn stop_and_retreat(&mut self, clear_mm: f64) -> Result<(), Halt> {
         self.hand.stage.stop().await?;
+        // whatever the force is, nothing may hold up the way out; a guard that can't be removed is no reason to stay
+        let _ = self.hand.stage.guard(None).await;
         self.hand.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
         self.hand.retreat(clear_mm).await
     }

@@ -1,8 +1,10 @@
 use super::Link;
 use std::io;
+use std::process::Stdio;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
+use tokio::process::Command;
 use tokio::time::timeout;
 use tokio_serial::SerialPortBuilderExt;
 
@@ -43,9 +45,24 @@ impl Connector {
             Connector::Real(Link::Serial { port, baud }) => {
                 Ok(Box::new(tokio_serial::new(port, *baud).open_native_async()?))
             }
-            Connector::Real(Link::Sim) => {
-                Err(io::Error::new(io::ErrorKind::Unsupported, "no emulator is at the far end"))
+            Connector::Real(Link::Process(command)) => start(command),
+            Connector::Real(Link::Sim | Link::Daqmx(_)) => {
+                Err(io::Error::new(io::ErrorKind::Unsupported, "there is no stream of bytes to it"))
             }
         }
+    }
+}
+
+/// Starts a program, its standard input and output the link. It ends by itself when its input closes.
+fn start(command: &[String]) -> io::Result<ByteStream> {
+    let (program, arguments) = command.split_first().ok_or(io::ErrorKind::InvalidInput)?;
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
+    #[cfg(unix)]
+    command.process_group(0); // a Ctrl-C is for us: the stage is still needed to park
+    let mut child = command.spawn()?;
+    match (child.stdout.take(), child.stdin.take()) {
+        (Some(output), Some(input)) => Ok(Box::new(tokio::io::join(output, input))),
+        _ => Err(io::ErrorKind::BrokenPipe.into()),
     }
 }

@@ -1,12 +1,8 @@
-use super::{ByteStream, Connector};
-use std::future::poll_fn;
-use std::io;
-use std::pin::Pin;
-use std::task::Poll;
+use super::Connector;
+use super::lines::{Lines, WireError, silent};
 use std::time::Duration;
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
 use tokio::sync::Notify;
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::Instant;
 
 /// Longest answer line that is taken for one, bytes; the longest real one is an error text of some 60.
 const LINE_MAX_BYTES: usize = 1024;
@@ -16,25 +12,6 @@ const QUIET: Duration = Duration::from_millis(100);
 
 /// Most answers that are thrown away while a link is brought back into step.
 const STRAY_LINES_MAX: usize = 64;
-
-/// What went wrong on a link.
-#[derive(Debug, thiserror::Error)]
-pub enum WireError {
-    /// The link itself failed.
-    #[error("the link failed: {0}")]
-    Io(#[from] io::Error),
-    /// No answer within the deadline.
-    #[error("no answer to {request:?} within {waited_ms} ms")]
-    Silent {
-        /// What was sent.
-        request: String,
-        /// The deadline, ms.
-        waited_ms: u64,
-    },
-    /// An answer with no end.
-    #[error("an answer of over {LINE_MAX_BYTES} bytes without a line end")]
-    Endless,
-}
 
 /// What a waiting exchange sends at once when it is asked for, answer or no answer. It has no answer itself.
 pub struct Urgent<'a> {
@@ -49,9 +26,7 @@ pub struct Urgent<'a> {
 /// An exchange that isn't finished (no answer, or its future dropped) leaves the link out of step; the next one first
 /// brings it back: it waits for quiet, asks the `marker` question and discards lines up to its answer.
 pub struct LineExchange {
-    connector: Connector,
-    stream: Option<ByteStream>,
-    inbox: Vec<u8>,
+    lines: Lines,
     deadline: Duration,
     marker: Marker,
     out_of_step: bool,
@@ -74,7 +49,7 @@ impl LineExchange {
         answer_contains: &'static str,
     ) -> Self {
         let marker = Marker { question, answer_contains };
-        LineExchange { connector, stream: None, inbox: Vec::new(), deadline, marker, out_of_step: false }
+        LineExchange { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), deadline, marker, out_of_step: false }
     }
 
     /// Sends a line that has no answer.
@@ -113,7 +88,7 @@ impl LineExchange {
         urgent: Option<&Urgent<'_>>,
     ) -> Result<Vec<String>, WireError> {
         // what came without being asked for would be taken for the answer
-        if !self.inbox.is_empty() || self.something_came().await {
+        if self.lines.something_came().await {
             self.out_of_step = true;
         }
         self.bring_back_in_step(urgent).await?;
@@ -152,7 +127,7 @@ impl LineExchange {
                 break;
             }
         }
-        self.inbox.clear();
+        self.lines.forget();
         let Marker { question, answer_contains } = self.marker;
         self.send(question).await?;
         let until = Instant::now() + self.deadline;
@@ -173,7 +148,7 @@ impl LineExchange {
     async fn line_by(&mut self, until: Instant, urgent: Option<&Urgent<'_>>) -> Result<Option<String>, WireError> {
         loop {
             let line = match urgent {
-                None => timeout_at(until, self.read_line()).await,
+                None => self.lines.next_by(until).await,
                 Some(urgent) => {
                     tokio::select! {
                         biased;
@@ -183,90 +158,19 @@ impl LineExchange {
                             }
                             continue;
                         }
-                        line = timeout_at(until, self.read_line()) => line,
+                        line = self.lines.next_by(until) => line,
                     }
                 }
             };
-            return line.ok().transpose();
+            return line;
         }
-    }
-
-    /// Whether bytes wait on the link; they are kept. What is wrong with the link shows in the exchange that follows.
-    async fn something_came(&mut self) -> bool {
-        let Some(stream) = self.stream.as_mut() else { return false };
-        let mut chunk = [0; 256];
-        let mut waiting = ReadBuf::new(&mut chunk);
-        poll_fn(|cx| {
-            let _ = Pin::new(&mut *stream).poll_read(cx, &mut waiting);
-            Poll::Ready(())
-        })
-        .await;
-        self.inbox.extend_from_slice(waiting.filled());
-        !self.inbox.is_empty()
     }
 
     fn silent(&self, request: &str) -> WireError {
-        WireError::Silent { request: request.to_owned(), waited_ms: self.deadline.as_millis() as u64 }
+        silent(request, self.deadline)
     }
 
     async fn send(&mut self, line: &str) -> Result<(), WireError> {
-        let mut bytes = Vec::with_capacity(line.len() + 1);
-        bytes.extend_from_slice(line.as_bytes());
-        bytes.push(b'\r');
-        let deadline = self.deadline;
-        let sent = {
-            let stream = self.stream().await?;
-            timeout(deadline, async {
-                stream.write_all(&bytes).await?;
-                stream.flush().await
-            })
-            .await
-        };
-        match sent {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(error)) => {
-                self.stream = None;
-                Err(error.into())
-            }
-            Err(_) => {
-                self.stream = None; // half a line may have gone: nothing is to be glued to it
-                Err(self.silent(line))
-            }
-        }
-    }
-
-    /// The next line. May be dropped while it waits: what has come so far stays in the inbox.
-    async fn read_line(&mut self) -> Result<String, WireError> {
-        loop {
-            if let Some(end) = self.inbox.iter().position(|&byte| byte == b'\n') {
-                let line: Vec<u8> = self.inbox.drain(..=end).collect();
-                return Ok(String::from_utf8_lossy(&line).trim().to_owned());
-            }
-            if self.inbox.len() > LINE_MAX_BYTES {
-                self.inbox.clear();
-                return Err(WireError::Endless);
-            }
-            let mut chunk = [0; 256];
-            let count = self.stream().await?.read(&mut chunk).await;
-            match count {
-                Ok(0) => {
-                    self.stream = None;
-                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the far end closed it").into());
-                }
-                Ok(count) => self.inbox.extend_from_slice(&chunk[..count]),
-                Err(error) => {
-                    self.stream = None;
-                    return Err(error.into());
-                }
-            }
-        }
-    }
-
-    async fn stream(&mut self) -> Result<&mut ByteStream, WireError> {
-        if self.stream.is_none() {
-            self.inbox.clear();
-            self.stream = Some(self.connector.open().await?);
-        }
-        self.stream.as_mut().ok_or_else(|| io::Error::from(io::ErrorKind::NotConnected).into())
+        self.lines.send(format!("{line}\r").as_bytes(), self.deadline).await
     }
 }

@@ -20,10 +20,15 @@ pub enum Link {
         /// Port.
         port: u16,
     },
+    /// A program of the user's own, started with its standard input and output as the link: the command and its arguments.
+    Process(Vec<String>),
+    /// NI's DAQmx library on this machine: the system's own, or the file of this path.
+    Daqmx(Option<String>),
 }
 
 impl Link {
-    /// Reads `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`) or `tcp://host:port`.
+    /// Reads `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`), `tcp://host:port`, `daqmx` or
+    /// `daqmx:///path/to/library`.
     ///
     /// # Errors
     /// What is wrong, and the form that was expected.
@@ -47,7 +52,14 @@ impl Link {
                 _ => Err("expected tcp://HOST:PORT, such as tcp://192.168.1.10:502".to_owned()),
             };
         }
-        Err("expected sim, serial://PORT?baud=RATE or tcp://HOST:PORT".to_owned())
+        if text == "daqmx" {
+            return Ok(Link::Daqmx(None));
+        }
+        if let Some(path) = text.strip_prefix("daqmx://") {
+            let form = "expected daqmx, or daqmx:///PATH/OF/THE/LIBRARY";
+            return if path.is_empty() { Err(form.to_owned()) } else { Ok(Link::Daqmx(Some(path.to_owned()))) };
+        }
+        Err("expected sim, serial://PORT?baud=RATE, tcp://HOST:PORT or daqmx".to_owned())
     }
 }
 
@@ -57,6 +69,9 @@ impl std::fmt::Display for Link {
             Link::Sim => f.write_str("sim"),
             Link::Serial { port, baud } => write!(f, "serial://{port}?baud={baud}"),
             Link::Tcp { host, port } => write!(f, "tcp://{host}:{port}"),
+            Link::Process(command) => write!(f, "process {}", command.join(" ")),
+            Link::Daqmx(None) => f.write_str("daqmx"),
+            Link::Daqmx(Some(path)) => write!(f, "daqmx://{path}"),
         }
     }
 }
@@ -67,7 +82,14 @@ mod tests {
 
     #[test]
     fn links_are_read_and_written_back() {
-        for text in ["sim", "serial:///dev/ttyUSB0?baud=921600", "serial://COM3?baud=9600", "tcp://192.168.1.10:502"] {
+        for text in [
+            "sim",
+            "serial:///dev/ttyUSB0?baud=921600",
+            "serial://COM3?baud=9600",
+            "tcp://192.168.1.10:502",
+            "daqmx",
+            "daqmx:///usr/lib/libnidaqmx.so",
+        ] {
             assert_eq!(Link::parse(text).unwrap().to_string(), text);
         }
     }
@@ -75,7 +97,7 @@ mod tests {
     #[test]
     fn a_bad_link_says_the_form_that_was_expected() {
         for text in
-            ["", "serial:///dev/ttyUSB0", "serial://?baud=1", "serial://a?baud=x", "tcp://host", "tcp://:1", "usb"]
+            ["", "serial:///dev/ttyUSB0", "serial://?baud=1", "serial://a?baud=x", "tcp://host", "tcp://:1", "usb", "daqmx://"]
         {
             assert!(Link::parse(text).unwrap_err().contains("expected"), "{text}");
         }

@@ -7,8 +7,10 @@
 mod connect;
 pub mod daqmx;
 mod line;
+mod lines;
 mod link;
 
 pub use connect::{ByteStream, Connector, Duplex};
-pub use line::{LineExchange, Urgent, WireError};
+pub use line::{LineExchange, Urgent};
+pub use lines::{Lines, WireError, silent};
 pub use link::Link;

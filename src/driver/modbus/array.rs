@@ -29,7 +29,7 @@ impl ModbusArray {
 
 impl SensorArray for ModbusArray {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
-        self.client.probe(&self.probes, self.outputs.word_order).await?;
+        self.client.probe(&self.probes).await?;
         let mut outputs = vec![0.0; self.units];
         self.read(&mut outputs).await?;
         Ok(self.identity.clone())
@@ -37,11 +37,11 @@ impl SensorArray for ModbusArray {
 
     async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
         let doing = "reading the outputs";
-        let Outputs { address, number, word_order, .. } = self.outputs;
-        let each = number.registers();
-        let words = self.client.read(doing, address, each * self.units as u16).await?;
+        let register = self.outputs.register;
+        let each = register.encoding.registers();
+        let words = self.client.read(doing, register.function, register.address, each * self.units as u16).await?;
         for (output, words) in outputs.iter_mut().zip(words.chunks(usize::from(each))) {
-            let value = number.decode(words, word_order).filter(|value| value.is_finite());
+            let value = register.encoding.decode(words).filter(|value| value.is_finite());
             *output = value.ok_or_else(|| {
                 let expected = "a finite number from every unit".to_owned();
                 self.client.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected })

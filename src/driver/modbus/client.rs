@@ -1,9 +1,9 @@
-use super::profile::{NumberType, Probe, Profile, Transport, WordOrder};
+use super::profile::{Function, Probe, Profile, Register, Transport};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{ByteStream, Connector};
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
-use tokio::time::timeout;
+use tokio::time::{Instant, sleep_until, timeout};
 use tokio_modbus::client::{Context, Reader, rtu, tcp};
 use tokio_modbus::slave::Slave;
 
@@ -22,6 +22,12 @@ pub struct Client {
     transport: Transport,
     unit_id: u8,
     deadline: Duration,
+    /// Least time from an answer to the next request.
+    rest: Duration,
+    /// Least time from one request to the next: a device that converts no faster needn't be asked.
+    pace: Duration,
+    /// No request before this instant.
+    next: Instant,
     device: String,
     /// Taken while an exchange is under way: one that was dropped doesn't come back, and the link is opened anew.
     context: Option<Context>,
@@ -38,6 +44,9 @@ impl Client {
             transport,
             unit_id: profile.unit_id,
             deadline: Duration::from_millis(profile.deadline_ms),
+            rest: Duration::from_millis(profile.rest_ms),
+            pace: Duration::ZERO,
+            next: Instant::now(),
             device: format!("{role} ({} at {link})", profile.name),
             context: None,
             opened_before: false,
@@ -45,20 +54,33 @@ impl Client {
         }
     }
 
-    /// Holding registers from an address on the wire (function code 3).
+    /// Sends no more requests than one in so long.
+    pub fn set_pace(&mut self, pace: Duration) {
+        self.pace = pace;
+    }
+
+    /// Registers from an address on the wire (function code 3 or 4).
     ///
     /// # Errors
     /// The device's exception, or the link's failure after as many tries as are allowed.
-    pub async fn read(&mut self, doing: &str, address: u16, count: u16) -> Result<Vec<u16>, DeviceError> {
+    pub async fn read(
+        &mut self,
+        doing: &str,
+        function: Function,
+        address: u16,
+        count: u16,
+    ) -> Result<Vec<u16>, DeviceError> {
         let mut last = String::new();
         for _ in 0..READ_TRIES {
+            sleep_until(self.next).await;
+            let asked = Instant::now();
             let opened = self.open().await;
             let mut context =
                 opened.map_err(|error| self.error(doing, Problem::Link(format!("can't open the link: {error}"))))?;
             if self.doubtful {
                 // RTU numbers nothing: a late answer looks like the next. One to another function can't be taken for it,
                 // be it that the device doesn't know the function and says so
-                match timeout(self.deadline, context.read_input_registers(address, count)).await {
+                match timeout(self.deadline, read(&mut context, function.other(), address, count)).await {
                     Ok(Ok(_)) => self.doubtful = false,
                     _ => {
                         last = "its answers are out of step".to_owned();
@@ -66,7 +88,9 @@ impl Client {
                     }
                 }
             }
-            match timeout(self.deadline, context.read_holding_registers(address, count)).await {
+            let answered = timeout(self.deadline, read(&mut context, function, address, count)).await;
+            self.next = (asked + self.pace).max(Instant::now() + self.rest);
+            match answered {
                 Ok(Ok(Ok(words))) if words.len() == usize::from(count) => {
                     self.context = Some(context);
                     return Ok(words);
@@ -84,20 +108,20 @@ impl Client {
         Err(self.error(doing, Problem::Link(format!("{last}, {READ_TRIES} times"))))
     }
 
-    /// One number from an address on the wire.
+    /// One number.
     ///
     /// # Errors
     /// As [`read`](Self::read).
     pub async fn read_number(
         &mut self,
         doing: &str,
-        address: u16,
-        number: NumberType,
-        order: WordOrder,
+        register: Register,
     ) -> Result<f64, DeviceError> {
-        let words = self.read(doing, address, number.registers()).await?;
-        number.decode(&words, order).ok_or_else(|| {
-            self.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected: format!("a {number:?}") })
+        let Register { function, address, encoding } = register;
+        let words = self.read(doing, function, address, encoding.registers()).await?;
+        encoding.decode(&words).ok_or_else(|| {
+            let expected = format!("a {:?}", encoding.number);
+            self.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected })
         })
     }
 
@@ -105,12 +129,12 @@ impl Client {
     ///
     /// # Errors
     /// The first that differs: wrong device, wrong address or wrong word order.
-    pub async fn probe(&mut self, probes: &[Probe], order: WordOrder) -> Result<(), DeviceError> {
+    pub async fn probe(&mut self, probes: &[Probe]) -> Result<(), DeviceError> {
         for probe in probes {
             let doing = format!("checking {}", probe.what);
-            let value = self.read_number(&doing, probe.address, probe.number, order).await?;
+            let value = self.read_number(&doing, probe.register).await?;
             if value != probe.value {
-                let expected = format!("{} at register {}", probe.value, probe.address);
+                let expected = format!("{} at register {}", probe.value, probe.register.address);
                 return Err(self.error(&doing, Problem::Misfit { answer: value.to_string(), expected }));
             }
         }
@@ -137,6 +161,19 @@ impl Client {
             Transport::Rtu => rtu::attach_slave(stream, slave),
             Transport::Tcp => tcp::attach_slave(stream, slave),
         })
+    }
+}
+
+/// Registers, read with either function.
+async fn read(
+    context: &mut Context,
+    function: Function,
+    address: u16,
+    count: u16,
+) -> tokio_modbus::Result<Vec<u16>> {
+    match function {
+        Function::Holding => context.read_holding_registers(address, count).await,
+        Function::Input => context.read_input_registers(address, count).await,
     }
 }
 

@@ -1,5 +1,5 @@
 use super::client::Client;
-use super::profile::{Force, Profile, Status, Transport};
+use super::profile::{Force, Function, Probe, Profile, Status, Transport};
 use crate::device::{DeviceError, Identity, LoadCell, Problem};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
@@ -15,6 +15,7 @@ pub struct ModbusLoadCell {
     client: Client,
     force: Force,
     status: Option<Status>,
+    probes: Vec<Probe>,
     newton_per_count: f64,
     conversion: Duration,
     health: Health,
@@ -34,7 +35,11 @@ impl ModbusLoadCell {
         conversions_hz: f64,
         origin: Instant,
     ) -> Option<Self> {
-        let client = Client::new(connector, transport, &profile, "load cell", link);
+        let mut client = Client::new(connector, transport, &profile, "load cell", link);
+        let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
+        if profile.status.is_some() {
+            client.set_pace(conversion); // a status word and a weight are two requests
+        }
         let identity = Identity {
             role: "load_cell".to_owned(),
             identity: profile.name.clone(),
@@ -45,8 +50,9 @@ impl ModbusLoadCell {
             client,
             force: profile.force?,
             status: profile.status,
+            probes: profile.probe,
             newton_per_count: 1.0,
-            conversion: Duration::from_secs_f64(1.0 / conversions_hz),
+            conversion,
             health: Health::default(),
             until_status: 0,
             origin,
@@ -56,28 +62,60 @@ impl ModbusLoadCell {
 
     async fn read_status(&mut self) -> Result<(), DeviceError> {
         let Some(status) = &self.status else { return Ok(()) };
-        let words = self.client.read("reading the status word", status.address, 1).await?;
-        let word = words.first().copied().unwrap_or_default();
-        let any = |bits: &[u8]| bits.iter().any(|&bit| word.checked_shr(u32::from(bit)).unwrap_or(0) & 1 == 1);
-        self.health = Health { saturated: any(&status.saturated_bits), fault: any(&status.fault_bits) };
+        let words = self.client.read("reading the status word", Function::Holding, status.address, 1).await?;
+        self.health = status.health(words.first().copied().unwrap_or_default());
         Ok(())
+    }
+
+    /// The force and what was read with it.
+    async fn read_force(&mut self) -> Result<f64, DeviceError> {
+        let doing = "reading the force";
+        let Force { register, sign, .. } = self.force;
+        let (first, count) = self.force.block();
+        let words = self.client.read(doing, register.function, first, count).await?;
+        let word_at = |address: u16| words.get(usize::from(address.wrapping_sub(first))).copied();
+        if let Some(status) = &self.status
+            && let Some(word) = word_at(status.address)
+        {
+            self.health = status.health(word);
+            self.until_status = STATUS_EVERY;
+        }
+        let own = words.get(usize::from(register.address - first)..).unwrap_or_default();
+        let units = register.encoding.decode(own);
+        let negative = sign.and_then(|sign| word_at(sign.address).map(|word| word >> sign.bit & 1 == 1));
+        let units = units.map(|units| if negative == Some(true) { -units } else { units });
+        let force_n = units.map(|units| (units - self.force.offset) * self.newton_per_count);
+        let is_possible = |force_n: &f64| self.force.range_n.is_none_or(|range_n| force_n.abs() <= range_n);
+        force_n.filter(is_possible).ok_or_else(|| {
+            let expected = format!("a force within {} N", self.force.range_n.unwrap_or(f64::INFINITY));
+            self.client.error(doing, Problem::Misfit { answer: format!("{words:?}, {force_n:?} N"), expected })
+        })
+    }
+}
+
+impl Status {
+    /// What a status word says.
+    fn health(&self, word: u16) -> Health {
+        let any = |bits: &[u8]| bits.iter().any(|&bit| word.checked_shr(u32::from(bit)).unwrap_or(0) & 1 == 1);
+        Health { saturated: any(&self.saturated_bits), fault: any(&self.fault_bits) }
     }
 }
 
 impl LoadCell for ModbusLoadCell {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
-        let mut decimals = 0;
-        if let Some(place) = &self.force.decimals {
-            let words = self.client.read("reading its decimals", place.address, 1).await?;
-            decimals = words.first().copied().unwrap_or_default() & place.mask;
+        self.client.probe(&self.probes).await?;
+        let mut decimals = 0.0;
+        if let Some(register) = self.force.decimals {
+            decimals = self.client.read_number("reading its decimals", register).await?;
         }
-        let Some(scale) = 10_u32.checked_pow(u32::from(decimals)) else {
+        let Some(scale) = 10_u32.checked_pow(decimals as u32) else {
             let told = format!("it says its weight has {decimals} decimals: is `decimals` of the register map right?");
             return Err(self.client.error("reading its decimals", Problem::Mismatch(told)));
         };
         self.newton_per_count = self.force.newton_per_unit / f64::from(scale);
         self.read_status().await?;
         self.until_status = STATUS_EVERY;
+        self.read_force().await?;
         if self.health.fault {
             let told = "its status word reports a fault of the cell".to_owned();
             return Err(self.client.error("identifying it", Problem::Refused(told)));
@@ -92,10 +130,9 @@ impl LoadCell for ModbusLoadCell {
             self.until_status = STATUS_EVERY;
         }
         self.until_status -= 1;
-        let Force { address, number, word_order, .. } = self.force;
-        let count = self.client.read_number("reading the force", address, number, word_order).await?;
+        let force_n = self.read_force().await?;
         let at_s = self.origin.elapsed().as_secs_f64();
-        Ok(ForceReading { at_s, force_n: count * self.newton_per_count, health: self.health })
+        Ok(ForceReading { at_s, force_n, health: self.health })
     }
 
     fn conversion(&self) -> Duration {

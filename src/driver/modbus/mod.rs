@@ -3,9 +3,11 @@
 mod array;
 mod client;
 mod load_cell;
+mod number;
 mod profile;
 
 pub use array::ModbusArray;
 pub use client::Client;
 pub use load_cell::ModbusLoadCell;
-pub use profile::{NumberType, Profile, SHIPPED, Transport, WordOrder};
+pub use number::{Encoding, NumberType, WordOrder};
+pub use profile::{Function, Profile, Register, SHIPPED, Transport};

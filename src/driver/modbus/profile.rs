@@ -1,9 +1,12 @@
-use crate::document::{self, Bounds, Problems, Table};
+use super::number::{Encoding, NumberType, WordOrder};
+use crate::document::{self, Bounds, Problem, Problems, Table};
 
 /// The register maps that come with the program: name and text.
-pub const SHIPPED: [(&str, &str); 2] = [
+pub const SHIPPED: [(&str, &str); 4] = [
     ("generic-rs485", include_str!("../../../profiles/generic-rs485.toml")),
     ("labjack-t7", include_str!("../../../profiles/labjack-t7.toml")),
+    ("laumas-tlb", include_str!("../../../profiles/laumas-tlb.toml")),
+    ("seneca-zsg", include_str!("../../../profiles/seneca-zsg.toml")),
 ];
 
 /// Which registers of a Modbus device mean what.
@@ -17,6 +20,10 @@ pub struct Profile {
     pub unit_id: u8,
     /// Longest wait for an answer, ms.
     pub deadline_ms: u64,
+    /// Least rest between an answer and the next request, ms.
+    pub rest_ms: u64,
+    /// Most registers it gives at once.
+    pub registers_max: u16,
     /// Where a load cell's force is.
     pub force: Option<Force>,
     /// What it says of itself.
@@ -36,28 +43,60 @@ pub enum Transport {
     Tcp,
 }
 
-/// The force register of a load cell.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Force {
+/// With which function registers are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Function {
+    /// Function code 3.
+    Holding,
+    /// Function code 4.
+    Input,
+}
+
+impl Function {
+    /// The function that this one's answer can't be taken for.
+    pub fn other(self) -> Function {
+        match self {
+            Function::Holding => Function::Input,
+            Function::Input => Function::Holding,
+        }
+    }
+}
+
+/// Where a number is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Register {
+    /// With which function it is read.
+    pub function: Function,
     /// Address on the wire of its first register.
     pub address: u16,
     /// What it holds.
-    pub number: NumberType,
-    /// Which word comes first.
-    pub word_order: WordOrder,
-    /// N per unit of the device, before its decimals.
-    pub newton_per_unit: f64,
-    /// Where the device says how many decimals its integer has; none: it has none.
-    pub decimals: Option<Decimals>,
+    pub encoding: Encoding,
 }
 
-/// Where a device keeps its number of decimals.
+/// The force register of a load cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Decimals {
+pub struct Force {
+    /// Where it is.
+    pub register: Register,
+    /// N per unit of the device, before its decimals.
+    pub newton_per_unit: f64,
+    /// What the device reads at no force, in its units.
+    pub offset: f64,
+    /// Most that the device can measure, N: a reading beyond is damaged, or decoded wrongly.
+    pub range_n: Option<f64>,
+    /// Where the device says how many decimals its integer has; none: it has none.
+    pub decimals: Option<Register>,
+    /// The bit that says a magnitude is negative. It is read together with the force.
+    pub sign: Option<Bit>,
+}
+
+/// One bit of a register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bit {
     /// Address on the wire.
     pub address: u16,
-    /// The bits that hold the number.
-    pub mask: u16,
+    /// 0 (least significant) to 15.
+    pub bit: u8,
 }
 
 /// The status word of a load cell.
@@ -74,12 +113,8 @@ pub struct Status {
 /// The output registers of an array, one number a unit, without gaps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
-    /// Address on the wire of the first unit's first register.
-    pub address: u16,
-    /// What each holds.
-    pub number: NumberType,
-    /// Which word comes first.
-    pub word_order: WordOrder,
+    /// Where the first unit's is.
+    pub register: Register,
     /// Most units that can be read.
     pub count_max: usize,
 }
@@ -89,50 +124,31 @@ pub struct Outputs {
 pub struct Probe {
     /// Its name in the device's manual.
     pub what: String,
-    /// Address on the wire.
-    pub address: u16,
-    /// What it holds.
-    pub number: NumberType,
+    /// Where it is.
+    pub register: Register,
     /// Its value.
     pub value: f64,
 }
 
-/// What registers hold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NumberType {
-    /// One register, unsigned.
-    U16,
-    /// One register, two's complement.
-    I16,
-    /// Two registers, unsigned.
-    U32,
-    /// Two registers, two's complement.
-    I32,
-    /// Two registers, IEEE 754 single.
-    F32,
-}
-
-/// Which of two registers is the more significant; bytes within a register are always high first (Modbus specification).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WordOrder {
-    /// The one at the lower address.
-    Big,
-    /// The one at the higher address.
-    Little,
-}
-
 const TRANSPORTS: [(&str, Transport); 2] = [("rtu", Transport::Rtu), ("tcp", Transport::Tcp)];
 const WORD_ORDERS: [(&str, WordOrder); 2] = [("big", WordOrder::Big), ("little", WordOrder::Little)];
-const NUMBER_TYPES: [(&str, NumberType); 5] = [
+const FUNCTIONS: [(&str, Function); 2] = [("holding", Function::Holding), ("input", Function::Input)];
+const NUMBER_TYPES: [(&str, NumberType); 6] = [
     ("u16", NumberType::U16),
     ("i16", NumberType::I16),
     ("u32", NumberType::U32),
     ("i32", NumberType::I32),
     ("f32", NumberType::F32),
+    ("f64", NumberType::F64),
 ];
 const ADDRESS_MAX: u64 = 65_535;
 const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");
+const OFFSET: Bounds = Bounds::within(-1e12, 1e12, "units of the device");
+const RANGE: Bounds = Bounds::above(0.0, 1e6, "N");
 const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
+const REST_MS_MAX: u64 = 1000;
+/// A manual that counts from 40001 for the first holding register, and one that counts from 30001 for the first input one.
+const BASE_MAX: u64 = 40_001;
 /// One Modbus read carries at most 125 registers (Modbus specification).
 const REGISTERS_MAX: u64 = 125;
 
@@ -147,15 +163,20 @@ impl Profile {
             let transport = root.require_choice("transport", &TRANSPORTS);
             let unit_id = root.require_integer("unit_id", 0, 255);
             let deadline_ms = root.require_integer("deadline_ms", 1, 60_000);
-            let force = optional(root.table("force"), read_force);
-            let status = optional(root.table("status"), read_status);
-            let outputs = optional(root.table("outputs"), read_outputs);
-            let probe = document::all(root.tables("probe").into_iter().map(read_probe));
+            let rest_ms = root.integer("rest_ms", 0, REST_MS_MAX).unwrap_or(0);
+            let registers_max = root.integer("registers_max", 1, REGISTERS_MAX).unwrap_or(REGISTERS_MAX) as u16;
+            let base = root.integer("address_base", 0, BASE_MAX).unwrap_or(0);
+            let force = optional(root.table("force"), |table| read_force(table, base, registers_max));
+            let status = optional(root.table("status"), |table| read_status(table, base));
+            let outputs = optional(root.table("outputs"), |table| read_outputs(table, base, registers_max));
+            let probe = document::all(root.tables("probe").into_iter().map(|table| read_probe(table, base)));
             Some(Profile {
                 name: name?.to_owned(),
                 transport: transport?,
                 unit_id: unit_id? as u8,
                 deadline_ms: deadline_ms?,
+                rest_ms,
+                registers_max,
                 force: force?,
                 status: status?,
                 outputs: outputs?,
@@ -171,92 +192,107 @@ impl Profile {
     }
 }
 
+impl Force {
+    /// Where one read begins that has the force and its sign, and how many registers it has.
+    pub fn block(&self) -> (u16, u16) {
+        let (first, last) = (self.register.address, self.register.address + (self.register.encoding.registers() - 1));
+        let (first, last) = self.sign.map_or((first, last), |sign| (first.min(sign.address), last.max(sign.address)));
+        (first, last - first + 1)
+    }
+}
+
 /// A table that may be missing, but must be right where it is there.
-fn optional<T>(table: Option<Table>, read: fn(Table) -> Option<T>) -> Option<Option<T>> {
+fn optional<T>(table: Option<Table>, read: impl FnOnce(Table) -> Option<T>) -> Option<Option<T>> {
     match table {
         Some(table) => read(table).map(Some),
         None => Some(None),
     }
 }
 
-fn read_force(mut table: Table) -> Option<Force> {
-    let address = read_address(&mut table);
-    let (number, word_order) = read_number(&mut table);
+fn read_force(mut table: Table, base: u64, registers_max: u16) -> Option<Force> {
+    let register = read_register(&mut table, base);
     let newton_per_unit = table.require_number("newton_per_unit", FORCE_PER_UNIT);
+    let offset = table.number("offset", OFFSET).unwrap_or(0.0);
+    let range_n = table.number("range_n", RANGE);
     let decimals = optional(table.table("decimals"), |mut decimals| {
-        let (address, mask) = (read_address(&mut decimals), decimals.require_integer("mask", 1, ADDRESS_MAX));
+        let address = read_address(&mut decimals, base);
+        let mask = decimals.require_integer("mask", 1, u64::from(u16::MAX));
+        let shift = decimals.integer("shift", 0, 15).unwrap_or(0) as u8;
         decimals.finish();
-        Some(Decimals { address: address?, mask: mask? as u16 })
+        let encoding = Encoding {
+            mask: Some(mask? as u32),
+            shift,
+            ..Encoding::plain(NumberType::U16, WordOrder::Big)
+        };
+        Some(Register { function: Function::Holding, address: address?, encoding })
     });
+    let sign_span = table.span_of("sign");
+    let sign = optional(table.table("sign"), |mut sign| {
+        let (address, bit) = (read_address(&mut sign, base), sign.require_integer("bit", 0, 15));
+        sign.finish();
+        Some(Bit { address: address?, bit: bit? as u8 })
+    });
+    let force = (|| {
+        let (decimals, sign) = (decimals?, sign?);
+        Some(Force { register: register?, newton_per_unit: newton_per_unit?, offset, range_n, decimals, sign })
+    })();
+    if let Some(force) = &force
+        && force.block().1 > registers_max
+    {
+        let told = format!("the sign is {} registers from the force: they can't be read together", force.block().1);
+        table.complain(Problem::new(sign_span, told).help("at most `registers_max` apart: both are of one moment"));
+    }
     table.finish();
-    Some(Force {
-        address: address?,
-        number: number?,
-        word_order: word_order?,
-        newton_per_unit: newton_per_unit?,
-        decimals: decimals?,
-    })
+    force
 }
 
-fn read_status(mut table: Table) -> Option<Status> {
-    let address = read_address(&mut table);
+fn read_status(mut table: Table, base: u64) -> Option<Status> {
+    let address = read_address(&mut table, base);
     let mut bits = |key| table.integers(key, 0, 15).unwrap_or_default().into_iter().map(|bit| bit as u8).collect();
     let (saturated_bits, fault_bits) = (bits("saturated_bits"), bits("fault_bits"));
     table.finish();
     Some(Status { address: address?, saturated_bits, fault_bits })
 }
 
-fn read_outputs(mut table: Table) -> Option<Outputs> {
-    let address = read_address(&mut table);
-    let (number, word_order) = read_number(&mut table);
-    let most = REGISTERS_MAX / number.map_or(1, |number| u64::from(number.registers()));
-    let count_max = table.require_integer("count_max", 1, most);
+fn read_outputs(mut table: Table, base: u64, registers_max: u16) -> Option<Outputs> {
+    let register = read_register(&mut table, base);
+    let each = register.as_ref().map_or(1, |register| register.encoding.registers());
+    let count_max = table.require_integer("count_max", 1, u64::from(registers_max / each));
     table.finish();
-    Some(Outputs { address: address?, number: number?, word_order: word_order?, count_max: count_max? as usize })
+    Some(Outputs { register: register?, count_max: count_max? as usize })
 }
 
-fn read_probe(mut table: Table) -> Option<Probe> {
+fn read_probe(mut table: Table, base: u64) -> Option<Probe> {
     let what = table.require_text("what", "its name in the device's manual");
-    let (address, number) = (read_address(&mut table), table.require_choice("type", &NUMBER_TYPES));
+    let register = read_register(&mut table, base);
     let value = table.require_number("value", VALUE);
     table.finish();
-    Some(Probe { what: what?.to_owned(), address: address?, number: number?, value: value? })
+    Some(Probe { what: what?.to_owned(), register: register?, value: value? })
 }
 
-fn read_address(table: &mut Table) -> Option<u16> {
-    table.require_integer("address", 0, ADDRESS_MAX).map(|address| address as u16)
+/// The address on the wire of one in the manual, whose first register has the number `base`.
+fn read_address(table: &mut Table, base: u64) -> Option<u16> {
+    table.require_integer("address", base, base + u64::from(u16::MAX)).map(|address| (address - base) as u16)
 }
 
-fn read_number(table: &mut Table) -> (Option<NumberType>, Option<WordOrder>) {
-    (table.require_choice("type", &NUMBER_TYPES), table.require_choice("word_order", &WORD_ORDERS))
-}
-
-impl NumberType {
-    /// How many registers one number takes.
-    pub fn registers(self) -> u16 {
-        match self {
-            NumberType::U16 | NumberType::I16 => 1,
-            NumberType::U32 | NumberType::I32 | NumberType::F32 => 2,
-        }
+fn read_register(table: &mut Table, base: u64) -> Option<Register> {
+    let function = table.choice("function", &FUNCTIONS).unwrap_or(Function::Holding);
+    let address = read_address(table, base);
+    let number = table.require_choice("type", &NUMBER_TYPES);
+    // of one register there is only one order
+    let is_one = number.is_some_and(|number| number.registers() == 1);
+    let word_order = match is_one && !table.has("word_order") {
+        true => Some(WordOrder::Big),
+        false => table.require_choice("word_order", &WORD_ORDERS),
+    };
+    let swap_bytes = table.flag("swap_bytes").unwrap_or(false);
+    let mask = table.integer("mask", 1, u64::from(u32::MAX)).map(|mask| mask as u32);
+    let shift = table.integer("shift", 0, 31).unwrap_or(0) as u8;
+    if mask.is_some() && number.is_some_and(|number| !number.is_whole()) {
+        table.complain(Problem::new(table.span_of("mask"), "`mask` picks bits of a whole number, this is a float"));
     }
-
-    /// The number in some registers, or none if there are too few.
-    pub fn decode(self, words: &[u16], order: WordOrder) -> Option<f64> {
-        if self.registers() == 1 {
-            let word = *words.first()?;
-            return Some(if self == NumberType::I16 { f64::from(word as i16) } else { f64::from(word) });
-        }
-        let (high, low) = match order {
-            WordOrder::Big => (*words.first()?, *words.get(1)?),
-            WordOrder::Little => (*words.get(1)?, *words.first()?),
-        };
-        let bits = u32::from(high) << 16 | u32::from(low);
-        Some(match self {
-            NumberType::I32 => f64::from(bits as i32),
-            NumberType::F32 => f64::from(f32::from_bits(bits)),
-            _ => f64::from(bits),
-        })
-    }
+    let encoding = Encoding { number: number?, word_order: word_order?, swap_bytes, mask, shift };
+    Some(Register { function, address: address?, encoding })
 }
 
 #[cfg(test)]
@@ -268,16 +304,6 @@ mod tests {
         for (name, text) in SHIPPED {
             Profile::parse(name, text).unwrap();
         }
-    }
-
-    #[test]
-    fn numbers_are_decoded_in_either_word_order() {
-        assert_eq!(NumberType::I32.decode(&[0, 132], WordOrder::Big), Some(132.0));
-        assert_eq!(NumberType::I32.decode(&[0xFFFF, 0xFFFE], WordOrder::Big), Some(-2.0));
-        assert_eq!(NumberType::I32.decode(&[500, 0], WordOrder::Little), Some(500.0));
-        assert_eq!(NumberType::F32.decode(&[0x40E0, 0], WordOrder::Big), Some(7.0));
-        assert_eq!(NumberType::I16.decode(&[0xFFFF], WordOrder::Big), Some(-1.0));
-        assert_eq!(NumberType::U32.decode(&[1], WordOrder::Big), None);
     }
 
     #[test]

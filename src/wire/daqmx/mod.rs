@@ -1,6 +1,12 @@
 //! The functions of NI's DAQmx C library that a rig needs, as a table: filled by the library itself, loaded at run time, or by
 //! an emulator. Names, parameters and codes are those of `NIDAQmx.h`.
 
+mod library;
+mod thread;
+
+pub use library::{DaqmxLibrary, LoadError};
+pub use thread::{Functions, HeldUp};
+
 /// A task as the library knows it.
 pub type Task = usize;
 

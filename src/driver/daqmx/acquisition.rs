@@ -1,0 +1,233 @@
+use crate::device::{DeviceError, Problem};
+use crate::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, Task};
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// How much the library may hold that nobody has read yet, s. Nobody reads while the indenter rests in air.
+const BUFFER_S: f64 = 10.0;
+
+/// What has waited longer than this is thrown away with the task and sampling begins anew, well before it would run over.
+const REST: Duration = Duration::from_secs(5);
+
+/// Scans that are fetched at once, at most.
+const FETCH_MAX: usize = 8192;
+
+/// Longest wait for a scan beyond its own time: what a USB device holds back, and a busy computer.
+const SCAN_DEADLINE: Duration = Duration::from_millis(500);
+
+/// How an input is wired.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Terminal {
+    /// Against the device's ground.
+    Rse,
+    /// Against the sense input.
+    Nrse,
+    /// Two inputs against each other.
+    Diff,
+    /// The same with a ground of its own.
+    PseudoDiff,
+}
+
+/// Some inputs that are wired alike.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Inputs {
+    /// As DAQmx names them: `Dev1/ai0`, or `Dev1/ai1:9`.
+    pub physical: String,
+    /// How many that are.
+    pub count: usize,
+    /// How they are wired.
+    pub terminal: Terminal,
+    /// They are measured from minus to plus this, V.
+    pub range_v: f64,
+}
+
+/// One task that samples all inputs of a rig together, hardware-timed and continuous. What came is fetched in small pieces
+/// that never wait in the library.
+pub struct Acquisition {
+    functions: Functions,
+    inputs: Vec<Inputs>,
+    rate_hz: f64,
+    link: String,
+    task: Option<Task>,
+    /// Scans that came since the task was made.
+    scans: u64,
+    newest: Vec<f64>,
+    /// When the library was last looked at.
+    looked: Instant,
+    buffer: Vec<f64>,
+}
+
+impl Acquisition {
+    /// A task over these inputs, in this order, each sampled `rate_hz` times a second; nothing is called yet.
+    pub fn new(functions: Functions, inputs: Vec<Inputs>, rate_hz: f64, link: String) -> Self {
+        let (scans, looked, buffer) = (0, Instant::now(), Vec::new());
+        Acquisition { functions, inputs, rate_hz, link, task: None, scans, newest: Vec::new(), looked, buffer }
+    }
+
+    /// Makes and starts the task.
+    ///
+    /// # Errors
+    /// What the library says.
+    pub async fn prepare(&mut self) -> Result<(), DeviceError> {
+        if self.task.is_some() {
+            return Ok(());
+        }
+        let doing = "setting up its task";
+        let (inputs, rate_hz) = (self.inputs.clone(), self.rate_hz);
+        let made = self.functions.call(move |ni| make(ni, &inputs, rate_hz)).await;
+        self.task = Some(self.said(doing, made)?);
+        self.looked = Instant::now();
+        Ok(())
+    }
+
+    /// How many scans came, and the newest of them: a voltage an input, in the order of the inputs.
+    pub fn newest(&self) -> (u64, &[f64]) {
+        (self.scans, &self.newest)
+    }
+
+    /// Waits for a scan after the one of this number.
+    ///
+    /// # Errors
+    /// What the library says, or that none comes.
+    pub async fn after(&mut self, scan: u64) -> Result<(), DeviceError> {
+        let doing = "reading its inputs";
+        let asked = Instant::now();
+        if self.looked.elapsed() > REST {
+            self.begin_anew().await?;
+        }
+        let period = Duration::from_secs_f64(1.0 / self.rate_hz);
+        loop {
+            self.fetch().await?;
+            if self.scans > scan {
+                return Ok(());
+            }
+            if asked.elapsed() > period + SCAN_DEADLINE {
+                let told = format!("no scan came within {} ms", asked.elapsed().as_millis());
+                return Err(self.error(doing, Problem::Link(told)));
+            }
+            sleep(period).await;
+        }
+    }
+
+    /// An error of this device.
+    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+        DeviceError { device: format!("NI device ({} over {})", self.names(), self.link), doing: doing.to_owned(), problem }
+    }
+
+    fn names(&self) -> String {
+        self.inputs.iter().map(|inputs| inputs.physical.as_str()).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Fetches what is there; nothing is no error.
+    async fn fetch(&mut self) -> Result<(), DeviceError> {
+        let doing = "reading its inputs";
+        let Some(task) = self.task else {
+            return Err(self.error(doing, Problem::Link("its task isn't running".to_owned())));
+        };
+        let channels: usize = self.inputs.iter().map(|inputs| inputs.count).sum();
+        let mut buffer = std::mem::take(&mut self.buffer);
+        buffer.resize(channels * FETCH_MAX, 0.0);
+        let fetched = self.functions.call(move |ni| {
+            let mut read = 0;
+            let status = ni.read_analog_f64(task, AUTO, &mut buffer, &mut read);
+            check(ni, status).map(|()| (buffer, read))
+        });
+        let (buffer, read) = match fetched.await {
+            Ok(Err(told)) => {
+                // overrun, unplugged, reset: the task is of no use any more
+                self.drop_task();
+                return Err(self.error(doing, Problem::Refused(told)));
+            }
+            fetched => self.said(doing, fetched)?,
+        };
+        self.looked = Instant::now();
+        let read = usize::try_from(read).unwrap_or(0).min(FETCH_MAX);
+        if read > 0 {
+            self.newest.clear();
+            self.newest.extend_from_slice(&buffer[(read - 1) * channels..read * channels]);
+            self.scans += read as u64;
+        }
+        self.buffer = buffer;
+        match self.newest.iter().all(|volts| volts.is_finite()) {
+            true => Ok(()),
+            false => {
+                let expected = "a finite voltage from every input".to_owned();
+                Err(self.error(doing, Problem::Misfit { answer: format!("{:?}", self.newest), expected }))
+            }
+        }
+    }
+
+    /// Throws away what nobody read.
+    async fn begin_anew(&mut self) -> Result<(), DeviceError> {
+        let Some(task) = self.task else { return Ok(()) };
+        let restarted = self.functions.call(move |ni| {
+            check(ni, ni.stop_task(task))?;
+            check(ni, ni.start_task(task))
+        });
+        let restarted = restarted.await;
+        self.looked = Instant::now();
+        self.said("starting its task again", restarted)
+    }
+
+    fn drop_task(&mut self) {
+        if let Some(task) = self.task.take() {
+            self.functions.call_and_leave(move |ni| {
+                ni.clear_task(task); // nobody is left to tell
+            });
+        }
+    }
+
+    fn said<T>(&self, doing: &str, result: Result<Result<T, String>, HeldUp>) -> Result<T, DeviceError> {
+        match result {
+            Ok(Ok(value)) => Ok(value),
+            Ok(Err(told)) => Err(self.error(doing, Problem::Refused(told))),
+            Err(held_up) => Err(self.error(doing, Problem::Link(held_up.to_string()))),
+        }
+    }
+}
+
+impl Drop for Acquisition {
+    fn drop(&mut self) {
+        self.drop_task();
+    }
+}
+
+/// Makes and starts a task; one that can't be started isn't left behind.
+fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<Task, String> {
+    let mut task = 0;
+    check(ni, ni.create_task("", &mut task))?;
+    let channels = |inputs: &Inputs| {
+        ni.create_ai_voltage_channel(task, &inputs.physical, inputs.terminal.code(), -inputs.range_v, inputs.range_v)
+    };
+    let samples = (BUFFER_S * rate_hz) as u64;
+    let started = inputs
+        .iter()
+        .try_for_each(|inputs| check(ni, channels(inputs)))
+        .and_then(|()| check(ni, ni.configure_sample_clock(task, rate_hz, samples)))
+        .and_then(|()| check(ni, ni.start_task(task)));
+    if started.is_err() {
+        ni.clear_task(task);
+    }
+    started.map(|()| task)
+}
+
+/// Under 0 is an error, told in NI's words.
+fn check(ni: &dyn NiDaqmx, status: i32) -> Result<(), String> {
+    if status >= 0 {
+        return Ok(());
+    }
+    let told = ni.extended_error_info();
+    let told = if told.is_empty() { ni.error_string(status) } else { told };
+    Err(format!("error {status}: {told}"))
+}
+
+impl Terminal {
+    fn code(self) -> i32 {
+        match self {
+            Terminal::Rse => RSE,
+            Terminal::Nrse => NRSE,
+            Terminal::Diff => DIFF,
+            Terminal::PseudoDiff => PSEUDO_DIFF,
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! NI-DAQmx (USB-6343 and kin): the load cell, the array or both as analog inputs of one task, sampled by the device's own clock.
+
+mod acquisition;
+mod roles;
+
+pub use acquisition::{Acquisition, Inputs, Terminal};
+pub use roles::{DaqmxArray, DaqmxLoadCell, SharedAcquisition};

@@ -1,0 +1,203 @@
+use super::report::{Report, Status, alarm_name, error_name, parse_report};
+use crate::device::{DeviceError, Problem, Reins};
+use crate::wire::{Connector, Lines, WireError, silent};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Longest wait for an answer. GRBL answers a line when there is room for its motion, and a `?` within 20 ms.
+pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(1);
+
+/// How often a question without side effects is asked.
+const QUESTION_TRIES: usize = 3;
+
+/// Silence after which a line that fell out of step is taken to be quiet.
+const QUIET: Duration = Duration::from_millis(100);
+
+/// Longest line (interface document: 80 characters and less).
+const LINE_MAX_BYTES: usize = 256;
+
+/// Most lines that are read for one answer: `$$` has some 35.
+const LINES_MAX: usize = 128;
+
+/// Complaints that are kept.
+const COMPLAINTS_MAX: usize = 16;
+
+/// Asks for a status; acts at once and has no line end.
+const STATUS: &[u8] = b"?";
+/// Ends a jog.
+pub(super) const JOG_CANCEL: &[u8] = &[0x85];
+/// Resets the controller; in motion its position is lost.
+pub(super) const SOFT_RESET: &[u8] = &[0x18];
+
+/// The controller's serial line.
+pub(super) struct Port {
+    lines: Lines,
+    link: String,
+    /// A line's answer may still come: it is waited out before the next is sent.
+    out_of_step: bool,
+    pub complaints: Vec<String>,
+    /// What `$$` said.
+    pub settings: BTreeMap<u32, f64>,
+    /// Text that came and is no report.
+    pub texts: Vec<String>,
+    /// It started anew: where it is, is lost.
+    pub restarted: bool,
+}
+
+impl Port {
+    pub fn new(connector: Connector, link: String) -> Self {
+        Port {
+            lines: Lines::new(connector, "\n", LINE_MAX_BYTES),
+            link,
+            out_of_step: true,
+            complaints: Vec::new(),
+            settings: BTreeMap::new(),
+            texts: Vec::new(),
+            restarted: false,
+        }
+    }
+
+    /// Sends a line and waits for its `ok`. What comes before it is kept in the port's fields.
+    pub async fn line(
+        &mut self,
+        doing: &str,
+        line: &str,
+        deadline: Duration,
+        reins: Option<(&Reins, &'static [u8])>,
+    ) -> Result<(), DeviceError> {
+        self.bring_back_in_step(doing).await?;
+        self.out_of_step = true;
+        self.send(doing, format!("{line}\n").as_bytes()).await?;
+        let until = Instant::now() + deadline;
+        for _ in 0..LINES_MAX {
+            match self.next(doing, until, reins).await? {
+                Some(Report::Ok) => {
+                    self.out_of_step = false;
+                    return Ok(());
+                }
+                Some(Report::Refused(code)) => {
+                    self.out_of_step = false;
+                    let told = format!("error {code} ({}) to {line}", error_name(code));
+                    return Err(self.error(doing, Problem::Refused(told)));
+                }
+                Some(Report::Alarm(code)) => {
+                    let told = format!("alarm {code} ({}) at {line}", alarm_name(code));
+                    return Err(self.error(doing, Problem::Refused(told)));
+                }
+                Some(report) => self.keep(report),
+                None => break,
+            }
+        }
+        Err(self.error(doing, Problem::Link(silent(line, deadline).to_string())))
+    }
+
+    /// Asks for a status.
+    pub async fn status(&mut self, doing: &str) -> Result<Status, DeviceError> {
+        for _ in 0..QUESTION_TRIES {
+            // what came unasked may be an old status
+            if self.lines.something_came().await {
+                self.drain(doing).await?;
+            }
+            self.send(doing, STATUS).await?;
+            let until = Instant::now() + ANSWER_DEADLINE;
+            for _ in 0..LINES_MAX {
+                match self.next(doing, until, None).await? {
+                    Some(Report::Status(status)) => return Ok(status),
+                    Some(report) => self.keep(report),
+                    None => break,
+                }
+            }
+        }
+        Err(self.error(doing, Problem::Link(silent("?", ANSWER_DEADLINE).to_string())))
+    }
+
+    /// Sends bytes that act at once, in step or not.
+    pub async fn send(&mut self, doing: &str, bytes: &[u8]) -> Result<(), DeviceError> {
+        let sent = self.lines.send(bytes, ANSWER_DEADLINE).await;
+        sent.map_err(|error| self.failed(doing, &error))
+    }
+
+    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+        DeviceError { device: format!("stage (GRBL at {})", self.link), doing: doing.to_owned(), problem }
+    }
+
+    /// The next whole report until then; damaged lines are passed over. What the reins ask for is sent at once.
+    async fn next(
+        &mut self,
+        doing: &str,
+        until: Instant,
+        reins: Option<(&Reins, &'static [u8])>,
+    ) -> Result<Option<Report>, DeviceError> {
+        for _ in 0..LINES_MAX {
+            let line = match reins {
+                None => self.lines.next_by(until).await,
+                Some((reins, stop)) => {
+                    tokio::select! {
+                        biased;
+                        () = reins.pulled().notified() => {
+                            if reins.take().is_some() {
+                                self.send(doing, stop).await?;
+                            }
+                            continue;
+                        }
+                        line = self.lines.next_by(until) => line,
+                    }
+                }
+            };
+            match line.map_err(|error| self.failed(doing, &error))? {
+                Some(line) if line.is_empty() => {}
+                Some(line) => match parse_report(&line) {
+                    Some(report) => return Ok(Some(report)),
+                    None => self.out_of_step = true,
+                },
+                None => return Ok(None),
+            }
+        }
+        Ok(None)
+    }
+
+    fn keep(&mut self, report: Report) {
+        match report {
+            Report::Setting(number, value) => {
+                self.settings.insert(number, value);
+            }
+            Report::Text(text) if self.texts.len() < LINES_MAX => self.texts.push(text),
+            Report::Welcome => self.restarted = true,
+            Report::Alarm(code) => self.complain(format!("alarm {code}, {}", alarm_name(code))),
+            Report::Refused(code) => self.complain(format!("error {code}, {}", error_name(code))),
+            Report::Ok | Report::Status(_) | Report::Text(_) => {}
+        }
+    }
+
+    fn complain(&mut self, told: String) {
+        if self.complaints.len() < COMPLAINTS_MAX {
+            self.complaints.push(told);
+        }
+    }
+
+    /// Waits until nothing comes any more: a late `ok` would be taken for the next line's.
+    async fn bring_back_in_step(&mut self, doing: &str) -> Result<(), DeviceError> {
+        if self.out_of_step || self.lines.something_came().await {
+            self.drain(doing).await?;
+            self.out_of_step = false;
+        }
+        Ok(())
+    }
+
+    async fn drain(&mut self, doing: &str) -> Result<(), DeviceError> {
+        for _ in 0..LINES_MAX {
+            match self.next(doing, Instant::now() + QUIET, None).await? {
+                Some(report) => self.keep(report),
+                None => break,
+            }
+        }
+        self.lines.forget();
+        Ok(())
+    }
+
+    fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
+        self.out_of_step = true;
+        self.error(doing, Problem::Link(error.to_string()))
+    }
+}

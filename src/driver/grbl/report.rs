@@ -1,0 +1,167 @@
+/// What a line from the controller is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Report {
+    /// A line was taken (`ok`).
+    Ok,
+    /// A line was refused (`error:N`).
+    Refused(u32),
+    /// Something stopped it (`ALARM:N`).
+    Alarm(u32),
+    /// Where it is and what it does (`<Idle|MPos:0.000,0.000,0.000|FS:0,0>`).
+    Status(Status),
+    /// A setting (`$100=250.000`): number and value.
+    Setting(u32, f64),
+    /// It has just started (`Grbl 1.1h ['$' for help]`).
+    Welcome,
+    /// Any other text: `[MSG:...]`, `[VER:...]`, or what isn't GRBL.
+    Text(String),
+}
+
+/// A status report.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Status {
+    /// What it does.
+    pub state: State,
+    /// Its position as reported: x, y, z, mm.
+    pub position_mm: [f64; 3],
+    /// Whether that is a place of the machine (`MPos`) or of the work piece (`WPos`).
+    pub is_machine: bool,
+}
+
+/// What the controller does (interface document).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Stands, and takes commands.
+    Idle,
+    /// Jogs.
+    Jog,
+    /// Runs a program line, or holds one.
+    Run,
+    /// Searches for home.
+    Home,
+    /// Locked after an alarm, or after it was switched on.
+    Alarm,
+    /// Stands and takes nothing: a door is open, it sleeps, or only checks.
+    Other,
+}
+
+/// Reads one line; none if it is damaged.
+pub fn parse_report(line: &str) -> Option<Report> {
+    let number = |text: &str| text.trim().parse().ok();
+    if line == "ok" {
+        Some(Report::Ok)
+    } else if let Some(code) = line.strip_prefix("error:") {
+        number(code).map(Report::Refused)
+    } else if let Some(code) = line.strip_prefix("ALARM:") {
+        number(code).map(Report::Alarm)
+    } else if line.starts_with('<') {
+        parse_status(line).map(Report::Status)
+    } else if line.starts_with("Grbl ") {
+        Some(Report::Welcome)
+    } else if let Some((name, value)) = line.strip_prefix('$').and_then(|setting| setting.split_once('=')) {
+        match name.parse() {
+            // a start-up line ($N0=...) is no setting with a value
+            Err(_) => Some(Report::Text(line.to_owned())),
+            Ok(name) => value.parse().ok().filter(|value: &f64| value.is_finite()).map(|value| Report::Setting(name, value)),
+        }
+    } else {
+        Some(Report::Text(line.to_owned()))
+    }
+}
+
+fn parse_status(line: &str) -> Option<Status> {
+    let mut fields = line.strip_prefix('<')?.strip_suffix('>')?.split('|');
+    let state = match fields.next()?.split(':').next()? {
+        "Idle" => State::Idle,
+        "Jog" => State::Jog,
+        "Run" | "Hold" => State::Run,
+        "Home" => State::Home,
+        "Alarm" => State::Alarm,
+        "Door" | "Check" | "Sleep" => State::Other,
+        _ => return None,
+    };
+    let (mut position, mut is_machine) = (None, false);
+    for (name, value) in fields.filter_map(|field| field.split_once(':')) {
+        if name == "MPos" || name == "WPos" {
+            // a place has its three decimals: one that lost some is damaged
+            let whole = |text: &str| text.split_once('.').is_some_and(|(_, decimals)| decimals.len() >= 3);
+            let places: Option<Vec<f64>> =
+                value.split(',').map(|text| text.parse().ok().filter(|place: &f64| place.is_finite() && whole(text))).collect();
+            position = Some(<[f64; 3]>::try_from(places?).ok()?);
+            is_machine = name == "MPos";
+        }
+    }
+    Some(Status { state, position_mm: position?, is_machine })
+}
+
+/// A refused line in words (error codes of the interface document).
+pub fn error_name(code: u32) -> &'static str {
+    match code {
+        2 => "a number is missing or broken",
+        3 => "unknown $ command",
+        5 => "homing is off ($22)",
+        8 => "not idle",
+        9 => "locked",
+        15 => "the jog goes beyond the travel",
+        16 => "not a jog",
+        20 => "unknown command",
+        22 => "no feed rate",
+        _ => "see GRBL's error codes",
+    }
+}
+
+/// An alarm in words (alarm codes of the interface document).
+pub fn alarm_name(code: u32) -> &'static str {
+    match code {
+        1 => "a limit switch was hit; its position is lost",
+        2 => "a motion beyond the travel",
+        3 => "reset in motion; its position is lost",
+        6..=10 => "the search for home failed",
+        _ => "see GRBL's alarm codes",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interface_documents_lines() {
+        let status = |line| match parse_report(line) {
+            Some(Report::Status(status)) => Some((status.state, status.position_mm, status.is_machine)),
+            _ => None,
+        };
+        assert_eq!(status("<Idle|MPos:0.000,0.000,0.000|FS:0,0>"), Some((State::Idle, [0.0; 3], true)));
+        assert_eq!(
+            status("<Hold:1|WPos:1.000,-2.500,0.010|F:500|WCO:0.000,0.000,0.000>"),
+            Some((State::Run, [1.0, -2.5, 0.01], false))
+        );
+        for (line, report) in [
+            ("ok", Report::Ok),
+            ("error:9", Report::Refused(9)),
+            ("ALARM:3", Report::Alarm(3)),
+            ("$110=500.000", Report::Setting(110, 500.0)),
+            ("Grbl 1.1h ['$' for help]", Report::Welcome),
+            ("[VER:1.1h.20190825:]", Report::Text("[VER:1.1h.20190825:]".to_owned())),
+        ] {
+            assert_eq!(parse_report(line), Some(report));
+        }
+    }
+
+    #[test]
+    fn a_damaged_line_is_none() {
+        for line in [
+            "<Idle|MPos:0.000,0.000|FS:0,0>",
+            "<Idle|MPos:0.000,0.000,0.0|FS:0,0>",
+            "<Idle|MPos:0.000,0.000,nan|FS:0,0>",
+            "<Idle|FS:0,0>",
+            "<Idl|MPos:0.000,0.000,0.000>",
+            "<Idle|MPos:0.000,0.000,0.000|FS:0,0",
+            "error:",
+            "ALARM:x",
+            "$110=1e999",
+        ] {
+            assert_eq!(parse_report(line), None, "{line}");
+        }
+    }
+}

@@ -1,0 +1,277 @@
+use super::port::{ANSWER_DEADLINE, JOG_CANCEL, Port, SOFT_RESET};
+use super::report::{State, Status};
+use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use crate::quantity::Axis;
+use crate::wire::Connector;
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
+
+/// How much longer than expected a motion may take.
+const MOTION_MARGIN: Duration = Duration::from_secs(10);
+
+/// Longest search for home.
+const HOME_DEADLINE: Duration = Duration::from_secs(120);
+
+/// How often the status is asked while a motion is late (interface document: 5 to 10 times a second).
+const STATUS_EVERY: Duration = Duration::from_millis(100);
+
+/// The first look at a motion comes that much after it should have ended: its last steps wait in a buffer.
+const FIRST_LOOK: Duration = Duration::from_millis(10);
+
+/// How far a read-back may be beyond the axis' travel, mm.
+const BEYOND_MM: f64 = 0.1;
+
+/// Coarsest step that the press can work with, mm: the read-back of a target is held to 3 um.
+const STEP_MOST_MM: f64 = 0.005;
+
+/// Settings by their numbers (settings document).
+const REPORT_INCHES: u32 = 13;
+const HOMING: u32 = 22;
+const HOMING_DIRECTION: u32 = 23;
+const STEPS_PER_MM: u32 = 100;
+const MAX_RATE_MM_MIN: u32 = 110;
+const ACCELERATION_MM_S2: u32 = 120;
+
+/// A GRBL controller on a serial line.
+pub struct Grbl {
+    port: Port,
+    link: String,
+    usage: Option<StageUse>,
+    /// What the motion under way goes to.
+    targets: Vec<(Axis, f64)>,
+}
+
+impl Grbl {
+    /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
+    pub fn new(connector: Connector, link: String) -> Self {
+        Grbl { port: Port::new(connector, link.clone()), link, usage: None, targets: Vec::new() }
+    }
+
+    /// Its state, and where the axes are in the machine's coordinates; a place they can't be at is no place.
+    async fn status(&mut self, doing: &str) -> Result<Status, DeviceError> {
+        let status = self.port.status(doing).await?;
+        if self.port.restarted {
+            let told = "it started anew: where it is, is lost".to_owned();
+            return Err(self.port.error(doing, Problem::Motion(told)));
+        }
+        if !status.is_machine {
+            let told = "it reports places of the work piece (WPos); set $10=1 for those of the machine".to_owned();
+            return Err(self.port.error(doing, Problem::Mismatch(told)));
+        }
+        if let Some(usage) = &self.usage {
+            for axis in Axis::ALL {
+                let place_mm = status.position_mm[axis.index()];
+                if !usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm) {
+                    let expected = format!("a place within the travel of {}", axis.name());
+                    return Err(self.port.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
+                }
+            }
+        }
+        Ok(status)
+    }
+
+    async fn identify(&mut self) -> Result<String, DeviceError> {
+        let doing = "identifying it";
+        let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
+        let said = std::mem::take(&mut self.port.texts);
+        // opening the port resets many boards: a welcome before this counts for nothing
+        self.port.restarted = false;
+        if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
+            let told = "this is Marlin. It tells where a motion will end, not where the axes are, and has no byte that stops \
+                        one at once: it can't press with a force. GRBL 1.1 runs on most of the same boards";
+            return Err(self.port.error(doing, Problem::Mismatch(told.to_owned())));
+        }
+        asked?;
+        let version = said.iter().find_map(|text| text.strip_prefix("[VER:")?.strip_suffix(']'));
+        match version {
+            Some(version) if version.starts_with("1.1") => Ok(format!("GRBL {}", version.trim_end_matches(':'))),
+            _ => {
+                let expected = "[VER:1.1...], the version of GRBL that jogs".to_owned();
+                Err(self.port.error(doing, Problem::Misfit { answer: said.join(" "), expected }))
+            }
+        }
+    }
+
+    /// Holds the controller's settings against the rig's. They are kept in an EEPROM and aren't written.
+    async fn check_settings(&mut self, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
+        let doing = "checking its settings against the rig";
+        self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
+        let settings = std::mem::take(&mut self.port.settings);
+        let of = |number: u32| settings.get(&number).copied();
+        let mismatch = |told: String| Err(self.port.error(doing, Problem::Mismatch(told)));
+        if of(REPORT_INCHES) != Some(0.0) {
+            return mismatch(format!("it reports inches; set ${REPORT_INCHES}=0"));
+        }
+        if of(HOMING) != Some(1.0) {
+            return mismatch(format!("its search for home is off, so that it can't know where it is; set ${HOMING}=1"));
+        }
+        // bit 2: z looks for home toward minus
+        let toward_minus = of(HOMING_DIRECTION).unwrap_or(0.0) as u64 & 0b100 != 0;
+        if toward_minus != (usage.away < 0.0) {
+            return mismatch(format!("its z looks for home toward the specimen; set ${HOMING_DIRECTION}"));
+        }
+        let mut warnings = Vec::new();
+        for axis in Axis::ALL {
+            let n = axis.index() as u32;
+            let (rate_mm_s, a) = (of(MAX_RATE_MM_MIN + n).map(|rate| rate / 60.0), of(ACCELERATION_MM_S2 + n));
+            if rate_mm_s.is_none_or(|rate| rate < usage.speed_mm_s) {
+                let (key, least) = (MAX_RATE_MM_MIN + n, usage.speed_mm_s * 60.0);
+                return mismatch(format!("{} goes at most {rate_mm_s:?} mm/s; set ${key}={least}", axis.name()));
+            }
+            // slower to brake than the rig says, and a stop would come too late
+            if a.is_none_or(|a| a < usage.acceleration_mm_s2) {
+                let (key, wanted) = (ACCELERATION_MM_S2 + n, usage.acceleration_mm_s2);
+                return mismatch(format!("{} accelerates with {a:?} mm/s^2; set ${key}={wanted}, or the rig's", axis.name()));
+            }
+            let step_mm = of(STEPS_PER_MM + n).map_or(f64::INFINITY, |steps| 1.0 / steps);
+            if step_mm > STEP_MOST_MM {
+                warnings.push(format!("{} moves in steps of {step_mm:.4} mm: too coarse to press by force", axis.name()));
+            }
+        }
+        Ok(warnings)
+    }
+
+    /// Locked after it was switched on: GRBL homes z first and away from the bed, then x and y (its default cycle).
+    async fn home(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "homing";
+        match self.until_still(doing).await? {
+            State::Idle => return Ok(()),
+            State::Alarm => {}
+            state => return Err(self.port.error(doing, Problem::Mismatch(format!("it is in the state {state:?}")))),
+        }
+        // a reset ends a search for home; it says so with a welcome
+        self.port.line(doing, "$H", HOME_DEADLINE, Some((reins, SOFT_RESET))).await?;
+        if reins.stopped() {
+            return Err(self.port.error(doing, Problem::Motion("it was stopped".to_owned())));
+        }
+        match self.status(doing).await?.state {
+            State::Idle => Ok(()),
+            state => Err(self.port.error(doing, Problem::Motion(format!("it is in the state {state:?} afterwards")))),
+        }
+    }
+
+    /// Waits until it stands, whoever moved it.
+    async fn until_still(&mut self, doing: &str) -> Result<State, DeviceError> {
+        let until = Instant::now() + MOTION_MARGIN;
+        loop {
+            let state = self.status(doing).await?.state;
+            if !matches!(state, State::Jog | State::Run | State::Home) {
+                return Ok(state);
+            }
+            if Instant::now() > until {
+                return Err(self.late(doing).await?);
+            }
+            sleep_until(Instant::now() + STATUS_EVERY).await;
+        }
+    }
+
+    /// Stops what doesn't end.
+    async fn late(&mut self, doing: &str) -> Result<DeviceError, DeviceError> {
+        self.port.send(doing, JOG_CANCEL).await?;
+        let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+        Ok(self.port.error(doing, Problem::Motion(told)))
+    }
+
+    /// Goes on toward the same targets at another speed: a jog keeps the speed it began with.
+    async fn change_speed(&mut self, mm_s: f64) -> Result<(), DeviceError> {
+        let doing = "changing a speed";
+        self.port.send(doing, JOG_CANCEL).await?;
+        self.until_still(doing).await?;
+        let targets = self.targets.clone();
+        self.begin(&targets, mm_s).await
+    }
+
+    /// Feed along the way at which the fastest axis goes at `speed_mm_s`, mm/min.
+    async fn feed_mm_min(&mut self, doing: &str, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<f64, DeviceError> {
+        let mut stretch = 1.0;
+        if targets.len() > 1 {
+            let from_mm = self.status(doing).await?.position_mm;
+            let ways = targets.iter().map(|(axis, mm)| mm - from_mm[axis.index()]);
+            let (whole, longest) =
+                ways.fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way), longest.max(way.abs())));
+            stretch = if longest > 0.0 { whole / longest } else { 1.0 };
+        }
+        Ok(speed_mm_s * stretch * 60.0)
+    }
+}
+
+impl Stage for Grbl {
+    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+        // a program that died may have left a jog behind
+        self.stop().await?;
+        let identity = self.identify().await?;
+        let warnings = self.check_settings(usage).await?;
+        self.home(reins).await?;
+        self.usage = Some(usage.clone());
+        self.status("reading where it is").await?;
+        self.port.complaints.clear();
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+    }
+
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        // GRBL's soft limits end where the frame does, not where the specimen does
+        for (axis, target_mm) in targets {
+            if self.usage.as_ref().is_none_or(|usage| !usage.travel.along(*axis).contains(*target_mm)) {
+                let told = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
+                return Err(self.port.error(doing, Problem::Motion(told)));
+            }
+        }
+        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s).await?;
+        let words = |(axis, mm): &(Axis, f64)| format!("{}{mm:.4}", axis.name().to_uppercase());
+        let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
+        self.targets = targets.to_vec();
+        let line = format!("$J=G90 G21 G53 {places} F{feed_mm_min:.3}");
+        self.port.line(doing, &line, ANSWER_DEADLINE, None).await
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let began = Instant::now();
+        let mut look = began + expected + if expected.is_zero() { Duration::ZERO } else { FIRST_LOOK };
+        loop {
+            match reins.take() {
+                Some(Order::Stop) => {
+                    self.port.send(doing, JOG_CANCEL).await?;
+                    look = Instant::now();
+                }
+                Some(Order::Speed(mm_s)) => {
+                    self.change_speed(mm_s).await?;
+                    look = Instant::now() + STATUS_EVERY;
+                }
+                None => {}
+            }
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => continue,
+                () = sleep_until(look) => {}
+            }
+            let Status { state, position_mm, .. } = self.status(doing).await?;
+            match state {
+                State::Jog | State::Run | State::Home => {}
+                State::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
+                State::Alarm | State::Other => {
+                    let why = self.port.complaints.join("; ");
+                    let told = format!("it stopped in the state {state:?}; {why}");
+                    return Err(self.port.error(doing, Problem::Motion(told)));
+                }
+            }
+            if began.elapsed() > expected + MOTION_MARGIN {
+                return Err(self.late(doing).await?);
+            }
+            look = Instant::now() + STATUS_EVERY;
+        }
+    }
+
+    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position").await?.position_mm[axis.index()])
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        self.port.send("stopping", JOG_CANCEL).await
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        Ok(std::mem::take(&mut self.port.complaints))
+    }
+}

@@ -1,0 +1,171 @@
+use crate::device::{DeviceError, Identity, Problem, Reins};
+use crate::wire::{Connector, Lines, WireError, silent};
+use serde_json::{Map, Value, json};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// The protocol's number (docs/process.md).
+const PROTOCOL: u64 = 1;
+
+/// Longest line (docs/process.md), bytes.
+const LINE_MAX_BYTES: usize = 65_536;
+
+/// Longest wait for an answer (docs/process.md), and for that to `prepare`.
+const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
+pub(super) const PREPARE_DEADLINE: Duration = Duration::from_secs(120);
+
+/// Most lines that are passed over while an answer is awaited: answers that come too late, or aren't any.
+const STRAY_LINES_MAX: usize = 64;
+
+/// An object of JSON.
+pub(super) type Object = Map<String, Value>;
+
+/// One program behind its standard input and output.
+pub(super) struct Port {
+    lines: Lines,
+    role: &'static str,
+    link: String,
+    next_id: u64,
+    /// A program that ended isn't started again: a new one knows nothing of where the device is.
+    ended: bool,
+}
+
+impl Port {
+    pub fn new(connector: Connector, role: &'static str, link: String) -> Self {
+        Port { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, ended: false }
+    }
+
+    /// Who it is, and that it plays the role it is meant for.
+    pub async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
+        let doing = "identifying it";
+        let said = self.ask(doing, "identify", Object::new(), None).await?;
+        let misfit = |expected: String| self.misfit(doing, &said, expected);
+        if said.get("protocol").and_then(Value::as_u64) != Some(PROTOCOL) {
+            return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/process.md")));
+        }
+        if said.get("role").and_then(Value::as_str) != Some(self.role) {
+            return Err(misfit(format!("\"role\": \"{}\"", self.role)));
+        }
+        let Some(identity) = said.get("identity").and_then(Value::as_str) else {
+            return Err(misfit("\"identity\" in words".to_owned()));
+        };
+        let identity = Identity {
+            role: self.role.to_owned(),
+            identity: identity.to_owned(),
+            link: self.link.clone(),
+            warnings: Vec::new(),
+        };
+        Ok((identity, said))
+    }
+
+    /// The answer to a request. What the reins ask for meanwhile is sent at once.
+    pub async fn ask(
+        &mut self,
+        doing: &str,
+        what: &str,
+        with: Object,
+        reins: Option<&Reins>,
+    ) -> Result<Object, DeviceError> {
+        self.ask_within(doing, what, with, reins, ANSWER_DEADLINE).await
+    }
+
+    pub async fn ask_within(
+        &mut self,
+        doing: &str,
+        what: &str,
+        mut request: Object,
+        reins: Option<&Reins>,
+        deadline: Duration,
+    ) -> Result<Object, DeviceError> {
+        let id = self.next_id;
+        self.next_id += 1;
+        request.insert("id".to_owned(), json!(id));
+        request.insert("do".to_owned(), json!(what));
+        self.send(doing, &request).await?;
+        let until = Instant::now() + deadline;
+        let mut strays = 0;
+        while strays < STRAY_LINES_MAX {
+            let line = match reins {
+                None => self.lines.next_by(until).await,
+                Some(reins) => {
+                    tokio::select! {
+                        biased;
+                        () = reins.pulled().notified() => {
+                            self.obey(doing, reins).await?;
+                            continue;
+                        }
+                        line = self.lines.next_by(until) => line,
+                    }
+                }
+            };
+            let Some(line) = line.map_err(|error| self.failed(doing, &error))? else { break };
+            match answer_in(&line, id) {
+                Some(answer) => match answer.get("error") {
+                    None => return Ok(answer),
+                    Some(error) => {
+                        let told = error.as_str().map_or_else(|| error.to_string(), str::to_owned);
+                        return Err(self.error(doing, Problem::Refused(told)));
+                    }
+                },
+                None => strays += 1,
+            }
+        }
+        let problem = match strays {
+            0 => Problem::Link(silent(what, deadline).to_string()),
+            _ => Problem::Misfit {
+                answer: format!("{strays} lines"),
+                expected: format!("one JSON object with \"id\": {id}"),
+            },
+        };
+        Err(self.error(doing, problem))
+    }
+
+    /// Sends at once what the reins ask for. It has no answer.
+    pub async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
+        use crate::device::Order;
+        match reins.take() {
+            Some(Order::Stop) => self.stop(doing).await,
+            Some(Order::Speed(mm_s)) => {
+                let line = json!({ "do": "speed", "speed_mm_s": mm_s });
+                self.send(doing, line.as_object().unwrap_or(&Object::new())).await
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Has it stop at once. It has no answer.
+    pub async fn stop(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let line = json!({ "do": "stop" });
+        self.send(doing, line.as_object().unwrap_or(&Object::new())).await
+    }
+
+    pub fn misfit(&self, doing: &str, answer: &Object, expected: String) -> DeviceError {
+        let answer = serde_json::to_string(answer).unwrap_or_default();
+        self.error(doing, Problem::Misfit { answer, expected })
+    }
+
+    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+        DeviceError { device: format!("{} ({})", self.role.replace('_', " "), self.link), doing: doing.to_owned(), problem }
+    }
+
+    async fn send(&mut self, doing: &str, line: &Object) -> Result<(), DeviceError> {
+        if self.ended {
+            return Err(self.error(doing, Problem::Link("the program has ended".to_owned())));
+        }
+        let text = serde_json::to_string(line).unwrap_or_default() + "\n";
+        self.lines.send(text.as_bytes(), ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
+    }
+
+    fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
+        self.ended = matches!(error, WireError::Io(_));
+        self.error(doing, Problem::Link(error.to_string()))
+    }
+}
+
+/// The object on a line, if it is the answer to the request of this id.
+pub fn answer_in(line: &str, id: u64) -> Option<Map<String, Value>> {
+    match serde_json::from_str(line).ok()? {
+        Value::Object(object) if object.get("id").and_then(Value::as_u64) == Some(id) => Some(object),
+        _ => None,
+    }
+}

@@ -1,0 +1,92 @@
+use super::port::{Object, Port};
+use crate::device::{DeviceError, Identity, LoadCell, Problem, SensorArray};
+use crate::quantity::{ForceReading, Health};
+use crate::wire::Connector;
+use serde_json::Value;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// A load cell behind a program.
+pub struct ProcessLoadCell {
+    port: Port,
+    conversion: Duration,
+    origin: Instant,
+}
+
+/// An array behind a program.
+pub struct ProcessArray {
+    port: Port,
+    units: usize,
+}
+
+impl ProcessLoadCell {
+    /// A load cell that has a new reading `conversions_hz` times a second; readings are timed from `origin`.
+    pub fn new(connector: Connector, link: String, conversions_hz: f64, origin: Instant) -> Self {
+        let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
+        ProcessLoadCell { port: Port::new(connector, "load_cell", link), conversion, origin }
+    }
+}
+
+impl LoadCell for ProcessLoadCell {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        let (identity, _) = self.port.identify().await?;
+        self.read().await?;
+        Ok(identity)
+    }
+
+    async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+        let doing = "reading the force";
+        let said = self.port.ask(doing, "read", Object::new(), None).await?;
+        let force_n = said.get("force_n").and_then(Value::as_f64).filter(|force_n| force_n.is_finite());
+        let Some(force_n) = force_n else {
+            return Err(self.port.misfit(doing, &said, "\"force_n\", a number".to_owned()));
+        };
+        let says = |key: &str| said.get(key).and_then(Value::as_bool).unwrap_or(false);
+        let health = Health { saturated: says("saturated"), fault: says("fault") };
+        Ok(ForceReading { at_s: self.origin.elapsed().as_secs_f64(), force_n, health })
+    }
+
+    fn conversion(&self) -> Duration {
+        self.conversion
+    }
+}
+
+impl ProcessArray {
+    /// An array of so many units.
+    pub fn new(connector: Connector, link: String, units: usize) -> Self {
+        ProcessArray { port: Port::new(connector, "array", link), units }
+    }
+}
+
+impl SensorArray for ProcessArray {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        let (identity, said) = self.port.identify().await?;
+        if said.get("units").and_then(Value::as_u64) != Some(self.units as u64) {
+            let told = format!("it doesn't say \"units\": {}, which the rig file's array has", self.units);
+            return Err(self.port.error("identifying it", Problem::Mismatch(told)));
+        }
+        self.read(&mut vec![0.0; self.units]).await?;
+        Ok(identity)
+    }
+
+    async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
+        let doing = "reading the outputs";
+        let said = self.port.ask(doing, "read", Object::new(), None).await?;
+        let read: Option<Vec<f64>> = said
+            .get("outputs")
+            .and_then(Value::as_array)
+            .filter(|values| values.len() == outputs.len())
+            .and_then(|values| values.iter().map(Value::as_f64).collect());
+        match read.filter(|values| values.iter().all(|value| value.is_finite())) {
+            Some(values) => {
+                outputs.copy_from_slice(&values);
+                Ok(())
+            }
+            None => Err(self.port.misfit(doing, &said, format!("\"outputs\", {} numbers", outputs.len()))),
+        }
+    }
+
+    fn units(&self) -> usize {
+        self.units
+    }
+}

@@ -1,0 +1,132 @@
+use super::port::{Object, PREPARE_DEADLINE, Port};
+use crate::device::{DeviceError, Identity, Problem, Reins, Stage, StageUse};
+use crate::quantity::Axis;
+use crate::wire::Connector;
+use serde_json::{Value, json};
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
+
+/// How much longer than expected a motion may take.
+const MOTION_MARGIN: Duration = Duration::from_secs(10);
+
+/// How often the status is asked for while a motion is late.
+const STATUS_EVERY: Duration = Duration::from_millis(2);
+
+/// How far beyond its travel a read-back may be, mm: where it was before it was prepared, and rounding.
+const BEYOND_MM: f64 = 0.1;
+
+/// Complaints that are kept; what a device says beyond them is more of the same.
+const COMPLAINTS_MAX: usize = 16;
+
+/// A stage behind a program.
+pub struct ProcessStage {
+    port: Port,
+    /// The axes go no further than this; none before it is prepared.
+    usage: Option<StageUse>,
+    complaints: Vec<String>,
+}
+
+struct Status {
+    moving: bool,
+    position_mm: [f64; 3],
+}
+
+impl ProcessStage {
+    /// A stage behind a link; nothing is sent yet.
+    pub fn new(connector: Connector, link: String) -> Self {
+        ProcessStage { port: Port::new(connector, "stage", link), usage: None, complaints: Vec::new() }
+    }
+
+    async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<Status, DeviceError> {
+        let said = self.port.ask(doing, "status", Object::new(), reins).await?;
+        for complaint in said.get("complaints").and_then(Value::as_array).into_iter().flatten() {
+            if self.complaints.len() < COMPLAINTS_MAX {
+                self.complaints.push(complaint.as_str().map_or_else(|| complaint.to_string(), str::to_owned));
+            }
+        }
+        let along = |axis: Axis| {
+            let place_mm = said.get("position_mm")?.get(axis.name())?.as_f64()?;
+            let reachable = self.usage.as_ref().is_none_or(|usage| usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm));
+            (place_mm.is_finite() && reachable).then_some(place_mm)
+        };
+        match (said.get("moving").and_then(Value::as_bool), along(Axis::X), along(Axis::Y), along(Axis::Z)) {
+            (Some(moving), Some(x), Some(y), Some(z)) => Ok(Status { moving, position_mm: [x, y, z] }),
+            _ => {
+                let expected = "\"moving\", and \"position_mm\" with x, y and z within the travel".to_owned();
+                Err(self.port.misfit(doing, &said, expected))
+            }
+        }
+    }
+}
+
+impl Stage for ProcessStage {
+    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+        let (identity, _) = self.port.identify().await?;
+        let range = |axis: Axis| json!([usage.travel.along(axis).min, usage.travel.along(axis).max]);
+        let request = json!({
+            "travel_mm": { "x": range(Axis::X), "y": range(Axis::Y), "z": range(Axis::Z) },
+            "away": usage.away,
+            "speed_mm_s": usage.speed_mm_s,
+            "acceleration_mm_s2": usage.acceleration_mm_s2,
+        });
+        let request = request.as_object().cloned().unwrap_or_default();
+        let doing = "preparing it";
+        self.port.ask_within(doing, "prepare", request, Some(reins), PREPARE_DEADLINE).await?;
+        if self.status(doing, None).await?.moving {
+            let told = "it says it is prepared, but moves".to_owned();
+            return Err(self.port.error(doing, Problem::Motion(told)));
+        }
+        self.usage = Some(usage.clone());
+        self.complaints.clear();
+        Ok(identity)
+    }
+
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+        let to_mm: Object = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
+        let request = json!({ "to_mm": to_mm, "speed_mm_s": speed_mm_s });
+        let request = request.as_object().cloned().unwrap_or_default();
+        self.port.ask("starting a motion", "move", request, None).await.map(|_| ())
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let began = Instant::now();
+        let mut look = began + expected;
+        loop {
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {
+                    self.port.obey(doing, reins).await?;
+                    if reins.stopped() {
+                        look = Instant::now();
+                    }
+                    continue;
+                }
+                () = sleep_until(look) => {}
+            }
+            let Status { moving, position_mm } = self.status(doing, Some(reins)).await?;
+            if !moving {
+                return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect());
+            }
+            if began.elapsed() > expected + MOTION_MARGIN {
+                self.port.stop(doing).await?;
+                let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                return Err(self.port.error(doing, Problem::Motion(told)));
+            }
+            look = Instant::now() + STATUS_EVERY;
+        }
+    }
+
+    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", None).await?.position_mm[axis.index()])
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        self.port.stop("stopping").await
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        self.status("reading its complaints", None).await?;
+        Ok(std::mem::take(&mut self.complaints))
+    }
+}

@@ -1,0 +1,50 @@
+use super::CALL_DEADLINE;
+use super::socket::Socket;
+use super::text::Answer;
+use crate::device::{DeviceError, Problem};
+
+/// What the controller itself looks at while it moves: it aborts without asking the host.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Guard {
+    /// The load cell's input, such as `GPIO2.ADC1`.
+    pub input: String,
+    /// N a volt of that input.
+    pub newton_per_volt: f64,
+}
+
+/// An event in the controller that aborts a group's motion.
+#[derive(Debug)]
+pub(super) struct Armed {
+    id: i64,
+    pub limit_n: f64,
+}
+
+impl Guard {
+    /// Arms it: from a reading of `limit_n` on, the cell's own zero included, a motion of the group is aborted.
+    pub(super) async fn arm(&self, socket: &mut Socket, group: &str, limit_n: f64) -> Result<Armed, DeviceError> {
+        let doing = "arming its guard on the force";
+        let volts = limit_n / self.newton_per_volt;
+        let side = if self.newton_per_volt > 0.0 { "ADCHighLimit" } else { "ADCLowLimit" };
+        let (input, condition) = (&self.input, format!("{group}.SGamma.MotionState,0,0,0,0"));
+        let trigger = format!("EventExtendedConfigurationTriggerSet({input}.{side},{volts:.6},0,0,0,{condition})");
+        let action = format!("EventExtendedConfigurationActionSet({group}.MoveAbort,0,0,0,0)");
+        socket.call(doing, &trigger, CALL_DEADLINE).await?;
+        socket.call(doing, &action, CALL_DEADLINE).await?;
+        let started = socket.call(doing, "EventExtendedStart(int *)", CALL_DEADLINE).await?;
+        let id = started.first().and_then(|id| id.trim().parse().ok()).filter(|&id| id >= 0);
+        let id = id.ok_or_else(|| {
+            let expected = "the number of an event".to_owned();
+            socket.error(doing, Problem::Misfit { answer: started.join(","), expected })
+        })?;
+        Ok(Armed { id, limit_n })
+    }
+}
+
+impl Armed {
+    /// Removes it. An event that has happened is gone already, which is as good.
+    pub async fn disarm(self, socket: &mut Socket) -> Result<(), DeviceError> {
+        let call = format!("EventExtendedRemove({})", self.id);
+        let Answer { .. } = socket.call_plainly("removing its guard on the force", &call, CALL_DEADLINE).await?;
+        Ok(())
+    }
+}

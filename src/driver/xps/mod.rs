@@ -1,0 +1,20 @@
+//! Newport XPS (Q8, D, RL): three axes in one group, and an analog input for a load cell.
+//!
+//! Functions and answers after the programmer's manual. A motion is a call that is answered when the motion has ended and holds
+//! its socket until then; so there is one socket for motions, one for questions, and one that is kept free for the abort.
+
+mod analog;
+mod guard;
+mod socket;
+mod stage;
+mod text;
+
+pub use analog::XpsAnalog;
+pub use guard::Guard;
+pub use stage::{Group, Xps};
+pub use text::parse_answer;
+
+use std::time::Duration;
+
+/// Longest wait for the answer to a call that doesn't move anything.
+const CALL_DEADLINE: Duration = Duration::from_secs(2);

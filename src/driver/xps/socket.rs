@@ -1,0 +1,113 @@
+use super::text::{Answer, error_name, parse_answer};
+use crate::device::{DeviceError, Problem};
+use crate::wire::{Connector, Lines, WireError, silent};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// What ends every answer (PROTOCOLS: socket interface of the programmer's manual).
+const END: &str = "EndOfAPI";
+
+/// Longest answer that is taken for one, bytes. The list of all errors would be longer; it isn't asked for.
+const ANSWER_MAX_BYTES: usize = 4096;
+
+/// One socket of the controller: one call at a time. Answers have no number, so that a socket whose answer didn't come is
+/// closed; a new one can't receive it any more.
+pub struct Socket {
+    lines: Lines,
+    device: String,
+    /// The call whose answer is still to come.
+    owed: Option<String>,
+}
+
+impl Socket {
+    /// A socket that is opened when it is first needed. `device` names it in messages.
+    pub fn new(connector: Connector, device: String) -> Self {
+        Socket { lines: Lines::new(connector, END, ANSWER_MAX_BYTES), device, owed: None }
+    }
+
+    /// Calls a function and waits for its answer.
+    ///
+    /// # Errors
+    /// The controller's error in its name, no answer in time, or one that isn't an answer.
+    pub async fn call(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<Vec<String>, DeviceError> {
+        match self.call_plainly(doing, call, deadline).await? {
+            Answer { code: 0, values } => Ok(values),
+            Answer { code, .. } => Err(self.refused(doing, call, code)),
+        }
+    }
+
+    /// The same where an error code is an answer like any other.
+    ///
+    /// # Errors
+    /// No answer in time, or one that isn't an answer.
+    pub async fn call_plainly(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<Answer, DeviceError> {
+        self.begin(doing, call, deadline).await?;
+        let answer = self.answer_by(doing, Instant::now() + deadline).await?;
+        answer.ok_or_else(|| {
+            self.close();
+            self.error(doing, Problem::Link(silent(call, deadline).to_string()))
+        })
+    }
+
+    /// Sends a call whose answer is awaited later.
+    ///
+    /// # Errors
+    /// The link's own.
+    pub async fn begin(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<(), DeviceError> {
+        // an answer that nobody waited for, or text that nobody asked for: neither may be taken for this one's
+        if self.owed.is_some() || self.lines.something_came().await {
+            self.close();
+        }
+        let sent = self.lines.send(call.as_bytes(), deadline).await;
+        sent.map_err(|error| self.failed(doing, &error))?;
+        self.owed = Some(call.to_owned());
+        Ok(())
+    }
+
+    /// The answer that is owed, if it comes until then. May be dropped while it waits.
+    ///
+    /// # Errors
+    /// The link's own, or an answer that isn't one.
+    pub async fn answer_by(&mut self, doing: &str, until: Instant) -> Result<Option<Answer>, DeviceError> {
+        let text = match self.lines.next_by(until).await {
+            Ok(Some(text)) => text,
+            Ok(None) => return Ok(None),
+            Err(error) => return Err(self.failed(doing, &error)),
+        };
+        let call = self.owed.take().unwrap_or_default();
+        match parse_answer(&text, &call) {
+            Some(answer) => Ok(Some(answer)),
+            None => {
+                self.close();
+                let expected = format!("the answer to {call}");
+                Err(self.error(doing, Problem::Misfit { answer: text, expected }))
+            }
+        }
+    }
+
+    /// Whether an answer is still to come.
+    pub fn is_owed(&self) -> bool {
+        self.owed.is_some()
+    }
+
+    /// Closes it; the next call opens it anew.
+    pub fn close(&mut self) {
+        self.owed = None;
+        self.lines.close();
+    }
+
+    /// That a call came back with an error code.
+    pub fn refused(&self, doing: &str, call: &str, code: i32) -> DeviceError {
+        self.error(doing, Problem::Refused(format!("error {code} ({}) to {call}", error_name(code))))
+    }
+
+    /// An error of this device.
+    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+        DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
+    }
+
+    fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
+        self.close();
+        self.error(doing, Problem::Link(error.to_string()))
+    }
+}

@@ -1,0 +1,475 @@
+use super::CALL_DEADLINE;
+use super::guard::{Armed, Guard};
+use super::socket::Socket;
+use super::text::{Answer, GroupState, group_state, number_in};
+use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use crate::quantity::Axis;
+use crate::wire::Connector;
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// How much longer than expected a motion may take.
+const MOTION_MARGIN: Duration = Duration::from_secs(10);
+
+/// Longest initialisation and search for home.
+const HOME_DEADLINE: Duration = Duration::from_secs(120);
+
+/// Rest between killing, initialising and homing a group, which some firmware needs (EPICS waits as long).
+const BETWEEN: Duration = Duration::from_millis(50);
+
+/// How often the group's status is asked while something is waited for that no socket answers (EPICS: 10 ms).
+const STATUS_EVERY: Duration = Duration::from_millis(10);
+
+/// Longest from a motion's call to a group that moves, or has moved.
+const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
+
+/// How often the abort is tried, each time on a new socket.
+const ABORT_TRIES: usize = 2;
+
+/// Not allowed in this state: what an abort is told where nothing moves.
+const NOT_ALLOWED: i32 = -22;
+/// What a motion is answered that was aborted.
+const ABORTED: i32 = -27;
+
+/// How far a read-back may be beyond the axis' travel, mm.
+const BEYOND_MM: f64 = 0.1;
+
+/// How far two read-backs of an axis at rest may be apart, mm.
+const AT_REST_MM: f64 = 0.001;
+
+/// The group of the controller that is the stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Group {
+    /// Its name, such as `XYZ`.
+    pub name: String,
+    /// Its positioners for x, y and z.
+    pub positioners: [String; 3],
+    /// Whether a group that doesn't know where it is may be homed: its search for home must take z away from the specimen
+    /// first, which is set in the controller and can't be asked.
+    pub home_search: bool,
+}
+
+/// An XPS' group as a stage.
+pub struct Xps {
+    moves: Socket,
+    asks: Socket,
+    aborts: Socket,
+    group: Group,
+    guard: Option<Guard>,
+    armed: Option<Armed>,
+    link: String,
+    usage: Option<StageUse>,
+    /// Speed, acceleration and jerk times that each positioner has: mm/s, mm/s^2, s, s.
+    profiles: [[f64; 4]; 3],
+    /// Where each axis was last sent and arrived, mm; none where it was stopped on its way.
+    sent_mm: [Option<f64>; 3],
+    /// The motion whose end the socket for motions owes.
+    under_way: Option<Motion>,
+}
+
+#[derive(Clone, Debug)]
+struct Motion {
+    call: String,
+    targets: Vec<(Axis, f64)>,
+    /// Whether the abort was ours.
+    aborted: bool,
+}
+
+impl Xps {
+    /// A controller behind three links to the same place; nothing is sent yet. `link` is its name in messages.
+    pub fn new(connectors: [Connector; 3], link: String, group: Group, guard: Option<Guard>) -> Self {
+        let device = || format!("stage (XPS at {link})");
+        let [moves, asks, aborts] = connectors.map(|connector| Socket::new(connector, device()));
+        Xps {
+            moves,
+            asks,
+            aborts,
+            group,
+            guard,
+            armed: None,
+            link,
+            usage: None,
+            profiles: [[0.0; 4]; 3],
+            sent_mm: [None; 3],
+            under_way: None,
+        }
+    }
+
+    fn positioner(&self, axis: Axis) -> String {
+        format!("{}.{}", self.group.name, self.group.positioners[axis.index()])
+    }
+
+    fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+        self.asks.error(doing, problem)
+    }
+
+    async fn ask(&mut self, doing: &str, call: &str) -> Result<Vec<String>, DeviceError> {
+        self.asks.call(doing, call, CALL_DEADLINE).await
+    }
+
+    async fn ask_numbers<const N: usize>(&mut self, doing: &str, call: &str) -> Result<[f64; N], DeviceError> {
+        let values = self.ask(doing, call).await?;
+        let numbers: Option<Vec<f64>> = values.iter().map(|text| number_in(text)).collect();
+        numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
+            let expected = format!("{N} numbers to {call}");
+            self.error(doing, Problem::Misfit { answer: values.join(","), expected })
+        })
+    }
+
+    async fn state(&mut self, doing: &str) -> Result<GroupState, DeviceError> {
+        let [status] = self.ask_numbers(doing, &format!("GroupStatusGet({},int *)", self.group.name)).await?;
+        group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
+            let expected = "a group status".to_owned();
+            self.error(doing, Problem::Misfit { answer: status.to_string(), expected })
+        })
+    }
+
+    /// Where an axis is; a place the axis can't be at is no place.
+    async fn place_mm(&mut self, doing: &str, axis: Axis) -> Result<f64, DeviceError> {
+        let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
+        let [place_mm] = self.ask_numbers(doing, &call).await?;
+        if let Some(usage) = &self.usage
+            && !usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm)
+        {
+            let expected = format!("a place within the travel of {}", axis.name());
+            return Err(self.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
+        }
+        Ok(place_mm)
+    }
+
+    /// Waits until the group doesn't move, whoever moved it.
+    async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
+        let until = Instant::now() + within;
+        loop {
+            let state = self.state(doing).await?;
+            if !matches!(state, GroupState::Moving | GroupState::Homing) {
+                return Ok(state);
+            }
+            if Instant::now() > until {
+                self.stop().await?;
+                let told = format!("{} still moves after {} s", self.group.name, within.as_secs());
+                return Err(self.error(doing, Problem::Motion(told)));
+            }
+            sleep(STATUS_EVERY).await;
+        }
+    }
+
+    /// A group that is at rest and able to move: what isn't initialised is, what isn't referenced looks for home.
+    async fn bring_to_ready(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "making its group ready";
+        let group = self.group.name.clone();
+        match self.until_still(doing, MOTION_MARGIN).await? {
+            GroupState::Ready => return Ok(()),
+            GroupState::Disabled => {
+                self.ask(doing, &format!("GroupMotionEnable({group})")).await?;
+                return Ok(());
+            }
+            _ if !self.group.home_search => {
+                let told = format!(
+                    "the group {group} doesn't know where it is. Home it with the specimen out of the way, or say \
+                     home_search = true where its search takes z away from the specimen first"
+                );
+                return Err(self.error(doing, Problem::Mismatch(told)));
+            }
+            GroupState::NotReferenced => {}
+            _ => {
+                // from whatever is left of an earlier fault
+                self.ask(doing, &format!("GroupKill({group})")).await?;
+                sleep(BETWEEN).await;
+                self.wait_for("initialising its group", &format!("GroupInitialize({group})"), reins).await?;
+                sleep(BETWEEN).await;
+            }
+        }
+        self.wait_for("homing", &format!("GroupHomeSearch({group})"), reins).await?;
+        match self.until_still("homing", MOTION_MARGIN).await? {
+            GroupState::Ready => Ok(()),
+            state => Err(self.error("homing", Problem::Motion(format!("the group is {state:?} after its search")))),
+        }
+    }
+
+    /// A call that is answered when what it began has ended; a stop kills the group, which is an error.
+    async fn wait_for(&mut self, doing: &str, call: &str, reins: &Reins) -> Result<(), DeviceError> {
+        self.moves.begin(doing, call, CALL_DEADLINE).await?;
+        let until = Instant::now() + HOME_DEADLINE;
+        let answer = loop {
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {
+                    if reins.take() == Some(Order::Stop) {
+                        self.kill(doing).await?;
+                    }
+                }
+                answer = self.moves.answer_by(doing, until) => break answer?,
+            }
+        };
+        match answer {
+            Some(Answer { code: 0, .. }) => Ok(()),
+            Some(Answer { code, .. }) => Err(self.moves.refused(doing, call, code)),
+            None => {
+                self.kill(doing).await?;
+                self.moves.close();
+                let told = format!("{call} wasn't done within {} s", HOME_DEADLINE.as_secs());
+                Err(self.error(doing, Problem::Motion(told)))
+            }
+        }
+    }
+
+    async fn kill(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let call = format!("GroupKill({})", self.group.name);
+        self.aborts.call_plainly(doing, &call, CALL_DEADLINE).await.map(|_| ())
+    }
+
+    /// Holds the controller's limits against the rig's, and narrows its travel to the rig's.
+    async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
+        let (doing, positioner, travel) = ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));
+        let call = format!("PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)");
+        let [fastest_mm_s, most_mm_s2] = self.ask_numbers(doing, &call).await?;
+        for (most, wanted, key) in [
+            (fastest_mm_s, usage.speed_mm_s, "speed_mm_s"),
+            (most_mm_s2, usage.acceleration_mm_s2, "acceleration_mm_s2"),
+        ] {
+            if most < wanted {
+                let told = format!("{positioner} allows {key} {most} at most, under the rig's {wanted}");
+                return Err(self.error(doing, Problem::Mismatch(told)));
+            }
+        }
+        let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
+        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
+        if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
+            let told = format!(
+                "{positioner} runs from {least_mm} to {most_mm} mm, the rig's travel from {} to {} mm",
+                travel.min, travel.max
+            );
+            return Err(self.error(doing, Problem::Mismatch(told)));
+        }
+        let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
+        self.ask(doing, &set).await?;
+        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
+        if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
+            let told = format!("{positioner} was limited to the rig's travel and says {least_mm} to {most_mm} mm");
+            return Err(self.error(doing, Problem::Mismatch(told)));
+        }
+        let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");
+        self.profiles[axis.index()] = self.ask_numbers(doing, &call).await?;
+        Ok(())
+    }
+
+    /// Gives a positioner the speed and the acceleration of its next motion.
+    async fn shape(&mut self, axis: Axis, speed_mm_s: f64) -> Result<(), DeviceError> {
+        let [_, _, jerk_least_s, jerk_most_s] = self.profiles[axis.index()];
+        let acceleration_mm_s2 = self.usage.as_ref().map_or(0.0, |usage| usage.acceleration_mm_s2);
+        let profile = [speed_mm_s, acceleration_mm_s2, jerk_least_s, jerk_most_s];
+        if self.profiles[axis.index()] != profile {
+            let [v, a, least, most] = profile;
+            let positioner = self.positioner(axis);
+            let call = format!("PositionerSGammaParametersSet({positioner},{v:.6},{a:.6},{least},{most})");
+            self.profiles[axis.index()] = [f64::NAN; 4]; // unknown until it is answered
+            self.ask("setting a speed", &call).await?;
+            self.profiles[axis.index()] = profile;
+        }
+        Ok(())
+    }
+
+    /// The call that moves axes: one positioner, or the whole group, whose other axes stay where they were sent.
+    async fn motion_to(&mut self, targets: &[(Axis, f64)]) -> Result<Motion, DeviceError> {
+        let call = match targets {
+            [(axis, target_mm)] => format!("GroupMoveAbsolute({},{target_mm:.6})", self.positioner(*axis)),
+            _ => {
+                let mut places_mm = [0.0; 3];
+                for axis in Axis::ALL {
+                    let target = targets.iter().find(|(other, _)| *other == axis).map(|(_, target_mm)| *target_mm);
+                    places_mm[axis.index()] = match target.or(self.sent_mm[axis.index()]) {
+                        Some(place_mm) => place_mm,
+                        None => self.rest_mm(axis).await?,
+                    };
+                }
+                let [x, y, z] = places_mm;
+                format!("GroupMoveAbsolute({},{x:.6},{y:.6},{z:.6})", self.group.name)
+            }
+        };
+        Ok(Motion { call, targets: targets.to_vec(), aborted: false })
+    }
+
+    /// Where an axis rests that was stopped on its way: two answers that agree, since it is told to stay there.
+    async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
+        let doing = "reading where an axis rests";
+        let (first_mm, again_mm) = (self.place_mm(doing, axis).await?, self.place_mm(doing, axis).await?);
+        if (first_mm - again_mm).abs() > AT_REST_MM {
+            let told = format!("{} is at {first_mm} mm and then at {again_mm} mm, though it rests", axis.name());
+            return Err(self.error(doing, Problem::Motion(told)));
+        }
+        Ok(first_mm)
+    }
+
+    /// Sends a motion and waits until the group moves, or has moved.
+    async fn start(&mut self, motion: Motion) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
+        self.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
+        self.under_way = Some(motion);
+        let until = Instant::now() + TAKEN_DEADLINE;
+        while Instant::now() < until {
+            if self.state(doing).await? == GroupState::Moving {
+                return Ok(());
+            }
+            if let Some(answer) = self.moves.answer_by(doing, Instant::now()).await? {
+                return self.ended(doing, answer.code);
+            }
+        }
+        self.stop().await?;
+        Err(self.error(doing, Problem::Motion(format!("{} doesn't move", self.group.name))))
+    }
+
+    /// What the end of a motion says.
+    fn ended(&mut self, doing: &str, code: i32) -> Result<(), DeviceError> {
+        let Some(motion) = self.under_way.take() else { return Ok(()) };
+        match code {
+            0 => {
+                motion.targets.iter().for_each(|(axis, target_mm)| self.sent_mm[axis.index()] = Some(*target_mm));
+                Ok(())
+            }
+            ABORTED if motion.aborted => Ok(()),
+            ABORTED => {
+                let problem = match self.armed.take() {
+                    Some(armed) => Problem::Guarded { limit_n: armed.limit_n },
+                    None => Problem::Motion("the motion was aborted at the controller, not by palpate".to_owned()),
+                };
+                Err(self.error(doing, problem))
+            }
+            code => Err(self.moves.refused(doing, &motion.call, code)),
+        }
+    }
+
+    /// Waits for the end of the motion under way; none where the reins ask for something first.
+    async fn until_ended(&mut self, doing: &str, until: Instant, reins: &Reins) -> Result<Option<()>, DeviceError> {
+        if self.under_way.is_none() {
+            return Ok(Some(()));
+        }
+        if !self.moves.is_owed() {
+            // its socket was lost: what became of the motion is asked of the group
+            self.under_way = None;
+            return self.until_still(doing, MOTION_MARGIN).await.map(|_| Some(()));
+        }
+        tokio::select! {
+            biased;
+            () = reins.pulled().notified() => Ok(None),
+            answer = self.moves.answer_by(doing, until) => match answer? {
+                Some(answer) => self.ended(doing, answer.code).map(Some),
+                None => {
+                    self.stop().await?;
+                    self.moves.close();
+                    let told = format!("no end of it {} s after it should have ended", MOTION_MARGIN.as_secs());
+                    Err(self.error(doing, Problem::Motion(told)))
+                }
+            },
+        }
+    }
+
+    /// Goes on toward the same target at another speed: an S-gamma motion keeps the speed it began with.
+    async fn change_speed(&mut self, mm_s: f64) -> Result<(), DeviceError> {
+        let Some(motion) = self.under_way.clone() else { return Ok(()) };
+        self.stop().await?;
+        let until = Instant::now() + MOTION_MARGIN;
+        self.until_ended("changing a speed", until, &Reins::default()).await?;
+        for (axis, _) in &motion.targets {
+            self.shape(*axis, mm_s).await?;
+        }
+        let motion = self.motion_to(&motion.targets).await?;
+        self.start(motion).await
+    }
+}
+
+impl Stage for Xps {
+    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+        let doing = "identifying it";
+        let version = self.ask(doing, "FirmwareVersionGet(char *)").await?.join(",");
+        // a program that died may have left a motion behind
+        self.stop().await?;
+        self.bring_to_ready(reins).await?;
+        for axis in Axis::ALL {
+            self.set_up(axis, usage).await?;
+        }
+        self.usage = Some(usage.clone());
+        for axis in Axis::ALL {
+            self.place_mm(doing, axis).await?;
+        }
+        let identity = format!("{version}, group {} ({})", self.group.name, self.group.positioners.join(", "));
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
+    }
+
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+        // a group takes one motion at a time; what is under way ends by itself, where it is safe
+        let until = Instant::now() + MOTION_MARGIN;
+        self.until_ended("waiting for the motion before", until, &Reins::default()).await?;
+        for (axis, _) in targets {
+            self.shape(*axis, speed_mm_s).await?;
+        }
+        let motion = self.motion_to(targets).await?;
+        self.start(motion).await
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let until = Instant::now() + expected + MOTION_MARGIN;
+        if self.under_way.is_none() {
+            self.until_still(doing, MOTION_MARGIN).await?;
+        }
+        while self.until_ended(doing, until, reins).await?.is_none() {
+            match reins.take() {
+                Some(Order::Stop) => self.stop().await?,
+                Some(Order::Speed(mm_s)) => self.change_speed(mm_s).await?,
+                None => {}
+            }
+        }
+        let mut places_mm = Vec::with_capacity(axes.len());
+        for &axis in axes {
+            places_mm.push(self.place_mm(doing, axis).await?);
+        }
+        Ok(places_mm)
+    }
+
+    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
+        self.place_mm("reading a position", axis).await
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        let (doing, call) = ("stopping", format!("GroupMoveAbort({})", self.group.name));
+        if let Some(motion) = &mut self.under_way {
+            motion.aborted = true;
+        }
+        let mut told = Ok(());
+        for _ in 0..ABORT_TRIES {
+            told = match self.aborts.call_plainly(doing, &call, CALL_DEADLINE).await {
+                Ok(Answer { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
+                Ok(Answer { code, .. }) => Err(self.aborts.refused(doing, &call, code)),
+                Err(error) => Err(error),
+            };
+        }
+        told
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        let doing = "reading its errors";
+        let mut complaints = Vec::new();
+        for axis in Axis::ALL {
+            let positioner = self.positioner(axis);
+            let [code] = self.ask_numbers(doing, &format!("PositionerErrorGet({positioner},int *)")).await?;
+            if code != 0.0 {
+                let text = self.ask(doing, &format!("PositionerErrorStringGet({code},char *)")).await?.join(",");
+                complaints.push(format!("{positioner}: error {code}, {text}"));
+            }
+        }
+        Ok(complaints)
+    }
+
+    async fn guard(&mut self, limit_n: Option<f64>) -> Result<(), DeviceError> {
+        if let Some(armed) = self.armed.take() {
+            armed.disarm(&mut self.asks).await?;
+        }
+        if let (Some(guard), Some(limit_n)) = (&self.guard, limit_n) {
+            self.armed = Some(guard.arm(&mut self.asks, &self.group.name, limit_n).await?);
+        }
+        Ok(())
+    }
+}
+

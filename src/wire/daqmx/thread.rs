@@ -1,0 +1,73 @@
+use super::NiDaqmx;
+use std::sync::Arc;
+use std::sync::mpsc::{Sender, channel};
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+
+/// Longest a call of the library may take; none of ours waits for anything, but a device that is being unplugged can hold one.
+const CALL_DEADLINE: Duration = Duration::from_secs(5);
+
+type Job = Box<dyn FnOnce(&dyn NiDaqmx) + Send>;
+
+/// The functions where they may be called.
+#[derive(Clone)]
+pub enum Functions {
+    /// An emulator's: they take no time, and are called where they are needed.
+    Here(Arc<dyn NiDaqmx>),
+    /// The library's: on a thread of its own, since a call that blocks would hold up a stop. An error's text is kept by thread,
+    /// so that it has to be one thread.
+    Thread(Sender<Job>),
+}
+
+/// The library's thread is held up, or has ended.
+#[derive(Debug, thiserror::Error)]
+#[error("a call of the DAQmx library didn't come back within {} s", CALL_DEADLINE.as_secs())]
+pub struct HeldUp;
+
+impl Functions {
+    /// A table on a thread of its own, which ends with the last handle.
+    ///
+    /// # Errors
+    /// There is no thread to be had.
+    pub fn on_a_thread(table: Arc<dyn NiDaqmx>) -> std::io::Result<Functions> {
+        let (sender, jobs) = channel::<Job>();
+        std::thread::Builder::new().name("daqmx".to_owned()).spawn(move || {
+            for job in jobs {
+                job(&*table);
+            }
+        })?;
+        Ok(Functions::Thread(sender))
+    }
+
+    /// Calls functions and waits for what they give, on the runtime's clock.
+    ///
+    /// # Errors
+    /// They don't come back.
+    pub async fn call<T: Send + 'static>(
+        &self,
+        job: impl FnOnce(&dyn NiDaqmx) -> T + Send + 'static,
+    ) -> Result<T, HeldUp> {
+        match self {
+            Functions::Here(table) => Ok(job(&**table)),
+            Functions::Thread(sender) => {
+                let (done, result) = oneshot::channel();
+                let job: Job = Box::new(move |table| {
+                    let _ = done.send(job(table)); // nobody waits any more: so be it
+                });
+                sender.send(job).map_err(|_| HeldUp)?;
+                timeout(CALL_DEADLINE, result).await.ok().and_then(Result::ok).ok_or(HeldUp)
+            }
+        }
+    }
+
+    /// Calls functions whose end nobody waits for.
+    pub fn call_and_leave(&self, job: impl FnOnce(&dyn NiDaqmx) + Send + 'static) {
+        match self {
+            Functions::Here(table) => job(&**table),
+            Functions::Thread(sender) => {
+                let _ = sender.send(Box::new(job)); // a thread that has ended has no task left either
+            }
+        }
+    }
+}

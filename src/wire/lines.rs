@@ -1,0 +1,164 @@
+use super::{ByteStream, Connector};
+use std::future::poll_fn;
+use std::io;
+use std::pin::Pin;
+use std::task::Poll;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
+use tokio::time::{Instant, timeout, timeout_at};
+
+/// What went wrong on a link.
+#[derive(Debug, thiserror::Error)]
+pub enum WireError {
+    /// The link itself failed.
+    #[error("the link failed: {0}")]
+    Io(#[from] io::Error),
+    /// No answer within the deadline.
+    #[error("no answer to {request:?} within {waited_ms} ms")]
+    Silent {
+        /// What was sent.
+        request: String,
+        /// The deadline, ms.
+        waited_ms: u64,
+    },
+    /// An answer with no end.
+    #[error("an answer of over {most_bytes} bytes without its end")]
+    Endless {
+        /// Longest answer that is taken for one, bytes.
+        most_bytes: usize,
+    },
+}
+
+/// Text that ends with a mark, over a link that is opened when it is needed, and again after it failed.
+pub struct Lines {
+    connector: Connector,
+    stream: Option<ByteStream>,
+    inbox: Vec<u8>,
+    /// How far the inbox has been searched for the mark.
+    searched: usize,
+    end: &'static str,
+    most_bytes: usize,
+}
+
+impl Lines {
+    /// What comes back ends with `end`, and has at most `most_bytes`.
+    pub fn new(connector: Connector, end: &'static str, most_bytes: usize) -> Self {
+        Lines { connector, stream: None, inbox: Vec::new(), searched: 0, end, most_bytes }
+    }
+
+    /// Sends bytes as they are, within a deadline.
+    ///
+    /// # Errors
+    /// The link's own, or that it doesn't take them.
+    pub async fn send(&mut self, bytes: &[u8], deadline: Duration) -> Result<(), WireError> {
+        let sent = {
+            let stream = self.stream().await?;
+            timeout(deadline, async {
+                stream.write_all(bytes).await?;
+                stream.flush().await
+            })
+            .await
+        };
+        match sent {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => {
+                self.close();
+                Err(error.into())
+            }
+            Err(_) => {
+                self.close(); // part of it may have gone: nothing is to be glued to it
+                Err(silent(&String::from_utf8_lossy(bytes), deadline))
+            }
+        }
+    }
+
+    /// The next text that comes, without its end and the blanks around it. May be dropped while it waits: what has come so far
+    /// is kept.
+    ///
+    /// # Errors
+    /// The link's own, or a text without end.
+    pub async fn next(&mut self) -> Result<String, WireError> {
+        loop {
+            if let Some(text) = self.take() {
+                return Ok(text);
+            }
+            if self.inbox.len() > self.most_bytes {
+                self.forget();
+                return Err(WireError::Endless { most_bytes: self.most_bytes });
+            }
+            let mut chunk = [0; 256];
+            let count = self.stream().await?.read(&mut chunk).await;
+            match count {
+                Ok(0) => {
+                    self.close();
+                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the far end closed it").into());
+                }
+                Ok(count) => self.inbox.extend_from_slice(&chunk[..count]),
+                Err(error) => {
+                    self.close();
+                    return Err(error.into());
+                }
+            }
+        }
+    }
+
+    /// The next text that comes until then, or none.
+    ///
+    /// # Errors
+    /// As [`next`](Self::next).
+    pub async fn next_by(&mut self, until: Instant) -> Result<Option<String>, WireError> {
+        timeout_at(until, self.next()).await.ok().transpose()
+    }
+
+    /// Whether bytes wait on the link; they are kept. What is wrong with the link shows in the exchange that follows.
+    pub async fn something_came(&mut self) -> bool {
+        let Some(stream) = self.stream.as_mut() else { return false };
+        let mut chunk = [0; 256];
+        let mut waiting = ReadBuf::new(&mut chunk);
+        poll_fn(|cx| {
+            let _ = Pin::new(&mut *stream).poll_read(cx, &mut waiting);
+            Poll::Ready(())
+        })
+        .await;
+        self.inbox.extend_from_slice(waiting.filled());
+        !self.inbox.is_empty()
+    }
+
+    /// Throws away what has come and wasn't read.
+    pub fn forget(&mut self) {
+        self.inbox.clear();
+        self.searched = 0;
+    }
+
+    /// Closes the link: the next use opens it anew, and no late answer can come.
+    pub fn close(&mut self) {
+        self.stream = None;
+        self.forget();
+    }
+
+    fn take(&mut self) -> Option<String> {
+        let end = self.end.as_bytes();
+        let from = self.searched.saturating_sub(end.len() - 1);
+        let Some(found) = self.inbox[from..].windows(end.len()).position(|window| window == end) else {
+            self.searched = self.inbox.len();
+            return None;
+        };
+        let text = String::from_utf8_lossy(&self.inbox[..from + found]).trim().to_owned();
+        self.inbox.drain(..from + found + end.len());
+        self.searched = 0;
+        Some(text)
+    }
+
+    async fn stream(&mut self) -> Result<&mut ByteStream, WireError> {
+        if self.stream.is_none() {
+            self.forget();
+            self.stream = Some(self.connector.open().await?);
+        }
+        self.stream.as_mut().ok_or_else(|| io::Error::from(io::ErrorKind::NotConnected).into())
+    }
+}
+
+/// That nothing came back.
+pub fn silent(request: &str, deadline: Duration) -> WireError {
+    WireError::Silent { request: request.trim_end().to_owned(), waited_ms: deadline.as_millis() as u64 }
+}
