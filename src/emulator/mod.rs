@@ -24,6 +24,7 @@ pub use serve::{INBOX_MOST, serve};
 use crate::scene::{Device, Scene};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use tokio::sync::Notify;
 
 /// What several links, or several instruments, act on together: a device keeps its state when a link is dropped and
 /// opened again, and all devices of a rig act on one scene.
@@ -57,4 +58,33 @@ pub trait Instrument: Send {
     fn deaf_until_s(&self) -> f64 {
         0.0
     }
+
+    /// A link is opened: the instrument that stands for the device on this link, where the device keeps its links apart.
+    /// None: all links share this one.
+    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+        None
+    }
+
+    /// What is rung when an answer that is [owed](Self::owed) may be due sooner than was said, or on another link. None: the
+    /// device never owes one, and isn't asked.
+    fn bell(&self) -> Option<Arc<Notify>> {
+        None
+    }
+
+    /// What the device owes this link at `now_s`; requests are taken meanwhile.
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        let _ = (scene, now_s);
+        Owed::Nothing
+    }
+}
+
+/// What a device owes a link, on which it took a request that it answers later.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Owed {
+    /// Nothing, until its bell is rung.
+    Nothing,
+    /// Maybe an answer, at this time, s: ask again then, or when its bell is rung.
+    At(f64),
+    /// These bytes, now.
+    Ready(Vec<u8>),
 }

@@ -1,12 +1,14 @@
-use super::{Instrument, Shared};
+use super::{Instrument, Owed, Shared};
 use crate::scene::Scene;
+use std::future::pending;
 use std::io;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::time::{Instant, sleep, sleep_until, timeout};
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep_until, timeout};
 
-/// Most bytes that wait for a device on one link. The longest request of any protocol here has 260 bytes; a client that
+/// Most bytes that wait for a device on one link. The longest request of any protocol here has some 1000 bytes; a client that
 /// sends more at once waits, and what fills the inbox without holding one request is thrown away.
 pub const INBOX_MOST: usize = 1024;
 
@@ -14,101 +16,183 @@ pub const INBOX_MOST: usize = 1024;
 /// on a paused clock, and tokio's timers have this grain.
 const LEAST_LATENCY: Duration = Duration::from_millis(1);
 
+/// Longest time after which an answer that is owed is asked for again.
+const OWED_MOST: Duration = Duration::from_secs(3600);
+
 /// Serves one link until its far end is closed: requests are answered one after another, each after the scene's latency
-/// for the device; those to a device whose link the scene has gone silent are lost. `origin` is the instant the scene counts from.
+/// for the device; those to a device whose link the scene has gone silent are lost. An answer that the device owes is sent
+/// when it is due, whatever is asked meanwhile. `origin` is the instant the scene counts from.
 ///
 /// Nothing is locked while this waits, so other links and other devices go on meanwhile.
 ///
 /// # Errors
 /// What the stream reports. That the client has gone while an answer was due is one of these.
-pub async fn serve<S, I>(mut stream: S, instrument: Shared<I>, scene: Shared<Scene>, origin: Instant) -> io::Result<()>
+pub async fn serve<S, I>(stream: S, instrument: Shared<I>, scene: Shared<Scene>, origin: Instant) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
     I: Instrument + ?Sized,
 {
-    let silence = lock(&instrument).silence();
-    let mut inbox = Vec::with_capacity(INBOX_MOST);
-    let mut chunk = [0; INBOX_MOST];
-    loop {
-        while let Some(request) = take_request(&instrument, &mut inbox) {
-            exchange(&mut stream, &request, &instrument, &scene, origin).await?;
-        }
-        if inbox.len() == INBOX_MOST {
-            inbox.clear();
-        }
-        let room = INBOX_MOST - inbox.len();
-        let arrival = stream.read(&mut chunk[..room]);
-        let received = match silence {
-            Some(silence) if !inbox.is_empty() => timeout(silence, arrival).await.ok(),
-            _ => Some(arrival.await),
-        };
-        match received {
-            Some(Ok(0)) => return Ok(()),
-            Some(count) => inbox.extend_from_slice(&chunk[..count?]),
-            None => {
-                if let Some(request) = fall_silent(&instrument, &mut inbox) {
-                    exchange(&mut stream, &request, &instrument, &scene, origin).await?;
+    let own = lock(&instrument).accept();
+    match own {
+        Some(own) => Served::new(&*own, &scene, origin).serve(stream).await,
+        None => Served::new(&*instrument, &scene, origin).serve(stream).await,
+    }
+}
+
+/// An instrument on one link.
+struct Served<'a, I: ?Sized> {
+    instrument: &'a Mutex<I>,
+    scene: &'a Mutex<Scene>,
+    origin: Instant,
+    bell: Option<Arc<Notify>>,
+}
+
+impl<'a, I: Instrument + ?Sized> Served<'a, I> {
+    fn new(instrument: &'a Mutex<I>, scene: &'a Mutex<Scene>, origin: Instant) -> Self {
+        let bell = lock(instrument).bell();
+        Served { instrument, scene, origin, bell }
+    }
+
+    async fn serve<S: AsyncRead + AsyncWrite + Unpin>(&self, mut stream: S) -> io::Result<()> {
+        let silence = lock(self.instrument).silence();
+        let mut inbox = Vec::with_capacity(INBOX_MOST);
+        let mut chunk = [0; INBOX_MOST];
+        loop {
+            while let Some(request) = self.take_request(&mut inbox) {
+                self.exchange(&mut stream, &request).await?;
+            }
+            if inbox.len() == INBOX_MOST {
+                inbox.clear();
+            }
+            let chunk = &mut chunk[..INBOX_MOST - inbox.len()];
+            let received = match silence {
+                Some(silence) if !inbox.is_empty() => timeout(silence, stream.read(chunk)).await.ok(),
+                _ => Some(self.hear(&mut stream, chunk).await),
+            };
+            match received {
+                Some(Ok(0)) => return Ok(()),
+                Some(count) => inbox.extend_from_slice(&chunk[..count?]),
+                None => {
+                    if let Some(request) = self.fall_silent(&mut inbox) {
+                        self.exchange(&mut stream, &request).await?;
+                    }
                 }
             }
         }
     }
+
+    async fn exchange<S: AsyncWrite + Unpin>(&self, stream: &mut S, request: &[u8]) -> io::Result<()> {
+        let deaf_until = self.origin + duration(lock(self.instrument).deaf_until_s());
+        if deaf_until > Instant::now() {
+            self.pass(stream, deaf_until).await?;
+        }
+        let Some(latency) = self.latency() else { return Ok(()) };
+        self.pass(stream, Instant::now() + latency).await?;
+        send(stream, &self.answer(request)).await
+    }
+
+    /// Waits for bytes, and how many came; what is owed is sent meanwhile.
+    async fn hear<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: &mut S, chunk: &mut [u8]) -> io::Result<usize> {
+        let Some(bell) = &self.bell else { return stream.read(chunk).await };
+        loop {
+            // made before it is asked what is owed: a ring in between isn't missed
+            let rung = bell.notified();
+            let again = self.settle(stream).await?;
+            tokio::select! {
+                biased;
+                count = stream.read(chunk) => return count,
+                () = rung => {}
+                () = at(again) => {}
+            }
+        }
+    }
+
+    /// Lets time pass; what is owed is sent meanwhile.
+    async fn pass<S: AsyncWrite + Unpin>(&self, stream: &mut S, until: Instant) -> io::Result<()> {
+        let Some(bell) = &self.bell else {
+            sleep_until(until).await;
+            return Ok(());
+        };
+        loop {
+            let rung = bell.notified();
+            let again = self.settle(stream).await?;
+            tokio::select! {
+                biased;
+                () = sleep_until(until) => return Ok(()),
+                () = rung => {}
+                () = at(again) => {}
+            }
+        }
+    }
+
+    /// Sends what is owed by now; when to ask again, none: not before the bell is rung.
+    async fn settle<S: AsyncWrite + Unpin>(&self, stream: &mut S) -> io::Result<Option<Instant>> {
+        loop {
+            match self.owed() {
+                Owed::Nothing => return Ok(None),
+                Owed::At(at_s) => {
+                    let now = Instant::now();
+                    let wait = duration(at_s - (now - self.origin).as_secs_f64()).clamp(LEAST_LATENCY, OWED_MOST);
+                    return Ok(Some(now + wait));
+                }
+                Owed::Ready(reply) => {
+                    if self.latency().is_some() {
+                        send(stream, &reply).await?;
+                    }
+                }
+            }
+        }
+    }
+
+    // A guard that lives in an expression with an await lives across it: hence these take their locks in functions of their own.
+
+    fn take_request(&self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        lock(self.instrument).take_request(inbox)
+    }
+
+    fn fall_silent(&self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        lock(self.instrument).fall_silent(inbox)
+    }
+
+    /// None where the link is silent: the request, or the answer, is lost.
+    fn latency(&self) -> Option<Duration> {
+        let device = lock(self.instrument).device();
+        let now_s = (Instant::now() - self.origin).as_secs_f64();
+        let latency_s = lock(self.scene).latency_s(device, now_s)?;
+        Some(duration(latency_s).max(LEAST_LATENCY))
+    }
+
+    fn answer(&self, request: &[u8]) -> Vec<u8> {
+        self.with_both(|instrument, scene, now_s| instrument.answer(request, scene, now_s))
+    }
+
+    fn owed(&self) -> Owed {
+        self.with_both(|instrument, scene, now_s| instrument.owed(scene, now_s))
+    }
+
+    /// The instrument is locked before the scene, here and nowhere else both at once.
+    fn with_both<T>(&self, act: impl FnOnce(&mut I, &mut Scene, f64) -> T) -> T {
+        let mut instrument = lock(self.instrument);
+        let mut scene = lock(self.scene);
+        // read under both locks: links of one scene never hand it an earlier time after a later one
+        let now_s = (Instant::now() - self.origin).as_secs_f64();
+        act(&mut instrument, &mut scene, now_s)
+    }
 }
 
-async fn exchange<S, I>(
-    stream: &mut S,
-    request: &[u8],
-    instrument: &Mutex<I>,
-    scene: &Mutex<Scene>,
-    origin: Instant,
-) -> io::Result<()>
-where
-    S: AsyncWrite + Unpin,
-    I: Instrument + ?Sized,
-{
-    let deaf_until = origin + duration(lock(instrument).deaf_until_s());
-    if deaf_until > Instant::now() {
-        sleep_until(deaf_until).await;
-    }
-    let Some(latency) = latency(instrument, scene, origin) else { return Ok(()) };
-    sleep(latency).await;
-    let reply = answer(request, instrument, scene, origin);
+async fn send<S: AsyncWrite + Unpin>(stream: &mut S, reply: &[u8]) -> io::Result<()> {
     if !reply.is_empty() {
-        stream.write_all(&reply).await?;
+        stream.write_all(reply).await?;
         stream.flush().await?;
     }
     Ok(())
 }
 
-// A guard that lives in an expression with an await lives across it: hence these take their locks in functions of their own.
-
-fn take_request<I: Instrument + ?Sized>(instrument: &Mutex<I>, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-    lock(instrument).take_request(inbox)
-}
-
-fn fall_silent<I: Instrument + ?Sized>(instrument: &Mutex<I>, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-    lock(instrument).fall_silent(inbox)
-}
-
-/// None where the link is silent: the request is lost.
-fn latency<I: Instrument + ?Sized>(instrument: &Mutex<I>, scene: &Mutex<Scene>, origin: Instant) -> Option<Duration> {
-    let device = lock(instrument).device();
-    let now_s = (Instant::now() - origin).as_secs_f64();
-    let latency_s = lock(scene).latency_s(device, now_s)?;
-    Some(duration(latency_s).max(LEAST_LATENCY))
-}
-
-/// The instrument is locked before the scene, here and nowhere else both at once.
-fn answer<I: Instrument + ?Sized>(
-    request: &[u8],
-    instrument: &Mutex<I>,
-    scene: &Mutex<Scene>,
-    origin: Instant,
-) -> Vec<u8> {
-    let mut instrument = lock(instrument);
-    let mut scene = lock(scene);
-    // read under both locks: links of one scene never hand it an earlier time after a later one
-    let now_s = (Instant::now() - origin).as_secs_f64();
-    instrument.answer(request, &mut scene, now_s)
+async fn at(instant: Option<Instant>) {
+    match instant {
+        Some(instant) => sleep_until(instant).await,
+        None => pending().await,
+    }
 }
 
 /// What no clock can wait for (negative, not finite, beyond the range) is no wait.
@@ -127,6 +211,7 @@ mod tests {
     use super::*;
     use crate::quantity::Axis;
     use crate::scene::{Device, Fault, FaultKind};
+    use tokio::time::sleep;
 
     /// Sends back each byte, and is deaf for a second after a `!`.
     struct Echo {
@@ -222,5 +307,109 @@ mod tests {
         assert_eq!(other.ask(b"a", 1).await, b"a");
         let way_mm = lock(&scene).axis(Axis::X, 60.0).0 - POWER_ON.x_mm;
         assert!((way_mm - 1.0).abs() < 1e-9, "it ended what it had begun, and began nothing: {way_mm} mm");
+    }
+
+    /// Owes each `w` its answer after a second, or at once when a `!` comes on any link; meanwhile a `w` gets a `-`.
+    struct Late {
+        called: Shared<bool>,
+        bell: Arc<Notify>,
+        due_s: Option<f64>,
+    }
+
+    impl Late {
+        fn new(called: Shared<bool>, bell: Arc<Notify>) -> Self {
+            Late { called, bell, due_s: None }
+        }
+    }
+
+    impl Instrument for Late {
+        fn device(&self) -> Device {
+            Device::Stage
+        }
+        fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+            (!inbox.is_empty()).then(|| vec![inbox.remove(0)])
+        }
+        fn answer(&mut self, request: &[u8], _: &mut Scene, now_s: f64) -> Vec<u8> {
+            match (request, self.due_s) {
+                (b"w", None) => self.due_s = Some(now_s + 1.0),
+                (b"!", _) => {
+                    *lock(&self.called) = true;
+                    self.bell.notify_waiters();
+                }
+                _ => return b"-".to_vec(),
+            }
+            Vec::new()
+        }
+        fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+            Some(shared(Late::new(self.called.clone(), self.bell.clone())))
+        }
+        fn bell(&self) -> Option<Arc<Notify>> {
+            Some(self.bell.clone())
+        }
+        fn owed(&mut self, _: &mut Scene, now_s: f64) -> Owed {
+            match self.due_s {
+                None => Owed::Nothing,
+                Some(due_s) if now_s < due_s && !*lock(&self.called) => Owed::At(due_s),
+                Some(_) => {
+                    self.due_s = None;
+                    Owed::Ready(b"W".to_vec())
+                }
+            }
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_that_is_owed_comes_when_it_is_due_and_holds_up_nothing() {
+        let scene = shared(scene());
+        let origin = Instant::now();
+        let late = shared(Late::new(shared(false), Arc::default()));
+        let mut first = Wire::to(late.clone(), scene.clone(), origin);
+        let mut second = Wire::to(late, scene.clone(), origin);
+        first.send(b"w").await;
+        // its own link says so, another knows nothing of it
+        assert_eq!(first.ask(b"w", 1).await, b"-");
+        second.send(b"w").await;
+        assert!(Instant::now() - origin < Duration::from_millis(10));
+        assert_eq!(first.ask(b"", 1).await, b"W");
+        let took = Instant::now() - origin;
+        assert!(took > Duration::from_secs(1) && took < Duration::from_millis(1010), "{took:?}");
+        assert_eq!(second.ask(b"", 1).await, b"W");
+        assert!(first.is_silent().await && second.is_silent().await);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_bell_that_is_rung_on_one_link_wakes_the_one_that_waits() {
+        let scene = shared(scene());
+        let origin = Instant::now();
+        let late = shared(Late::new(shared(false), Arc::default()));
+        let mut first = Wire::to(late.clone(), scene.clone(), origin);
+        let mut second = Wire::to(late, scene, origin);
+        first.send(b"w").await;
+        sleep(Duration::from_millis(100)).await;
+        second.send(b"!").await;
+        assert_eq!(first.ask(b"", 1).await, b"W");
+        assert!(Instant::now() - origin < Duration::from_millis(110));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_that_is_owed_is_on_time_while_a_slow_link_takes_the_next_request() {
+        let scene = shared(scene_with(|spec| spec.latencies.stage_s = (0.8, 0.8)));
+        let origin = Instant::now();
+        let mut wire = Wire::to(shared(Late::new(shared(false), Arc::default())), scene, origin);
+        wire.send(b"w").await;
+        sleep(Duration::from_millis(1500)).await;
+        // acted on at 0.8 s, due at 1.8 s; this one would be acted on at 2.3 s
+        assert_eq!(wire.ask(b"?", 1).await, b"W");
+        assert!((Instant::now() - origin).as_secs_f64() < 1.81);
+        assert_eq!(wire.ask(b"", 1).await, b"-");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_that_is_owed_is_lost_with_the_link() {
+        let lost = Fault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
+        let scene = shared(scene_with(|spec| spec.faults.push(lost)));
+        let mut wire = Wire::to(shared(Late::new(shared(false), Arc::default())), scene, Instant::now());
+        wire.send(b"w").await;
+        assert!(wire.is_silent().await && wire.is_silent().await);
     }
 }
