@@ -7,6 +7,7 @@
 //! so that a wrong scale factor cannot cancel out.
 //!
 //! - [`Esp301`]: a Newport ESP301 motion controller with three VP-25XL stages.
+//! - [`Xps`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (load
 //!   cell or array).
 
@@ -16,10 +17,12 @@ mod modbus;
 mod serve;
 #[cfg(test)]
 mod testbed;
+mod xps;
 
 pub use esp301::Esp301;
 pub use modbus::{LabJackT7, Modbus, Refusal, RegisterMap, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};
+pub use xps::Xps;
 
 use crate::scene::{Device, Scene};
 use std::sync::{Arc, Mutex};

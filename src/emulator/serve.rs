@@ -132,8 +132,8 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
                 Owed::Nothing => return Ok(None),
                 Owed::At(at_s) => {
                     let now = Instant::now();
-                    let wait = duration(at_s - (now - self.origin).as_secs_f64()).clamp(LEAST_LATENCY, OWED_MOST);
-                    return Ok(Some(now + wait));
+                    let wait_s = (at_s - (now - self.origin).as_secs_f64()).min(OWED_MOST.as_secs_f64());
+                    return Ok(Some(now + duration(wait_s).max(LEAST_LATENCY)));
                 }
                 Owed::Ready(reply) => {
                     if self.latency().is_some() {

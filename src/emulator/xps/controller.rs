@@ -1,0 +1,396 @@
+use super::errors::{self, Code};
+use super::events::{self, Events, INPUTS, RANGE_V};
+use super::group::{Group, Initialize, Object, Outcome, State};
+use super::positioner::{self, Positioner, SGamma};
+use super::syntax::{Call, Type, number, numbers};
+use crate::scene::Scene;
+
+/// What `FirmwareVersionGet` and `InstallerVersionGet` answer.
+const FIRMWARE: &str = "XPS-Q8 Firmware V2.6.4";
+const INSTALLER: &str = "XPS-Q8 Installer V2.6.4";
+/// What `HardwareDriverAndStageGet` answers of a plug with a stage.
+const DRIVER_AND_STAGE: &str = "XPS-DRV03;VP-25XL";
+/// Plugs of the controller.
+const PLUGS: i32 = 8;
+/// The one user there is, and the password.
+const ADMINISTRATOR: &str = "Administrator";
+/// How often the controller itself looks at its inputs, s: every tenth servo tick, which is the grain of tokio's timers.
+const TICK_S: f64 = 0.001;
+
+/// The controller behind all sockets.
+pub struct Controller {
+    group: Group,
+    events: Events,
+    volts_per_newton: f64,
+    outputs_v: [f64; INPUTS],
+}
+
+/// What a call comes to.
+pub enum Answer {
+    /// These values, at once.
+    Values(String),
+    /// What the group's errand ends with, when it does.
+    Later(Outcome),
+}
+
+impl From<()> for Answer {
+    fn from((): ()) -> Self {
+        Answer::Values(String::new())
+    }
+}
+
+impl From<Outcome> for Answer {
+    fn from(outcome: Outcome) -> Self {
+        Answer::Later(outcome)
+    }
+}
+
+impl From<String> for Answer {
+    fn from(values: String) -> Self {
+        Answer::Values(values)
+    }
+}
+
+impl Controller {
+    pub fn new(group: Group, volts_per_newton: f64) -> Self {
+        Controller { group, events: Events::default(), volts_per_newton, outputs_v: [0.0; INPUTS] }
+    }
+
+    /// Draws the consequences of what has ended by `now_s`, and lets the events that are met happen.
+    pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
+        self.group.notice(scene, now_s);
+        if !self.guards(scene, now_s) {
+            return;
+        }
+        let moves = self.group.moves(scene, now_s);
+        let volts = |input| events::input_v(input, self.volts_per_newton, scene, now_s);
+        if self.events.happen(volts, moves) {
+            // a group that moves takes an abort
+            let _ = self.group.abort(scene, now_s);
+        }
+    }
+
+    /// When [`notice`](Self::notice) may next have something to do, s; infinite: not by itself.
+    pub fn next_s(&self, scene: &Scene, now_s: f64) -> f64 {
+        let look_s = if self.guards(scene, now_s) { now_s + TICK_S } else { f64::INFINITY };
+        look_s.min(self.group.end_s())
+    }
+
+    /// Whether no link waits for what the group is about.
+    pub fn is_unattended(&self) -> bool {
+        self.group.is_unattended()
+    }
+
+    /// Whether something has begun or ended, since this was last asked, that a link may wait for.
+    pub fn take_stirred(&mut self) -> bool {
+        std::mem::take(&mut self.group.stirred)
+    }
+
+    /// Acts on a call.
+    pub fn run(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        match call.name {
+            "FirmwareVersionGet" => tell(call, Type::Char, FIRMWARE),
+            "InstallerVersionGet" => tell(call, Type::Char, INSTALLER),
+            "ElapsedTimeGet" => tell(call, Type::Double, &number(now_s)),
+            "HardwareDriverAndStageGet" => {
+                let plug = call.whole()?;
+                call.results(Type::Char, 1)?;
+                match plug {
+                    1..=3 => Ok(DRIVER_AND_STAGE.to_owned().into()),
+                    4..=PLUGS => Ok(().into()),
+                    _ => Err(Code::OUT_OF_RANGE),
+                }
+            }
+            "ErrorStringGet" => {
+                let code = Code(call.whole()?);
+                tell(call, Type::Char, code.text().ok_or(Code::OUT_OF_RANGE)?)
+            }
+            "ErrorListGet" => tell(call, Type::Char, &errors::list()),
+            "Login" => {
+                let known = call.text()? == ADMINISTRATOR && call.text()? == ADMINISTRATOR;
+                if known { done(call) } else { Err(Code::LOGIN) }
+            }
+            "CloseAllOtherSockets" => done(call),
+            "KillAll" => {
+                done(call)?;
+                self.group.kill(scene, now_s);
+                Ok(().into())
+            }
+            name if name.starts_with("GPIO") => self.run_analog(call, scene, now_s),
+            name if name.starts_with("Event") => self.run_event(call),
+            name if name.starts_with("Positioner") => self.run_positioner(call, scene, now_s),
+            name if name.starts_with("Group") => self.run_group(call, scene, now_s),
+            _ => Err(Code::UNKNOWN_COMMAND),
+        }
+    }
+
+    /// Whether the controller must look at what it watches for.
+    fn guards(&self, scene: &Scene, now_s: f64) -> bool {
+        self.events.armed() && self.group.can_be_aborted(scene, now_s)
+    }
+
+    /// Calls of the group, or of the group or one positioner.
+    fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let name = call.name;
+        if name == "GroupStatusStringGet" {
+            let text = State::text(call.whole()?);
+            return tell(call, Type::Char, text);
+        }
+        let known = [
+            "GroupPositionCurrentGet",
+            "GroupPositionSetpointGet",
+            "GroupVelocityCurrentGet",
+            "GroupMotionStatusGet",
+            "GroupMoveAbsolute",
+            "GroupMoveRelative",
+            "GroupJogParametersSet",
+            "GroupJogParametersGet",
+            "GroupJogCurrentGet",
+        ];
+        if !known.contains(&name) {
+            return self.run_whole_group(call, scene, now_s);
+        }
+        let object = self.group.object(call.text()?)?;
+        let each = match object {
+            Object::Group => 0..3,
+            Object::Positioner(index) => index..index + 1,
+        };
+        match name {
+            "GroupMoveAbsolute" | "GroupMoveRelative" => {
+                let mut numbers = [None; 3];
+                for index in each {
+                    numbers[index] = Some(call.number()?);
+                }
+                call.end()?;
+                let move_so = if name == "GroupMoveAbsolute" { Group::move_to } else { Group::move_by };
+                move_so(&mut self.group, numbers, scene, now_s).map(Answer::from)
+            }
+            "GroupJogParametersSet" => {
+                let mut jogs = [None; 3];
+                for index in each {
+                    jogs[index] = Some((call.number()?, call.number()?));
+                }
+                call.end()?;
+                self.group.jog(jogs, scene, now_s).map(Answer::from)
+            }
+            "GroupMotionStatusGet" => {
+                call.results(Type::Int, each.len())?;
+                let busy = &self.group.busy(scene, now_s)[each];
+                let numbers: Vec<&str> = busy.iter().map(|busy| if *busy { "1" } else { "0" }).collect();
+                Ok(numbers.join(",").into())
+            }
+            "GroupJogParametersGet" | "GroupJogCurrentGet" => {
+                call.results(Type::Double, 2 * each.len())?;
+                let current = name == "GroupJogCurrentGet";
+                let jogs = self.group.positioners[each].iter().flat_map(|positioner| {
+                    let (speed_mm_s, acceleration_mm_s2) = positioner.jog;
+                    [if current { positioner.speed_mm_s(scene, now_s) } else { speed_mm_s }, acceleration_mm_s2]
+                });
+                Ok(numbers(jogs).into())
+            }
+            _ => {
+                call.results(Type::Double, each.len())?;
+                let tell = |positioner: &Positioner| match name {
+                    "GroupPositionCurrentGet" => positioner.count_mm(scene, now_s),
+                    "GroupPositionSetpointGet" => positioner.setpoint_mm(scene, now_s),
+                    _ => positioner.speed_mm_s(scene, now_s),
+                };
+                Ok(numbers(self.group.positioners[each].iter().map(tell)).into())
+            }
+        }
+    }
+
+    /// Calls of a group as a whole.
+    fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let name = call.name;
+        let known = [
+            "GroupKill",
+            "GroupInitialize",
+            "GroupInitializeNoEncoderReset",
+            "GroupInitializeWithEncoderCalibration",
+            "GroupHomeSearch",
+            "GroupHomeSearchAndRelativeMove",
+            "GroupMotionEnable",
+            "GroupMotionDisable",
+            "GroupMoveAbort",
+            "GroupJogModeEnable",
+            "GroupJogModeDisable",
+            "GroupStatusGet",
+        ];
+        if !known.contains(&name) {
+            return Err(Code::UNKNOWN_COMMAND);
+        }
+        if self.group.object(call.text()?)? != Object::Group {
+            return Err(Code::WRONG_OBJECT);
+        }
+        if name == "GroupStatusGet" {
+            let status = self.group.status().to_string();
+            return tell(call, Type::Int, &status);
+        }
+        if name == "GroupHomeSearchAndRelativeMove" {
+            let way_mm = [call.number()?, call.number()?, call.number()?];
+            call.end()?;
+            return self.group.home_search(Some(way_mm), scene, now_s).map(Answer::from);
+        }
+        call.end()?;
+        match name {
+            "GroupKill" => {
+                self.group.kill(scene, now_s);
+                Ok(().into())
+            }
+            "GroupInitialize" => self.group.initialize(Initialize::Plain, scene, now_s).map(Answer::from),
+            "GroupInitializeNoEncoderReset" => {
+                self.group.initialize(Initialize::KeepCount, scene, now_s).map(Answer::from)
+            }
+            "GroupInitializeWithEncoderCalibration" => {
+                self.group.initialize(Initialize::Calibrate, scene, now_s).map(Answer::from)
+            }
+            "GroupHomeSearch" => self.group.home_search(None, scene, now_s).map(Answer::from),
+            "GroupMoveAbort" => self.group.abort(scene, now_s).map(Answer::from),
+            "GroupJogModeEnable" => self.group.jog_mode(true, scene, now_s).map(Answer::from),
+            "GroupJogModeDisable" => self.group.jog_mode(false, scene, now_s).map(Answer::from),
+            _ => self.group.enable(name == "GroupMotionEnable").map(Answer::from),
+        }
+    }
+
+    fn run_positioner(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let name = call.name;
+        match name {
+            "PositionerErrorStringGet" => {
+                call.whole()?;
+                // no positioner here has errors
+                return tell(call, Type::Char, "");
+            }
+            "PositionerHardwareStatusStringGet" => {
+                let text = positioner::hardware_text(call.whole()? as u32);
+                return tell(call, Type::Char, &text);
+            }
+            "PositionerSGammaParametersGet"
+            | "PositionerSGammaParametersSet"
+            | "PositionerMaximumVelocityAndAccelerationGet"
+            | "PositionerUserTravelLimitsGet"
+            | "PositionerUserTravelLimitsSet"
+            | "PositionerErrorGet"
+            | "PositionerHardwareStatusGet" => {}
+            _ => return Err(Code::UNKNOWN_COMMAND),
+        }
+        let Object::Positioner(index) = self.group.object(call.text()?)? else { return Err(Code::WRONG_OBJECT) };
+        let positioner = &mut self.group.positioners[index];
+        match name {
+            "PositionerSGammaParametersGet" => {
+                call.results(Type::Double, 4)?;
+                let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = positioner.s_gamma;
+                Ok(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1]).into())
+            }
+            "PositionerSGammaParametersSet" => {
+                let (speed_mm_s, acceleration_mm_s2) = (call.number()?, call.number()?);
+                let s_gamma = SGamma { speed_mm_s, acceleration_mm_s2, jerk_s: (call.number()?, call.number()?) };
+                call.end()?;
+                if !s_gamma.is_sound() {
+                    return Err(Code::OUT_OF_RANGE);
+                }
+                positioner.s_gamma = s_gamma;
+                Ok(().into())
+            }
+            "PositionerMaximumVelocityAndAccelerationGet" => {
+                call.results(Type::Double, 2)?;
+                Ok(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2]).into())
+            }
+            "PositionerUserTravelLimitsGet" => {
+                call.results(Type::Double, 2)?;
+                Ok(numbers([positioner.limits_mm.0, positioner.limits_mm.1]).into())
+            }
+            "PositionerUserTravelLimitsSet" => {
+                let limits_mm = (call.number()?, call.number()?);
+                call.end()?;
+                self.group.limit(index, limits_mm).map(Answer::from)
+            }
+            "PositionerErrorGet" => tell(call, Type::Int, "0"),
+            _ => {
+                let status = positioner.hardware_status(scene, now_s) as i32;
+                tell(call, Type::Int, &status.to_string())
+            }
+        }
+    }
+
+    fn run_event(&mut self, mut call: Call) -> Result<Answer, Code> {
+        match call.name {
+            "EventExtendedConfigurationTriggerSet" => {
+                self.events.set_conditions(&mut call, &self.group)?;
+                done(call)
+            }
+            "EventExtendedConfigurationActionSet" => {
+                self.events.set_action(&mut call, &self.group)?;
+                done(call)
+            }
+            "EventExtendedStart" => {
+                call.results(Type::Int, 1)?;
+                // who waits for a move now waits for this as well
+                self.group.stirred = true;
+                Ok(self.events.start()?.to_string().into())
+            }
+            "EventExtendedRemove" => {
+                let id = call.whole()?;
+                call.end()?;
+                self.events.remove(id).map(Answer::from)
+            }
+            "EventExtendedAllGet" => {
+                let ids = self.events.ids()?;
+                tell(call, Type::Char, &ids)
+            }
+            _ => Err(Code::UNKNOWN_COMMAND),
+        }
+    }
+
+    /// `GPIOAnalogGet(name,double *,...)` and `GPIOAnalogSet(name,volts,...)`.
+    fn run_analog(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        match call.name {
+            "GPIOAnalogGet" => {
+                let mut volts = Vec::new();
+                while volts.is_empty() || !call.is_through() {
+                    let name = call.text()?;
+                    call.result(Type::Double)?;
+                    let value = match (events::input(name), output(name)) {
+                        (Some(input), _) => events::input_v(input, self.volts_per_newton, scene, now_s),
+                        (_, Some(output)) => self.outputs_v[output],
+                        _ => return Err(Code::OUT_OF_RANGE),
+                    };
+                    volts.push(value);
+                }
+                Ok(numbers(volts).into())
+            }
+            "GPIOAnalogSet" => {
+                let mut outputs_v = self.outputs_v;
+                let mut first = true;
+                while std::mem::take(&mut first) || !call.is_through() {
+                    let output = output(call.text()?).ok_or(Code::OUT_OF_RANGE)?;
+                    outputs_v[output] = call.number()?;
+                }
+                if outputs_v.iter().any(|volts| volts.abs() > RANGE_V) {
+                    return Err(Code::OUT_OF_RANGE);
+                }
+                self.outputs_v = outputs_v;
+                Ok(().into())
+            }
+            _ => Err(Code::UNKNOWN_COMMAND),
+        }
+    }
+}
+
+/// Which analog output is called so, from 0.
+fn output(name: &str) -> Option<usize> {
+    let number: usize = name.strip_prefix("GPIO2.DAC")?.parse().ok()?;
+    (1..=INPUTS).contains(&number).then(|| number - 1)
+}
+
+/// One value of a type, if the call names one.
+fn tell(call: Call, result: Type, value: &str) -> Result<Answer, Code> {
+    call.results(result, 1)?;
+    Ok(value.to_owned().into())
+}
+
+/// Nothing, if the call says no more.
+fn done(call: Call) -> Result<Answer, Code> {
+    call.end()?;
+    Ok(().into())
+}

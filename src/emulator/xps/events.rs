@@ -1,0 +1,164 @@
+use super::errors::Code;
+use super::group::{Group, Object};
+use super::syntax::Call;
+use crate::scene::Scene;
+
+/// Most events that are started at once.
+const EVENTS_MOST: usize = 10;
+/// Most conditions of one event.
+const CONDITIONS_MOST: usize = 10;
+/// Analog inputs `GPIO2.ADC1` and on.
+pub const INPUTS: usize = 4;
+
+/// The extended events: what the controller watches for by itself, once a servo tick. Conditions: an analog input over or
+/// under a limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), a motion (`XYZ.SGamma.MotionState`, also of one positioner),
+/// `Immediate`, and `Always`, which keeps the event after it has happened. The one action: `XYZ.MoveAbort`.
+#[derive(Default)]
+pub struct Events {
+    conditions: Vec<Condition>,
+    has_action: bool,
+    started: Vec<Event>,
+    last_id: i32,
+}
+
+struct Event {
+    id: i32,
+    conditions: Vec<Condition>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Condition {
+    Always,
+    Immediate,
+    Over { input: usize, limit_v: f64 },
+    Under { input: usize, limit_v: f64 },
+    Moving(Object),
+}
+
+impl Events {
+    /// `EventExtendedConfigurationTriggerSet(name,p1,p2,p3,p4,...)`: all of them must be met.
+    pub fn set_conditions(&mut self, call: &mut Call, group: &Group) -> Result<(), Code> {
+        let mut conditions = Vec::new();
+        while conditions.is_empty() || !call.is_through() {
+            conditions.push(Condition::read(call, group)?);
+        }
+        if conditions.len() > CONDITIONS_MOST {
+            return Err(Code::OUT_OF_RANGE);
+        }
+        self.conditions = conditions;
+        Ok(())
+    }
+
+    /// `EventExtendedConfigurationActionSet(name,p1,p2,p3,p4)`.
+    pub fn set_action(&mut self, call: &mut Call, group: &Group) -> Result<(), Code> {
+        let name = call.text()?;
+        let aborts = name.strip_suffix(".MoveAbort").is_some_and(|name| group.object(name) == Ok(Object::Group));
+        if !aborts {
+            return Err(Code::ACTION_NAME);
+        }
+        for _ in 0..4 {
+            call.text()?;
+        }
+        self.has_action = true;
+        Ok(())
+    }
+
+    /// `EventExtendedStart`: the id of a new event.
+    pub fn start(&mut self) -> Result<i32, Code> {
+        if self.conditions.is_empty() {
+            return Err(Code::NO_EVENTS);
+        }
+        if !self.has_action {
+            return Err(Code::NO_ACTIONS);
+        }
+        if self.started.len() == EVENTS_MOST {
+            return Err(Code::TOO_MANY_EVENTS);
+        }
+        self.last_id += 1;
+        self.started.push(Event { id: self.last_id, conditions: self.conditions.clone() });
+        Ok(self.last_id)
+    }
+
+    /// `EventExtendedRemove`.
+    pub fn remove(&mut self, id: i32) -> Result<(), Code> {
+        let index = self.started.iter().position(|event| event.id == id).ok_or(Code::EVENT_UNKNOWN)?;
+        self.started.remove(index);
+        Ok(())
+    }
+
+    /// `EventExtendedAllGet`: the ids of all that are started.
+    pub fn ids(&self) -> Result<String, Code> {
+        let ids: Vec<String> = self.started.iter().map(|event| event.id.to_string()).collect();
+        if ids.is_empty() { Err(Code::EVENT_UNKNOWN) } else { Ok(ids.join(";")) }
+    }
+
+    /// Whether any is started.
+    pub fn armed(&self) -> bool {
+        !self.started.is_empty()
+    }
+
+    /// Whether one happens now, when the group moves, by what `volts` reads off an input; those that have happened are gone,
+    /// unless they are to stay.
+    pub fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
+        let mut happened = false;
+        self.started.retain(|event| {
+            let met = event.conditions.iter().all(|condition| condition.is_met(&mut volts, moves));
+            happened |= met;
+            !met || event.conditions.contains(&Condition::Always)
+        });
+        happened
+    }
+}
+
+impl Condition {
+    fn read(call: &mut Call, group: &Group) -> Result<Self, Code> {
+        let name = call.text()?;
+        let condition = match name {
+            "Always" => Some(Condition::Always),
+            "Immediate" => Some(Condition::Immediate),
+            _ => None,
+        };
+        let moving = name.strip_suffix(".SGamma.MotionState").and_then(|name| group.object(name).ok());
+        let limited = [(".ADCHighLimit", true), (".ADCLowLimit", false)];
+        let limited = limited.iter().find_map(|(suffix, over)| Some((input(name.strip_suffix(suffix)?)?, *over)));
+        let mut parameters = 4;
+        let condition = match (condition, moving, limited) {
+            (Some(condition), ..) => condition,
+            (_, Some(object), _) => Condition::Moving(object),
+            (.., Some((input, over))) => {
+                let limit_v = call.number()?;
+                parameters -= 1;
+                if over { Condition::Over { input, limit_v } } else { Condition::Under { input, limit_v } }
+            }
+            _ => return Err(Code::EVENT_NAME),
+        };
+        for _ in 0..parameters {
+            call.text()?;
+        }
+        Ok(condition)
+    }
+
+    fn is_met(self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
+        match self {
+            Condition::Always | Condition::Immediate => true,
+            Condition::Over { input, limit_v } => volts(input) > limit_v,
+            Condition::Under { input, limit_v } => volts(input) < limit_v,
+            Condition::Moving(Object::Group) => moves.contains(&true),
+            Condition::Moving(Object::Positioner(index)) => moves[index],
+        }
+    }
+}
+
+/// Which analog input is called so, from 0.
+pub fn input(name: &str) -> Option<usize> {
+    let number: usize = name.strip_prefix("GPIO2.ADC")?.parse().ok()?;
+    (1..=INPUTS).contains(&number).then(|| number - 1)
+}
+
+/// What is on an analog input, V: the load cell on the first, nothing on the others.
+pub fn input_v(input: usize, volts_per_newton: f64, scene: &mut Scene, now_s: f64) -> f64 {
+    if input == 0 { (scene.load_cell_n(now_s) * volts_per_newton).clamp(-RANGE_V, RANGE_V) } else { 0.0 }
+}
+
+/// Range of analog inputs and outputs to either side, V.
+pub const RANGE_V: f64 = 10.0;

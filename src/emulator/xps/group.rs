@@ -1,0 +1,357 @@
+use super::errors::Code;
+use super::positioner::Positioner;
+use crate::quantity::Axis;
+use crate::scene::Scene;
+use std::sync::{Arc, OnceLock};
+
+/// How long the motors take to be initialised, s.
+const INITIALIZE_S: f64 = 0.3;
+/// How long the encoders take to be calibrated before that, s. The stage doesn't move for it here.
+const CALIBRATE_S: f64 = 2.0;
+
+/// Whom a call means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Object {
+    Group,
+    Positioner(usize),
+}
+
+/// The states a group can be in here, by their numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    NotInitialized = 0,
+    Killed = 7,
+    ReadyFromAbort = 10,
+    ReadyFromHoming = 11,
+    ReadyFromMotion = 12,
+    ReadyFromEnable = 13,
+    ReadyFromJog = 15,
+    Disabled = 20,
+    Braking = 40,
+    Initializing = 41,
+    NotReferenced = 42,
+    Homing = 43,
+    Moving = 44,
+    Jogging = 47,
+    Calibrating = 49,
+}
+
+/// How `GroupInitialize` and its variants differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Initialize {
+    Plain,
+    KeepCount,
+    Calibrate,
+}
+
+/// What a call that is answered when it is finished will answer. The group writes it, the link that waits reads it; a link
+/// that is closed has let go of it.
+pub type Outcome = Arc<OnceLock<Code>>;
+
+/// One group of three positioners, its life cycle and its motions. It does one thing at a time.
+pub struct Group {
+    name: String,
+    pub positioners: [Positioner; 3],
+    state: State,
+    errand: Option<Errand>,
+    /// Whether something has begun or ended that a link may wait for.
+    pub stirred: bool,
+}
+
+/// What the group is about, until an instant.
+struct Errand {
+    end_s: f64,
+    then: Then,
+    /// What it ends with if it isn't cut short.
+    code: Code,
+    outcome: Outcome,
+}
+
+/// What comes after an errand.
+#[derive(Clone, Copy)]
+enum Then {
+    Rest(State),
+    /// z is home, x and y are next, and then maybe a move.
+    HomeOthers(Option<[f64; 3]>),
+    /// All are home; then maybe a move.
+    Homed(Option<[f64; 3]>),
+}
+
+impl State {
+    /// What `GroupStatusStringGet` says of a number.
+    pub fn text(number: i32) -> &'static str {
+        match number {
+            0 => "Not initialized state",
+            7 => "Not initialized state due to a GroupKill or KillAll command",
+            10 => "Ready state due to an AbortMove command",
+            11 => "Ready state from homing",
+            12 => "Ready state from motion",
+            13 => "Ready state due to a MotionEnable command",
+            15 => "Ready state from jogging",
+            20 => "Disable state",
+            40 => "Emergency braking",
+            41 => "Motor initialization state",
+            42 => "Not referenced state",
+            43 => "Homing state",
+            44 => "Moving state",
+            47 => "Jogging state",
+            49 => "Encoder calibrating state",
+            1..=9 => "Not initialized state for another reason",
+            14 | 16..=19 => "Ready state for another reason",
+            21..=39 => "Disable state for another reason",
+            _ => "Unknown state",
+        }
+    }
+
+    fn is_ready(self) -> bool {
+        (10..=19).contains(&(self as i32))
+    }
+}
+
+impl Group {
+    /// A group as the controller is switched on.
+    pub fn new(name: &str, positioners: [&str; 3], scene: &Scene) -> Self {
+        let positioners = Axis::ALL.map(|axis| Positioner::new(positioners[axis.index()], axis, scene));
+        Group { name: name.into(), positioners, state: State::NotInitialized, errand: None, stirred: false }
+    }
+
+    /// Who is called so: the group, or `group.positioner`.
+    pub fn object(&self, name: &str) -> Result<Object, Code> {
+        match name.split_once('.') {
+            None if name == self.name => Ok(Object::Group),
+            None => Err(Code::GROUP_NAME),
+            Some((group, positioner)) => {
+                let index = self.positioners.iter().position(|each| each.name == positioner);
+                let index = index.filter(|_| group == self.name).ok_or(Code::POSITIONER_NAME)?;
+                Ok(Object::Positioner(index))
+            }
+        }
+    }
+
+    /// The number of its state.
+    pub fn status(&self) -> i32 {
+        self.state as i32
+    }
+
+    /// Whether something moves that an abort can stop, and that hasn't been aborted.
+    pub fn can_be_aborted(&self, scene: &Scene, now_s: f64) -> bool {
+        match self.state {
+            State::Moving => self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE),
+            State::Jogging => self.moves(scene, now_s).contains(&true),
+            _ => false,
+        }
+    }
+
+    /// Which positioners move.
+    pub fn moves(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
+        self.positioners.each_ref().map(|positioner| positioner.moves(scene, now_s))
+    }
+
+    /// Which positioners are busy: moving, or about to.
+    pub fn busy(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
+        match self.state {
+            State::Initializing | State::Homing | State::Calibrating => [true; 3],
+            _ => self.moves(scene, now_s),
+        }
+    }
+
+    /// When what it is about ends, s; infinite: never by itself.
+    pub fn end_s(&self) -> f64 {
+        self.errand.as_ref().map_or(f64::INFINITY, |errand| errand.end_s)
+    }
+
+    /// Whether nobody waits for what it is about.
+    pub fn is_unattended(&self) -> bool {
+        self.errand.as_ref().is_none_or(|errand| Arc::strong_count(&errand.outcome) == 1)
+    }
+
+    /// Draws the consequences of what has ended by `now_s`.
+    pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
+        while let Some(errand) = self.errand.take_if(|errand| errand.end_s <= now_s) {
+            match errand.then {
+                Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
+                Then::HomeOthers(way_mm) => {
+                    self.positioners[Axis::Z.index()].set_homed();
+                    self.home([Axis::X, Axis::Y], Then::Homed(way_mm), errand.outcome, scene, now_s);
+                }
+                Then::Homed(way_mm) => {
+                    self.positioners.iter_mut().for_each(Positioner::set_homed);
+                    let end_s = self.start(way_mm.unwrap_or_default().map(Some), scene, now_s);
+                    self.errand = Some(Errand { end_s, then: Then::Rest(State::ReadyFromHoming), ..errand });
+                }
+            }
+        }
+    }
+
+    /// `GroupInitialize` and its variants: from not initialised to not referenced.
+    pub fn initialize(&mut self, how: Initialize, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
+        self.must(matches!(self.state, State::NotInitialized | State::Killed))?;
+        if how != Initialize::KeepCount {
+            self.positioners.iter_mut().for_each(|positioner| positioner.reset_encoder(scene));
+        }
+        let calibrates = how == Initialize::Calibrate;
+        let end_s = now_s + INITIALIZE_S + if calibrates { CALIBRATE_S } else { 0.0 };
+        let state = if calibrates { State::Calibrating } else { State::Initializing };
+        Ok(self.begin(state, end_s, Then::Rest(State::NotReferenced)))
+    }
+
+    /// `GroupHomeSearch`, with a way to go from there or none: z, then x and y together.
+    pub fn home_search(&mut self, way_mm: Option<[f64; 3]>, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        self.must(self.state == State::NotReferenced)?;
+        if let Some(way_mm) = way_mm {
+            self.must_allow(way_mm.map(Some))?;
+        }
+        self.state = State::Homing;
+        self.stirred = true;
+        let outcome = Outcome::default();
+        self.home([Axis::Z], Then::HomeOthers(way_mm), outcome.clone(), scene, now_s);
+        Ok(outcome)
+    }
+
+    /// `GroupMoveAbsolute`: the positioners that have a target start together and arrive together.
+    pub fn move_to(&mut self, counts_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        self.must(self.state.is_ready())?;
+        self.must_allow(counts_mm)?;
+        let end_s = self.start(counts_mm, scene, now_s);
+        Ok(self.begin(State::Moving, end_s, Then::Rest(State::ReadyFromMotion)))
+    }
+
+    /// `GroupMoveRelative`: from where the controller has them.
+    pub fn move_by(&mut self, ways_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        let mut counts_mm = ways_mm;
+        for (count_mm, positioner) in counts_mm.iter_mut().zip(&self.positioners) {
+            *count_mm = count_mm.map(|way_mm| positioner.setpoint_mm(scene, now_s) + way_mm);
+        }
+        self.move_to(counts_mm, scene, now_s)
+    }
+
+    /// `GroupMoveAbort`: to rest, as hard as each moves. The move under way ends then, with its error.
+    pub fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
+        self.must(matches!(self.state, State::Moving | State::Jogging))?;
+        self.positioners.iter().for_each(|positioner| positioner.abort(scene, now_s));
+        self.cut_short(State::Moving, State::ReadyFromAbort, Code::ABORTED, scene, now_s);
+        Ok(())
+    }
+
+    /// `GroupKill`: to rest, as hard as the stage can, and the motors off.
+    pub fn kill(&mut self, scene: &mut Scene, now_s: f64) {
+        self.positioners.iter().for_each(|positioner| positioner.brake(scene, now_s));
+        self.cut_short(State::Braking, State::Killed, Code::EMERGENCY, scene, now_s);
+        self.notice(scene, now_s);
+    }
+
+    /// `GroupMotionEnable` and `GroupMotionDisable`.
+    pub fn enable(&mut self, on: bool) -> Result<(), Code> {
+        self.must(if on { self.state == State::Disabled } else { self.state.is_ready() })?;
+        self.state = if on { State::ReadyFromEnable } else { State::Disabled };
+        Ok(())
+    }
+
+    /// `GroupJogModeEnable` and `GroupJogModeDisable`, which wants the positioners to rest.
+    pub fn jog_mode(&mut self, on: bool, scene: &Scene, now_s: f64) -> Result<(), Code> {
+        let rests = !self.moves(scene, now_s).contains(&true);
+        self.must(if on { self.state.is_ready() } else { self.state == State::Jogging && rests })?;
+        self.state = if on { State::Jogging } else { State::ReadyFromJog };
+        self.positioners.iter_mut().for_each(|positioner| positioner.jog.0 = 0.0);
+        Ok(())
+    }
+
+    /// `GroupJogParametersSet`: speeds and accelerations of those that are to change theirs.
+    pub fn jog(&mut self, jogs: [Option<(f64, f64)>; 3], scene: &mut Scene, now_s: f64) -> Result<(), Code> {
+        self.must(self.state == State::Jogging)?;
+        for (positioner, (speed_mm_s, acceleration_mm_s2)) in self.positioners.iter().zip(jogs).filter_map(both) {
+            let asked = super::positioner::SGamma {
+                speed_mm_s: speed_mm_s.abs().max(f64::MIN_POSITIVE),
+                acceleration_mm_s2,
+                ..positioner.s_gamma
+            };
+            if !asked.is_sound() {
+                return Err(Code::JOG_OUT_OF_RANGE);
+            }
+        }
+        for (positioner, jog) in self.positioners.iter_mut().zip(jogs).filter_map(both) {
+            positioner.jog = jog;
+            positioner.run_jog(scene, now_s);
+        }
+        self.stirred = true;
+        Ok(())
+    }
+
+    /// `PositionerUserTravelLimitsSet`: within the travel, and not while something moves.
+    pub fn limit(&mut self, positioner: usize, limits_mm: (f64, f64)) -> Result<(), Code> {
+        self.must(!matches!(self.state, State::Moving | State::Jogging | State::Homing))?;
+        let travel_mm = super::positioner::TRAVEL_MM;
+        if limits_mm.0 < -travel_mm || limits_mm.1 > travel_mm || limits_mm.0 >= limits_mm.1 {
+            return Err(Code::OUT_OF_RANGE);
+        }
+        self.positioners[positioner].limits_mm = limits_mm;
+        Ok(())
+    }
+
+    fn must(&self, allowed: bool) -> Result<(), Code> {
+        if allowed { Ok(()) } else { Err(Code::NOT_ALLOWED) }
+    }
+
+    fn must_allow(&self, counts_mm: [Option<f64>; 3]) -> Result<(), Code> {
+        let within =
+            self.positioners.iter().zip(counts_mm).filter_map(both).all(|(each, count_mm)| each.allows(count_mm));
+        if within { Ok(()) } else { Err(Code::OUT_OF_RANGE) }
+    }
+
+    fn begin(&mut self, state: State, end_s: f64, then: Then) -> Outcome {
+        let outcome = Outcome::default();
+        self.state = state;
+        self.stirred = true;
+        self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome: outcome.clone() });
+        outcome
+    }
+
+    fn home<const N: usize>(&mut self, axes: [Axis; N], then: Then, outcome: Outcome, scene: &mut Scene, now_s: f64) {
+        let mut end_s = now_s;
+        for axis in axes {
+            let positioner = &self.positioners[axis.index()];
+            positioner.go_home(scene, now_s);
+            end_s = end_s.max(positioner.end_s(scene));
+        }
+        self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome });
+    }
+
+    /// The slowest moves as it can, the others so much slower that they arrive with it; when they do, s. One that has no way
+    /// to go stays.
+    fn start(&self, counts_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> f64 {
+        let mut times_s = [0.0; 3];
+        for (time_s, (positioner, count_mm)) in times_s.iter_mut().zip(self.positioners.iter().zip(counts_mm)) {
+            *time_s = count_mm.map_or(0.0, |count_mm| positioner.time_to_s(count_mm, scene));
+        }
+        let longest_s = times_s.into_iter().fold(0.0, f64::max);
+        let mut end_s = now_s;
+        for (time_s, (positioner, count_mm)) in times_s.into_iter().zip(self.positioners.iter().zip(counts_mm)) {
+            if let Some(count_mm) = count_mm.filter(|_| time_s > 0.0) {
+                positioner.go_to(count_mm, longest_s / time_s, scene, now_s);
+                end_s = end_s.max(positioner.end_s(scene));
+            }
+        }
+        end_s
+    }
+
+    /// What is under way ends when all rest, and with an error; until then the group is `meanwhile`.
+    fn cut_short(&mut self, meanwhile: State, then: State, code: Code, scene: &Scene, now_s: f64) {
+        let end_s = self.positioners.iter().map(|positioner| positioner.end_s(scene)).fold(now_s, f64::max);
+        let outcome = self.errand.take().map(|errand| errand.outcome).unwrap_or_default();
+        self.errand = Some(Errand { end_s, then: Then::Rest(then), code, outcome });
+        self.state = meanwhile;
+        self.stirred = true;
+    }
+
+    fn rest(&mut self, state: State, code: Code, outcome: &Outcome) {
+        self.state = state;
+        self.stirred = true;
+        // set once: an errand has one end
+        let _ = outcome.set(code);
+    }
+}
+
+/// A pair whose second is there.
+fn both<A, B>((first, second): (A, Option<B>)) -> Option<(A, B)> {
+    second.map(|second| (first, second))
+}

@@ -1,0 +1,204 @@
+use crate::quantity::Axis;
+use crate::scene::{Scene, Trajectory};
+
+/// Travel of a VP-25XL to either side of its middle, mm (its file in a public XPS configuration).
+pub const TRAVEL_MM: f64 = 12.5;
+/// Largest speed of a VP-25XL, mm/s (same file).
+pub const SPEED_MOST_MM_S: f64 = 25.0;
+/// Largest acceleration of a VP-25XL, mm/s^2 (same file).
+pub const ACCELERATION_MOST_MM_S2: f64 = 100.0;
+/// An emergency brake is this much harder (same file: 1 or 4).
+const EMERGENCY_FACTOR: f64 = 4.0;
+/// How fast it is homed, mm/s and mm/s^2.
+const HOME_SPEED_MM_S: f64 = 5.0;
+const HOME_ACCELERATION_MM_S2: f64 = 50.0;
+/// Least and most jerk time, s (same file).
+const JERK_S: (f64, f64) = (0.005, 0.05);
+/// How far beyond a limit a target may lie by rounding, mm.
+const ROUNDING_MM: f64 = 1e-9;
+
+// hardware status (as EPICS tells it apart)
+const ABOVE_HOME: u32 = 0x0000_0004;
+const END_MINUS: u32 = 0x8000_0100;
+const END_PLUS: u32 = 0x8000_0200;
+
+/// One positioner of the group: a VP-25XL and what the controller knows of it. Places are true ones, in stage coordinates,
+/// unless a name says `count`: that is what the controller takes the place for, off by `offset_mm` until it is homed.
+pub struct Positioner {
+    pub name: String,
+    axis: Axis,
+    /// True place less count, mm.
+    offset_mm: f64,
+    pub s_gamma: SGamma,
+    /// Least and most count that a target may have, mm.
+    pub limits_mm: (f64, f64),
+    /// Speed and acceleration of the last jog, mm/s and mm/s^2.
+    pub jog: (f64, f64),
+}
+
+/// How a positioner moves. The jerk times are kept and told, and otherwise mean nothing here: the scene's axes change their
+/// acceleration at once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SGamma {
+    pub speed_mm_s: f64,
+    pub acceleration_mm_s2: f64,
+    pub jerk_s: (f64, f64),
+}
+
+impl SGamma {
+    /// Whether a VP-25XL can.
+    pub fn is_sound(&self) -> bool {
+        let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = *self;
+        speed_mm_s > 0.0
+            && speed_mm_s <= SPEED_MOST_MM_S
+            && acceleration_mm_s2 > 0.0
+            && acceleration_mm_s2 <= ACCELERATION_MOST_MM_S2
+            && jerk_s.0 > 0.0
+            && jerk_s.0 <= jerk_s.1
+    }
+}
+
+impl Positioner {
+    /// A positioner as the controller is switched on: it takes the place where it stands for zero.
+    pub fn new(name: &str, axis: Axis, scene: &Scene) -> Self {
+        let s_gamma =
+            SGamma { speed_mm_s: SPEED_MOST_MM_S, acceleration_mm_s2: ACCELERATION_MOST_MM_S2, jerk_s: JERK_S };
+        let mut positioner = Positioner {
+            name: name.into(),
+            axis,
+            offset_mm: 0.0,
+            s_gamma,
+            limits_mm: (-TRAVEL_MM, TRAVEL_MM),
+            jog: (0.0, ACCELERATION_MOST_MM_S2),
+        };
+        positioner.reset_encoder(scene);
+        positioner
+    }
+
+    /// The encoder counts from where the positioner stands.
+    pub fn reset_encoder(&mut self, scene: &Scene) {
+        self.offset_mm = scene.motion(self.axis).end_mm();
+    }
+
+    /// The home mark is found: the count is true.
+    pub fn set_homed(&mut self) {
+        self.offset_mm = 0.0;
+    }
+
+    /// Where it is, count, mm.
+    pub fn count_mm(&self, scene: &mut Scene, now_s: f64) -> f64 {
+        scene.axis(self.axis, now_s).0 - self.offset_mm
+    }
+
+    /// Where the controller has it by now, count, mm.
+    pub fn setpoint_mm(&self, scene: &Scene, now_s: f64) -> f64 {
+        scene.motion(self.axis).position_mm(now_s) - self.offset_mm
+    }
+
+    /// How fast it moves, mm/s.
+    pub fn speed_mm_s(&self, scene: &mut Scene, now_s: f64) -> f64 {
+        scene.axis(self.axis, now_s).1
+    }
+
+    /// Whether the controller moves it.
+    pub fn moves(&self, scene: &Scene, now_s: f64) -> bool {
+        scene.motion(self.axis).moving(now_s)
+    }
+
+    /// When the controller takes its motion to end, s.
+    pub fn end_s(&self, scene: &Scene) -> f64 {
+        scene.motion(self.axis).end_s()
+    }
+
+    /// Whether a count may be a target.
+    pub fn allows(&self, count_mm: f64) -> bool {
+        count_mm >= self.limits_mm.0 - ROUNDING_MM && count_mm <= self.limits_mm.1 + ROUNDING_MM
+    }
+
+    /// How long it takes to a count from where it stands, s.
+    pub fn time_to_s(&self, count_mm: f64, scene: &Scene) -> f64 {
+        self.way_to(count_mm, 1.0, scene, 0.0).end_s()
+    }
+
+    /// To a count from where it stands, so many times slower than it could.
+    pub fn go_to(&self, count_mm: f64, slower: f64, scene: &mut Scene, now_s: f64) {
+        let way = self.way_to(count_mm, slower, scene, now_s);
+        scene.set_motion(self.axis, way, now_s);
+    }
+
+    /// To the home mark.
+    pub fn go_home(&self, scene: &mut Scene, now_s: f64) {
+        let way = Trajectory::to(now_s, self.commanded(scene, now_s), 0.0, HOME_SPEED_MM_S, HOME_ACCELERATION_MM_S2);
+        scene.set_motion(self.axis, way, now_s);
+    }
+
+    /// On with the speed of its jog, until that is changed or a limit reached; 0: to rest.
+    pub fn run_jog(&self, scene: &mut Scene, now_s: f64) {
+        let (speed_mm_s, acceleration_mm_s2) = self.jog;
+        if speed_mm_s == 0.0 {
+            self.stop(acceleration_mm_s2, scene, now_s);
+            return;
+        }
+        let limit_mm = if speed_mm_s > 0.0 { self.limits_mm.1 } else { self.limits_mm.0 };
+        let state = self.commanded(scene, now_s);
+        let acceleration_mm_s2 = acceleration_mm_s2.max(least_brake_mm_s2(state));
+        let way = Trajectory::to(now_s, state, limit_mm + self.offset_mm, speed_mm_s.abs(), acceleration_mm_s2);
+        scene.set_motion(self.axis, way, now_s);
+    }
+
+    /// To rest, as hard as it moves.
+    pub fn abort(&self, scene: &mut Scene, now_s: f64) {
+        self.stop(self.s_gamma.acceleration_mm_s2, scene, now_s);
+    }
+
+    /// To rest, as hard as it can.
+    pub fn brake(&self, scene: &mut Scene, now_s: f64) {
+        self.stop(ACCELERATION_MOST_MM_S2 * EMERGENCY_FACTOR, scene, now_s);
+    }
+
+    /// The bits of its hardware status: above its home mark, or at an end of its travel.
+    pub fn hardware_status(&self, scene: &mut Scene, now_s: f64) -> u32 {
+        let place_mm = scene.axis(self.axis, now_s).0;
+        let bits = [
+            (place_mm >= 0.0, ABOVE_HOME),
+            (place_mm <= -TRAVEL_MM + ROUNDING_MM, END_MINUS),
+            (place_mm >= TRAVEL_MM - ROUNDING_MM, END_PLUS),
+        ];
+        bits.iter().filter(|(set, _)| *set).fold(0, |all, (_, bits)| all | bits)
+    }
+
+    fn way_to(&self, count_mm: f64, slower: f64, scene: &Scene, now_s: f64) -> Trajectory {
+        let target_mm = scene.target_mm(count_mm) + self.offset_mm;
+        let SGamma { speed_mm_s, acceleration_mm_s2, .. } = self.s_gamma;
+        let from_mm = scene.motion(self.axis).end_mm();
+        Trajectory::to(now_s, (from_mm, 0.0), target_mm, speed_mm_s / slower, acceleration_mm_s2 / (slower * slower))
+    }
+
+    fn stop(&self, deceleration_mm_s2: f64, scene: &mut Scene, now_s: f64) {
+        if !self.moves(scene, now_s) {
+            return;
+        }
+        let state = self.commanded(scene, now_s);
+        let way = Trajectory::stop(now_s, state, deceleration_mm_s2.max(least_brake_mm_s2(state)));
+        scene.set_motion(self.axis, way, now_s);
+    }
+
+    /// Where the controller has it by now and how fast, mm and mm/s: what it plans from. The stage may lag behind.
+    fn commanded(&self, scene: &Scene, now_s: f64) -> (f64, f64) {
+        let motion = scene.motion(self.axis);
+        (motion.position_mm(now_s), motion.speed_mm_s(now_s))
+    }
+}
+
+/// The end of travel stops what its brake doesn't, mm/s^2.
+fn least_brake_mm_s2((place_mm, speed_mm_s): (f64, f64)) -> f64 {
+    let room_mm = TRAVEL_MM - place_mm * speed_mm_s.signum();
+    speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING_MM))
+}
+
+/// The hardware status in words.
+pub fn hardware_text(status: u32) -> String {
+    let texts = [(ABOVE_HOME, "ZM high level"), (0x100, "Minus end of run"), (0x200, "Plus end of run")];
+    let told: Vec<&str> = texts.iter().filter(|(bits, _)| status & bits != 0).map(|(_, text)| *text).collect();
+    told.join(" - ")
+}
