@@ -95,11 +95,10 @@ impl Setup {
         let walked = self.walked(Deaths::Ignored, 4, &|rig| {
             let fate =
                 Arc::new(Mutex::new(Fate { mishap, at, commands: commands.clone(), struck_s: None, now_s: 0.0 }));
-            let beset = |device: &Shared<dyn Instrument>| -> Shared<dyn Instrument> {
-                Arc::new(Mutex::new(Beset { device: device.clone(), fate: fate.clone(), held: None }))
-            };
-            rig.stage.instrument = beset(&rig.stage.instrument);
-            rig.load_cell.instrument = beset(&rig.load_cell.instrument);
+            for device in [&mut rig.stage, &mut rig.load_cell] {
+                let instrument = device.instrument().expect("it has a link").clone();
+                device.replace(Arc::new(Mutex::new(Beset { device: instrument, fate: fate.clone(), held: None })));
+            }
         });
         (walked, commands.load(Ordering::Relaxed))
     }

@@ -463,7 +463,7 @@ impl StageBench {
     fn new(spec: &RigSpec) -> StageBench {
         let origin = Instant::now();
         let SimulatedRig { scene, stage, .. } = spec.emulators(1).unwrap();
-        let instrument = stage.instrument;
+        let instrument = stage.instrument().expect("it has a link").clone();
         let (far_instrument, far_scene) = (instrument.clone(), scene.clone());
         let dial = move || {
             let (near, far) = duplex(4096);
@@ -724,8 +724,10 @@ fn a_reading_beyond_the_range_says_so_with_itself() {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();
         let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
-        let line = serial_line(load_cell.instrument, scene.clone(), origin, |_| Duration::ZERO);
-        let profile = spec.load_cell.map.profile.clone();
+        let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, |_| {
+            Duration::ZERO
+        });
+        let profile = spec.load_cell.driver.map().expect("a register map").profile.clone();
         let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
         cell.prepare().await.unwrap();
         cell.read().await.unwrap();
@@ -747,12 +749,12 @@ fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();
         let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
-        // the fourth request is answered after the driver gave it up (200 ms) and found the line quiet
-        let late = |count| Duration::from_millis(if count == 3 { 240 } else { 0 });
-        let line = serial_line(load_cell.instrument, scene.clone(), origin, late);
-        let profile = spec.load_cell.map.profile.clone();
+        // the fifth request is answered after the driver gave it up (200 ms) and found the line quiet
+        let late = |count| Duration::from_millis(if count == 4 { 240 } else { 0 });
+        let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, late);
+        let profile = spec.load_cell.driver.map().expect("a register map").profile.clone();
         let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
-        cell.prepare().await.unwrap(); // two requests
+        cell.prepare().await.unwrap(); // three requests
         assert_eq!(cell.read().await.unwrap().force_n, 0.0);
         let press = async {
             sleep(Duration::from_millis(100)).await;

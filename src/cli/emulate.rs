@@ -2,10 +2,13 @@ use super::exit::Failure;
 use super::session::stop_on_signal;
 use super::sources::read_rig;
 use super::summary::print;
+use crate::emulator::Shared;
 use crate::emulator::listen::{self, ListenError, Listening};
-use crate::rig::{FarEnd, RigSpec};
+use crate::rig::{EmulatedDevice, FarEnd, RigSpec};
+use crate::scene::Scene;
 use miette::IntoDiagnostic;
 use serde::Serialize;
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tokio::runtime::Builder;
@@ -15,8 +18,10 @@ const EXAMPLES: &str = "\
 Examples:
   palpate emulate rigs/sim.toml
   palpate emulate rigs/esp301.toml --json
+  palpate emulate rigs/xps.toml --port stage=5001 --port array=1502
 
-Serial devices are pseudo-terminals, network devices loopback ports. Ends when it is told to stop (Ctrl-C).";
+Serial devices are pseudo-terminals, network devices ports of this machine (127.0.0.1); --port puts any of them on a port.
+All devices of the rig act on one scene. Ends when it is told to stop (Ctrl-C).";
 
 /// Serve a rig's emulators in real time, for any program to talk to
 #[derive(Debug, clap::Args)]
@@ -27,6 +32,12 @@ pub struct Args {
     /// Print one JSON object a device: device, protocol, listen
     #[arg(long)]
     json: bool,
+    /// Put a device (stage, load_cell, array) on this TCP port; 0 is any that is free
+    #[arg(long = "port", value_name = "NAME=PORT", value_parser = port)]
+    ports: Vec<(String, u16)>,
+    /// Listen at this address, for other machines too: anyone who reaches it can use the emulators
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    listen: IpAddr,
     /// What the specimen and all noise are drawn from
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -37,7 +48,8 @@ pub struct Args {
 struct Offer<'a> {
     device: &'a str,
     protocol: &'a str,
-    listen: &'a str,
+    /// None where there is no socket.
+    listen: Option<&'a str>,
 }
 
 /// Serves until it is told to stop.
@@ -51,25 +63,66 @@ async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
     let cancel = stop_on_signal(None)?;
     let origin = Instant::now();
     let simulated = spec.emulators(args.seed).map_err(Failure::usage)?;
-    let mut listening = Vec::new();
-    for (device, role) in simulated.devices() {
-        let EmulatedDevice { instrument, protocol, wiring } = device;
-        let offered: Result<Listening, ListenError> = match wiring {
-            Wiring::Serial => listen::pseudo_terminal(instrument.clone(), simulated.scene.clone(), origin),
-            Wiring::Network => listen::tcp(0, instrument.clone(), simulated.scene.clone(), origin).await,
+    let devices = simulated.devices();
+    for (name, _) in &args.ports {
+        let Some((device, _)) = devices.iter().find(|(_, role)| role == name) else {
+            return Err(Failure::usage(miette::miette!(
+                help = "stage, load_cell and array are the devices of a rig",
+                "--port {name}=...: there is no device of that name"
+            )));
         };
-        let offered = offered.into_diagnostic().map_err(Failure::usage)?;
-        let listen = offered.address();
+        if device.instrument().is_none() {
+            let help = "programs find it as a library, not at a port";
+            return Err(Failure::usage(miette::miette!(
+                help = help,
+                "--port {name}=...: {} has no socket",
+                device.protocol
+            )));
+        }
+    }
+    let mut listening = Vec::new();
+    for (device, role) in devices {
+        let port = args.ports.iter().find(|(name, _)| name == role).map(|(_, port)| *port);
+        let offered = match offer(device, port, args.listen, &simulated.scene, origin).await {
+            Some(offered) => Some(offered.into_diagnostic().map_err(Failure::usage)?),
+            None => None,
+        };
+        let listen = offered.as_ref().map(Listening::address);
         if args.json {
-            let offer = Offer { device: role, protocol, listen };
+            let offer = Offer { device: role, protocol: device.protocol, listen };
             let line = serde_json::to_string(&offer).into_diagnostic().map_err(Failure::usage)?;
             print(&format!("{line}\n"))?;
         } else {
-            print(&format!("{role:<12}{protocol:<14}{listen}\n"))?;
+            let listen = listen.unwrap_or("no socket: only within a simulated run");
+            print(&format!("{role:<12}{:<14}{listen}\n", device.protocol))?;
         }
-        listening.push(offered);
+        listening.extend(offered);
     }
     cancel.wait().await;
     drop(listening);
     Ok(ExitCode::SUCCESS)
+}
+
+/// Offers a device where it would be wired, or on a port; none where there is nothing to offer.
+async fn offer(
+    device: &EmulatedDevice,
+    port: Option<u16>,
+    at: IpAddr,
+    scene: &Shared<Scene>,
+    origin: Instant,
+) -> Option<Result<Listening, ListenError>> {
+    let (instrument, port) = match (&device.far_end, port) {
+        (FarEnd::Library, _) | (FarEnd::Pipe(_), None) => return None,
+        (FarEnd::Serial(instrument), None) => {
+            return Some(listen::pseudo_terminal(instrument.clone(), scene.clone(), origin));
+        }
+        (FarEnd::Serial(instrument) | FarEnd::Pipe(instrument), Some(port)) => (instrument, port),
+        (FarEnd::Network(instrument), port) => (instrument, port.unwrap_or(0)),
+    };
+    Some(listen::tcp((at, port).into(), instrument.clone(), scene.clone(), origin).await)
+}
+
+fn port(text: &str) -> Result<(String, u16), String> {
+    let parts = text.split_once('=').and_then(|(name, port)| Some((name.to_owned(), port.parse().ok()?)));
+    parts.ok_or_else(|| "expected NAME=PORT, such as stage=5001".to_owned())
 }

@@ -59,7 +59,8 @@ impl Sources {
         if spec.is_simulated() {
             spec.emulators(rig.seed).map_err(Failure::usage)?; // what can't be simulated is told before anything is made
         }
-        let maps = [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map).collect();
+        let maps =
+            [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map).collect();
         Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, maps } })
     }
 

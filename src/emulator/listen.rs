@@ -2,7 +2,7 @@
 
 use super::{Instrument, Shared, serve};
 use crate::scene::Scene;
-use std::net::Ipv4Addr;
+use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::task::{JoinHandle, JoinSet};
@@ -18,10 +18,10 @@ const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
     /// The TCP port can't be had.
-    #[error("cannot listen on 127.0.0.1:{port}; port 0 takes any that is free")]
+    #[error("cannot listen on {at}; port 0 takes any that is free")]
     Port {
-        /// The port that was asked for.
-        port: u16,
+        /// The address and port that were asked for.
+        at: SocketAddr,
         /// What the system says.
         source: std::io::Error,
     },
@@ -91,19 +91,19 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
     Err(ListenError::NoPseudoTerminals)
 }
 
-/// Offers an instrument on a TCP port of this machine (127.0.0.1 only; port 0: any that is free), to up to
-/// [`CLIENTS_MOST`] clients at once.
+/// Offers an instrument at a TCP address (port 0: any that is free), to up to [`CLIENTS_MOST`] clients at once. Nobody is asked
+/// who they are: any address but that of this machine itself is for who names it.
 ///
 /// # Errors
 /// If the port can't be had.
 pub async fn tcp<I: Instrument + ?Sized + 'static>(
-    port: u16,
+    at: SocketAddr,
     instrument: Shared<I>,
     scene: Shared<Scene>,
     origin: Instant,
 ) -> Result<Listening, ListenError> {
-    let unavailable = |source| ListenError::Port { port, source };
-    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(unavailable)?;
+    let unavailable = |source| ListenError::Port { at, source };
+    let listener = TcpListener::bind(at).await.map_err(unavailable)?;
     let address = listener.local_addr().map_err(unavailable)?.to_string();
     let task = tokio::spawn(async move {
         let mut clients = JoinSet::new();
@@ -138,6 +138,10 @@ mod tests {
     use tokio::net::TcpStream;
 
     struct Echo;
+
+    fn local(port: u16) -> SocketAddr {
+        ([127, 0, 0, 1], port).into()
+    }
 
     impl Instrument for Echo {
         fn device(&self) -> Device {
@@ -178,7 +182,7 @@ mod tests {
 
     #[tokio::test]
     async fn many_clients_share_one_instrument_and_one_too_many_is_shown_out() {
-        let listening = tcp(0, shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
+        let listening = tcp(local(0), shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
         let mut clients = Vec::new();
         for n in 0..CLIENTS_MOST as u8 {
             let mut client = TcpStream::connect(listening.address()).await.expect("connects");
@@ -192,9 +196,9 @@ mod tests {
 
     #[tokio::test]
     async fn a_port_that_is_taken_is_told_with_its_number() {
-        let first = tcp(0, shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
+        let first = tcp(local(0), shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
         let port = first.address().rsplit(':').next().and_then(|port| port.parse().ok()).expect("a number");
-        let second = tcp(port, shared(Echo), shared(scene()), Instant::now()).await;
+        let second = tcp(local(port), shared(Echo), shared(scene()), Instant::now()).await;
         assert!(second.expect_err("taken").to_string().contains(&port.to_string()));
     }
 }

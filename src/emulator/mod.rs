@@ -23,6 +23,7 @@ pub use esp301::Esp301;
 pub use modbus::{LabJackT7, Modbus, Refusal, RegisterMap, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;
+pub use pending::*; // TEMP
 
 use crate::scene::{Device, Scene};
 use std::sync::{Arc, Mutex};

@@ -54,12 +54,8 @@ pub enum ArrayDriver {
 const NEWTON_PER_VOLT: Bounds = Bounds::within(-1e6, 1e6, "N/V");
 const RANGE_MOST_V: f64 = 10.0;
 const RANGE_V: Bounds = Bounds::above(0.0, RANGE_MOST_V, "V");
-const TERMINALS: [(&str, Terminal); 4] = [
-    ("diff", Terminal::Diff),
-    ("rse", Terminal::Rse),
-    ("nrse", Terminal::Nrse),
-    ("pseudo-diff", Terminal::PseudoDiff),
-];
+const TERMINALS: [(&str, Terminal); 4] =
+    [("diff", Terminal::Diff), ("rse", Terminal::Rse), ("nrse", Terminal::Nrse), ("pseudo-diff", Terminal::PseudoDiff)];
 
 /// Most inputs of one device that a rig may name.
 const INPUTS_MAX: usize = 512;
@@ -157,9 +153,8 @@ pub(super) fn read_load_cell_driver(table: &mut Table, beside: Beside) -> Option
             }
             let link = read_link(table, None, &[Kind::Daqmx]);
             let read = inputs.zip(newton_per_volt);
-            read.zip(link).map(|((inputs, newton_per_volt), link)| {
-                (LoadCellDriver::Daqmx { inputs, newton_per_volt }, link)
-            })
+            read.zip(link)
+                .map(|((inputs, newton_per_volt), link)| (LoadCellDriver::Daqmx { inputs, newton_per_volt }, link))
         }
         Some(_) => read_process(table, &mut driver).map(|link| (LoadCellDriver::Process, link)),
         None => unknown(&driver, "expected one of modbus, xps, daqmx and process"),
@@ -265,7 +260,8 @@ fn read_inputs(driver: &mut Table) -> Option<Inputs> {
     let physical = driver.text("daqmx")?;
     let terminal = driver.choice("terminal", &TERMINALS).unwrap_or(Terminal::Rse);
     let range_v = driver.number("range_v", RANGE_V).unwrap_or(RANGE_MOST_V);
-    let count = physical.split(',').map(inputs_in).sum::<Option<usize>>().filter(|count| (1..=INPUTS_MAX).contains(count));
+    let count =
+        physical.split(',').map(inputs_in).sum::<Option<usize>>().filter(|count| (1..=INPUTS_MAX).contains(count));
     let Some(count) = count else {
         let told = format!("`daqmx` is \"{physical}\", expected inputs such as \"Dev1/ai0\" or \"Dev1/ai1:9\"");
         driver.complain(Problem::new(span, told));

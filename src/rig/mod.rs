@@ -14,8 +14,8 @@ mod skin;
 pub use driver::{ArrayDriver, LoadCellDriver, StageDriver};
 pub use map::MappedDevice;
 pub use open::OpenRig;
-pub use simulated::{EmulatedDevice, FarEnd, SceneProbe, SimulatedRig};
 pub use parse::parse;
+pub use simulated::{EmulatedDevice, FarEnd, SceneProbe, SimulatedRig};
 
 use crate::control::Timing;
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};

@@ -1,6 +1,6 @@
 use super::{
-    ArrayDriver, ArraySpec, EmulatedDevice, LoadCellDriver, LoadCellSpec, MappedDevice, RigSpec, SceneProbe, SimulatedRig,
-    StageDriver, StageSpec,
+    ArrayDriver, ArraySpec, EmulatedDevice, LoadCellDriver, LoadCellSpec, MappedDevice, RigSpec, SceneProbe,
+    SimulatedRig, StageDriver, StageSpec,
 };
 use crate::device::{DeviceError, Identity, Instruments, Problem, StageUse};
 use crate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, SharedAcquisition};
@@ -98,7 +98,8 @@ impl RigSpec {
     }
 
     fn uses_daqmx(&self) -> bool {
-        matches!(self.load_cell.driver, LoadCellDriver::Daqmx { .. }) || matches!(self.array.driver, ArrayDriver::Daqmx(_))
+        matches!(self.load_cell.driver, LoadCellDriver::Daqmx { .. })
+            || matches!(self.array.driver, ArrayDriver::Daqmx(_))
     }
 
     /// NI's library, loaded, where the rig needs it.

@@ -187,7 +187,9 @@ fn check_drivers(spec: &RigSpec, root: &Table) {
         && !matches!(cell.driver, LoadCellDriver::Xps(_))
     {
         let told = "`guard` has the XPS look at the force, but the load cell isn't on one of its inputs";
-        root.complain(Problem::new(root.span_of("stage"), told).help("leave `guard` out, or wire the cell to GPIO2 too"));
+        root.complain(
+            Problem::new(root.span_of("stage"), told).help("leave `guard` out, or wire the cell to GPIO2 too"),
+        );
     }
     if let (LoadCellDriver::Daqmx { .. }, ArrayDriver::Daqmx(_)) = (&cell.driver, &array.driver)
         && cell.link != array.link

@@ -56,8 +56,8 @@ pub enum FarEnd {
 /// What a run may know of a simulated scene: it names the presses and reads the truth, and touches nothing.
 #[derive(Clone)]
 pub struct SceneProbe {
-    scene: Shared<Scene>,
-    origin: Instant,
+    pub(super) scene: Shared<Scene>,
+    pub(super) origin: Instant,
 }
 
 impl RigSpec {

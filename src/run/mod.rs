@@ -5,6 +5,7 @@
 mod cancel;
 mod clock;
 mod estimate;
+mod examine;
 mod hand;
 mod motion;
 mod pace;
@@ -14,6 +15,7 @@ mod window;
 
 pub use cancel::Cancel;
 pub use estimate::estimated_s;
+pub use examine::{Air, Examination, examine};
 pub use pace::keep_pace;
 pub use walk::{Ending, Errand, Listener, walk, walk_on};
 

@@ -96,9 +96,16 @@ mod tests {
 
     #[test]
     fn a_bad_link_says_the_form_that_was_expected() {
-        for text in
-            ["", "serial:///dev/ttyUSB0", "serial://?baud=1", "serial://a?baud=x", "tcp://host", "tcp://:1", "usb", "daqmx://"]
-        {
+        for text in [
+            "",
+            "serial:///dev/ttyUSB0",
+            "serial://?baud=1",
+            "serial://a?baud=x",
+            "tcp://host",
+            "tcp://:1",
+            "usb",
+            "daqmx://",
+        ] {
             assert!(Link::parse(text).unwrap_err().contains("expected"), "{text}");
         }
     }

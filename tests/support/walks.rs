@@ -121,8 +121,9 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         let mut rig = spec.emulators(plan.seed).expect("emulators");
         tamper(&mut rig);
         let scene = rig.scene.clone();
-        let eye = Arc::new(Mutex::new(Eye { stage: rig.stage.instrument, deaths, left: None, seen: Seen::default() }));
-        rig.stage.instrument = eye.clone();
+        let stage = rig.stage.instrument().expect("it has a link").clone();
+        let eye = Arc::new(Mutex::new(Eye { stage, deaths, left: None, seen: Seen::default() }));
+        rig.stage.replace(eye.clone());
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
         let errand = Errand { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };

@@ -111,7 +111,11 @@ impl Acquisition {
 
     /// An error of this device.
     pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
-        DeviceError { device: format!("NI device ({} over {})", self.names(), self.link), doing: doing.to_owned(), problem }
+        DeviceError {
+            device: format!("NI device ({} over {})", self.names(), self.link),
+            doing: doing.to_owned(),
+            problem,
+        }
     }
 
     fn names(&self) -> String {

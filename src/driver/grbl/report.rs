@@ -62,7 +62,9 @@ pub fn parse_report(line: &str) -> Option<Report> {
         match name.parse() {
             // a start-up line ($N0=...) is no setting with a value
             Err(_) => Some(Report::Text(line.to_owned())),
-            Ok(name) => value.parse().ok().filter(|value: &f64| value.is_finite()).map(|value| Report::Setting(name, value)),
+            Ok(name) => {
+                value.parse().ok().filter(|value: &f64| value.is_finite()).map(|value| Report::Setting(name, value))
+            }
         }
     } else {
         Some(Report::Text(line.to_owned()))
@@ -85,8 +87,10 @@ fn parse_status(line: &str) -> Option<Status> {
         if name == "MPos" || name == "WPos" {
             // a place has its three decimals: one that lost some is damaged
             let whole = |text: &str| text.split_once('.').is_some_and(|(_, decimals)| decimals.len() >= 3);
-            let places: Option<Vec<f64>> =
-                value.split(',').map(|text| text.parse().ok().filter(|place: &f64| place.is_finite() && whole(text))).collect();
+            let places: Option<Vec<f64>> = value
+                .split(',')
+                .map(|text| text.parse().ok().filter(|place: &f64| place.is_finite() && whole(text)))
+                .collect();
             position = Some(<[f64; 3]>::try_from(places?).ok()?);
             is_machine = name == "MPos";
         }

@@ -121,11 +121,15 @@ impl Grbl {
             // slower to brake than the rig says, and a stop would come too late
             if a.is_none_or(|a| a < usage.acceleration_mm_s2) {
                 let (key, wanted) = (ACCELERATION_MM_S2 + n, usage.acceleration_mm_s2);
-                return mismatch(format!("{} accelerates with {a:?} mm/s^2; set ${key}={wanted}, or the rig's", axis.name()));
+                return mismatch(format!(
+                    "{} accelerates with {a:?} mm/s^2; set ${key}={wanted}, or the rig's",
+                    axis.name()
+                ));
             }
             let step_mm = of(STEPS_PER_MM + n).map_or(f64::INFINITY, |steps| 1.0 / steps);
             if step_mm > STEP_MOST_MM {
-                warnings.push(format!("{} moves in steps of {step_mm:.4} mm: too coarse to press by force", axis.name()));
+                warnings
+                    .push(format!("{} moves in steps of {step_mm:.4} mm: too coarse to press by force", axis.name()));
             }
         }
         Ok(warnings)

@@ -112,11 +112,7 @@ impl Client {
     ///
     /// # Errors
     /// As [`read`](Self::read).
-    pub async fn read_number(
-        &mut self,
-        doing: &str,
-        register: Register,
-    ) -> Result<f64, DeviceError> {
+    pub async fn read_number(&mut self, doing: &str, register: Register) -> Result<f64, DeviceError> {
         let Register { function, address, encoding } = register;
         let words = self.read(doing, function, address, encoding.registers()).await?;
         encoding.decode(&words).ok_or_else(|| {
@@ -165,12 +161,7 @@ impl Client {
 }
 
 /// Registers, read with either function.
-async fn read(
-    context: &mut Context,
-    function: Function,
-    address: u16,
-    count: u16,
-) -> tokio_modbus::Result<Vec<u16>> {
+async fn read(context: &mut Context, function: Function, address: u16, count: u16) -> tokio_modbus::Result<Vec<u16>> {
     match function {
         Function::Holding => context.read_holding_registers(address, count).await,
         Function::Input => context.read_input_registers(address, count).await,

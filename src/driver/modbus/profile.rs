@@ -141,7 +141,6 @@ const NUMBER_TYPES: [(&str, NumberType); 6] = [
     ("f32", NumberType::F32),
     ("f64", NumberType::F64),
 ];
-const ADDRESS_MAX: u64 = 65_535;
 const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");
 const OFFSET: Bounds = Bounds::within(-1e12, 1e12, "units of the device");
 const RANGE: Bounds = Bounds::above(0.0, 1e6, "N");
@@ -219,11 +218,7 @@ fn read_force(mut table: Table, base: u64, registers_max: u16) -> Option<Force> 
         let mask = decimals.require_integer("mask", 1, u64::from(u16::MAX));
         let shift = decimals.integer("shift", 0, 15).unwrap_or(0) as u8;
         decimals.finish();
-        let encoding = Encoding {
-            mask: Some(mask? as u32),
-            shift,
-            ..Encoding::plain(NumberType::U16, WordOrder::Big)
-        };
+        let encoding = Encoding { mask: Some(mask? as u32), shift, ..Encoding::plain(NumberType::U16, WordOrder::Big) };
         Some(Register { function: Function::Holding, address: address?, encoding })
     });
     let sign_span = table.span_of("sign");

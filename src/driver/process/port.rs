@@ -145,7 +145,11 @@ impl Port {
     }
 
     pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
-        DeviceError { device: format!("{} ({})", self.role.replace('_', " "), self.link), doing: doing.to_owned(), problem }
+        DeviceError {
+            device: format!("{} ({})", self.role.replace('_', " "), self.link),
+            doing: doing.to_owned(),
+            problem,
+        }
     }
 
     async fn send(&mut self, doing: &str, line: &Object) -> Result<(), DeviceError> {

@@ -46,7 +46,8 @@ impl ProcessStage {
         }
         let along = |axis: Axis| {
             let place_mm = said.get("position_mm")?.get(axis.name())?.as_f64()?;
-            let reachable = self.usage.as_ref().is_none_or(|usage| usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm));
+            let reachable =
+                self.usage.as_ref().is_none_or(|usage| usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm));
             (place_mm.is_finite() && reachable).then_some(place_mm)
         };
         match (said.get("moving").and_then(Value::as_bool), along(Axis::X), along(Axis::Y), along(Axis::Z)) {

@@ -221,7 +221,8 @@ impl Xps {
 
     /// Holds the controller's limits against the rig's, and narrows its travel to the rig's.
     async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
-        let (doing, positioner, travel) = ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));
+        let (doing, positioner, travel) =
+            ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));
         let call = format!("PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)");
         let [fastest_mm_s, most_mm_s2] = self.ask_numbers(doing, &call).await?;
         for (most, wanted, key) in [
@@ -472,4 +473,3 @@ impl Stage for Xps {
         Ok(())
     }
 }
-

@@ -16,11 +16,8 @@ const BAD_VALUE: i32 = -200_077;
 #[cfg(windows)]
 const PLACES: [&str; 1] = ["nicaiu.dll"];
 #[cfg(not(windows))]
-const PLACES: [&str; 3] = [
-    "libnidaqmx.so",
-    "/usr/lib/x86_64-linux-gnu/libnidaqmx.so",
-    "/usr/local/natinst/lib/libnidaqmx.so",
-];
+const PLACES: [&str; 3] =
+    ["libnidaqmx.so", "/usr/lib/x86_64-linux-gnu/libnidaqmx.so", "/usr/local/natinst/lib/libnidaqmx.so"];
 
 type Handle = *mut c_void;
 

@@ -1,0 +1,160 @@
+use super::hand::{Gauge, Hand};
+use super::ready::Conditions;
+use super::{Cancel, Halt};
+use crate::control::{Permit, Reaction, Trip, Watch, Zero, check_sound};
+use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
+use crate::quantity::{Axis, ForceReading};
+use crate::rig::{OpenRig, RigSpec};
+use tokio::time::Instant;
+
+/// Exchanges with each device that are timed.
+const TIMED: usize = 200;
+
+/// Readings in air that make the zero, at least, and how long they take, at least, s.
+const ZERO_READINGS: usize = 200;
+const ZERO_S: f64 = 1.0;
+
+/// Share of the force limit up to which an unannounced contact may push in a first approach (as a press takes it).
+const APPROACH_SHARE: f64 = 1.0;
+
+/// What a rig turned out to be when it was looked at, pressing nothing.
+#[derive(Debug, Default)]
+pub struct Examination {
+    /// The devices in the order stage, load cell, array: what they say they are, or why they aren't of use.
+    pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
+    /// How long exchanges took, s: the same order. Empty for a device that isn't of use.
+    pub exchanges_s: [Vec<f64>; 3],
+    /// The load cell in air, or why it can't be trusted.
+    pub air: Option<Result<Air, Trip>>,
+    /// From a force to a stage that brakes, s: one for each pair of exchanges, conversion and lag included.
+    pub reactions_s: Vec<f64>,
+    /// What a run would reckon with.
+    pub reaction: Option<Reaction>,
+    /// The fastest approach that follows, mm/s.
+    pub approach_mm_s: Option<f64>,
+}
+
+/// The load cell in air.
+#[derive(Clone, Copy, Debug)]
+pub struct Air {
+    /// Its zero and its noise.
+    pub zero: Zero,
+    /// Share of the readings that were another number than the one before.
+    pub fresh_share: f64,
+    /// Mean outputs of the array can't be read at a glance; the largest spread of any unit, V.
+    pub outputs_sigma_v: f64,
+}
+
+/// Looks at a rig: identifies each device and holds it against the rig file, brings the stage home and to the clear, times the
+/// links and takes the zero. A device that fails doesn't keep the others from being looked at.
+///
+/// # Errors
+/// A person's word to stop; NI's library where it is needed and missing; a stage that loses its way.
+pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Examination, Halt> {
+    let OpenRig { instruments, stage_use, probe } = spec.open(seed)?;
+    let Instruments { mut stage, load_cell, array } = instruments;
+    let mut found = Examination::default();
+    let reins = Reins::default();
+    let told_to_stop = async {
+        cancel.wait().await;
+        reins.stop();
+        std::future::pending::<()>().await;
+    };
+    let prepared = tokio::select! {
+        biased;
+        prepared = stage.prepare(&stage_use, &reins) => prepared,
+        () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
+    };
+    let at_home = prepared.is_ok();
+    found.devices.push(("stage", prepared));
+    let unwatched =
+        Watch::new(&spec.limits, Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None });
+    let gauge = Gauge::new(load_cell, unwatched, cancel, &|_| {});
+    let parts = Instruments { stage, load_cell: gauge, array };
+    let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe);
+    if at_home {
+        hand.find_itself().await?;
+        hand.retreat(spec.clear_mm()).await?;
+    }
+    found.devices.push(("load_cell", hand.cell.cell.prepare().await));
+    found.devices.push(("array", hand.array.prepare().await));
+    look(&mut hand, spec, cancel, &mut found).await?;
+    Ok(found)
+}
+
+async fn look<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    spec: &RigSpec,
+    cancel: &Cancel,
+    found: &mut Examination,
+) -> Result<(), Halt> {
+    let answers: Vec<bool> = found.devices.iter().map(|(_, device)| device.is_ok()).collect();
+    let mut outputs = vec![0.0; hand.array.units()];
+    for (device, answers) in answers.iter().enumerate() {
+        for _ in 0..if *answers { TIMED } else { 0 } {
+            if cancel.asked() {
+                return Err(Halt::Cancelled);
+            }
+            let asked = Instant::now();
+            match device {
+                0 => _ = hand.stage.position_mm(Axis::Z).await?,
+                1 => _ = hand.cell.cell.read().await?,
+                _ => hand.array.read(&mut outputs).await?,
+            }
+            found.exchanges_s[device].push(asked.elapsed().as_secs_f64());
+        }
+    }
+    if answers[1] {
+        found.air = Some(in_air(hand, answers[2]).await?);
+    }
+    let [stage_s, load_cell_s, _] = &found.exchanges_s;
+    if let (Some(Ok(air)), false) = (&found.air, stage_s.is_empty()) {
+        let (conversion_s, lag_s) = (hand.cell.cell.conversion().as_secs_f64(), spec.load_cell.lag_s);
+        let longest = |exchanges_s: &[f64]| exchanges_s.iter().copied().fold(0.0, f64::max);
+        let pairs = stage_s.iter().zip(load_cell_s);
+        found.reactions_s = pairs.map(|(stage_s, cell_s)| conversion_s + lag_s + stage_s + cell_s).collect();
+        let reaction =
+            Reaction { conversion_s, load_cell_s: longest(load_cell_s), stage_s: longest(stage_s), lag_s };
+        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &air.zero);
+        let fastest = permit.approach_speed_mm_s(APPROACH_SHARE * spec.limits.force_n);
+        found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
+        found.reaction = Some(reaction);
+    }
+    Ok(())
+}
+
+async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    has_array: bool,
+) -> Result<Result<Air, Trip>, Halt> {
+    let conversion_s = hand.cell.cell.conversion().as_secs_f64();
+    let count = ZERO_READINGS.max((ZERO_S / conversion_s) as usize);
+    let mut readings: Vec<ForceReading> = Vec::with_capacity(count);
+    for _ in 0..count {
+        hand.cell.due().await?;
+        let reading = hand.cell.cell.read().await?;
+        if let Err(trip) = check_sound(&reading) {
+            return Ok(Err(trip));
+        }
+        readings.push(reading);
+    }
+    let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
+    let outputs_sigma_v = if has_array { spread_v(&mut hand.array).await? } else { 0.0 };
+    Ok(Ok(Air { zero: Zero::of(&readings), fresh_share: fresh as f64 / (count - 1) as f64, outputs_sigma_v }))
+}
+
+/// The largest spread of any unit's output, V.
+async fn spread_v<A: SensorArray>(array: &mut A) -> Result<f64, DeviceError> {
+    let mut rows = Vec::with_capacity(TIMED);
+    for _ in 0..TIMED {
+        let mut outputs = vec![0.0; array.units()];
+        array.read(&mut outputs).await?;
+        rows.push(outputs);
+    }
+    let spread = |unit: usize| {
+        let mean = rows.iter().map(|row| row[unit]).sum::<f64>() / TIMED as f64;
+        let squares: f64 = rows.iter().map(|row| (row[unit] - mean).powi(2)).sum();
+        (squares / (TIMED - 1) as f64).sqrt()
+    };
+    Ok((0..array.units()).map(spread).fold(0.0, f64::max))
+}
