@@ -10,7 +10,9 @@
 //! - [`Xps`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (load
 //!   cell or array).
+//! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library, which is called and not written to: no [`Instrument`].
 
+mod daqmx;
 mod esp301;
 pub mod listen;
 mod modbus;
@@ -19,6 +21,7 @@ mod serve;
 mod testbed;
 mod xps;
 
+pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301;
 pub use modbus::{LabJackT7, Modbus, Refusal, RegisterMap, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};

@@ -1,0 +1,322 @@
+//! NI's DAQmx library with one USB-6343 on it, as far as a rig uses it: the table of functions over a scene, with no bytes in
+//! between (NIDAQmx.h, and the device's capabilities as public drivers list them).
+
+mod channels;
+mod errors;
+#[cfg(test)]
+mod tests;
+
+use super::Shared;
+use crate::scene::{Device, Scene};
+use crate::wire::daqmx::{AUTO, NiDaqmx, Task};
+use channels::{Channel, INPUTS};
+use errors::Status;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::time::Instant;
+
+/// Scans and channels a second that the one converter does.
+const RATE_MOST_HZ: f64 = 500_000.0;
+/// From a scan to when it can be read, s: USB brings it.
+const TRANSFER_S: f64 = 0.001;
+/// Volts a reading unit of a taxel: what 1 N straight above one comes to.
+const VOLTS_PER_UNIT: f64 = 1.0;
+/// Most tasks at once.
+const TASKS_MOST: usize = 64;
+/// Most channels of one task, which may name an input more than once.
+const CHANNELS_MOST: usize = 4095;
+/// Most samples that a task's buffer holds, all channels together.
+const BUFFER_MOST: u64 = 1 << 24;
+/// What keeps an instant that was computed as k / rate from falling to scan k - 1 by rounding, scans.
+const ROUNDING: f64 = 1e-6;
+
+/// A USB-6343 and the library that drives it: 32 analog inputs against ground or 16 differential ones, 16 bit in ranges of 10,
+/// 5, 1 and 0.2 V, 500,000 conversions a second. A load cell's amplifier is on one input, the taxels are on those from
+/// `array_first_channel` on, 1 V a reading unit; the others read 0 V.
+///
+/// A scene can't be asked about the past, so only the newest scan is what the scene is like when it is read, which is up to
+/// 1 ms and a period after it fell; those that came since the last read (or the start) lie on a straight line to it. The
+/// noise of the load cell is that of the scans that are looked at.
+///
+/// Where NI's library would do more than a rig needs, this one is stricter: a task must have a sample clock and be started
+/// before it is read, and its buffer is as large as was asked for. The last error is that of all threads.
+pub struct DaqmxEmulator {
+    scene: Shared<Scene>,
+    origin: Instant,
+    device: String,
+    wiring: Wiring,
+    library: Mutex<Library>,
+}
+
+/// What is on the inputs.
+struct Wiring {
+    cell_channel: Option<u32>,
+    array_first_channel: u32,
+    volts_per_newton: f64,
+}
+
+/// What the library keeps.
+#[derive(Default)]
+struct Library {
+    tasks: BTreeMap<Task, Acquisition>,
+    last_task: Task,
+    last_error: String,
+}
+
+/// A task.
+struct Acquisition {
+    name: String,
+    channels: Vec<Channel>,
+    /// Scans a second, and how many the buffer holds.
+    clock: Option<(f64, u64)>,
+    run: Option<Run>,
+}
+
+/// A task that is started.
+struct Run {
+    start_s: f64,
+    /// Scans that have come.
+    count: u64,
+    /// The number of the last scan that was looked at, and what its channels were, V.
+    looked: (u64, Vec<f64>),
+    /// Samples that have come and haven't been read, scan by scan.
+    unread: VecDeque<f64>,
+    overrun: bool,
+}
+
+impl DaqmxEmulator {
+    /// A device of that name on which nothing runs. `cell_channel` is the input with the load cell's amplifier, which gives so
+    /// many volts a newton; none: there is no load cell on it. The scene counts from `origin`.
+    pub fn new(
+        scene: Shared<Scene>,
+        origin: Instant,
+        device: &str,
+        cell_channel: Option<u32>,
+        array_first_channel: u32,
+        volts_per_newton: f64,
+    ) -> Self {
+        let wiring = Wiring { cell_channel, array_first_channel, volts_per_newton };
+        DaqmxEmulator { scene, origin, device: device.into(), wiring, library: Mutex::default() }
+    }
+
+    /// The library is locked before the scene.
+    fn library(&self) -> MutexGuard<'_, Library> {
+        self.library.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Acts on a task; what goes wrong is kept as the last error.
+    fn with_task(&self, task: Task, act: impl FnOnce(&mut Acquisition) -> Result<(), Status>) -> i32 {
+        let mut library = self.library();
+        let result = match library.tasks.get_mut(&task) {
+            Some(acquisition) => act(acquisition),
+            None => Err(Status::BAD_TASK),
+        };
+        library.report(Some(task), result)
+    }
+
+    /// Looks at the scene now, under its lock: when that is, s, and what was asked of it.
+    fn look<T>(&self, look: impl FnOnce(&mut Scene, f64) -> T) -> T {
+        let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        let now_s = (Instant::now() - self.origin).as_secs_f64();
+        look(&mut scene, now_s)
+    }
+}
+
+impl NiDaqmx for DaqmxEmulator {
+    fn create_task(&self, name: &str, task: &mut Task) -> i32 {
+        let mut library = self.library();
+        let result = library.create(name).map(|created| *task = created);
+        library.report(None, result)
+    }
+
+    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32 {
+        self.with_task(task, |acquisition| {
+            acquisition.must_stand()?;
+            let inputs = channels::inputs(physical, &self.device)?;
+            if acquisition.channels.len() + inputs.len() > CHANNELS_MOST {
+                return Err(Status::BAD_VALUE);
+            }
+            let added: Result<Vec<Channel>, Status> =
+                inputs.into_iter().map(|input| Channel::new(input, terminal, least_v, most_v)).collect();
+            acquisition.channels.extend(added?);
+            Ok(())
+        })
+    }
+
+    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32 {
+        self.with_task(task, |acquisition| {
+            acquisition.must_stand()?;
+            // written so that no number is refused too
+            if !(rate_hz > 0.0 && rate_hz <= RATE_MOST_HZ) || !(1..=BUFFER_MOST).contains(&samples_per_channel) {
+                return Err(Status::BAD_VALUE);
+            }
+            acquisition.clock = Some((rate_hz, samples_per_channel));
+            Ok(())
+        })
+    }
+
+    fn start_task(&self, task: Task) -> i32 {
+        let mut library = self.library();
+        let another_runs = library.tasks.iter().any(|(other, each)| *other != task && each.run.is_some());
+        let result = match library.tasks.get_mut(&task) {
+            Some(acquisition) => acquisition.may_start(another_runs).map(|()| {
+                acquisition.run = Some(self.look(|scene, now_s| {
+                    let volts = self.wiring.volts(&acquisition.channels, scene, now_s);
+                    Run { start_s: now_s, count: 0, looked: (0, volts), unread: VecDeque::new(), overrun: false }
+                }));
+            }),
+            None => Err(Status::BAD_TASK),
+        };
+        library.report(Some(task), result)
+    }
+
+    fn stop_task(&self, task: Task) -> i32 {
+        self.with_task(task, |acquisition| {
+            acquisition.run = None;
+            Ok(())
+        })
+    }
+
+    fn clear_task(&self, task: Task) -> i32 {
+        let mut library = self.library();
+        let result = library.tasks.remove(&task).map(|_| ()).ok_or(Status::BAD_TASK);
+        library.report(Some(task), result)
+    }
+
+    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
+        *read = 0;
+        self.with_task(task, |acquisition| {
+            let Acquisition { channels, clock: Some(clock), run: Some(run), .. } = acquisition else {
+                return Err(Status::BAD_TASK);
+            };
+            self.look(|scene, now_s| run.fetch(*clock, channels, &self.wiring, scene, now_s))?;
+            let there = run.unread.len() / channels.len();
+            let wanted = match samples_per_channel {
+                AUTO => there,
+                wanted => usize::try_from(wanted).map_err(|_| Status::BAD_VALUE)?,
+            };
+            let samples = wanted.saturating_mul(channels.len());
+            let room = buffer.get_mut(..samples).ok_or(Status::BUFFER_TOO_SMALL)?;
+            if wanted > there {
+                return Err(Status::NOT_THERE_IN_TIME);
+            }
+            for (place, sample) in room.iter_mut().zip(run.unread.drain(..samples)) {
+                *place = sample;
+            }
+            *read = i32::try_from(wanted).unwrap_or(i32::MAX);
+            Ok(())
+        })
+    }
+
+    fn extended_error_info(&self) -> String {
+        self.library().last_error.clone()
+    }
+
+    fn error_string(&self, code: i32) -> String {
+        if code == 0 { String::new() } else { Status(code).message(None) }
+    }
+}
+
+impl Library {
+    fn create(&mut self, name: &str) -> Result<Task, Status> {
+        if self.tasks.len() == TASKS_MOST {
+            return Err(Status::OUT_OF_MEMORY);
+        }
+        let name = if name.is_empty() { format!("_unnamedTask<{}>", self.last_task) } else { name.into() };
+        if self.tasks.values().any(|each| each.name == name) {
+            return Err(Status::TASK_NAME_TAKEN);
+        }
+        self.last_task += 1;
+        let acquisition = Acquisition { name, channels: Vec::new(), clock: None, run: None };
+        self.tasks.insert(self.last_task, acquisition);
+        Ok(self.last_task)
+    }
+
+    /// The number for a result; an error is kept, with the task's name.
+    fn report(&mut self, task: Option<Task>, result: Result<(), Status>) -> i32 {
+        let Err(status) = result else { return 0 };
+        let name = task.and_then(|task| self.tasks.get(&task)).map(|acquisition| acquisition.name.as_str());
+        self.last_error = status.message(name);
+        status.0
+    }
+}
+
+impl Acquisition {
+    fn must_stand(&self) -> Result<(), Status> {
+        if self.run.is_some() { Err(Status::TASK_RUNS) } else { Ok(()) }
+    }
+
+    fn may_start(&self, another_runs: bool) -> Result<(), Status> {
+        self.must_stand()?;
+        if self.channels.is_empty() {
+            return Err(Status::NO_CHANNELS);
+        }
+        let channels = self.channels.len();
+        let (rate_hz, scans) = self.clock.ok_or(Status::BAD_VALUE)?;
+        if rate_hz * channels as f64 > RATE_MOST_HZ || scans.saturating_mul(channels as u64) > BUFFER_MOST {
+            return Err(Status::BAD_VALUE);
+        }
+        if another_runs { Err(Status::RESERVED) } else { Ok(()) }
+    }
+}
+
+impl Run {
+    /// Takes in the scans that have come by `now_s`.
+    fn fetch(
+        &mut self,
+        (rate_hz, buffer): (f64, u64),
+        channels: &[Channel],
+        wiring: &Wiring,
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<(), Status> {
+        let since_s = now_s - TRANSFER_S - self.start_s;
+        // a float that is below zero is cast to none
+        let count = ((since_s * rate_hz + ROUNDING).floor() + 1.0) as u64;
+        if count > self.count && !wiring.is_silent(scene, now_s) {
+            let unread = (self.unread.len() / channels.len()) as u64;
+            self.overrun |= unread + (count - self.count) > buffer;
+            if !self.overrun {
+                let volts = wiring.volts(channels, scene, now_s);
+                let (from, newest) = (self.looked.0, count - 1);
+                for scan in self.count..count {
+                    let share = if newest > from { (scan - from) as f64 / (newest - from) as f64 } else { 1.0 };
+                    let line = self.looked.1.iter().zip(&volts).map(|(before, now)| before + share * (now - before));
+                    self.unread.extend(channels.iter().zip(line).map(|(channel, volts)| channel.convert(volts)));
+                }
+                self.looked = (newest, volts);
+                self.count = count;
+            }
+        }
+        if self.overrun { Err(Status::OVERRUN) } else { Ok(()) }
+    }
+}
+
+impl Wiring {
+    /// Whether the scene has the device's link silent: no scans come. It is that of the load cell, if that is on it.
+    fn is_silent(&self, scene: &mut Scene, now_s: f64) -> bool {
+        let device = if self.cell_channel.is_some() { Device::LoadCell } else { Device::Array };
+        scene.latency_s(device, now_s).is_none()
+    }
+
+    /// What is on the inputs of some channels, V. The load cell is looked at only if one of them is its: that draws its noise.
+    fn volts(&self, channels: &[Channel], scene: &mut Scene, now_s: f64) -> Vec<f64> {
+        let mut outputs = vec![0.0; scene.taxels()];
+        let taxels =
+            self.array_first_channel..self.array_first_channel.saturating_add(outputs.len() as u32).min(INPUTS);
+        let reads = |inputs: &dyn Fn(u32) -> bool| {
+            channels.iter().any(|channel| inputs(channel.input) || channel.against.is_some_and(inputs))
+        };
+        if reads(&|input| taxels.contains(&input)) {
+            scene.outputs(now_s, &mut outputs);
+        }
+        let cell = self.cell_channel.filter(|&cell| reads(&|input| input == cell));
+        let cell_v = cell.map(|_| scene.load_cell_n(now_s) * self.volts_per_newton);
+        let input_v = |input: u32| match cell_v {
+            Some(cell_v) if cell == Some(input) => cell_v,
+            _ if taxels.contains(&input) => outputs[(input - taxels.start) as usize] * VOLTS_PER_UNIT,
+            _ => 0.0,
+        };
+        channels.iter().map(|channel| input_v(channel.input) - channel.against.map_or(0.0, input_v)).collect()
+    }
+}
