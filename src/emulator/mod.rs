@@ -11,9 +11,11 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (load
 //!   cell or array).
 //! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library, which is called and not written to: no [`Instrument`].
+//! - [`Grbl`]: GRBL 1.1h on a frame of three axes.
 
 mod daqmx;
 mod esp301;
+mod grbl;
 pub mod listen;
 mod modbus;
 mod serve;
@@ -23,6 +25,7 @@ mod xps;
 
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301;
+pub use grbl::Grbl;
 pub use modbus::{LabJackT7, Modbus, Refusal, RegisterMap, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;

@@ -44,6 +44,20 @@ impl Trajectory {
         Trajectory { stretches: plan.stretches, end_s: plan.at_s, end_mm: plan.position_mm }
     }
 
+    /// This motion, a rest, and another that starts where this one ends, no sooner than it does.
+    pub fn then(mut self, next: &Trajectory) -> Self {
+        if next.stretches.first().is_some_and(|first| first.from_s > self.end_s) {
+            let rest =
+                Stretch { from_s: self.end_s, position_mm: self.end_mm, speed_mm_s: 0.0, acceleration_mm_s2: 0.0 };
+            self.stretches.push(rest);
+        }
+        if !next.stretches.is_empty() {
+            self.stretches.extend_from_slice(&next.stretches);
+            (self.end_s, self.end_mm) = (next.end_s, next.end_mm);
+        }
+        self
+    }
+
     /// What a stage that is `lag_s` late makes of a new profile at `now_s`: it goes on as it was for so long, then is where
     /// the profile was that long before.
     pub(super) fn followed_by(&self, profile: &Trajectory, now_s: f64, lag_s: f64) -> Trajectory {
@@ -174,6 +188,21 @@ mod tests {
         let t = Trajectory::to(0.0, (2.0, 0.0), -8.0, 5.0, 100.0);
         assert!((t.end_s() - (10.0 / 5.0 + 5.0 / 100.0)).abs() < 1e-12);
         assert!((t.speed_mm_s(1.0) + 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn two_motions_in_one_rest_between_them() {
+        let there = Trajectory::to(1.0, (0.0, 0.0), 1.0, 10.0, 100.0);
+        let back = Trajectory::to(2.0, (1.0, 0.0), 0.5, 10.0, 100.0);
+        let both = there.clone().then(&Trajectory::at_rest(1.0)).then(&back);
+        for at_s in [0.5, 1.1, 1.3, there.end_s(), 1.9] {
+            assert_eq!(both.state(at_s), there.state(at_s), "{at_s} s");
+        }
+        for at_s in [2.0, 2.05, back.end_s(), 9.0] {
+            assert_eq!(both.state(at_s), back.state(at_s), "{at_s} s");
+        }
+        let knots = std::iter::successors(Some(0.0), |&knot_s| both.next_knot(knot_s)).collect::<Vec<_>>();
+        assert!(knots.is_sorted_by(|a, b| a < b) && knots.contains(&there.end_s()) && knots.contains(&2.0));
     }
 
     #[test]

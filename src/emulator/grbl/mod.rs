@@ -1,0 +1,474 @@
+//! GRBL 1.1h on a frame of three axes (manual: doc/markdown and doc/csv of gnea/grbl): lines in, one `ok` or `error:N` each
+//! out, and single bytes that act at once.
+//!
+//! The build is one whose homing sets the origin (option Z of `$I`), in the middle of the travel: where GRBL counts from
+//! minus the travel to 0, this one counts from minus half of it to plus half, so that with `$130=25` and so on machine
+//! coordinates are the stage's own once it is homed. Axes home z first, each to its + end, or to the - one where `$23` says so.
+//!
+//! Not served, and answered with an error: arcs, probing, G10, G28, G30, tool offsets, `$C`, `$SLP`, `$RST`, startup lines.
+//! M0 and M1 don't pause. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a
+//! client comes: nothing here sees its DTR.
+//!
+//! While it homes, dwells, or a line waits for room in the planner, this one takes nothing at all; GRBL would still take its
+//! single bytes.
+
+mod gcode;
+mod line;
+mod machine;
+mod report;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use super::Instrument;
+use crate::scene::{Device, Scene};
+use gcode::{Block, Modal, Order};
+use line::{Input, LineReader};
+use machine::{Activity, Line, Machine, Overrides};
+use report::{RX_MOST, Reporter, Status};
+use settings::Settings;
+
+/// Longest time without taking a request, s: a slip in a G4 would end the program for good.
+const STALL_MOST_S: f64 = 86_400.0;
+/// Percent that overrides of feed and spindle go down and up to.
+const OVERRIDE_PERCENT: (f64, f64) = (10.0, 200.0);
+/// How far beyond the travel a target may lie by rounding, mm.
+const ROUNDING_MM: f64 = 1e-9;
+/// What comes after an alarm that only a reset ends.
+const RESET_TO_CONTINUE: &str = "[MSG:Reset to continue]";
+
+/// What stands for a line that was too long; no line has such a byte.
+const OVERLONG: u8 = b'\t';
+/// Ends the request of a line that is run, and that of one that has to wait first.
+const RUN: u8 = b'\n';
+const WAIT: u8 = b'\r';
+
+const SOFT_RESET: u8 = 0x18;
+const DOOR: u8 = 0x84;
+const JOG_CANCEL: u8 = 0x85;
+
+/// A GRBL 1.1h with three axes: 12.5 mm to either side, 800 steps a mm, 25 mm/s.
+///
+/// It is switched on with homing on and so locked; where each axis stands it takes for zero until it is homed.
+pub struct Grbl {
+    machine: Machine,
+    settings: Settings,
+    modal: Modal,
+    reader: LineReader,
+    reporter: Reporter,
+    lock: Lock,
+    door: bool,
+    spindle_percent: f64,
+    /// A line that has waited and is to be run next.
+    due: Option<String>,
+    /// Lines that came while it was held: at most as many as the serial buffer has room for.
+    held: Vec<String>,
+    /// Homing that was begun: it ends well, or with an alarm.
+    homing: Option<Result<(), u8>>,
+    /// A line that set off an alarm gets its `ok` with the reset.
+    unanswered: bool,
+    deaf_until_s: f64,
+}
+
+/// How far it is locked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lock {
+    Open,
+    /// Until homed or unlocked: no line of G-code is run.
+    Alarm,
+    /// Until reset: nothing is answered.
+    Critical,
+}
+
+/// Why a line is refused: the codes of GRBL's table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fault {
+    ExpectedLetter = 1,
+    BadNumber = 2,
+    InvalidStatement = 3,
+    NegativeValue = 4,
+    HomingDisabled = 5,
+    PulseTooShort = 6,
+    NotIdle = 8,
+    Locked = 9,
+    SoftLimitsNeedHoming = 10,
+    Overlong = 11,
+    TravelExceeded = 15,
+    BadJog = 16,
+    Unsupported = 20,
+    TwoOfOneGroup = 21,
+    NoFeed = 22,
+    TwoUseAxes = 24,
+    RepeatedWord = 25,
+    NoAxisWords = 26,
+    MissingValue = 28,
+    NoSuchSystem = 29,
+    MachineNeedsMotion = 30,
+    AxesWithoutMotion = 31,
+    UnusedWords = 36,
+}
+
+impl Grbl {
+    /// A controller that is switched on where the scene's axes stand.
+    pub fn new(scene: &Scene) -> Self {
+        Grbl {
+            machine: Machine::new(scene),
+            settings: Settings::default(),
+            modal: Modal::default(),
+            reader: LineReader::default(),
+            reporter: Reporter::default(),
+            lock: Lock::Alarm,
+            door: false,
+            spindle_percent: 100.0,
+            due: None,
+            held: Vec::new(),
+            homing: None,
+            unanswered: false,
+            deaf_until_s: 0.0,
+        }
+    }
+}
+
+impl Instrument for Grbl {
+    fn device(&self) -> Device {
+        Device::Stage
+    }
+
+    /// A line that has to wait is taken twice: to wait for, and to be run.
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        let line = match self.due.take() {
+            Some(due) => return Some([due.as_bytes(), &[RUN]].concat()),
+            None => match self.reader.take(inbox)? {
+                Input::RealTime(byte) => return Some(vec![byte]),
+                Input::Line(None) => return Some(vec![OVERLONG, RUN]),
+                Input::Line(Some(line)) => line,
+            },
+        };
+        let waits = self.may_wait(&line);
+        let request = [line.as_bytes(), &[if waits { WAIT } else { RUN }]].concat();
+        self.due = waits.then_some(line);
+        Some(request)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let mut reply = Reply::default();
+        self.settle(&mut reply, scene, now_s);
+        match request {
+            [line @ .., WAIT] => self.wait(&String::from_utf8_lossy(line), scene, now_s),
+            [line @ .., RUN] => self.take_line(&String::from_utf8_lossy(line), &mut reply, scene, now_s),
+            [byte] => self.act(*byte, &mut reply, scene, now_s),
+            _ => {}
+        }
+        reply.0.into_bytes()
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        self.deaf_until_s
+    }
+}
+
+/// Lines to send.
+#[derive(Default)]
+struct Reply(String);
+
+impl Reply {
+    fn line(&mut self, line: impl AsRef<str>) {
+        self.0 += line.as_ref();
+        self.0 += "\r\n";
+    }
+
+    fn alarm(&mut self, number: u8) {
+        self.line(format!("ALARM:{number}"));
+    }
+}
+
+impl Grbl {
+    /// Motions end by themselves; an end of the frame that was run into is noticed when the controller next looks.
+    fn settle(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        let hit = self.machine.settle(scene, now_s);
+        if hit && self.settings.on(settings::HARD_LIMITS) && self.lock == Lock::Open {
+            self.machine.cut_off(&self.settings, scene, now_s);
+            self.lock = Lock::Critical;
+            reply.alarm(1);
+            reply.line(RESET_TO_CONTINUE);
+        }
+    }
+
+    /// Whether a line could have to wait before it is run.
+    fn may_wait(&self, line: &str) -> bool {
+        let dwells = || Block::parse(line).is_ok_and(|block| block.dwell_s().is_some());
+        let moves = !line.starts_with('$') || line.starts_with("$J");
+        line == "$H" || dwells() || (moves && self.machine.ready_s() > 0.0)
+    }
+
+    /// Begins what a line has to wait for.
+    fn wait(&mut self, line: &str, scene: &mut Scene, now_s: f64) {
+        if self.lock == Lock::Critical || self.held() {
+            return;
+        }
+        let idle = self.machine.activity(now_s) == Activity::Idle;
+        let until_s = if line == "$H" {
+            if !idle || !self.settings.on(settings::HOMING) {
+                return;
+            }
+            let homing = self.machine.home(&self.settings, scene, now_s);
+            self.homing = Some(homing.map(|_| ()));
+            homing.unwrap_or(now_s)
+        } else if let Some(dwell_s) = Block::parse(line).ok().and_then(|block| block.dwell_s()) {
+            if self.lock != Lock::Open || self.machine.activity(now_s) == Activity::Jog {
+                return;
+            }
+            self.machine.end_s().max(now_s) + dwell_s
+        } else {
+            self.machine.ready_s()
+        };
+        self.deaf_until_s = until_s.min(now_s + STALL_MOST_S);
+    }
+
+    fn take_line(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        if self.lock == Lock::Critical {
+            return;
+        }
+        if self.held() {
+            let waiting: usize = self.held.iter().map(|line| line.len() + 1).sum();
+            if waiting + line.len() < RX_MOST {
+                self.held.push(line.into());
+            }
+            return;
+        }
+        match self.run(line, reply, scene, now_s) {
+            Ok(()) if self.unanswered => {}
+            Ok(()) => reply.line("ok"),
+            Err(fault) => reply.line(format!("error:{}", fault as u8)),
+        }
+    }
+
+    fn run(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        match line.as_bytes() {
+            [OVERLONG] => Err(Fault::Overlong),
+            [] => Ok(()),
+            [b'$', ..] => self.run_system(&line[1..], reply, scene, now_s),
+            _ if self.lock != Lock::Open || self.machine.activity(now_s) == Activity::Jog => Err(Fault::Locked),
+            _ => self.run_gcode(line, reply, scene, now_s),
+        }
+    }
+
+    fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        let at_mm = self.machine.end_mm(&self.settings, scene, now_s);
+        let g92_mm = self.modal.g92_mm;
+        match Block::parse(line)?.execute(&mut self.modal, at_mm)? {
+            Order::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
+                self.machine.hold(scene, now_s);
+                self.lock = Lock::Critical;
+                self.unanswered = true;
+                reply.alarm(2);
+                reply.line(RESET_TO_CONTINUE);
+            }
+            Order::Go { to_mm, feed_mm_min } => {
+                self.machine.add(Line { to_mm, feed_mm_min, jog: false }, &self.settings, scene, now_s);
+            }
+            Order::End => reply.line("[MSG:Pgm End]"),
+            Order::Dwell(_) | Order::Nothing => {}
+        }
+        if self.modal.g92_mm != g92_mm {
+            self.reporter.offset_changed();
+        }
+        Ok(())
+    }
+
+    /// A line that begins with `$`, which is cut off.
+    fn run_system(&mut self, command: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        let activity = self.machine.activity(now_s);
+        let inches = self.settings.on(settings::REPORT_INCHES);
+        match command {
+            "" => reply.line(report::HELP),
+            "$" if activity == Activity::Run => return Err(Fault::NotIdle),
+            "$" => self.settings.lines().for_each(|line| reply.line(line)),
+            "G" => reply.line(report::modes(&self.modal, inches)),
+            "X" => {
+                if self.lock == Lock::Alarm {
+                    self.lock = Lock::Open;
+                    reply.line("[MSG:Caution: Unlocked]");
+                }
+            }
+            jog if jog.starts_with('J') => return self.jog(&jog[1..], scene, now_s),
+            _ if activity != Activity::Idle => return Err(Fault::NotIdle),
+            "#" => report::parameters(&self.modal, inches).iter().for_each(|line| reply.line(line)),
+            "I" => report::build_info().iter().for_each(|line| reply.line(line)),
+            "N" => ["$N0=", "$N1="].iter().for_each(|line| reply.line(line)),
+            "H" => return self.end_homing(reply, scene, now_s),
+            setting => {
+                let (number, rest) = gcode::number(setting.as_bytes()).ok_or(Fault::InvalidStatement)?;
+                let value = rest.strip_prefix(b"=").ok_or(Fault::InvalidStatement)?;
+                match gcode::number(value).ok_or(Fault::BadNumber)? {
+                    (value, []) => self.settings.set(number, value)?,
+                    _ => return Err(Fault::InvalidStatement),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A jog: what follows `$J`. In an alarm it isn't the lock that refuses it, but that it isn't idle.
+    fn jog(&mut self, jog: &str, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        let ready = matches!(self.machine.activity(now_s), Activity::Idle | Activity::Jog);
+        if self.lock != Lock::Open || !ready {
+            return Err(Fault::NotIdle);
+        }
+        let words = jog.strip_prefix('=').ok_or(Fault::BadJog)?;
+        let at_mm = self.machine.end_mm(&self.settings, scene, now_s);
+        if let Order::Go { to_mm, feed_mm_min } = Block::parse(words)?.jog(&self.modal, at_mm)? {
+            if self.beyond_travel(to_mm) {
+                return Err(Fault::TravelExceeded);
+            }
+            self.machine.add(Line { to_mm, feed_mm_min, jog: true }, &self.settings, scene, now_s);
+        }
+        Ok(())
+    }
+
+    fn end_homing(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+        match self.homing.take() {
+            None => return Err(Fault::HomingDisabled),
+            Some(Ok(())) => self.lock = Lock::Open,
+            Some(Err(alarm)) => {
+                self.lock = Lock::Alarm;
+                reply.alarm(alarm);
+                self.restart(reply, scene, now_s);
+            }
+        }
+        Ok(())
+    }
+
+    /// A byte that acts at once.
+    fn act(&mut self, byte: u8, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        match byte {
+            SOFT_RESET => self.reset(reply, scene, now_s),
+            _ if self.lock == Lock::Critical || self.homing.is_some() => {}
+            b'?' => {
+                let status = self.status(scene, now_s);
+                reply.line(self.reporter.status(&status, &self.settings));
+            }
+            JOG_CANCEL if self.machine.activity(now_s) != Activity::Jog => {}
+            b'!' | JOG_CANCEL if self.lock == Lock::Open => self.machine.hold(scene, now_s),
+            DOOR if self.lock == Lock::Open => {
+                reply.line("[MSG:Check Door]");
+                self.machine.hold(scene, now_s);
+                self.door = true;
+            }
+            b'~' => self.go_on(reply, scene, now_s),
+            0x90..=0x9D => self.change_override(byte, scene, now_s),
+            _ => {}
+        }
+    }
+
+    /// Ends a hold, and runs the lines that came meanwhile.
+    fn go_on(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        match self.machine.activity(now_s) {
+            Activity::Held => self.machine.resume(scene, now_s),
+            // a jog that the door cancelled leaves nothing to go on with
+            Activity::Idle => {}
+            _ => return,
+        }
+        self.door = false;
+        for line in std::mem::take(&mut self.held) {
+            self.take_line(&line, reply, scene, now_s);
+        }
+    }
+
+    fn change_override(&mut self, byte: u8, scene: &mut Scene, now_s: f64) {
+        let step = |percent: f64, kind: u8| {
+            let by = [100.0 - percent, 10.0, -10.0, 1.0, -1.0][usize::from(kind)];
+            (percent + by).clamp(OVERRIDE_PERCENT.0, OVERRIDE_PERCENT.1)
+        };
+        let Overrides { feed, rapid } = self.machine.overrides;
+        let (overrides, spindle_percent) = match byte {
+            0x90..=0x94 => (Overrides { feed: step(feed, byte - 0x90), rapid }, self.spindle_percent),
+            0x95 => (Overrides { feed, rapid: 100.0 }, self.spindle_percent),
+            0x96 => (Overrides { feed, rapid: 50.0 }, self.spindle_percent),
+            0x97 => (Overrides { feed, rapid: 25.0 }, self.spindle_percent),
+            0x99..=0x9D => (self.machine.overrides, step(self.spindle_percent, byte - 0x99)),
+            _ => return,
+        };
+        if (overrides, spindle_percent) == (self.machine.overrides, self.spindle_percent) {
+            return;
+        }
+        (self.machine.overrides, self.spindle_percent) = (overrides, spindle_percent);
+        self.reporter.overrides_changed();
+        self.machine.plan(scene, now_s);
+    }
+
+    /// 0x18. What moved has lost its place.
+    fn reset(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        let in_motion = matches!(self.machine.activity(now_s), Activity::Run | Activity::Jog | Activity::Braking);
+        match (self.homing.take(), self.lock) {
+            (Some(_), _) => {
+                reply.alarm(6);
+                self.lock = Lock::Alarm;
+            }
+            (None, Lock::Open) if in_motion => {
+                reply.alarm(3);
+                self.lock = Lock::Alarm;
+            }
+            (None, Lock::Critical) => self.lock = Lock::Alarm,
+            _ => {}
+        }
+        if std::mem::take(&mut self.unanswered) {
+            reply.line("ok");
+        }
+        self.restart(reply, scene, now_s);
+    }
+
+    /// All is as it is switched on, but for the settings, the place and the lock.
+    fn restart(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        self.machine.cut_off(&self.settings, scene, now_s);
+        self.machine.overrides = Overrides::default();
+        self.modal = Modal::default();
+        self.reporter = Reporter::default();
+        self.reader.clear();
+        self.held.clear();
+        (self.due, self.door, self.spindle_percent, self.deaf_until_s) = (None, false, 100.0, now_s);
+        reply.line("");
+        reply.line("Grbl 1.1h ['$' for help]");
+        if self.lock == Lock::Alarm {
+            reply.line("[MSG:'$H'|'$X' to unlock]");
+        }
+    }
+
+    fn status(&self, scene: &Scene, now_s: f64) -> Status {
+        let activity = self.machine.activity(now_s);
+        let spindle = if self.modal.spindle == 5 { 0.0 } else { self.modal.spindle_rpm };
+        let state = match activity {
+            _ if self.lock != Lock::Open => "Alarm",
+            Activity::Idle | Activity::Held if self.door => "Door:0",
+            _ if self.door => "Door:2",
+            Activity::Idle => "Idle",
+            Activity::Run => "Run",
+            Activity::Jog => "Jog",
+            Activity::Braking => "Hold:1",
+            Activity::Held => "Hold:0",
+        };
+        Status {
+            state: state.into(),
+            busy: activity != Activity::Idle || self.door,
+            places_mm: self.machine.places_mm(&self.settings, scene, now_s),
+            offset_mm: self.modal.g92_mm,
+            room: self.machine.room(),
+            speed_mm_s: self.machine.speed_mm_s(scene, now_s),
+            spindle_rpm: spindle * self.spindle_percent / 100.0,
+            switches: self.machine.switches(scene, now_s),
+            overrides: self.machine.overrides,
+            spindle_percent: self.spindle_percent,
+        }
+    }
+
+    /// Whether lines wait for a `~`.
+    fn held(&self) -> bool {
+        self.door || self.machine.is_held()
+    }
+
+    fn beyond_travel(&self, to_mm: [f64; 3]) -> bool {
+        let travels_mm = self.settings.of_axes(settings::TRAVEL);
+        let beyond = |(to_mm, travel_mm): (f64, f64)| to_mm.abs() > travel_mm / 2.0 + ROUNDING_MM;
+        self.settings.on(settings::SOFT_LIMITS) && to_mm.into_iter().zip(travels_mm).any(beyond)
+    }
+}

@@ -1,0 +1,400 @@
+use super::*;
+use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
+use crate::quantity::Axis;
+use crate::scene::Servo;
+use proptest::prelude::*;
+use std::time::Duration;
+use tokio::time::Instant;
+
+const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
+
+/// A controller and its scene, talked to at given times.
+struct Bench {
+    grbl: Grbl,
+    scene: Scene,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Bench::on(scene())
+    }
+
+    fn on(scene: Scene) -> Self {
+        Bench { grbl: Grbl::new(&scene), scene }
+    }
+
+    /// Homed by 20 s, and back in the middle by 30 s.
+    fn homed() -> Self {
+        Bench::homed_on(scene())
+    }
+
+    fn homed_on(scene: Scene) -> Self {
+        let mut bench = Bench::on(scene);
+        bench.script(&[
+            (0.0, "$H\n", "ok"),
+            (20.0, "G0X0Y0Z0\n", "ok"),
+            (30.0, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
+        ]);
+        bench
+    }
+
+    /// What is answered to some bytes; a line that has to wait is waited for. None of them may be left over.
+    fn say(&mut self, now_s: f64, sent: &[u8]) -> String {
+        let mut inbox = sent.to_vec();
+        let mut reply = String::new();
+        while let Some(request) = self.grbl.take_request(&mut inbox) {
+            let at_s = now_s.max(self.grbl.deaf_until_s());
+            reply += &String::from_utf8(self.grbl.answer(&request, &mut self.scene, at_s)).expect("ASCII");
+        }
+        assert!(inbox.is_empty());
+        reply.strip_suffix("\r\n").unwrap_or(&reply).replace("\r\n", " ")
+    }
+
+    fn script(&mut self, steps: &[(f64, &str, &str)]) {
+        for &(now_s, sent, answered) in steps {
+            // real-time bytes above ASCII are written as Latin-1
+            let bytes: Vec<u8> = sent.chars().map(|char| char as u32 as u8).collect();
+            assert_eq!(self.say(now_s, &bytes), answered, "{sent:?} at {now_s} s");
+        }
+    }
+
+    /// The state's name and the machine coordinates.
+    fn state(&mut self, now_s: f64) -> (String, [f64; 3]) {
+        let report = self.say(now_s, b"?");
+        let mut fields = report.trim_matches(['<', '>']).split('|');
+        let state = fields.next().expect("a state").to_owned();
+        let places = fields.next().and_then(|field| field.strip_prefix("MPos:")).expect("a place");
+        let mut places = places.split(',').map(|place| place.parse().expect("a number"));
+        (state, std::array::from_fn(|_| places.next().expect("three")))
+    }
+
+    fn true_mm(&mut self, axis: Axis, now_s: f64) -> f64 {
+        self.scene.axis(axis, now_s).0
+    }
+}
+
+#[test]
+fn it_is_locked_when_switched_on_and_a_reset_says_so() {
+    Bench::new().script(&[
+        (0.1, "\x18", &format!(" Grbl 1.1h ['$' for help] {UNLOCK}")),
+        (0.2, "?", "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
+        (0.3, "?", "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>"),
+        (0.4, "?", "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"),
+        (0.5, "G0X1\n", "error:9"),
+        (0.5, "$J=X1F100\n", "error:8"),
+        (0.6, "\r\n", "ok ok"),
+        (0.7, "$X\n", "[MSG:Caution: Unlocked] ok"),
+        (0.8, "$X\n", "ok"),
+        (0.9, "\x18", " Grbl 1.1h ['$' for help]"),
+    ]);
+}
+
+#[test]
+fn what_it_tells_of_itself() {
+    Bench::homed().script(&[
+        (40.0, "$\n", "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x] ok"),
+        (40.1, "$G\n", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0] ok"),
+        (40.2, "$i\n", "[VER:1.1h.20190825:] [OPT:VZ,15,128] ok"),
+        (40.3, "$N\n", "$N0= $N1= ok"),
+        (40.4, "g91 g20 (inches) f1\n", "ok"),
+        (40.5, "$G\n", "[GC:G0 G54 G17 G20 G91 G94 M5 M9 T0 F25 S0] ok"),
+        (40.6, "G21G92X-1\n", "ok"),
+        (40.7, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:1.000,0.000,0.000>"),
+        (40.8, "$10=2\n", "ok"),
+        (40.9, "?", "<Idle|WPos:-1.000,0.000,0.000|Bf:15,128|FS:0,0|Ov:100,100,100>"),
+        (41.0, "M2\n", "[MSG:Pgm End] ok"),
+        (41.1, "$13=1\n", "ok"),
+        (41.2, "?", "<Idle|WPos:-0.0394,0.0000,0.0000|Bf:15,128|FS:0.0,0>"),
+    ]);
+    let mut bench = Bench::homed();
+    let parameters = bench.say(40.0, b"$#\n");
+    assert_eq!(parameters.matches("0.000,0.000,0.000").count(), 10);
+    assert!(parameters.starts_with("[G54:") && parameters.ends_with("[TLO:0.000] [PRB:0.000,0.000,0.000:0] ok"));
+    let told = bench.say(40.0, b"$$\n");
+    assert!(told.starts_with("$0=10 $1=255 ") && told.ends_with(" $131=25.000 $132=25.000 ok"), "{told}");
+}
+
+#[test]
+fn what_cant_be_done_is_refused_with_its_code_and_moves_nothing() {
+    for (sent, code) in [
+        ("5", 1),
+        ("X", 2),
+        ("$110=x", 2),
+        ("$C", 3),
+        ("$Jog", 16),
+        ("$7=1", 3),
+        ("$110=-1", 4),
+        ("$22=0\n$H", 5),
+        ("$0=1", 6),
+        ("$22=0\n$20=1", 10),
+        ("G0X1111111111111111111111111111111111111111111111111111111111111111111111111111111111", 11),
+        ("$J=X12.6F100", 15),
+        ("$J=G91Z-12.501F100", 15),
+        ("$J", 16),
+        ("$J=G1X1F100", 16),
+        ("G2X1", 20),
+        ("$J=X1", 22),
+        ("G1X1", 22),
+        ("$J=F100", 26),
+    ] {
+        let mut bench = Bench::homed();
+        let answer = bench.say(40.0, format!("{sent}\n").as_bytes());
+        assert_eq!(answer.trim_start_matches("ok "), format!("error:{code}"), "{sent}");
+        assert_eq!(bench.state(50.0), ("Idle".into(), [0.0; 3]), "{sent} moved something");
+    }
+}
+
+#[test]
+fn homing_takes_z_first_and_makes_the_count_true() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.say(1.0, b"$H\n"), "ok");
+    let end_s = bench.grbl.deaf_until_s();
+    assert!(end_s > 4.0 && end_s < 10.0, "{end_s}");
+    assert_eq!(bench.state(end_s), ("Idle".into(), [12.0; 3]));
+    for axis in Axis::ALL {
+        assert!((bench.true_mm(axis, end_s) - 12.0).abs() < 1e-9);
+    }
+    let mut bench = Bench::new();
+    let mut inbox = b"$23=3\n$H\n".to_vec();
+    for _ in 0..2 {
+        let request = bench.grbl.take_request(&mut inbox).expect("a request");
+        bench.grbl.answer(&request, &mut bench.scene, 1.0);
+    }
+    assert_eq!(bench.true_mm(Axis::X, 1.4), POWER_ON.x_mm, "x waits for z");
+    assert_eq!(bench.true_mm(Axis::Z, 1.56), 12.5);
+    assert_eq!(bench.say(1.8, b""), "ok");
+    assert_eq!(bench.state(20.0).1, [-12.0, -12.0, 12.0]);
+}
+
+#[test]
+fn a_homing_that_fails_is_an_alarm() {
+    for (setting, alarm) in [("$27=0", "ALARM:8"), ("$132=2", "ALARM:9")] {
+        let mut bench = Bench::new();
+        let answer = bench.say(1.0, format!("{setting}\n$H\n").as_bytes());
+        assert_eq!(answer, format!("ok {alarm}  Grbl 1.1h ['$' for help] {UNLOCK} ok"));
+        assert_eq!(bench.say(2.0, b"G0X1\n"), "error:9");
+    }
+}
+
+#[test]
+fn jogs_move_straight_and_are_done_when_idle() {
+    let mut bench = Bench::homed();
+    bench.script(&[
+        (40.0, "$J=G91X3Y-4F600\n", "ok"),
+        (40.25, "?", "<Jog|MPos:1.260,-1.680,0.000|FS:600,0|Ov:100,100,100>"),
+        (40.26, "G0X0\n", "error:9"),
+        (40.27, "$110=1\n", "error:8"),
+    ]);
+    // 5 mm at 10 mm/s, and 0.08 s for the ramps: no axis harder than 100 mm/s^2 is 125 along the line
+    assert_eq!(bench.state(40.57).0, "Jog");
+    assert_eq!(bench.state(40.59), ("Idle".into(), [3.0, -4.0, 0.0]));
+    assert_eq!(bench.say(41.0, b"$J=G53Z-0.25F60\n"), "ok");
+    assert!((bench.scene.load_cell_n(45.0) - 0.25 * STIFFNESS_N_MM).abs() < 1e-9);
+}
+
+#[test]
+fn a_jog_is_cancelled_with_what_follows_it_and_brakes() {
+    for cancel in ["\u{85}", "!"] {
+        let mut bench = Bench::homed();
+        bench.script(&[(40.0, "$J=X10F600\n$J=X0F600\n", "ok ok"), (40.5, cancel, "")]);
+        // at 10 mm/s after 4.5 mm; 0.1 s and 0.5 mm to rest
+        assert_eq!(bench.state(40.55), ("Jog".into(), [4.875, 0.0, 0.0]));
+        assert_eq!(bench.state(40.61), ("Idle".into(), [5.0, 0.0, 0.0]));
+        assert_eq!(bench.state(60.0).1, [5.0, 0.0, 0.0]);
+        bench.script(&[(60.0, "\u{85}~", ""), (60.1, "$J=X0F600\n", "ok")]);
+    }
+}
+
+#[test]
+fn a_jog_sent_while_one_is_cancelled_waits_for_it() {
+    let mut bench = Bench::homed();
+    bench.script(&[(40.0, "$J=X10F600\n", "ok"), (40.5, "\u{85}$J=G91X-1F600\n", "ok")]);
+    assert!((bench.grbl.deaf_until_s() - 40.6).abs() < 1e-9);
+    assert_eq!(bench.state(50.0), ("Idle".into(), [4.0, 0.0, 0.0]));
+}
+
+#[test]
+fn a_feed_override_acts_on_a_jog_under_way_at_once() {
+    let mut bench = Bench::homed();
+    bench.script(&[(40.0, "$J=X10F600\n", "ok"), (40.5, "\u{92}\u{92}\u{92}\u{92}\u{92}", "")]);
+    let half = bench.say(40.6, b"?");
+    assert!(half.contains("|FS:300,0|") && half.contains("|Ov:50,100,100"), "{half}");
+    bench.say(40.7, b"\x91\x93\x94\x94\x96");
+    let more = bench.say(40.9, b"?");
+    assert!(more.contains("|FS:354,0|") && more.contains("|Ov:59,50,100"), "{more}");
+    bench.say(41.0, &[0x91; 30]);
+    assert!(bench.say(41.15, b"?").contains("|Ov:200,"));
+    assert_eq!(bench.state(50.0), ("Idle".into(), [10.0, 0.0, 0.0]));
+}
+
+#[test]
+fn real_time_bytes_in_the_midst_of_a_line_leave_it_whole() {
+    let mut bench = Bench::homed();
+    let answer = bench.say(40.0, b"$J=X?1\x91 F6!00\n");
+    assert_eq!(answer, "<Idle|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>");
+    assert_eq!(bench.say(40.1, b"~"), "ok");
+    assert_eq!(bench.state(42.0).1, [1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn a_full_planner_makes_further_lines_wait() {
+    let mut bench = Bench::homed();
+    for n in 0..machine::BLOCKS_MOST {
+        assert_eq!(bench.say(40.0, format!("$J=X{}F600\n", (n + 1) % 2).as_bytes()), "ok");
+        assert_eq!(bench.grbl.deaf_until_s().max(40.0), 40.0);
+    }
+    assert_eq!(bench.say(40.0, b"$J=Y1F600\n"), "ok");
+    // 1 mm at 10 mm/s is 0.2 s
+    assert!((bench.grbl.deaf_until_s() - 40.2).abs() < 1e-9);
+    assert_eq!(bench.state(43.1).0, "Jog");
+    assert_eq!(bench.state(43.3), ("Idle".into(), [1.0, 1.0, 0.0]));
+}
+
+#[test]
+fn jogs_along_one_line_run_into_one_another() {
+    let mut bench = Bench::homed();
+    for n in 0..5 {
+        assert_eq!(bench.say(40.0 + 0.1 * f64::from(n), b"$J=G91X1F600\n"), "ok");
+    }
+    assert!(bench.say(40.45, b"?").contains("|FS:600,0"));
+    assert_eq!(bench.state(40.61), ("Idle".into(), [5.0, 0.0, 0.0]));
+}
+
+#[test]
+fn a_line_of_gcode_is_held_and_goes_on() {
+    let mut bench = Bench::homed();
+    bench.script(&[(40.0, "G1X5F600\nX5Y5\n", "ok ok"), (40.3, "!", "")]);
+    assert_eq!(bench.state(40.35).0, "Hold:1");
+    assert_eq!(bench.state(41.0), ("Hold:0".into(), [3.0, 0.0, 0.0]));
+    bench.script(&[(41.0, "G4P0\n$G\n", ""), (41.1, "~", "ok [GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F600 S0] ok")]);
+    assert_eq!(bench.state(41.2).0, "Run");
+    assert_eq!(bench.state(50.0), ("Idle".into(), [5.0, 5.0, 0.0]));
+    bench.script(&[(50.0, "\u{84}", "[MSG:Check Door]")]);
+    assert_eq!(bench.state(50.1).0, "Door:0");
+    bench.script(&[(50.2, "$G\n", ""), (50.3, "~", "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F600 S0] ok")]);
+}
+
+#[test]
+fn a_dwell_waits_for_what_moves_and_then_its_time() {
+    let mut bench = Bench::homed();
+    bench.script(&[(40.0, "G1X5F600\nG4P1.5\n", "ok ok")]);
+    // 0.5 s and 0.1 s for the ramps
+    assert!((bench.grbl.deaf_until_s() - 42.1).abs() < 1e-9);
+}
+
+#[test]
+fn a_reset_in_motion_loses_the_place() {
+    let mut bench = Bench::homed();
+    bench.script(&[
+        (40.0, "$J=X10F1500\n", "ok"),
+        (40.4, "\x18", &format!("ALARM:3  Grbl 1.1h ['$' for help] {UNLOCK}")),
+    ]);
+    let (state, places) = bench.state(45.0);
+    let lost_mm = bench.true_mm(Axis::X, 45.0) - places[0];
+    assert_eq!(state, "Alarm");
+    // from 25 mm/s with four times 100 mm/s^2
+    assert!((lost_mm - 0.78).abs() < 0.01, "{lost_mm}");
+    bench.script(&[(46.0, "G0X0\n", "error:9"), (46.0, "$H\n", "ok")]);
+    assert_eq!(bench.state(66.0).1, [12.0; 3]);
+    assert!((bench.true_mm(Axis::X, 66.0) - 12.0).abs() < 1e-9);
+    // at rest nothing is lost
+    bench.script(&[(70.0, "\x18", " Grbl 1.1h ['$' for help]")]);
+}
+
+#[test]
+fn a_line_beyond_the_travel_is_an_alarm_that_only_a_reset_ends() {
+    let mut bench = Bench::homed();
+    bench.script(&[
+        (40.0, "G0X13\n", "ALARM:2 [MSG:Reset to continue]"),
+        (40.1, "?$X\n\n", ""),
+        (40.2, "\x18", &format!("ok  Grbl 1.1h ['$' for help] {UNLOCK}")),
+        (40.3, "$X\n", "[MSG:Caution: Unlocked] ok"),
+        (40.4, "G0X1\n", "ok"),
+    ]);
+    assert_eq!((bench.state(50.0).1, bench.true_mm(Axis::X, 50.0)), ([1.0, 0.0, 0.0], 1.0));
+}
+
+#[test]
+fn an_end_of_the_frame_stops_what_is_not_homed() {
+    let mut bench = Bench::new();
+    // z stands at true 8, counted 0: count 10 would be true 18
+    bench.script(&[(0.0, "$21=1\n$X\nG0Z10\n", "ok [MSG:Caution: Unlocked] ok ok")]);
+    bench.script(&[(5.0, "?", "ALARM:1 [MSG:Reset to continue]"), (5.1, "?", "")]);
+    assert_eq!(bench.true_mm(Axis::Z, 5.0), 12.5);
+    let mut bench = Bench::new();
+    bench.script(&[(0.0, "$X\nG0Z10\n", "[MSG:Caution: Unlocked] ok ok")]);
+    bench.script(&[(5.0, "?", "<Idle|MPos:0.000,0.000,10.000|FS:0,0|Pn:Z|WCO:0.000,0.000,0.000>")]);
+    bench.script(&[(5.0, "G0Z9\n", "ok")]);
+    assert_eq!(bench.true_mm(Axis::Z, 9.0), 11.5);
+}
+
+#[test]
+fn places_are_whole_steps() {
+    let mut bench = Bench::homed();
+    bench.script(&[(40.0, "$J=X0.0004Y0.0007Z1.2341F600\n", "ok")]);
+    assert_eq!(Axis::ALL.map(|axis| bench.true_mm(axis, 50.0)), [0.0, 0.001_25, 1.233_75]);
+}
+
+#[test]
+fn a_lagging_stage_goes_on_through_jogs_overrides_and_a_cancel_without_a_jump() {
+    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.007, quantum_mm: 0.0 })));
+    let mut before = (0.0, 0.0);
+    for step in 0..=12_000 {
+        let now_s = 40.0 + f64::from(step) * 1e-4;
+        match step {
+            0 => assert_eq!(bench.say(now_s, b"$J=X6F600\n$J=X6Y2F600\n"), "ok ok"),
+            1000 => assert_eq!(bench.say(now_s, b"\x92"), ""),
+            1030 => assert_eq!(bench.say(now_s, b"$J=X4Y2F600\n\x91"), "ok"),
+            9000 => assert_eq!(bench.say(now_s, b"\x85"), ""),
+            _ => {}
+        }
+        let (place_mm, speed_mm_s) = bench.scene.axis(Axis::X, now_s);
+        let jump_mm = place_mm - before.0 - (speed_mm_s + before.1) / 2.0 * 1e-4;
+        assert!(jump_mm.abs() < 1e-6, "{jump_mm} mm at {now_s} s");
+        assert!((speed_mm_s - before.1).abs() < 100.0 * 1e-4 + 1e-6, "{} to {speed_mm_s} at {now_s} s", before.1);
+        before = (place_mm, speed_mm_s);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_answers_at_its_end_and_nothing_meanwhile() {
+    let scene = scene();
+    let grbl = shared(Grbl::new(&scene));
+    let origin = Instant::now();
+    let mut wire = Wire::to(grbl, shared(scene), origin);
+    wire.send(b"$H\n").await;
+    assert!(wire.is_silent().await);
+    wire.send(b"?").await;
+    assert!(wire.is_silent().await);
+    assert_eq!(wire.ask(b"", 4).await, b"ok\r\n");
+    assert!(Instant::now() - origin > Duration::from_secs(4));
+    let report = b"<Idle|MPos:12.000,12.000,12.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n";
+    assert_eq!(wire.ask(b"", report.len()).await, report);
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_upset_it_and_none_pile_up(pieces in prop::collection::vec(
+        prop_oneof![
+            prop::collection::vec(any::<u8>(), 0..30),
+            "(\\$J=)?(G[0-9]{1,2}){0,2}([XYZFPST]-?[0-9.]{1,5}){0,4}\n".prop_map(String::into_bytes),
+            "\\$[0-9]{1,3}=[0-9.]{1,6}\n".prop_map(String::into_bytes),
+            prop::sample::select(vec!["$H\n", "$X\n", "\x18", "~", "!", "?"]).prop_map(|text| text.as_bytes().to_vec()),
+        ],
+        0..40,
+    )) {
+        let mut bench = Bench::new();
+        bench.say(0.0, b"$X\n");
+        let mut now_s = 1.0;
+        for piece in pieces {
+            bench.say(now_s, &piece);
+            now_s = bench.grbl.deaf_until_s().max(now_s) + 0.05;
+            let waiting: usize = bench.grbl.held.iter().map(String::len).sum();
+            prop_assert!(waiting < RX_MOST && bench.grbl.machine.room() <= machine::BLOCKS_MOST);
+            for axis in Axis::ALL {
+                let place_mm = bench.true_mm(axis, now_s);
+                prop_assert!(place_mm.abs() <= machine::END_MM + 1e-6, "{axis:?} at {place_mm}");
+            }
+        }
+    }
+}
