@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""A stage for palpate: the process protocol of docs/process.md. Fill in the class Stage; the rest may stay as it is.
+
+As it stands it is a stage in memory that moves in real time. Try it:  python3 examples/stage.py
+    {"id": 1, "do": "identify"}
+"""
+
+import json
+import queue
+import signal
+import sys
+import threading
+import time
+
+
+class Stage:
+    """Your device. A method that can't do what it is asked raises an exception: its text is what palpate tells.
+
+    `stop` and `speed` are called from another thread, in the midst of the other methods too."""
+
+    identity = "stage in memory, serial number 0"
+
+    def __init__(self):
+        self.travel_mm = None  # until it is prepared
+        self.speed_mm_s = 1.0
+        self.position_mm = {"x": 0.0, "y": 0.0, "z": 0.0}
+        self.target_mm = dict(self.position_mm)
+        self.then_s = time.monotonic()
+        self.lock = threading.RLock()
+
+    def prepare(self, travel_mm, away, speed_mm_s, acceleration_mm_s2, stopped):
+        """Comes to rest, finds home (z first, toward `away`), takes travel_mm as its limits. Returns when all axes
+        stand, and gives up as soon as `stopped.is_set()`."""
+        self.travel_mm = travel_mm
+        for home_mm in {"z": max(travel_mm["z"], key=lambda end_mm: end_mm * away)}, {"x": 0.0, "y": 0.0}:
+            self.move(home_mm, speed_mm_s)
+            while self.status()[0]:
+                if stopped.wait(0.01):
+                    raise RuntimeError("stopped on the way home")
+
+    def move(self, to_mm, speed_mm_s):
+        """Begins a motion of the axes that are named, and returns while they move."""
+        if self.travel_mm is None:
+            raise RuntimeError("not prepared")
+        for axis, place_mm in to_mm.items():
+            low_mm, high_mm = self.travel_mm[axis]
+            if not low_mm <= place_mm <= high_mm:
+                raise ValueError(f"{axis} = {place_mm} mm is beyond the travel")
+        with self.lock:
+            self.status()
+            self.target_mm.update(to_mm)
+            self.speed_mm_s = speed_mm_s
+
+    def status(self):
+        """Whether any axis moves, and where the axes are, mm, as read back."""
+        with self.lock:
+            now_s = time.monotonic()
+            way_mm = self.speed_mm_s * (now_s - self.then_s)
+            self.then_s = now_s
+            for axis, target_mm in self.target_mm.items():
+                left_mm = target_mm - self.position_mm[axis]
+                step_mm = max(-way_mm, min(way_mm, left_mm))
+                self.position_mm[axis] = target_mm if step_mm == left_mm else self.position_mm[axis] + step_mm
+            return self.position_mm != self.target_mm, dict(self.position_mm)
+
+    def speed(self, speed_mm_s):
+        """Gives the motion under way another speed."""
+        with self.lock:
+            self.status()
+            self.speed_mm_s = speed_mm_s
+
+    def stop(self):
+        """Brings all axes to rest at once."""
+        with self.lock:
+            self.status()
+            self.target_mm = dict(self.position_mm)
+
+
+def work(stage, request, stopped):
+    do = request.get("do")
+    if do == "identify":
+        return {"role": "stage", "protocol": 1, "identity": stage.identity}
+    if do == "prepare":
+        keys = "travel_mm", "away", "speed_mm_s", "acceleration_mm_s2"
+        try:
+            stage.prepare(*(request[key] for key in keys), stopped)
+        finally:
+            stage.stop()
+        return {}
+    if do == "move":
+        stage.move(request["to_mm"], request["speed_mm_s"])
+        return {}
+    if do == "status":
+        moving, position_mm = stage.status()
+        return {"moving": moving, "position_mm": position_mm}
+    raise ValueError(f"unknown request {do!r}")
+
+
+def listen(stage, requests, stopped):
+    """Reads requests, and does at once what can't wait for the one before it."""
+    for line in sys.stdin:
+        request = json.loads(line)
+        do = request.get("do")
+        if do == "stop":
+            stopped.set()
+            stage.stop()
+        elif do == "speed":
+            stage.speed(request["speed_mm_s"])
+        else:
+            if do == "prepare":
+                stopped.clear()
+            requests.put(request)
+    # palpate is done
+    stopped.set()
+    requests.put(None)
+
+
+def main():
+    # Ctrl-C is palpate's to act on: it closes the standard input when all is at rest
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stage, requests, stopped = Stage(), queue.Queue(), threading.Event()
+    threading.Thread(target=listen, args=(stage, requests, stopped), daemon=True).start()
+    for request in iter(requests.get, None):
+        try:
+            reply = work(stage, request, stopped)
+        except Exception as error:
+            reply = {"error": f"{type(error).__name__}: {error}"}
+        print(json.dumps({"id": request["id"], **reply}), flush=True)
+    stage.stop()
+
+
+if __name__ == "__main__":
+    main()
