@@ -11,6 +11,8 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (load
 //!   cell or array).
 //! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library, which is called and not written to: no [`Instrument`].
+//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load
+//!   cells), or [`LabJackT7`] (load cell or array).
 //! - [`Grbl`]: GRBL 1.1h on a frame of three axes.
 
 mod daqmx;
@@ -26,7 +28,7 @@ mod xps;
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301;
 pub use grbl::Grbl;
-pub use modbus::{LabJackT7, Modbus, Refusal, RegisterMap, Transmitter, Word};
+pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;
 pub use pending::*; // TEMP

@@ -6,9 +6,13 @@
 //! doesn't check out waits for a silence of 3.5 characters and is thrown away. Over TCP the unit id is ignored.
 
 mod labjack_t7;
+mod laumas_tlb;
+mod seneca_zsg;
 mod transmitter;
 
 pub use labjack_t7::LabJackT7;
+pub use laumas_tlb::LaumasTlb;
+pub use seneca_zsg::SenecaZsg;
 pub use transmitter::Transmitter;
 
 use super::Instrument;
