@@ -8,8 +8,6 @@
 //!
 //! - [`Esp301`]: a Newport ESP301 motion controller with three VP-25XL stages.
 //! - [`Xps`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
-//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`] (load cell) or [`LabJackT7`] (load
-//!   cell or array).
 //! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library, which is called and not written to: no [`Instrument`].
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load
 //!   cells), or [`LabJackT7`] (load cell or array).
@@ -31,6 +29,7 @@ pub use grbl::Grbl;
 pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;
+mod pending;
 pub use pending::*; // TEMP
 
 use crate::scene::{Device, Scene};

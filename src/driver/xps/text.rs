@@ -111,7 +111,8 @@ mod tests {
         );
         assert_eq!(answer("0,,", "GroupKill(XYZ)"), Some(Answer { code: 0, values: Vec::new() }));
         let call = "GroupPositionCurrentGet(Group1,double *)";
-        assert_eq!(answer(&format!("-20,{call},"), call), Some(Answer { code: -20, values: Vec::new() }));
+        let echo = format!("-20,{call},");
+        assert_eq!(answer(&echo, call), Some(Answer { code: -20, values: Vec::new() }));
         assert_eq!(
             answer("-17,GroupMoveAbsolute (Axis.Pos,380),", "GroupMoveAbsolute (Axis.Pos,380)").map(|a| a.code),
             Some(-17)
