@@ -5,6 +5,7 @@
 //! 130 cancelled (and parked).
 
 mod check;
+mod doctor;
 mod emulate;
 mod evaluate;
 mod exit;
@@ -29,6 +30,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate check recipes/paper.toml
   palpate run recipes/paper.toml
+  palpate doctor rigs/esp301.toml
   palpate run recipes/calibrate.toml --rig rigs/esp301.toml --sensor A-017
   palpate evaluate runs/paper --solver all
   palpate solve --calibration runs/paper < readings.csv";
@@ -50,6 +52,7 @@ enum Command {
     Evaluate(evaluate::Args),
     Solve(solve::Args),
     Study(study::Args),
+    Doctor(doctor::Args),
     Emulate(emulate::Args),
     Ports(ports::Args),
 }
@@ -68,6 +71,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Solve(args) => solve::solve(args),
         Command::Study(args) => study::study(args),
+        Command::Doctor(args) => doctor::doctor(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
     };

@@ -10,7 +10,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
-use tokio::runtime::Builder;
+use tokio::runtime::{Builder, Runtime};
 
 /// How a run is shown and paced.
 #[derive(Debug, clap::Args)]
@@ -44,12 +44,7 @@ pub fn carry_out(
     let virtual_time = spec.is_simulated();
     let began = Instant::now();
     let wall_before_s = folder.manifest.wall_s;
-    let mut builder = Builder::new_current_thread();
-    builder.enable_time().start_paused(virtual_time);
-    if !virtual_time {
-        builder.enable_io();
-    }
-    let runtime = builder.build().into_diagnostic().map_err(Failure::usage)?;
+    let runtime = runtime(virtual_time)?;
     let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
     let mut progress = Progress::new(plan, folder.manifest.presses_done as usize, args.json);
     let ending = runtime.block_on(async {
@@ -88,6 +83,16 @@ pub fn carry_out(
     let evaluations = summary::evaluations(folder, spec, solvers)?;
     show(&summary::results(folder, &evaluations)?)?;
     Ok(accepted(&evaluations))
+}
+
+/// What a rig's drivers run on: virtual time needs no events of the system.
+pub fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
+    let mut builder = Builder::new_current_thread();
+    builder.enable_time().start_paused(virtual_time);
+    if !virtual_time {
+        builder.enable_io();
+    }
+    builder.build().into_diagnostic().map_err(Failure::usage)
 }
 
 /// A stop that Ctrl-C asks for, and on Unix a polite end or a closed terminal. The signal is caught on a thread of its own, so

@@ -29,8 +29,6 @@ pub use grbl::Grbl;
 pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;
-mod pending;
-pub use pending::*; // TEMP
 
 use crate::scene::{Device, Scene};
 use std::sync::{Arc, Mutex};

@@ -1,5 +1,4 @@
 use super::hand::{Gauge, Hand};
-use super::ready::Conditions;
 use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Trip, Watch, Zero, check_sound};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
@@ -13,9 +12,6 @@ const TIMED: usize = 200;
 /// Readings in air that make the zero, at least, and how long they take, at least, s.
 const ZERO_READINGS: usize = 200;
 const ZERO_S: f64 = 1.0;
-
-/// Share of the force limit up to which an unannounced contact may push in a first approach (as a press takes it).
-const APPROACH_SHARE: f64 = 1.0;
 
 /// What a rig turned out to be when it was looked at, pressing nothing.
 #[derive(Debug, Default)]
@@ -41,7 +37,7 @@ pub struct Air {
     pub zero: Zero,
     /// Share of the readings that were another number than the one before.
     pub fresh_share: f64,
-    /// Mean outputs of the array can't be read at a glance; the largest spread of any unit, V.
+    /// The largest standard deviation of any unit's output, V.
     pub outputs_sigma_v: f64,
 }
 
@@ -115,7 +111,7 @@ async fn look<S: Stage, C: LoadCell, A: SensorArray>(
         found.reactions_s = pairs.map(|(stage_s, cell_s)| conversion_s + lag_s + stage_s + cell_s).collect();
         let reaction = Reaction { conversion_s, load_cell_s: longest(load_cell_s), stage_s: longest(stage_s), lag_s };
         let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &air.zero);
-        let fastest = permit.approach_speed_mm_s(APPROACH_SHARE * spec.limits.force_n);
+        let fastest = permit.approach_speed_mm_s(spec.limits.force_n);
         found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
         found.reaction = Some(reaction);
     }

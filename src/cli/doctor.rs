@@ -1,0 +1,257 @@
+use super::exit::Failure;
+use super::session::{runtime, stop_on_signal};
+use super::sources::read_rig;
+use super::summary::print;
+use crate::control::{Reaction, Trip};
+use crate::device::Identity;
+use crate::rig::RigSpec;
+use crate::run::{Air, Examination, examine};
+use miette::{Diagnostic, IntoDiagnostic};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate doctor rigs/esp301.toml
+  palpate doctor rigs/paper.toml --json
+
+Homes what isn't homed (z first, away from the specimen) and withdraws to the clear; presses nothing.
+Exit code: 0 the rig can be used, 2 a bad rig file, 3 a device doesn't work, 4 the load cell can't be trusted.";
+
+/// Bars of the histogram of reaction times, and the columns of the longest.
+const BARS: usize = 8;
+const BAR_COLUMNS: usize = 40;
+
+/// A noise of one reading over this share of the force limit can't be pressed with (the run's own rule).
+const NOISE_SHARE: f64 = 0.02;
+
+/// Fewer readings than this share are new ones where a cell is read more often than it converts.
+const FRESH_SHARE: f64 = 0.7;
+
+/// A zero over this share of the force limit leaves little of the cell's range.
+const ZERO_SHARE: f64 = 0.5;
+
+/// An approach slower than this makes the search for the surface the longest part of a press, mm/s.
+const SLOW_MM_S: f64 = 1.0;
+
+/// Look at a rig: identify and check its devices, measure zero, noise and reaction time
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The rig
+    rig: PathBuf,
+    /// Put our emulators in place of the rig's links, in virtual time
+    #[arg(long)]
+    simulate: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    /// What a simulated specimen and all noise are drawn from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+/// Looks, and tells what follows.
+pub fn doctor(args: &Args) -> Result<ExitCode, Failure> {
+    let (_, spec) = read_rig(&args.rig)?;
+    let spec = if args.simulate { spec.simulated() } else { spec };
+    if spec.is_simulated() {
+        spec.emulators(args.seed).map_err(Failure::usage)?;
+    }
+    let cancel = stop_on_signal(Some("stopping"))?;
+    let found = runtime(spec.is_simulated())?.block_on(examine(&spec, args.seed, &cancel)).map_err(Failure::halted)?;
+    let advice = advice(&found, &spec);
+    if args.json {
+        let line = serde_json::to_string(&json(&found, &advice)).into_diagnostic().map_err(Failure::usage)?;
+        print(&format!("{line}\n"))?;
+    } else {
+        print(&described(&found, &spec, &advice))?;
+    }
+    let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
+    match (failed, found.air) {
+        (Some(error), _) => Err(Failure::halted(error.into())),
+        (None, Some(Err(trip))) => Err(Failure::halted(trip.into())),
+        _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
+    let mut text = String::new();
+    // writing to a string can't fail
+    for (role, device) in &found.devices {
+        let _ = match device {
+            Ok(identity) => writeln!(text, "{role:<11}{}", identity.identity),
+            Err(_) => writeln!(text, "{role:<11}doesn't work: see below"),
+        };
+    }
+    let _ = writeln!(text, "\n{:<11}{:>10}{:>10}{:>10}", "exchange", "shortest", "median", "longest");
+    for ((role, _), exchanges_s) in found.devices.iter().zip(&found.exchanges_s) {
+        if let Some([shortest, median, longest]) = spread(exchanges_s) {
+            let _ = writeln!(text, "{role:<11}{shortest:>7.1} ms{median:>7.1} ms{longest:>7.1} ms");
+        }
+    }
+    if let Some(Ok(air)) = &found.air {
+        let Air { zero, fresh_share, outputs_sigma_v } = air;
+        let _ = writeln!(text, "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN", "in air", zero.offset_n, 1000.0 * zero.sigma_n);
+        let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
+        let _ = writeln!(text, "{:<11}noise of the noisiest output {:.2} mV", "", 1000.0 * outputs_sigma_v);
+    }
+    if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s) {
+        let _ = writeln!(text, "\nreaction   from a force to the stage's answer to a command");
+        text.push_str(&histogram(&found.reactions_s));
+        let (worst_ms, limits) = (1000.0 * reaction.worst_s(), &spec.limits);
+        let _ = writeln!(text, "\n{:<11}{worst_ms:.1} ms are reckoned with: half as much again, and 10 ms of servo", "");
+        let _ = writeln!(
+            text,
+            "{:<11}so that an approach is at most at {approach_mm_s:.2} mm/s\n{:<11}({} N at {} N/mm, {} mm/s^2)",
+            "", "", limits.force_n, limits.stiffness_n_mm, spec.stage.acceleration_mm_s2
+        );
+    }
+    let _ = match advice {
+        [] => writeln!(text, "\nnothing to put right"),
+        advice => writeln!(text, "\nto put right\n{}", wrapped(advice)),
+    };
+    text
+}
+
+fn wrapped(advice: &[String]) -> String {
+    let options = textwrap::Options::new(80).initial_indent("- ").subsequent_indent("  ");
+    advice.iter().map(|line| textwrap::fill(line, &options)).collect::<Vec<_>>().join("\n")
+}
+
+/// What a person should do about what was found.
+fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
+    let mut advice = Vec::new();
+    for (role, device) in &found.devices {
+        match device {
+            Ok(identity) => advice.extend(identity.warnings.iter().map(|warning| format!("{role}: {warning}"))),
+            Err(error) => {
+                let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
+                advice.push(format!("{error}{help}"));
+            }
+        }
+    }
+    let limit_n = spec.limits.force_n;
+    match &found.air {
+        Some(Err(trip)) => advice.push(format!("load_cell: {trip}")),
+        Some(Ok(air)) => {
+            let sigma_n = air.zero.sigma_n;
+            if sigma_n > NOISE_SHARE * limit_n {
+                advice.push(format!(
+                    "load_cell: its noise of {sigma_n:.4} N is over {} % of the force limit: a run won't begin. Filter it, or \
+                     take a cell of a smaller range",
+                    100.0 * NOISE_SHARE
+                ));
+            }
+            if air.zero.offset_n.abs() > ZERO_SHARE * limit_n {
+                advice.push(format!(
+                    "load_cell: it reads {:.3} N in air. That is taken off, but is it preloaded, or is something touching?",
+                    air.zero.offset_n
+                ));
+            }
+            if air.fresh_share < FRESH_SHARE && air.zero.frozen_after.is_some() {
+                advice.push(format!(
+                    "load_cell: only {:.0} % of the readings are new: does it really convert {} times a second \
+                     (`conversions_hz`)?",
+                    100.0 * air.fresh_share,
+                    spec.load_cell.conversions_hz
+                ));
+            }
+        }
+        None => {}
+    }
+    if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s)
+        && approach_mm_s < SLOW_MM_S
+    {
+        let told = "an approach is slow";
+        advice.push(format!("{told}: {approach_mm_s:.2} mm/s. {}", slowest_part(reaction)));
+    }
+    advice
+}
+
+/// What to make quicker first.
+fn slowest_part(reaction: &Reaction) -> String {
+    let Reaction { conversion_s, load_cell_s, stage_s, lag_s } = *reaction;
+    let parts = [
+        (conversion_s, "the time between two conversions of the load cell: raise its rate"),
+        (load_cell_s, "the load cell's link: raise its line rate, or take TCP"),
+        (stage_s, "the stage's link: raise its line rate"),
+        (lag_s, "the load cell's own filter (`lag_ms`): open it"),
+    ];
+    let (seconds, what) = parts.into_iter().fold((0.0, ""), |most, part| if part.0 > most.0 { part } else { most });
+    format!("Its largest part is {what} ({:.1} ms); or is `limits.stiffness_n_mm` larger than it need be?", 1000.0 * seconds)
+}
+
+/// Shortest, median and longest, ms.
+fn spread(seconds: &[f64]) -> Option<[f64; 3]> {
+    let mut sorted = seconds.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let (first, last) = (sorted.first()?, sorted.last()?);
+    Some([first, &sorted[sorted.len() / 2], last].map(|s| 1000.0 * s))
+}
+
+fn histogram(seconds: &[f64]) -> String {
+    let Some([shortest, _, longest]) = spread(seconds) else { return String::new() };
+    let width = ((longest - shortest) / BARS as f64).max(1e-3);
+    let mut counts = [0usize; BARS];
+    for s in seconds {
+        counts[(((1000.0 * s - shortest) / width) as usize).min(BARS - 1)] += 1;
+    }
+    let most = counts.iter().copied().max().unwrap_or(1).max(1);
+    let bar = |(n, count): (usize, &usize)| {
+        let (from, to) = (shortest + n as f64 * width, shortest + (n + 1) as f64 * width);
+        let columns = (count * BAR_COLUMNS).div_ceil(most);
+        format!("{:<11}{from:>6.1} to {to:>5.1} ms {count:>5} {}", "", "#".repeat(columns)).trim_end().to_owned() + "\n"
+    };
+    // a rig that always takes the same time has one bar
+    let last = counts.iter().rposition(|count| *count > 0).unwrap_or(0);
+    counts[..=last].iter().enumerate().map(bar).collect()
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Told<'a> {
+    devices: Vec<Device<'a>>,
+    zero_n: Option<f64>,
+    noise_n: Option<f64>,
+    fresh_share: Option<f64>,
+    outputs_noise_v: Option<f64>,
+    trip: Option<&'a Trip>,
+    reaction_ms: Vec<f64>,
+    reaction_worst_ms: Option<f64>,
+    approach_mm_s: Option<f64>,
+    advice: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Device<'a> {
+    role: &'a str,
+    identity: Option<&'a Identity>,
+    error: Option<String>,
+    exchange_ms: Vec<f64>,
+}
+
+fn json<'a>(found: &'a Examination, advice: &'a [String]) -> Told<'a> {
+    let ms = |seconds: &[f64]| seconds.iter().map(|s| (1e6 * s).round() / 1e3).collect::<Vec<_>>();
+    let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| Device {
+        role,
+        identity: device.as_ref().ok(),
+        error: device.as_ref().err().map(|error: &crate::device::DeviceError| error.to_string()),
+        exchange_ms: ms(exchanges_s),
+    };
+    let air = found.air.as_ref().and_then(|air| air.as_ref().ok());
+    Told {
+        devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
+        zero_n: air.map(|air| air.zero.offset_n),
+        noise_n: air.map(|air| air.zero.sigma_n),
+        fresh_share: air.map(|air| air.fresh_share),
+        outputs_noise_v: air.map(|air| air.outputs_sigma_v),
+        trip: found.air.as_ref().and_then(|air| air.as_ref().err()),
+        reaction_ms: ms(&found.reactions_s),
+        reaction_worst_ms: found.reaction.map(|reaction| 1000.0 * reaction.worst_s()),
+        approach_mm_s: found.approach_mm_s,
+        advice,
+    }
+}
