@@ -12,12 +12,14 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load
 //!   cells), or [`LabJackT7`] (load cell or array).
 //! - [`Grbl`]: GRBL 1.1h on a frame of three axes.
+//! - [`ProcessStage`], [`ProcessLoadCell`], [`ProcessArray`]: devices of the process protocol (docs/process.md).
 
 mod daqmx;
 mod esp301;
 mod grbl;
 pub mod listen;
 mod modbus;
+mod process;
 mod serve;
 #[cfg(test)]
 mod testbed;
@@ -27,6 +29,7 @@ pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301;
 pub use grbl::Grbl;
 pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
+pub use process::{ProcessArray, ProcessLoadCell, ProcessStage};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;
 

@@ -1,4 +1,4 @@
-use super::Fault;
+use super::fault::Fault;
 
 /// Millimetres of an inch.
 pub const MM_PER_INCH: f64 = 25.4;

@@ -12,6 +12,7 @@
 //! While it homes, dwells, or a line waits for room in the planner, this one takes nothing at all; GRBL would still take its
 //! single bytes.
 
+mod fault;
 mod gcode;
 mod line;
 mod machine;
@@ -22,6 +23,7 @@ mod tests;
 
 use super::Instrument;
 use crate::scene::{Device, Scene};
+use fault::Fault;
 use gcode::{Block, Modal, Order};
 use line::{Input, LineReader};
 use machine::{Activity, Line, Machine, Overrides};
@@ -78,34 +80,6 @@ enum Lock {
     Alarm,
     /// Until reset: nothing is answered.
     Critical,
-}
-
-/// Why a line is refused: the codes of GRBL's table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Fault {
-    ExpectedLetter = 1,
-    BadNumber = 2,
-    InvalidStatement = 3,
-    NegativeValue = 4,
-    HomingDisabled = 5,
-    PulseTooShort = 6,
-    NotIdle = 8,
-    Locked = 9,
-    SoftLimitsNeedHoming = 10,
-    Overlong = 11,
-    TravelExceeded = 15,
-    BadJog = 16,
-    Unsupported = 20,
-    TwoOfOneGroup = 21,
-    NoFeed = 22,
-    TwoUseAxes = 24,
-    RepeatedWord = 25,
-    NoAxisWords = 26,
-    MissingValue = 28,
-    NoSuchSystem = 29,
-    MachineNeedsMotion = 30,
-    AxesWithoutMotion = 31,
-    UnusedWords = 36,
 }
 
 impl Grbl {

@@ -1,4 +1,4 @@
-use super::Fault;
+use super::fault::Fault;
 
 /// GRBL's numbered settings, in the order and the units of its manual.
 #[derive(Clone, Debug)]

@@ -1,0 +1,27 @@
+/// Why a line is refused: the codes of GRBL's table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    ExpectedLetter = 1,
+    BadNumber = 2,
+    InvalidStatement = 3,
+    NegativeValue = 4,
+    HomingDisabled = 5,
+    PulseTooShort = 6,
+    NotIdle = 8,
+    Locked = 9,
+    SoftLimitsNeedHoming = 10,
+    Overlong = 11,
+    TravelExceeded = 15,
+    BadJog = 16,
+    Unsupported = 20,
+    TwoOfOneGroup = 21,
+    NoFeed = 22,
+    TwoUseAxes = 24,
+    RepeatedWord = 25,
+    NoAxisWords = 26,
+    MissingValue = 28,
+    NoSuchSystem = 29,
+    MachineNeedsMotion = 30,
+    AxesWithoutMotion = 31,
+    UnusedWords = 36,
+}

@@ -1,0 +1,161 @@
+//! Devices of the process protocol (docs/process.md): one JSON object a line in, one a line out.
+//!
+//! They bear what the page names and answer everything else with an error; what has no id gets its error under the id `null`.
+
+mod stage;
+#[cfg(test)]
+mod tests;
+
+pub use stage::ProcessStage;
+
+use super::Instrument;
+use crate::scene::{Device, Scene};
+use serde_json::{Map, Value, json};
+
+/// The number of the page.
+const PROTOCOL: u64 = 1;
+
+/// What a request answers beside its id, or what happened, in words.
+type Answer = Result<Map<String, Value>, String>;
+
+/// A load cell of the process protocol: its readings are the scene's, in N. It has no range, and is never broken.
+#[derive(Default)]
+pub struct ProcessLoadCell {}
+
+/// An array of the process protocol: its outputs are the scene's, in units of the reading for 1 N straight above one.
+#[derive(Default)]
+pub struct ProcessArray {}
+
+impl ProcessLoadCell {
+    /// A load cell.
+    pub fn new() -> Self {
+        ProcessLoadCell {}
+    }
+}
+
+impl ProcessArray {
+    /// An array.
+    pub fn new() -> Self {
+        ProcessArray {}
+    }
+}
+
+impl Instrument for ProcessLoadCell {
+    fn device(&self) -> Device {
+        Device::LoadCell
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        take_line(inbox)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        reply(request, |request| match request.verb()? {
+            "identify" => Ok(identity("load_cell")),
+            "read" => Ok(object(json!({ "force_n": scene.load_cell_n(now_s) }))),
+            verb => Err(unknown(verb)),
+        })
+    }
+}
+
+impl Instrument for ProcessArray {
+    fn device(&self) -> Device {
+        Device::Array
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        take_line(inbox)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let units = scene.taxels();
+        reply(request, |request| match request.verb()? {
+            "identify" => {
+                let mut answer = identity("array");
+                answer.insert("units".into(), json!(units));
+                Ok(answer)
+            }
+            "read" => {
+                let mut outputs = vec![0.0; units];
+                scene.outputs(now_s, &mut outputs);
+                Ok(object(json!({ "outputs": outputs })))
+            }
+            verb => Err(unknown(verb)),
+        })
+    }
+}
+
+/// A request that is JSON.
+struct Request(Value);
+
+impl Request {
+    fn parse(line: &[u8]) -> Result<Request, String> {
+        match serde_json::from_slice(line) {
+            Ok(value @ Value::Object(_)) => Ok(Request(value)),
+            Ok(_) => Err("a request is an object".into()),
+            Err(error) => Err(format!("not JSON: {error}")),
+        }
+    }
+
+    fn id(&self) -> Option<i64> {
+        self.0.get("id")?.as_i64()
+    }
+
+    fn verb(&self) -> Result<&str, String> {
+        self.0.get("do").and_then(Value::as_str).ok_or_else(|| "what to do isn't said".into())
+    }
+
+    fn number(&self, key: &str) -> Result<f64, String> {
+        self.0.get(key).and_then(Value::as_f64).ok_or_else(|| format!("{key} is no number"))
+    }
+
+    fn object(&self, key: &str) -> Result<&Map<String, Value>, String> {
+        self.0.get(key).and_then(Value::as_object).ok_or_else(|| format!("{key} is no object"))
+    }
+}
+
+/// Takes the next line, if it has anything in it.
+fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+    while let Some(end) = inbox.iter().position(|&byte| byte == b'\n') {
+        let line: Vec<u8> = inbox.drain(..=end).collect();
+        let line = line.trim_ascii();
+        if !line.is_empty() {
+            return Some(line.to_vec());
+        }
+    }
+    None
+}
+
+/// The line that answers a request, under its id.
+fn reply(line: &[u8], act: impl FnOnce(&Request) -> Answer) -> Vec<u8> {
+    let request = Request::parse(line);
+    let id = request.as_ref().ok().and_then(Request::id);
+    let answer = match &request {
+        Ok(request) if id.is_some() => act(request),
+        Ok(_) => Err("the request has no id".into()),
+        Err(error) => Err(error.clone()),
+    };
+    reply_line(id, answer)
+}
+
+fn reply_line(id: Option<i64>, answer: Answer) -> Vec<u8> {
+    let mut reply = object(json!({ "id": id }));
+    reply.extend(answer.unwrap_or_else(|error| object(json!({ "error": error }))));
+    (Value::Object(reply).to_string() + "\n").into_bytes()
+}
+
+fn identity(role: &str) -> Map<String, Value> {
+    object(json!({ "role": role, "protocol": PROTOCOL, "identity": format!("emulated {role}, serial number 1") }))
+}
+
+fn unknown(verb: &str) -> String {
+    format!("{verb:?} is nothing this device does")
+}
+
+/// The members of what `json!` made.
+fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(members) => members,
+        _ => Map::new(),
+    }
+}

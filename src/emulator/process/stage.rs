@@ -1,0 +1,248 @@
+use super::{Answer, Instrument, Request, identity, object, reply, reply_line, take_line, unknown};
+use crate::quantity::{Axis, Range};
+use crate::scene::{Device, Scene, Trajectory};
+use serde_json::{Map, Value, json};
+
+/// How far each axis goes to either side of its middle, true mm.
+const END_MM: f64 = 12.5;
+/// Largest speed, mm/s.
+const MOST_MM_S: f64 = 25.0;
+/// Largest acceleration, mm/s^2.
+const MOST_MM_S2: f64 = 100.0;
+/// Acceleration of a stop before the first `prepare`, mm/s^2.
+const FIRST_MM_S2: f64 = 50.0;
+/// Steps of what is read back, a mm.
+const COUNTS_PER_MM: f64 = 1e4;
+/// Longest search for home, s.
+const SEARCH_MOST_S: f64 = 110.0;
+/// Ends the request of a `prepare` that has waited. No line ends with it.
+const WAITED: u8 = b'\n';
+
+/// A stage of the process protocol: 12.5 mm to either side, 25 mm/s, 100 mm/s^2. Until it is homed it takes the place where
+/// it was switched on for zero. Axes move each at the speed that is asked for; a new target is taken under way too.
+///
+/// Homing takes z to the end that lies `away`, then x and y to the marks in the middle of their travel. Until it is done
+/// nothing else is taken, a `stop` neither: for that an answer would have to be owed while others are given.
+pub struct ProcessStage {
+    /// True place less counted, mm; zero once homed.
+    offset_mm: [f64; 3],
+    homed: bool,
+    /// What `prepare` set: none before.
+    limits_mm: Option<[Range; 3]>,
+    acceleration_mm_s2: f64,
+    preparing: Option<Preparing>,
+    /// A `prepare` that is to be answered.
+    due: bool,
+    deaf_until_s: f64,
+}
+
+/// A `prepare` under way.
+struct Preparing {
+    id: Option<i64>,
+    outcome: Result<[Range; 3], String>,
+    homes: bool,
+}
+
+impl ProcessStage {
+    /// A stage that is switched on where the scene's axes stand.
+    pub fn new(scene: &Scene) -> Self {
+        ProcessStage {
+            offset_mm: Axis::ALL.map(|axis| scene.motion(axis).end_mm()),
+            homed: false,
+            limits_mm: None,
+            acceleration_mm_s2: FIRST_MM_S2,
+            preparing: None,
+            due: false,
+            deaf_until_s: 0.0,
+        }
+    }
+}
+
+impl Instrument for ProcessStage {
+    fn device(&self) -> Device {
+        Device::Stage
+    }
+
+    /// A `prepare` is taken twice: to begin it, and to answer it.
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        if std::mem::take(&mut self.due) {
+            return Some(vec![WAITED]);
+        }
+        let line = take_line(inbox)?;
+        self.due = Request::parse(&line).is_ok_and(|request| request.id().is_some() && request.verb() == Ok("prepare"));
+        Some(line)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        if request == [WAITED] {
+            return self.end_preparing();
+        }
+        let parsed = Request::parse(request);
+        match parsed.as_ref().map(|request| (request, request.verb())) {
+            Ok((_, Ok("stop"))) => self.stop(scene, now_s),
+            Ok((request, Ok("speed"))) => self.change_speed(request, scene, now_s),
+            Ok((request, Ok("prepare"))) if request.id().is_some() => self.prepare(request, scene, now_s),
+            _ => {
+                return reply(request, |request| match request.verb()? {
+                    "identify" => Ok(identity("stage")),
+                    "move" => self.start_move(request, scene, now_s),
+                    "status" => Ok(self.status(scene, now_s)),
+                    verb => Err(unknown(verb)),
+                });
+            }
+        }
+        Vec::new()
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        self.deaf_until_s
+    }
+}
+
+impl ProcessStage {
+    /// Comes to rest, and goes to look for home if it doesn't know it.
+    fn prepare(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
+        let outcome = self.begin(request, scene, now_s);
+        let homes = outcome.is_ok() && !self.homed;
+        self.preparing = Some(Preparing { id: request.id(), outcome, homes });
+        let end_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
+        self.deaf_until_s = end_s.min(now_s + SEARCH_MOST_S);
+    }
+
+    fn begin(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> Result<[Range; 3], String> {
+        let travel_mm = request.object("travel_mm")?;
+        let mut limits_mm = [Range { min: -END_MM, max: END_MM }; 3];
+        for (limits_mm, axis) in limits_mm.iter_mut().zip(Axis::ALL) {
+            let ends_mm =
+                travel_mm.get(axis.name()).and_then(|ends| serde_json::from_value::<[f64; 2]>(ends.clone()).ok());
+            let [min, max] =
+                ends_mm.ok_or_else(|| format!("travel_mm doesn't say from where to where {} goes", axis.name()))?;
+            if !(-END_MM <= min && min < max && max <= END_MM) {
+                return Err(format!("{} can't go from {min} to {max} mm", axis.name()));
+            }
+            *limits_mm = Range { min, max };
+        }
+        let away = request.number("away")?;
+        if away.abs() != 1.0 {
+            return Err("away is neither +1 nor -1".into());
+        }
+        let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
+        let acceleration_mm_s2 = within(request.number("acceleration_mm_s2")?, MOST_MM_S2, "mm/s^2")?;
+        // with the old one: a weaker brake could carry an axis past the end
+        self.stop(scene, now_s);
+        self.acceleration_mm_s2 = acceleration_mm_s2;
+        if !self.homed {
+            let mut from_s = now_s;
+            for (axes, home_mm) in [(&[Axis::Z][..], away * END_MM), (&[Axis::X, Axis::Y], 0.0)] {
+                let mut end_s = from_s;
+                for &axis in axes {
+                    let brake = scene.motion(axis).clone();
+                    let start_s = brake.end_s().max(from_s);
+                    let state = (brake.end_mm(), 0.0);
+                    let search = Trajectory::to(start_s, state, home_mm, speed_mm_s, self.acceleration_mm_s2);
+                    end_s = end_s.max(search.end_s());
+                    scene.set_motion(axis, brake.then(&search), now_s);
+                }
+                from_s = end_s;
+            }
+            if from_s > now_s + SEARCH_MOST_S {
+                self.stop(scene, now_s);
+                return Err("home wouldn't be found in time at this speed".into());
+            }
+        }
+        Ok(limits_mm)
+    }
+
+    fn end_preparing(&mut self) -> Vec<u8> {
+        let Some(Preparing { id, outcome, homes }) = self.preparing.take() else { return Vec::new() };
+        let answer = outcome.map(|limits_mm| {
+            if homes {
+                (self.homed, self.offset_mm) = (true, [0.0; 3]);
+            }
+            self.limits_mm = Some(limits_mm);
+            Map::new()
+        });
+        reply_line(id, answer)
+    }
+
+    fn start_move(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> Answer {
+        let limits_mm = self.limits_mm.ok_or("the stage isn't prepared")?;
+        let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
+        let to_mm = request.object("to_mm")?;
+        let mut targets_mm = [None; 3];
+        for (name, target) in to_mm {
+            let axis = Axis::ALL
+                .into_iter()
+                .find(|axis| axis.name() == name)
+                .ok_or_else(|| format!("there is no axis {name:?}"))?;
+            let target_mm = target.as_f64().ok_or_else(|| format!("{name} is to go to what is no number"))?;
+            if !limits_mm[axis.index()].contains(target_mm) {
+                return Err(format!("{name} = {target_mm} mm is beyond the travel"));
+            }
+            targets_mm[axis.index()] = Some(scene.target_mm(target_mm).clamp(-END_MM, END_MM));
+        }
+        if targets_mm == [None; 3] {
+            return Err("to_mm names no axis".into());
+        }
+        for (axis, target_mm) in Axis::ALL.into_iter().zip(targets_mm) {
+            if let Some(target_mm) = target_mm {
+                self.go(axis, target_mm, speed_mm_s, scene, now_s);
+            }
+        }
+        Ok(Map::new())
+    }
+
+    fn go(&self, axis: Axis, target_mm: f64, speed_mm_s: f64, scene: &mut Scene, now_s: f64) {
+        let way = Trajectory::to(now_s, commanded(axis, scene, now_s), target_mm, speed_mm_s, self.acceleration_mm_s2);
+        scene.set_motion(axis, way, now_s);
+    }
+
+    /// Gives what moves another speed; what it can't have is ignored, as there is no answer to say so.
+    fn change_speed(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
+        let Ok(speed_mm_s) = request.number("speed_mm_s").and_then(|speed| within(speed, MOST_MM_S, "mm/s")) else {
+            return;
+        };
+        if self.preparing.is_some() {
+            return;
+        }
+        for axis in Axis::ALL {
+            if scene.motion(axis).moving(now_s) {
+                self.go(axis, scene.motion(axis).end_mm(), speed_mm_s, scene, now_s);
+            }
+        }
+    }
+
+    fn stop(&mut self, scene: &mut Scene, now_s: f64) {
+        for axis in Axis::ALL {
+            let state = commanded(axis, scene, now_s);
+            scene.set_motion(axis, Trajectory::stop(now_s, state, self.acceleration_mm_s2), now_s);
+        }
+        if let Some(preparing) = &mut self.preparing {
+            preparing.outcome = Err("stopped while it was prepared".into());
+        }
+    }
+
+    fn status(&self, scene: &mut Scene, now_s: f64) -> Map<String, Value> {
+        let moving = Axis::ALL.into_iter().any(|axis| scene.motion(axis).moving(now_s));
+        let place_mm = |axis: Axis| {
+            let count_mm = scene.axis(axis, now_s).0 - self.offset_mm[axis.index()];
+            (axis.name().to_owned(), json!((count_mm * COUNTS_PER_MM).round() / COUNTS_PER_MM + 0.0))
+        };
+        let position_mm: Map<String, Value> = Axis::ALL.into_iter().map(place_mm).collect();
+        object(json!({ "moving": moving, "position_mm": position_mm }))
+    }
+}
+
+/// A number above zero and up to the most there is.
+fn within(value: f64, most: f64, unit: &str) -> Result<f64, String> {
+    if value > 0.0 && value <= most {
+        Ok(value)
+    } else {
+        Err(format!("{value} {unit} is not above 0 and up to {most}"))
+    }
+}
+
+fn commanded(axis: Axis, scene: &Scene, now_s: f64) -> (f64, f64) {
+    let motion = scene.motion(axis);
+    (motion.position_mm(now_s), motion.speed_mm_s(now_s))
+}
