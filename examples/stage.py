@@ -16,27 +16,35 @@ import time
 class Stage:
     """Your device. A method that can't do what it is asked raises an exception: its text is what palpate tells.
 
-    `stop` and `speed` are called from another thread, in the midst of the other methods too."""
+    `stop` and `speed` are called from another thread, in the midst of the other methods too: hence the lock. `stopped` is set
+    by then, and tells a method that it came too late."""
 
     identity = "stage in memory, serial number 0"
 
     def __init__(self):
+        self.homed = False
         self.travel_mm = None  # until it is prepared
         self.speed_mm_s = 1.0
         self.position_mm = {"x": 0.0, "y": 0.0, "z": 0.0}
         self.target_mm = dict(self.position_mm)
         self.then_s = time.monotonic()
         self.lock = threading.RLock()
+        self.stopped = threading.Event()
 
-    def prepare(self, travel_mm, away, speed_mm_s, acceleration_mm_s2, stopped):
-        """Comes to rest, finds home (z first, toward `away`), takes travel_mm as its limits. Returns when all axes
-        stand, and gives up as soon as `stopped.is_set()`."""
-        self.travel_mm = travel_mm
-        for home_mm in {"z": max(travel_mm["z"], key=lambda end_mm: end_mm * away)}, {"x": 0.0, "y": 0.0}:
-            self.move(home_mm, speed_mm_s)
-            while self.status()[0]:
-                if stopped.wait(0.01):
-                    raise RuntimeError("stopped on the way home")
+    def prepare(self, travel_mm, away, speed_mm_s, acceleration_mm_s2):
+        """Comes to rest, finds home where it isn't known (z first, toward `away`: +1 or -1), takes travel_mm as its
+        limits. Returns when all axes stand; a stop meanwhile ends the search."""
+        self.go({}, speed_mm_s)
+        if not self.homed:
+            for home_mm in {"z": away * 12.5}, {"x": 0.0, "y": 0.0}:
+                self.go(home_mm, speed_mm_s)
+                while self.status()[0] and not self.stopped.is_set():
+                    time.sleep(0.01)
+        with self.lock:
+            if self.stopped.is_set():
+                raise RuntimeError("stopped on the way home")
+            self.homed = True
+            self.travel_mm = travel_mm
 
     def move(self, to_mm, speed_mm_s):
         """Begins a motion of the axes that are named, and returns while they move."""
@@ -46,8 +54,14 @@ class Stage:
             low_mm, high_mm = self.travel_mm[axis]
             if not low_mm <= place_mm <= high_mm:
                 raise ValueError(f"{axis} = {place_mm} mm is beyond the travel")
+        self.go(to_mm, speed_mm_s)
+
+    def go(self, to_mm, speed_mm_s):
+        """Sends some axes on their way and has the others stand, unless a stop was faster."""
         with self.lock:
-            self.status()
+            if self.stopped.is_set():
+                raise RuntimeError("stopped before it began")
+            self.stop()
             self.target_mm.update(to_mm)
             self.speed_mm_s = speed_mm_s
 
@@ -76,16 +90,13 @@ class Stage:
             self.target_mm = dict(self.position_mm)
 
 
-def work(stage, request, stopped):
+def work(stage, request):
     do = request.get("do")
     if do == "identify":
         return {"role": "stage", "protocol": 1, "identity": stage.identity}
     if do == "prepare":
         keys = "travel_mm", "away", "speed_mm_s", "acceleration_mm_s2"
-        try:
-            stage.prepare(*(request[key] for key in keys), stopped)
-        finally:
-            stage.stop()
+        stage.prepare(*(request[key] for key in keys))
         return {}
     if do == "move":
         stage.move(request["to_mm"], request["speed_mm_s"])
@@ -96,33 +107,32 @@ def work(stage, request, stopped):
     raise ValueError(f"unknown request {do!r}")
 
 
-def listen(stage, requests, stopped):
+def listen(stage, requests):
     """Reads requests, and does at once what can't wait for the one before it."""
     for line in sys.stdin:
         request = json.loads(line)
         do = request.get("do")
         if do == "stop":
-            stopped.set()
+            stage.stopped.set()
             stage.stop()
         elif do == "speed":
             stage.speed(request["speed_mm_s"])
         else:
-            if do == "prepare":
-                stopped.clear()
+            stage.stopped.clear()
             requests.put(request)
     # palpate is done
-    stopped.set()
+    stage.stopped.set()
     requests.put(None)
 
 
 def main():
     # Ctrl-C is palpate's to act on: it closes the standard input when all is at rest
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stage, requests, stopped = Stage(), queue.Queue(), threading.Event()
-    threading.Thread(target=listen, args=(stage, requests, stopped), daemon=True).start()
+    stage, requests = Stage(), queue.Queue()
+    threading.Thread(target=listen, args=(stage, requests), daemon=True).start()
     for request in iter(requests.get, None):
         try:
-            reply = work(stage, request, stopped)
+            reply = work(stage, request)
         except Exception as error:
             reply = {"error": f"{type(error).__name__}: {error}"}
         print(json.dumps({"id": request["id"], **reply}), flush=True)
