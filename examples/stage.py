@@ -34,7 +34,7 @@ class Stage:
     def prepare(self, travel_mm, away, speed_mm_s, acceleration_mm_s2):
         """Comes to rest, finds home where it isn't known (z first, toward `away`: +1 or -1), takes travel_mm as its
         limits. Returns when all axes stand; a stop meanwhile ends the search."""
-        self.go({}, speed_mm_s)
+        self.stop()
         if not self.homed:
             for home_mm in {"z": away * 12.5}, {"x": 0.0, "y": 0.0}:
                 self.go(home_mm, speed_mm_s)
@@ -57,11 +57,11 @@ class Stage:
         self.go(to_mm, speed_mm_s)
 
     def go(self, to_mm, speed_mm_s):
-        """Sends some axes on their way and has the others stand, unless a stop was faster."""
+        """Sends some axes on their way, unless a stop was faster."""
         with self.lock:
             if self.stopped.is_set():
                 raise RuntimeError("stopped before it began")
-            self.stop()
+            self.status()
             self.target_mm.update(to_mm)
             self.speed_mm_s = speed_mm_s
 
