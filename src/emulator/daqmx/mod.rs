@@ -146,8 +146,8 @@ impl NiDaqmx for DaqmxEmulator {
     fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32 {
         self.with_task(task, |acquisition| {
             acquisition.must_stand()?;
-            // written so that no number is refused too
-            if !(rate_hz > 0.0 && rate_hz <= RATE_MOST_HZ) || !(1..=BUFFER_MOST).contains(&samples_per_channel) {
+            let sound = rate_hz > 0.0 && rate_hz <= RATE_MOST_HZ && (1..=BUFFER_MOST).contains(&samples_per_channel);
+            if !sound {
                 return Err(Status::BAD_VALUE);
             }
             acquisition.clock = Some((rate_hz, samples_per_channel));

@@ -1,5 +1,6 @@
 use super::errors::{self, Code};
 use super::events::{self, Events, INPUTS, RANGE_V};
+use super::gathering::{Gathering, Source};
 use super::group::{Group, Initialize, Object, Outcome, State};
 use super::positioner::{self, Positioner, SGamma};
 use super::syntax::{Call, Type, number, numbers};
@@ -21,6 +22,7 @@ const TICK_S: f64 = 0.001;
 pub struct Controller {
     group: Group,
     events: Events,
+    gathering: Gathering,
     volts_per_newton: f64,
     outputs_v: [f64; INPUTS],
 }
@@ -53,12 +55,21 @@ impl From<String> for Answer {
 
 impl Controller {
     pub fn new(group: Group, volts_per_newton: f64) -> Self {
-        Controller { group, events: Events::default(), volts_per_newton, outputs_v: [0.0; INPUTS] }
+        let (events, gathering) = (Events::default(), Gathering::default());
+        Controller { group, events, gathering, volts_per_newton, outputs_v: [0.0; INPUTS] }
     }
 
-    /// Draws the consequences of what has ended by `now_s`, and lets the events that are met happen.
+    /// Draws the consequences of what has ended by `now_s`, gathers, and lets the events that are met happen.
     pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
         self.group.notice(scene, now_s);
+        let positioners = &self.group.positioners;
+        let read = |source| match source {
+            Source::Position(index) => positioners[index].count_mm(scene, now_s),
+            Source::Setpoint(index) => positioners[index].setpoint_mm(scene, now_s),
+            Source::Velocity(index) => positioners[index].speed_mm_s(scene, now_s),
+            Source::Input(input) => events::input_v(input, self.volts_per_newton, scene, now_s),
+        };
+        self.gathering.look(read, now_s);
         if !self.guards(scene, now_s) {
             return;
         }
@@ -73,7 +84,8 @@ impl Controller {
     /// When [`notice`](Self::notice) may next have something to do, s; infinite: not by itself.
     pub fn next_s(&self, scene: &Scene, now_s: f64) -> f64 {
         let look_s = if self.guards(scene, now_s) { now_s + TICK_S } else { f64::INFINITY };
-        look_s.min(self.group.end_s())
+        let gather_s = self.gathering.next_s().max(now_s + TICK_S);
+        look_s.min(gather_s).min(self.group.end_s())
     }
 
     /// Whether no link waits for what the group is about.
@@ -118,6 +130,7 @@ impl Controller {
             }
             name if name.starts_with("GPIO") => self.run_analog(call, scene, now_s),
             name if name.starts_with("Event") => self.run_event(call),
+            name if name.starts_with("Gathering") => self.run_gathering(call, scene, now_s),
             name if name.starts_with("Positioner") => self.run_positioner(call, scene, now_s),
             name if name.starts_with("Group") => self.run_group(call, scene, now_s),
             _ => Err(Code::UNKNOWN_COMMAND),
@@ -337,6 +350,50 @@ impl Controller {
             "EventExtendedAllGet" => {
                 let ids = self.events.ids()?;
                 tell(call, Type::Char, &ids)
+            }
+            _ => Err(Code::UNKNOWN_COMMAND),
+        }
+    }
+
+    fn run_gathering(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let gathering = &mut self.gathering;
+        match call.name {
+            "GatheringConfigurationSet" => {
+                gathering.configure(&mut call, &self.group)?;
+                done(call)
+            }
+            "GatheringConfigurationGet" => {
+                let types = gathering.types()?;
+                tell(call, Type::Char, &types)
+            }
+            "GatheringRun" => {
+                let (number, divisor) = (call.whole()?, call.whole()?);
+                call.end()?;
+                gathering.run(number, divisor, now_s)?;
+                // who waits, or does nothing, now looks after this as well
+                self.group.stirred = true;
+                self.notice(scene, now_s);
+                Ok(().into())
+            }
+            "GatheringStop" => {
+                call.end()?;
+                gathering.stop().map(Answer::from)
+            }
+            "GatheringReset" => {
+                call.end()?;
+                gathering.reset().map(Answer::from)
+            }
+            "GatheringCurrentNumberGet" => {
+                call.results(Type::Int, 2)?;
+                gathering.numbers().map(Answer::from)
+            }
+            "GatheringDataGet" => {
+                let lines = gathering.lines(call.whole()?, 1)?;
+                tell(call, Type::Char, &lines)
+            }
+            "GatheringDataMultipleLinesGet" => {
+                let lines = gathering.lines(call.whole()?, call.whole()?)?;
+                tell(call, Type::Char, &lines)
             }
             _ => Err(Code::UNKNOWN_COMMAND),
         }

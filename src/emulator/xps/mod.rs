@@ -15,6 +15,7 @@
 mod controller;
 mod errors;
 mod events;
+mod gathering;
 mod group;
 mod positioner;
 mod syntax;

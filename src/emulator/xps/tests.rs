@@ -335,7 +335,10 @@ fn a_kill_brakes_and_ends_what_waits() {
 
 /// A controller on the wire, homed; its scene, and three sockets.
 async fn wired() -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
-    let scene = scene();
+    wired_on(scene()).await
+}
+
+async fn wired_on(scene: Scene) -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
     let xps = shared(xps(&scene));
     let (scene, origin) = (shared(scene), Instant::now());
     let mut wires = [0; 3].map(|_| Wire::to(xps.clone(), scene.clone(), origin));
@@ -451,6 +454,69 @@ async fn an_armed_guard_costs_nothing_while_nothing_moves() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_guard_watches_on_while_a_slow_link_takes_its_time() {
+    let (scene, [mut moves, mut polls, _], _) = wired_on(scene_with(|spec| spec.latencies.stage_s = (0.7, 0.7))).await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    for (sent, answered) in GUARD {
+        exchange(&mut polls, sent, answered).await;
+    }
+    moves.send(b"GroupMoveAbsolute(XYZ,0,0,-3)").await;
+    sleep(Duration::from_secs(1)).await;
+    // the move began 0.7 s after it was sent, and ends within 0.8 s: before this is acted on
+    exchange(&mut moves, "GroupStatusGet(XYZ,int *)", "-27,GroupMoveAbsolute(XYZ,0,0,-3),EndOfAPI").await;
+    exchange(&mut moves, "", "0,10,EndOfAPI").await;
+    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
+    assert!((1.5..1.52).contains(&force_n), "{force_n} N");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_is_gathered_lies_on_one_clock() {
+    let (_, [mut moves, mut polls, _], _) = wired().await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    let not_yet = "-32,GatheringRun(10,10),EndOfAPI";
+    exchange(&mut polls, "GatheringRun(10,10)", not_yet).await;
+    let types = "XYZ.Z.CurrentPosition,XYZ.Z.SetpointPosition,XYZ.Z.CurrentVelocity,GPIO2.ADC1";
+    exchange(&mut polls, &format!("GatheringConfigurationSet({types})"), "0,,EndOfAPI").await;
+    let bad = "GatheringConfigurationSet(XYZ.Z.Colour)";
+    exchange(&mut polls, bad, &format!("-29,{bad},EndOfAPI")).await;
+    let told = format!("0,{},EndOfAPI", types.replace(',', ";"));
+    exchange(&mut polls, "GatheringConfigurationGet(char *)", &told).await;
+    exchange(&mut polls, "GatheringDataGet(0,char *)", "-30,GatheringDataGet(0,char *),EndOfAPI").await;
+    exchange(&mut polls, "GatheringRun(1000,10)", "0,,EndOfAPI").await;
+    exchange(&mut polls, "GatheringRun(1000,10)", "-43,GatheringRun(1000,10),EndOfAPI").await;
+    moves.send(b"GroupMoveAbsolute(XYZ.Z,-0.5)").await;
+    sleep(Duration::from_millis(100)).await;
+    exchange(&mut moves, "", "0,,EndOfAPI").await;
+    sleep(Duration::from_secs(2)).await;
+    exchange(&mut polls, "GatheringCurrentNumberGet(int *,int *)", "0,1000,250000,EndOfAPI").await;
+    exchange(&mut polls, "GatheringDataGet(0,char *)", "0,0;0;0;0,EndOfAPI").await;
+    exchange(&mut polls, "GatheringDataGet(999,char *)", "0,-0.5;-0.5;0;2,EndOfAPI").await;
+    let beyond = "GatheringDataGet(1000,char *)";
+    exchange(&mut polls, beyond, &format!("-17,{beyond},EndOfAPI")).await;
+    let two = "0,-0.5;-0.5;0;2\n-0.5;-0.5;0;2,EndOfAPI";
+    exchange(&mut polls, "GatheringDataMultipleLinesGet(998,2,char *)", two).await;
+    let long = "GatheringDataMultipleLinesGet(0,500,char *)";
+    exchange(&mut polls, long, &format!("-17,{long},EndOfAPI")).await;
+    // 1 mm/s: a micrometre a sample, 4 mV with it
+    let mut before = [0.0; 4];
+    for sample in 100..110 {
+        polls.send(format!("GatheringDataGet({sample},char *)").as_bytes()).await;
+        let mut reply = Vec::new();
+        while !reply.ends_with(b",EndOfAPI") {
+            reply.extend(polls.ask(b"", 1).await);
+        }
+        let reply = String::from_utf8(reply).expect("text");
+        let values = reply.split(',').nth(1).expect("values").split(';').map(|value| value.parse().expect("a number"));
+        let values: Vec<f64> = values.collect();
+        assert!((values[3] + 4.0 * values[0]).abs() < 1e-9 && (values[2] + 1.0).abs() < 1e-9, "{values:?}");
+        assert!(sample == 100 || (before[0] - values[0] - 0.001).abs() < 1e-9, "{values:?} after {before:?}");
+        before.copy_from_slice(&values);
+    }
+    exchange(&mut polls, "GatheringStop()", "-30,GatheringStop(),EndOfAPI").await;
+    exchange(&mut polls, "GatheringReset()", "0,,EndOfAPI").await;
+}
+
+#[tokio::test(start_paused = true)]
 async fn garbage_is_told_to_be_and_the_next_call_answered() {
     let (_, [mut wire, ..], _) = wired().await;
     wire.send(&[b'x'; 5000]).await;
@@ -502,7 +568,10 @@ proptest! {
     }
 }
 
-const CALLS: [&str; 16] = [
+const CALLS: [&str; 19] = [
+    "GatheringConfigurationSet(XYZ.X.CurrentPosition,GPIO2.ADC1)",
+    "GatheringRun(100,10)",
+    "GatheringDataMultipleLinesGet(0,10,char *)",
     "GroupMoveAbsolute(XYZ,1,-12,12)",
     "GroupMoveRelative(XYZ.X,5)",
     "GroupMoveAbort(XYZ)",
