@@ -17,6 +17,7 @@ mod errors;
 mod events;
 mod gathering;
 mod group;
+mod motion;
 mod positioner;
 mod syntax;
 #[cfg(test)]

@@ -1,0 +1,194 @@
+use super::controller::{Answer, Controller, tell};
+use super::errors::Code;
+use super::group::{Group, Initialize, Object, State};
+use super::positioner::{self, Positioner, SGamma};
+use super::syntax::{Call, Type, numbers};
+use crate::scene::Scene;
+
+/// The calls that concern the group and its positioners.
+impl Controller {
+    /// Calls of the group, or of the group or one positioner.
+    pub(super) fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let name = call.name;
+        if name == "GroupStatusStringGet" {
+            let text = State::text(call.whole()?);
+            return tell(call, Type::Char, text);
+        }
+        let known = [
+            "GroupPositionCurrentGet",
+            "GroupPositionSetpointGet",
+            "GroupVelocityCurrentGet",
+            "GroupMotionStatusGet",
+            "GroupMoveAbsolute",
+            "GroupMoveRelative",
+            "GroupJogParametersSet",
+            "GroupJogParametersGet",
+            "GroupJogCurrentGet",
+        ];
+        if !known.contains(&name) {
+            return self.run_whole_group(call, scene, now_s);
+        }
+        let object = self.group.object(call.text()?)?;
+        let each = match object {
+            Object::Group => 0..3,
+            Object::Positioner(index) => index..index + 1,
+        };
+        match name {
+            "GroupMoveAbsolute" | "GroupMoveRelative" => {
+                let mut numbers = [None; 3];
+                for index in each {
+                    numbers[index] = Some(call.number()?);
+                }
+                call.end()?;
+                let move_so = if name == "GroupMoveAbsolute" { Group::move_to } else { Group::move_by };
+                move_so(&mut self.group, numbers, scene, now_s).map(Answer::from)
+            }
+            "GroupJogParametersSet" => {
+                let mut jogs = [None; 3];
+                for index in each {
+                    jogs[index] = Some((call.number()?, call.number()?));
+                }
+                call.end()?;
+                self.group.jog(jogs, scene, now_s).map(Answer::from)
+            }
+            "GroupMotionStatusGet" => {
+                call.results(Type::Int, each.len())?;
+                let busy = &self.group.busy(scene, now_s)[each];
+                let numbers: Vec<&str> = busy.iter().map(|busy| if *busy { "1" } else { "0" }).collect();
+                Ok(numbers.join(",").into())
+            }
+            "GroupJogParametersGet" | "GroupJogCurrentGet" => {
+                call.results(Type::Double, 2 * each.len())?;
+                let current = name == "GroupJogCurrentGet";
+                let jogs = self.group.positioners[each].iter().flat_map(|positioner| {
+                    let (speed_mm_s, acceleration_mm_s2) = positioner.jog;
+                    [if current { positioner.speed_mm_s(scene, now_s) } else { speed_mm_s }, acceleration_mm_s2]
+                });
+                Ok(numbers(jogs).into())
+            }
+            _ => {
+                call.results(Type::Double, each.len())?;
+                let tell = |positioner: &Positioner| match name {
+                    "GroupPositionCurrentGet" => positioner.count_mm(scene, now_s),
+                    "GroupPositionSetpointGet" => positioner.setpoint_mm(scene, now_s),
+                    _ => positioner.speed_mm_s(scene, now_s),
+                };
+                Ok(numbers(self.group.positioners[each].iter().map(tell)).into())
+            }
+        }
+    }
+
+    /// Calls of a group as a whole.
+    fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let name = call.name;
+        let known = [
+            "GroupKill",
+            "GroupInitialize",
+            "GroupInitializeNoEncoderReset",
+            "GroupInitializeWithEncoderCalibration",
+            "GroupHomeSearch",
+            "GroupHomeSearchAndRelativeMove",
+            "GroupMotionEnable",
+            "GroupMotionDisable",
+            "GroupMoveAbort",
+            "GroupJogModeEnable",
+            "GroupJogModeDisable",
+            "GroupStatusGet",
+        ];
+        if !known.contains(&name) {
+            return Err(Code::UNKNOWN_COMMAND);
+        }
+        if self.group.object(call.text()?)? != Object::Group {
+            return Err(Code::WRONG_OBJECT);
+        }
+        if name == "GroupStatusGet" {
+            let status = self.group.status().to_string();
+            return tell(call, Type::Int, &status);
+        }
+        if name == "GroupHomeSearchAndRelativeMove" {
+            let way_mm = [call.number()?, call.number()?, call.number()?];
+            call.end()?;
+            return self.group.home_search(Some(way_mm), scene, now_s).map(Answer::from);
+        }
+        call.end()?;
+        match name {
+            "GroupKill" => {
+                self.group.kill(scene, now_s);
+                Ok(().into())
+            }
+            "GroupInitialize" => self.group.initialize(Initialize::Plain, scene, now_s).map(Answer::from),
+            "GroupInitializeNoEncoderReset" => {
+                self.group.initialize(Initialize::KeepCount, scene, now_s).map(Answer::from)
+            }
+            "GroupInitializeWithEncoderCalibration" => {
+                self.group.initialize(Initialize::Calibrate, scene, now_s).map(Answer::from)
+            }
+            "GroupHomeSearch" => self.group.home_search(None, scene, now_s).map(Answer::from),
+            "GroupMoveAbort" => self.group.abort(scene, now_s).map(Answer::from),
+            "GroupJogModeEnable" => self.group.jog_mode(true, scene, now_s).map(Answer::from),
+            "GroupJogModeDisable" => self.group.jog_mode(false, scene, now_s).map(Answer::from),
+            _ => self.group.enable(name == "GroupMotionEnable").map(Answer::from),
+        }
+    }
+
+    /// Calls of one positioner.
+    pub(super) fn run_positioner(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+        let name = call.name;
+        match name {
+            "PositionerErrorStringGet" => {
+                call.whole()?;
+                // no positioner here has errors
+                return tell(call, Type::Char, "");
+            }
+            "PositionerHardwareStatusStringGet" => {
+                let text = positioner::hardware_text(call.whole()? as u32);
+                return tell(call, Type::Char, &text);
+            }
+            "PositionerSGammaParametersGet"
+            | "PositionerSGammaParametersSet"
+            | "PositionerMaximumVelocityAndAccelerationGet"
+            | "PositionerUserTravelLimitsGet"
+            | "PositionerUserTravelLimitsSet"
+            | "PositionerErrorGet"
+            | "PositionerHardwareStatusGet" => {}
+            _ => return Err(Code::UNKNOWN_COMMAND),
+        }
+        let Object::Positioner(index) = self.group.object(call.text()?)? else { return Err(Code::WRONG_OBJECT) };
+        let positioner = &mut self.group.positioners[index];
+        match name {
+            "PositionerSGammaParametersGet" => {
+                call.results(Type::Double, 4)?;
+                let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = positioner.s_gamma;
+                Ok(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1]).into())
+            }
+            "PositionerSGammaParametersSet" => {
+                let (speed_mm_s, acceleration_mm_s2) = (call.number()?, call.number()?);
+                let s_gamma = SGamma { speed_mm_s, acceleration_mm_s2, jerk_s: (call.number()?, call.number()?) };
+                call.end()?;
+                if !s_gamma.is_sound() {
+                    return Err(Code::OUT_OF_RANGE);
+                }
+                positioner.s_gamma = s_gamma;
+                Ok(().into())
+            }
+            "PositionerMaximumVelocityAndAccelerationGet" => {
+                call.results(Type::Double, 2)?;
+                Ok(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2]).into())
+            }
+            "PositionerUserTravelLimitsGet" => {
+                call.results(Type::Double, 2)?;
+                Ok(numbers([positioner.limits_mm.0, positioner.limits_mm.1]).into())
+            }
+            "PositionerUserTravelLimitsSet" => {
+                let limits_mm = (call.number()?, call.number()?);
+                call.end()?;
+                self.group.limit(index, limits_mm).map(Answer::from)
+            }
+            "PositionerErrorGet" => tell(call, Type::Int, "0"),
+            _ => {
+                let status = positioner.hardware_status(scene, now_s) as i32;
+                tell(call, Type::Int, &status.to_string())
+            }
+        }
+    }
+}

@@ -1,0 +1,208 @@
+use super::*;
+use crate::emulator::testbed::{Wire, shared};
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// Sends on one socket, and takes exactly what is to be answered.
+async fn exchange(wire: &mut Wire, sent: &str, answered: &str) {
+    let reply = wire.ask(sent.as_bytes(), answered.len()).await;
+    assert_eq!(String::from_utf8_lossy(&reply), answered, "to {sent}");
+}
+
+/// A controller on the wire, homed; its scene, and three sockets.
+async fn wired() -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
+    wired_on(scene()).await
+}
+
+async fn wired_on(scene: Scene) -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
+    let xps = shared(xps(&scene));
+    let (scene, origin) = (shared(scene), Instant::now());
+    let mut wires = [0; 3].map(|_| Wire::to(xps.clone(), scene.clone(), origin));
+    exchange(&mut wires[0], "GroupInitialize(XYZ)", "0,,EndOfAPI").await;
+    exchange(&mut wires[0], "GroupHomeSearch(XYZ)", "0,,EndOfAPI").await;
+    (scene, wires, xps)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_move_holds_its_own_socket_only_and_an_abort_on_another_ends_it() {
+    let (_, [mut moves, mut polls, mut aborts], _) = wired().await;
+    exchange(&mut moves, "PositionerSGammaParametersSet(XYZ.X,1,100,0.005,0.05)", "0,,EndOfAPI").await;
+    let begun = Instant::now();
+    moves.send(b"GroupMoveAbsolute(XYZ, 5, 0, 0)").await;
+    sleep(Duration::from_millis(500)).await;
+    exchange(&mut polls, "GroupStatusGet(XYZ,int *)", "0,44,EndOfAPI").await;
+    exchange(&mut moves, "GroupStatusGet(XYZ,int *)", "-1,GroupStatusGet(XYZ,int *),EndOfAPI").await;
+    exchange(&mut aborts, "GroupMoveAbort(XYZ)", "0,,EndOfAPI").await;
+    exchange(&mut moves, "", "-27,GroupMoveAbsolute(XYZ, 5, 0, 0),EndOfAPI").await;
+    assert!(begun.elapsed() < Duration::from_millis(520), "{:?}", begun.elapsed());
+    exchange(&mut polls, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
+    exchange(&mut moves, "GroupMoveAbsolute(XYZ,0,0,0)", "0,,EndOfAPI").await;
+    for wire in [&mut moves, &mut polls, &mut aborts] {
+        assert!(wire.is_silent().await);
+    }
+}
+
+/// A guard that aborts over 3 V, which is 1.5 N, which is 0.75 mm.
+const GUARD: [(&str, &str); 3] = [
+    (
+        "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,3.0,0,0,0,XYZ.SGamma.MotionState,0,0,0,0)",
+        "0,,EndOfAPI",
+    ),
+    ("EventExtendedConfigurationActionSet(XYZ.MoveAbort,0,0,0,0)", "0,,EndOfAPI"),
+    ("EventExtendedStart(int *)", "0,1,EndOfAPI"),
+];
+
+const SLOW_Z: &str = "PositionerSGammaParametersSet(XYZ.Z,1,100,0.005,0.05)";
+
+#[tokio::test(start_paused = true)]
+async fn a_guard_aborts_a_press_within_a_millisecond_and_is_gone() {
+    let (scene, [mut moves, mut polls, _], _) = wired().await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    for (sent, answered) in GUARD {
+        exchange(&mut polls, sent, answered).await;
+    }
+    exchange(&mut polls, "EventExtendedAllGet(char *)", "0,1,EndOfAPI").await;
+    exchange(&mut moves, "GroupMoveAbsolute(XYZ,0,0,-3)", "-27,GroupMoveAbsolute(XYZ,0,0,-3),EndOfAPI").await;
+    exchange(&mut polls, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
+    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
+    // 1 mm/s for 2 ms, and 5 um to brake
+    assert!((1.5..1.5 + 0.008 * STIFFNESS_N_MM).contains(&force_n), "{force_n} N");
+    exchange(&mut polls, "EventExtendedAllGet(char *)", "-83,EventExtendedAllGet(char *),EndOfAPI").await;
+    exchange(&mut moves, "GroupMoveAbsolute(XYZ,0,0,-1)", "0,,EndOfAPI").await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_guard_that_always_guards_is_armed_during_a_move_and_stays_until_it_is_removed() {
+    let (scene, [mut moves, mut polls, _], _) = wired().await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    moves.send(b"GroupMoveAbsolute(XYZ.Z,-3)").await;
+    sleep(Duration::from_millis(100)).await;
+    let always = "EventExtendedConfigurationTriggerSet(Always,0,0,0,0,GPIO2.ADC1.ADCHighLimit,3,0,0,0)";
+    exchange(&mut polls, always, "0,,EndOfAPI").await;
+    for (sent, answered) in &GUARD[1..] {
+        exchange(&mut polls, sent, answered).await;
+    }
+    exchange(&mut moves, "", "-27,GroupMoveAbsolute(XYZ.Z,-3),EndOfAPI").await;
+    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
+    assert!((1.5..1.52).contains(&force_n), "{force_n} N");
+    // it is over the limit, so it can't move at all
+    exchange(&mut moves, "GroupMoveAbsolute(XYZ.Z,0)", "-27,GroupMoveAbsolute(XYZ.Z,0),EndOfAPI").await;
+    exchange(&mut polls, "EventExtendedRemove(1)", "0,,EndOfAPI").await;
+    exchange(&mut moves, "GroupMoveAbsolute(XYZ.Z,0)", "0,,EndOfAPI").await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_a_closed_socket_began_goes_on_and_is_guarded() {
+    let (scene, [mut moves, mut polls, mut other], xps) = wired().await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    for (sent, answered) in GUARD {
+        exchange(&mut polls, sent, answered).await;
+    }
+    moves.send(b"GroupMoveAbsolute(XYZ,1,0,-3)").await;
+    sleep(Duration::from_millis(100)).await;
+    drop(moves);
+    sleep(Duration::from_secs(10)).await;
+    assert!(xps.lock().expect("sound").controller().is_unattended());
+    exchange(&mut other, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
+    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
+    assert!((1.5..1.52).contains(&force_n), "{force_n} N");
+    // a jog has no socket that waits for it, and is guarded too
+    exchange(&mut polls, "EventExtendedStart(int *)", "0,2,EndOfAPI").await;
+    exchange(&mut polls, "GroupMoveAbsolute(XYZ.Z,0.5)", "-27,GroupMoveAbsolute(XYZ.Z,0.5),EndOfAPI").await;
+    exchange(&mut polls, "GroupMoveAbsolute(XYZ.Z,0.5)", "0,,EndOfAPI").await;
+    exchange(&mut polls, "EventExtendedStart(int *)", "0,3,EndOfAPI").await;
+    exchange(&mut polls, "GroupJogModeEnable(XYZ)", "0,,EndOfAPI").await;
+    exchange(&mut polls, "GroupJogParametersSet(XYZ.Z,-1,100)", "0,,EndOfAPI").await;
+    sleep(Duration::from_secs(10)).await;
+    exchange(&mut other, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
+    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
+    assert!((1.5..1.52).contains(&force_n), "{force_n} N");
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_armed_guard_costs_nothing_while_nothing_moves() {
+    let (_, [_, mut polls, _], xps) = wired().await;
+    for (sent, answered) in GUARD {
+        exchange(&mut polls, sent, answered).await;
+    }
+    let mut scene = scene();
+    assert_eq!(xps.lock().expect("sound").owed(&mut scene, 100.0), Owed::Nothing);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_guard_watches_on_while_a_slow_link_takes_its_time() {
+    let (scene, [mut moves, mut polls, _], _) = wired_on(scene_with(|spec| spec.latencies.stage_s = (0.7, 0.7))).await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    for (sent, answered) in GUARD {
+        exchange(&mut polls, sent, answered).await;
+    }
+    moves.send(b"GroupMoveAbsolute(XYZ,0,0,-3)").await;
+    sleep(Duration::from_secs(1)).await;
+    // the move began 0.7 s after it was sent, and ends within 0.8 s: before this is acted on
+    exchange(&mut moves, "GroupStatusGet(XYZ,int *)", "-27,GroupMoveAbsolute(XYZ,0,0,-3),EndOfAPI").await;
+    exchange(&mut moves, "", "0,10,EndOfAPI").await;
+    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
+    assert!((1.5..1.52).contains(&force_n), "{force_n} N");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_is_gathered_lies_on_one_clock() {
+    let (_, [mut moves, mut polls, _], _) = wired().await;
+    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
+    let not_yet = "-32,GatheringRun(10,10),EndOfAPI";
+    exchange(&mut polls, "GatheringRun(10,10)", not_yet).await;
+    let types = "XYZ.Z.CurrentPosition,XYZ.Z.SetpointPosition,XYZ.Z.CurrentVelocity,GPIO2.ADC1";
+    exchange(&mut polls, &format!("GatheringConfigurationSet({types})"), "0,,EndOfAPI").await;
+    let bad = "GatheringConfigurationSet(XYZ.Z.Colour)";
+    exchange(&mut polls, bad, &format!("-29,{bad},EndOfAPI")).await;
+    let told = format!("0,{},EndOfAPI", types.replace(',', ";"));
+    exchange(&mut polls, "GatheringConfigurationGet(char *)", &told).await;
+    exchange(&mut polls, "GatheringDataGet(0,char *)", "-30,GatheringDataGet(0,char *),EndOfAPI").await;
+    exchange(&mut polls, "GatheringRun(1000,10)", "0,,EndOfAPI").await;
+    exchange(&mut polls, "GatheringRun(1000,10)", "-43,GatheringRun(1000,10),EndOfAPI").await;
+    moves.send(b"GroupMoveAbsolute(XYZ.Z,-0.5)").await;
+    sleep(Duration::from_millis(100)).await;
+    exchange(&mut moves, "", "0,,EndOfAPI").await;
+    sleep(Duration::from_secs(2)).await;
+    exchange(&mut polls, "GatheringCurrentNumberGet(int *,int *)", "0,1000,250000,EndOfAPI").await;
+    exchange(&mut polls, "GatheringDataGet(0,char *)", "0,0;0;0;0,EndOfAPI").await;
+    exchange(&mut polls, "GatheringDataGet(999,char *)", "0,-0.5;-0.5;0;2,EndOfAPI").await;
+    let beyond = "GatheringDataGet(1000,char *)";
+    exchange(&mut polls, beyond, &format!("-17,{beyond},EndOfAPI")).await;
+    let two = "0,-0.5;-0.5;0;2\n-0.5;-0.5;0;2,EndOfAPI";
+    exchange(&mut polls, "GatheringDataMultipleLinesGet(998,2,char *)", two).await;
+    let long = "GatheringDataMultipleLinesGet(0,500,char *)";
+    exchange(&mut polls, long, &format!("-17,{long},EndOfAPI")).await;
+    // 1 mm/s: a micrometre a sample, 4 mV with it
+    let mut before = [0.0; 4];
+    for sample in 100..110 {
+        polls.send(format!("GatheringDataGet({sample},char *)").as_bytes()).await;
+        let mut reply = Vec::new();
+        while !reply.ends_with(b",EndOfAPI") {
+            reply.extend(polls.ask(b"", 1).await);
+        }
+        let reply = String::from_utf8(reply).expect("text");
+        let values = reply.split(',').nth(1).expect("values").split(';').map(|value| value.parse().expect("a number"));
+        let values: Vec<f64> = values.collect();
+        assert!((values[3] + 4.0 * values[0]).abs() < 1e-9 && (values[2] + 1.0).abs() < 1e-9, "{values:?}");
+        assert!(sample == 100 || (before[0] - values[0] - 0.001).abs() < 1e-9, "{values:?} after {before:?}");
+        before.copy_from_slice(&values);
+    }
+    exchange(&mut polls, "GatheringStop()", "-30,GatheringStop(),EndOfAPI").await;
+    exchange(&mut polls, "GatheringReset()", "0,,EndOfAPI").await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn garbage_is_told_to_be_and_the_next_call_answered() {
+    let (_, [mut wire, ..], _) = wired().await;
+    wire.send(&[b'x'; 5000]).await;
+    // four inboxes full, and what is left of the fifth ends with the line
+    for _ in 0..4 {
+        let reply = wire.ask(b"", 1024).await;
+        assert!(reply.starts_with(b"-3,xxx") && reply.ends_with(b"x,EndOfAPI"));
+    }
+    let left = 5000 - 4 * 1024;
+    let reply = wire.ask(b"\r\n", left + 12).await;
+    assert!(reply.starts_with(b"-7,xxx"));
+    exchange(&mut wire, "GroupStatusGet(XYZ,int *)", "0,11,EndOfAPI").await;
+}
