@@ -82,7 +82,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
     // writing to a string can't fail
     for (role, device) in &found.devices {
         let _ = match device {
-            Ok(identity) => writeln!(text, "{role:<11}{}", identity.identity),
+            Ok(identity) => writeln!(text, "{}", beside(role, &identity.identity)),
             Err(_) => writeln!(text, "{role:<11}doesn't work: see below"),
         };
     }
@@ -94,7 +94,13 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
     }
     if let Some(Ok(air)) = &found.air {
         let Air { zero, fresh_share, outputs_sigma_v } = air;
-        let _ = writeln!(text, "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN", "in air", zero.offset_n, 1000.0 * zero.sigma_n);
+        let _ = writeln!(
+            text,
+            "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN",
+            "in air",
+            zero.offset_n,
+            1000.0 * zero.sigma_n
+        );
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
         let _ = writeln!(text, "{:<11}noise of the noisiest output {:.2} mV", "", 1000.0 * outputs_sigma_v);
     }
@@ -102,7 +108,8 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         let _ = writeln!(text, "\nreaction   from a force to the stage's answer to a command");
         text.push_str(&histogram(&found.reactions_s));
         let (worst_ms, limits) = (1000.0 * reaction.worst_s(), &spec.limits);
-        let _ = writeln!(text, "\n{:<11}{worst_ms:.1} ms are reckoned with: half as much again, and 10 ms of servo", "");
+        let _ =
+            writeln!(text, "\n{:<11}{worst_ms:.1} ms are reckoned with: half as much again, and 10 ms of servo", "");
         let _ = writeln!(
             text,
             "{:<11}so that an approach is at most at {approach_mm_s:.2} mm/s\n{:<11}({} N at {} N/mm, {} mm/s^2)",
@@ -114,6 +121,12 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         advice => writeln!(text, "\nto put right\n{}", wrapped(advice)),
     };
     text
+}
+
+/// A word and text of any length in the column beside it.
+fn beside(word: &str, told: &str) -> String {
+    let head = format!("{word:<11}");
+    textwrap::fill(told, textwrap::Options::new(80).initial_indent(&head).subsequent_indent(&" ".repeat(head.len())))
 }
 
 fn wrapped(advice: &[String]) -> String {
@@ -181,7 +194,10 @@ fn slowest_part(reaction: &Reaction) -> String {
         (lag_s, "the load cell's own filter (`lag_ms`): open it"),
     ];
     let (seconds, what) = parts.into_iter().fold((0.0, ""), |most, part| if part.0 > most.0 { part } else { most });
-    format!("Its largest part is {what} ({:.1} ms); or is `limits.stiffness_n_mm` larger than it need be?", 1000.0 * seconds)
+    format!(
+        "Its largest part is {what} ({:.1} ms); or is `limits.stiffness_n_mm` larger than it need be?",
+        1000.0 * seconds
+    )
 }
 
 /// Shortest, median and longest, ms.
@@ -194,7 +210,7 @@ fn spread(seconds: &[f64]) -> Option<[f64; 3]> {
 
 fn histogram(seconds: &[f64]) -> String {
     let Some([shortest, _, longest]) = spread(seconds) else { return String::new() };
-    let width = ((longest - shortest) / BARS as f64).max(1e-3);
+    let width = ((longest - shortest) / BARS as f64).max(1.0);
     let mut counts = [0usize; BARS];
     for s in seconds {
         counts[(((1000.0 * s - shortest) / width) as usize).min(BARS - 1)] += 1;

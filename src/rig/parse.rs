@@ -20,6 +20,8 @@ const FORCE_LIMIT: Bounds = Bounds::above(0.0, 100.0, "N");
 const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
 const UNCERTAINTY: Bounds = Bounds::within(0.01, 10.0, "mm");
+/// Where an XPS' axes are after their search for home (VP-25XL: its switch is in the middle), mm.
+const XPS_HOME_MM: f64 = 0.0;
 const UNITS_MAX: u64 = 4096;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
@@ -182,6 +184,15 @@ fn check_drivers(spec: &RigSpec, root: &Table) {
     {
         let told = "the load cell is on an XPS that isn't the stage's";
         root.complain(Problem::new(root.span_of("load_cell"), told).help("give both the same link and an xps driver"));
+    }
+    if let StageDriver::Xps { group, .. } = &stage.driver
+        && group.home_search
+        && spec.frame.z_from_stage(XPS_HOME_MM) > spec.clear_mm()
+    {
+        let told = "`home_search` takes z to 0, the middle of its travel, which isn't clear of the specimen";
+        let help =
+            "mount the specimen so that `surface_mm` lies beyond 0, or home the group by hand, without the specimen";
+        root.complain(Problem::new(root.span_of("stage"), told).help(help));
     }
     if let StageDriver::Xps { guard: true, .. } = stage.driver
         && !matches!(cell.driver, LoadCellDriver::Xps(_))

@@ -7,10 +7,10 @@ use tokio::time::{Instant, sleep};
 const BUFFER_S: f64 = 10.0;
 
 /// What has waited longer than this is thrown away with the task and sampling begins anew, well before it would run over.
-const REST: Duration = Duration::from_secs(5);
+const REST: Duration = Duration::from_secs(1);
 
-/// Scans that are fetched at once, at most.
-const FETCH_MAX: usize = 8192;
+/// Room to fetch into, s: what has waited as long as it may, and some more. Less than there is would be an error.
+const FETCH_S: f64 = 2.0;
 
 /// Longest wait for a scan beyond its own time: what a USB device holds back, and a busy computer.
 const SCAN_DEADLINE: Duration = Duration::from_millis(500);
@@ -129,8 +129,9 @@ impl Acquisition {
             return Err(self.error(doing, Problem::Link("its task isn't running".to_owned())));
         };
         let channels: usize = self.inputs.iter().map(|inputs| inputs.count).sum();
+        let most = (FETCH_S * self.rate_hz).ceil() as usize + 1;
         let mut buffer = std::mem::take(&mut self.buffer);
-        buffer.resize(channels * FETCH_MAX, 0.0);
+        buffer.resize(channels * most, 0.0);
         let fetched = self.functions.call(move |ni| {
             let mut read = 0;
             let status = ni.read_analog_f64(task, AUTO, &mut buffer, &mut read);
@@ -145,7 +146,7 @@ impl Acquisition {
             fetched => self.said(doing, fetched)?,
         };
         self.looked = Instant::now();
-        let read = usize::try_from(read).unwrap_or(0).min(FETCH_MAX);
+        let read = usize::try_from(read).unwrap_or(0).min(most);
         if read > 0 {
             self.newest.clear();
             self.newest.extend_from_slice(&buffer[(read - 1) * channels..read * channels]);

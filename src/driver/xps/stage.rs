@@ -44,8 +44,8 @@ pub struct Group {
     pub name: String,
     /// Its positioners for x, y and z.
     pub positioners: [String; 3],
-    /// Whether a group that doesn't know where it is may be homed: its search for home must take z away from the specimen
-    /// first, which is set in the controller and can't be asked.
+    /// Whether a group that doesn't know where it is may be homed: the way to its home must be clear of the specimen, in the order
+    /// that is set in the controller, which can't be asked.
     pub home_search: bool,
 }
 
@@ -167,7 +167,7 @@ impl Xps {
             _ if !self.group.home_search => {
                 let told = format!(
                     "the group {group} doesn't know where it is. Home it with the specimen out of the way, or say \
-                     home_search = true where its search takes z away from the specimen first"
+                     home_search = true where the way to its home is clear of the specimen"
                 );
                 return Err(self.error(doing, Problem::Mismatch(told)));
             }
