@@ -4,6 +4,7 @@
 //! 1 done but not accepted, 2 bad recipe, rig or usage (nothing moved), 3 a device, 4 a safety trip, 5 could not record,
 //! 130 cancelled (and parked).
 
+mod align;
 mod check;
 mod doctor;
 mod emulate;
@@ -53,6 +54,7 @@ enum Command {
     Solve(solve::Args),
     Study(study::Args),
     Doctor(doctor::Args),
+    Align(align::Args),
     Emulate(emulate::Args),
     Ports(ports::Args),
 }
@@ -72,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Solve(args) => solve::solve(args),
         Command::Study(args) => study::study(args),
         Command::Doctor(args) => doctor::doctor(args),
+        Command::Align(args) => align::align_rig(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
     };

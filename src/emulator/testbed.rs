@@ -31,6 +31,7 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
         skin: SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() },
         contact: Contact { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
         relaxation: Vec::new(),
+        mounting: None,
         surface_tilt_mm: 0.0,
         relief: None,
         stiffness: None,
@@ -40,7 +41,13 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
         faults: Vec::new(),
     };
     change(&mut spec);
-    let frame = Frame { origin: Place::new(0.0, 0.0), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
+    let frame = Frame {
+        origin: Place::new(0.0, 0.0),
+        rotation_deg: 0.0,
+        surface_z_mm: 0.0,
+        uncertainty_mm: 0.3,
+        down: Down::Minus,
+    };
     let setting = Setting {
         frame,
         layout: ArrayLayout::grid(3, 3, 4.5),

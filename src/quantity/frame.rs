@@ -59,6 +59,16 @@ impl Place {
         Place { x_mm, y_mm }
     }
 
+    /// The place turned about the origin, from x toward y, degrees.
+    #[must_use]
+    pub fn turned(self, degrees: f64) -> Place {
+        if degrees == 0.0 {
+            return self;
+        }
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        Place::new(cos * self.x_mm - sin * self.y_mm, sin * self.x_mm + cos * self.y_mm)
+    }
+
     /// The distance to another place, mm.
     pub fn distance_mm(&self, other: Place) -> f64 {
         (self.x_mm - other.x_mm).hypot(self.y_mm - other.y_mm)
@@ -89,6 +99,8 @@ impl Down {
 pub struct Frame {
     /// Stage x and y of the specimen's origin, mm.
     pub origin: Place,
+    /// How far the specimen's x axis is turned from the stage's toward the stage's y, degrees.
+    pub rotation_deg: f64,
     /// Stage z of the nominal surface, mm.
     pub surface_z_mm: f64,
     /// How far the true surface may be from the nominal one, anywhere on it, mm.
@@ -100,9 +112,10 @@ pub struct Frame {
 impl Frame {
     /// Stage coordinates of a point of the specimen frame; `z_mm` grows into the specimen.
     pub fn to_stage(&self, place: Place, z_mm: f64) -> Position {
+        let turned = place.turned(self.rotation_deg);
         Position {
-            x_mm: self.origin.x_mm + place.x_mm,
-            y_mm: self.origin.y_mm + place.y_mm,
+            x_mm: self.origin.x_mm + turned.x_mm,
+            y_mm: self.origin.y_mm + turned.y_mm,
             z_mm: self.surface_z_mm + self.down.sign() * z_mm,
         }
     }
@@ -114,7 +127,15 @@ impl Frame {
 
     /// The specimen frame's place under a stage x and y.
     pub fn place_from_stage(&self, x_mm: f64, y_mm: f64) -> Place {
-        Place::new(x_mm - self.origin.x_mm, y_mm - self.origin.y_mm)
+        Place::new(x_mm - self.origin.x_mm, y_mm - self.origin.y_mm).turned(-self.rotation_deg)
+    }
+
+    /// The frame of a specimen that lies, in this one, at `origin`, is turned by `rotation_deg` and sunk by `z_mm`.
+    #[must_use]
+    pub fn moved(&self, origin: Place, rotation_deg: f64, z_mm: f64) -> Frame {
+        let Position { x_mm, y_mm, z_mm } = self.to_stage(origin, z_mm);
+        let rotation_deg = self.rotation_deg + rotation_deg;
+        Frame { origin: Place::new(x_mm, y_mm), rotation_deg, surface_z_mm: z_mm, ..*self }
     }
 }
 
@@ -125,11 +146,17 @@ mod tests {
     #[test]
     fn the_frame_leads_there_and_back_on_either_side() {
         for down in [Down::Plus, Down::Minus] {
-            let frame = Frame { origin: Place::new(1.0, -2.0), surface_z_mm: 3.0, uncertainty_mm: 0.3, down };
+            let origin = Place::new(1.0, -2.0);
+            let frame = Frame { origin, rotation_deg: 0.0, surface_z_mm: 3.0, uncertainty_mm: 0.3, down };
             let stage = frame.to_stage(Place::new(0.5, 0.25), 0.75);
             assert_eq!(stage.z_mm, 3.0 + down.sign() * 0.75);
             assert_eq!(frame.z_from_stage(stage.z_mm), 0.75);
             assert_eq!(frame.place_from_stage(stage.x_mm, stage.y_mm), Place::new(0.5, 0.25));
+            let turned = frame.moved(Place::new(0.2, 0.1), 90.0, 0.25);
+            let stage = turned.to_stage(Place::new(0.5, 0.25), 0.75);
+            assert!((stage.x_mm - 0.95).abs() < 1e-12 && (stage.y_mm + 1.4).abs() < 1e-12, "{stage:?}");
+            assert_eq!(turned.z_from_stage(stage.z_mm), 0.75);
+            assert!(turned.place_from_stage(stage.x_mm, stage.y_mm).distance_mm(Place::new(0.5, 0.25)) < 1e-12);
         }
     }
 }

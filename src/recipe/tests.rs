@@ -6,7 +6,13 @@ use crate::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Travel};
 
 fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
+    let frame = Frame {
+        origin: Place::default(),
+        rotation_deg: 0.0,
+        surface_z_mm: 0.0,
+        uncertainty_mm: 0.3,
+        down: Down::Minus,
+    };
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout };

@@ -19,6 +19,7 @@ const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const FORCE_LIMIT: Bounds = Bounds::above(0.0, 100.0, "N");
 const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
+pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
 const UNCERTAINTY: Bounds = Bounds::within(0.01, 10.0, "mm");
 /// Where an XPS' axes are after their search for home (VP-25XL: its switch is in the middle), mm.
 const XPS_HOME_MM: f64 = 0.0;
@@ -161,9 +162,10 @@ fn read_frame(mut table: Table) -> Option<Frame> {
             x.zip(y).map(|(x, y)| Place::new(x, y))
         }
     };
+    let rotation_deg = table.number("rotation_deg", ROTATION).unwrap_or(0.0);
     table.finish();
     let (surface_z_mm, uncertainty_mm) = surface?;
-    Some(Frame { origin: origin?, surface_z_mm, uncertainty_mm, down: down? })
+    Some(Frame { origin: origin?, rotation_deg, surface_z_mm, uncertainty_mm, down: down? })
 }
 
 fn check_links(spec: &RigSpec, root: &Table) {
@@ -252,7 +254,7 @@ mod tests {
     fn the_failure_twins_of_the_shipped_rig() {
         assert_eq!(problems("force_n", "force_n"), [""; 0]);
         for (from, to, told) in [
-            ("\"esp301\"", "\"esp310\"", "`driver` is \"esp310\", expected one of esp301, esp300"),
+            ("\"esp301\"", "\"esp310\"", "`driver` is \"esp310\", expected one of esp301, esp300, grbl"),
             ("modbus = \"labjack-t7\"", "modbus = \"labjack\"", "there is no register map \"labjack\""),
             (
                 "modbus = \"labjack-t7\"",

@@ -1,8 +1,10 @@
 use super::SIM_RIG;
+use super::parse::ROTATION;
 use super::skin::read_skin;
 use crate::document::{self, Bounds, Problem, Problems, Table};
+use crate::quantity::Place;
 use crate::scene::{
-    Branch, Contact, Fault, FaultKind, Latencies, LoadCell, Relief, SceneSpec, Servo, Spikes, Stiffness,
+    Branch, Contact, Fault, FaultKind, Latencies, LoadCell, Mounting, Relief, SceneSpec, Servo, Spikes, Stiffness,
 };
 
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
@@ -10,6 +12,7 @@ const CURVATURE: Bounds = Bounds::within(0.0, 100_000.0, "N/mm^2");
 const TOE: Bounds = Bounds::within(0.0, 10.0, "mm");
 const SHARE: Bounds = Bounds::within(0.0, 10.0, "");
 const TIME: Bounds = Bounds::within(0.01, 86_400.0, "s");
+const PLACE: Bounds = Bounds::within(-100.0, 100.0, "mm");
 const HEIGHT: Bounds = Bounds::within(0.0, 10.0, "mm");
 const WAVELENGTH: Bounds = Bounds::within(0.1, 1000.0, "mm");
 const STIFFER: Bounds = Bounds::within(0.0, 50.0, "%");
@@ -60,6 +63,13 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         table.finish();
         Some(Branch { share: share?, time_s: time_s? })
     }));
+    let mounting = scene.table("mounting").map(|mut table| {
+        let mut along = |key, bounds| table.number(key, bounds).unwrap_or(0.0);
+        let origin = Place::new(along("x_mm", PLACE), along("y_mm", PLACE));
+        let (z_mm, rotation_deg) = (along("z_mm", PLACE), along("rotation_deg", ROTATION));
+        table.finish();
+        Mounting { origin, rotation_deg, z_mm }
+    });
     let (surface_tilt_mm, relief) = scene.table("surface").map_or((0.0, None), read_surface);
     let stiffness = scene.table("stiffness").map(|mut table| {
         let smooth_percent = table.number("smooth_percent", STIFFER).unwrap_or(0.0);
@@ -88,6 +98,7 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         skin: skin?,
         contact: contact?,
         relaxation: relaxation?,
+        mounting,
         surface_tilt_mm,
         relief,
         stiffness,

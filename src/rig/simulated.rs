@@ -71,7 +71,8 @@ impl RigSpec {
         let travel = &self.stage.travel;
         let within = |axis: Axis, mm: f64| mm.clamp(travel.along(axis).min, travel.along(axis).max);
         let setting = Setting {
-            frame: self.frame,
+            // the drivers go by the rig's word, the scene by how the specimen really lies
+            frame: spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm)),
             layout: self.array.layout.clone(),
             full_scale_n: self.limits.force_n,
             half_extent_mm: LOADING_HALF_MM,

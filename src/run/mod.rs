@@ -2,6 +2,7 @@
 //!
 //! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is told what happens.
 
+mod align;
 mod cancel;
 mod clock;
 mod estimate;
@@ -13,6 +14,7 @@ mod ready;
 mod walk;
 mod window;
 
+pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
 pub use estimate::estimated_s;
 pub use examine::{Air, Examination, examine};

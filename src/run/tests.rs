@@ -97,7 +97,13 @@ fn hand<'a>(
         load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
         array: StrawArray,
     };
-    let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
+    let frame = Frame {
+        origin: Place::default(),
+        rotation_deg: 0.0,
+        surface_z_mm: 0.0,
+        uncertainty_mm: 0.3,
+        down: Down::Minus,
+    };
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
     let usage = StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 };
     let timing =

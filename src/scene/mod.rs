@@ -17,7 +17,9 @@ mod truth;
 pub use faults::{Fault, FaultKind};
 pub use motion::Trajectory;
 pub use skin::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
-pub use spec::{Branch, Contact, Device, Latencies, LoadCell, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness};
+pub use spec::{
+    Branch, Contact, Device, Latencies, LoadCell, Mounting, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness,
+};
 pub use truth::Truth;
 
 use crate::quantity::{Axis, Place, Stream, stream};

@@ -1,6 +1,6 @@
 use super::faults::Fault;
 use super::skin::SkinSpec;
-use crate::quantity::{ArrayLayout, Frame, Position};
+use crate::quantity::{ArrayLayout, Frame, Place, Position};
 
 /// The physical terms a scene names; what is `None` or empty isn't modelled.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,6 +11,8 @@ pub struct SceneSpec {
     pub contact: Contact,
     /// What a sudden load adds, and how it decays.
     pub relaxation: Vec<Branch>,
+    /// How the specimen really lies; none: as the rig says.
+    pub mounting: Option<Mounting>,
     /// How far the surface plane may lie from the nominal one, anywhere in the loading area, mm; 0: flat.
     pub surface_tilt_mm: f64,
     /// What the surface has over its plane; none: nothing.
@@ -122,6 +124,17 @@ pub struct Latencies {
     pub array_s: (f64, f64),
     /// What some exchanges of the stage take longer; none: they don't.
     pub stage_spikes: Option<Spikes>,
+}
+
+/// How the specimen really lies, seen from where the rig says it does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mounting {
+    /// Where its origin is.
+    pub origin: Place,
+    /// How far it is turned, degrees.
+    pub rotation_deg: f64,
+    /// How much deeper its surface lies, mm.
+    pub z_mm: f64,
 }
 
 /// Exchanges that take much longer than others.

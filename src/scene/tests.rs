@@ -23,6 +23,7 @@ fn plain() -> SceneSpec {
         skin: skin(),
         contact: CONTACT,
         relaxation: vec![Branch { share: 0.05, time_s: 0.3 }, Branch { share: 0.05, time_s: 5.0 }],
+        mounting: None,
         surface_tilt_mm: 0.0,
         relief: None,
         stiffness: None,
@@ -35,7 +36,13 @@ fn plain() -> SceneSpec {
 
 /// A scene above the origin; stage z falls toward the specimen, whose nominal surface is at 0.
 fn scene(spec: SceneSpec, seed: u64) -> Scene {
-    let frame = Frame { origin: Place::default(), surface_z_mm: 0.0, uncertainty_mm: 0.3, down: Down::Minus };
+    let frame = Frame {
+        origin: Place::default(),
+        rotation_deg: 0.0,
+        surface_z_mm: 0.0,
+        uncertainty_mm: 0.3,
+        down: Down::Minus,
+    };
     let setting = Setting {
         frame,
         layout: ArrayLayout::grid(3, 3, 4.5),

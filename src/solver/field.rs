@@ -30,6 +30,11 @@ impl Area {
         })
     }
 
+    /// The longer of its sides, mm.
+    pub fn side_mm(&self) -> f64 {
+        (self.most.x_mm - self.least.x_mm).max(self.most.y_mm - self.least.y_mm)
+    }
+
     /// The place in it that is nearest to another.
     pub fn clamp(&self, place: Place) -> Place {
         Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))

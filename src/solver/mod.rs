@@ -43,6 +43,7 @@ mod noise;
 mod normal;
 mod pearson;
 mod physics;
+mod placement;
 mod response;
 mod scan;
 mod session;
@@ -62,6 +63,7 @@ pub use evaluation::{
 pub use fitted::{Candidate, Choice, Fitted};
 pub use knn::{NEIGHBOURS, PearsonKnn};
 pub use pearson::{ForceRule, Pearson, correlation};
+pub use placement::{Placement, PlacementError, place_array, plane_through};
 pub use session::Session;
 pub use setting::{Load, Setting};
 pub use solution::{Covariance, Solution, Verdict};

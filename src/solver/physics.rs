@@ -17,21 +17,10 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
         return Err(FitError::TooFewPlaces { places: spots.places().count(), needed: FEWEST_PLACES });
     }
     let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
-    let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm);
-    let (places, per_newton): (Vec<Place>, _) = (spots.places().collect(), spots.per_newton());
-    let units = calibration.units();
-    let covers = [Medium::HalfSpace, Medium::BondedLayer { poisson_ratio: RUBBER }].map(|medium| {
-        let shape = Shape::new(Passage { medium, ..Passage::half_space(1.0) });
-        let of_unit = |unit: usize| {
-            let outputs: Vec<f64> = per_newton[unit..].iter().step_by(units).copied().collect();
-            let start = layout.map(|layout| layout.places()[unit]);
-            Taxel::fit(&shape, &places, &outputs, start, side)
-        };
-        (0..units).map(of_unit).collect::<Vec<Taxel>>()
-    });
-    let misfit = |taxels: &[Taxel]| taxels.iter().map(|taxel| taxel.left.ln()).sum::<f64>();
-    let [half_space, layer] = covers;
-    let taxels = &if misfit(&layer) < misfit(&half_space) { layer } else { half_space };
+    let side = area.side_mm();
+    let places: Vec<Place> = spots.places().collect();
+    let (per_newton, units) = (spots.per_newton(), calibration.units());
+    let taxels = &fitted_taxels(&places, &per_newton, units, layout, side);
 
     let depth_mm = taxels.iter().map(|taxel| taxel.parameters[DEPTH].exp()).fold(side, f64::min);
     let everywhere = |value: fn(&Taxel, Place) -> f64| {
@@ -49,6 +38,41 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
     }
     let held = spots.hold_out(calibration, &residuals, &leverage);
     Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration).known_everywhere())
+}
+
+/// Where each unit of an array is by its own outputs, as [`physics`] finds them, each by itself; it is looked for from where the
+/// layout has it.
+pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Result<Vec<Place>, FitError> {
+    let spots = Spots::of(calibration);
+    let places: Vec<Place> = spots.places().collect();
+    if places.len() < FEWEST_PLACES {
+        return Err(FitError::TooFewPlaces { places: places.len(), needed: FEWEST_PLACES });
+    }
+    let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
+    let taxels = fitted_taxels(&places, &spots.per_newton(), calibration.units(), Some(layout), area.side_mm());
+    Ok(taxels.iter().map(|taxel| Place::new(taxel.parameters[X], taxel.parameters[Y])).collect())
+}
+
+/// The units under the cover that fits better.
+fn fitted_taxels(
+    places: &[Place],
+    per_newton: &[f64],
+    units: usize,
+    layout: Option<&ArrayLayout>,
+    side: f64,
+) -> Vec<Taxel> {
+    let covers = [Medium::HalfSpace, Medium::BondedLayer { poisson_ratio: RUBBER }].map(|medium| {
+        let shape = Shape::new(Passage { medium, ..Passage::half_space(1.0) });
+        let of_unit = |unit: usize| {
+            let outputs: Vec<f64> = per_newton[unit..].iter().step_by(units).copied().collect();
+            let start = layout.map(|layout| layout.places()[unit]);
+            Taxel::fit(&shape, places, &outputs, start, side)
+        };
+        (0..units).map(of_unit).collect::<Vec<Taxel>>()
+    });
+    let misfit = |taxels: &[Taxel]| taxels.iter().map(|taxel| taxel.left.ln()).sum::<f64>();
+    let [half_space, layer] = covers;
+    if misfit(&layer) < misfit(&half_space) { layer } else { half_space }
 }
 
 /// The fewest places that four parameters a unit can be fitted to, with something left to tell the noise by.

@@ -1,0 +1,150 @@
+use super::exit::Failure;
+use super::progress::Progress;
+use super::session::{runtime, stop_on_signal};
+use super::sources::read_rig;
+use super::summary::print;
+use crate::quantity::Frame;
+use crate::rig;
+use crate::run::{AlignError, Alignment, align, align_plan};
+use miette::{IntoDiagnostic, WrapErr};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::{fs, io};
+use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate align rigs/esp301.toml
+  palpate align rigs/sim.toml --dry-run
+
+Presses 5 x 5 places around where the array should be, with half of the force limit, and writes what it finds into the
+[frame] of the rig file; the rest of the file stays as it is. A poor fit is refused and nothing is written.";
+
+/// Find where the specimen lies by pressing it, and write the rig's [frame]
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The rig
+    rig: PathBuf,
+    /// Put our emulators in place of the rig's links, in virtual time; what is found of them isn't written
+    #[arg(long)]
+    simulate: bool,
+    /// Print what was found, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// What a simulated specimen and all noise are drawn from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+/// Presses, fits, tells, and writes.
+pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
+    let (text, spec) = read_rig(&args.rig)?;
+    let invented = args.simulate && !spec.is_simulated();
+    let spec = if args.simulate { spec.simulated() } else { spec };
+    if spec.is_simulated() {
+        spec.emulators(args.seed).map_err(Failure::usage)?;
+    }
+    let plan = align_plan(&spec, args.seed).map_err(Failure::usage)?;
+    let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
+    let mut progress = Progress::new(&plan, 0, false);
+    let found = runtime(spec.is_simulated())?.block_on(align(&spec, args.seed, &cancel, &mut progress));
+    progress.end();
+    let found = found.map_err(|error| match error {
+        AlignError::Halted(halt) => Failure::halted(halt),
+        AlignError::Plan(problems) => Failure::usage(problems),
+        other => Failure::not_accepted(
+            Err::<(), _>(other)
+                .into_diagnostic()
+                .wrap_err("the rig file is left as it is: check `array.grid`, the order of its channels, and `frame.origin_mm`")
+                .unwrap_err(),
+        ),
+    })?;
+    print(&described(&found))?;
+    let written = with_frame(&text, &found).into_diagnostic().map_err(Failure::usage)?;
+    // what a run would refuse isn't written
+    let beside = |name: &str| fs::read_to_string(args.rig.with_file_name(name));
+    rig::parse(&args.rig.display().to_string(), &written, &beside).map_err(Failure::usage)?;
+    if args.dry_run || invented {
+        let why = if args.dry_run { "--dry-run" } else { "a real rig isn't where a simulated one is" };
+        print(&format!("\nnot written ({why})\n"))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    replace(&args.rig, &written)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("{} couldn't be written, and is as it was", args.rig.display()))
+        .map_err(Failure::unwritten)?;
+    print(&format!("\nwritten: [frame] of {}\n", args.rig.display()))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn described(found: &Alignment) -> String {
+    let Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses } = found;
+    let mut text = String::new();
+    // writing to a string can't fail
+    let _ = writeln!(text, "from {presses} presses, seen from the frame so far");
+    let (x, y) = (placement.origin.x_mm, placement.origin.y_mm);
+    let _ = writeln!(text, "  array     x {x:+.3}, y {y:+.3} mm, each +-{:.3} mm", placement.origin_sigma_mm);
+    let _ = writeln!(
+        text,
+        "            turned by {:+.2} degrees, +-{:.2}",
+        placement.rotation_deg, placement.rotation_sigma_deg
+    );
+    let _ = writeln!(text, "            its units lie {:.3} mm off the layout (rms)", placement.misfit_mm);
+    let _ = writeln!(
+        text,
+        "  surface   {:.3} mm {} than believed",
+        surface_mm.abs(),
+        if *surface_mm < 0.0 { "higher" } else { "deeper" }
+    );
+    let _ =
+        writeln!(text, "            its plane rises {tilt_mm:.3} mm to the edge; a touch is +-{touch_sigma_mm:.4} mm");
+    let _ = writeln!(text, "\n[frame]");
+    let Frame { origin, rotation_deg, surface_z_mm, uncertainty_mm, .. } = frame;
+    let _ = writeln!(text, "surface_mm = {{ z = {surface_z_mm:.3}, uncertainty = {uncertainty_mm:.3} }}");
+    let _ = writeln!(text, "origin_mm = {{ x = {:.3}, y = {:.3} }}", origin.x_mm, origin.y_mm);
+    let _ = writeln!(text, "rotation_deg = {rotation_deg:.2}");
+    text
+}
+
+/// The rig's text with the frame that was found; all else, comments too, as it was.
+fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlError> {
+    let mut document: DocumentMut = text.parse()?;
+    let Alignment { frame, placement, .. } = found;
+    let table = |entries: [(&str, f64); 2]| {
+        let mut table = InlineTable::new();
+        table.extend(entries.map(|(key, mm)| (key, Value::from(rounded(mm, 1000.0)))));
+        table.fmt();
+        value(table)
+    };
+    let surface = table([("z", frame.surface_z_mm), ("uncertainty", frame.uncertainty_mm)]);
+    let origin = table([("x", frame.origin.x_mm), ("y", frame.origin.y_mm)]);
+    let turned = value(rounded(frame.rotation_deg, 100.0));
+    let known = |sigma: f64, unit: &str| format!("  # aligned, +-{sigma:.3} {unit} (1 sd)");
+    for (key, mut new, comment) in [
+        ("surface_mm", surface, None),
+        ("origin_mm", origin, Some(known(placement.origin_sigma_mm, "mm"))),
+        ("rotation_deg", turned, Some(known(placement.rotation_sigma_deg, "degrees"))),
+    ] {
+        if let (Some(comment), Item::Value(new)) = (comment, &mut new) {
+            new.decor_mut().set_suffix(comment);
+        }
+        document["frame"][key] = new;
+    }
+    Ok(document.to_string())
+}
+
+fn rounded(number: f64, to: f64) -> f64 {
+    (number * to).round() / to
+}
+
+/// Puts a text in a file's place: whole or not at all.
+fn replace(path: &Path, text: &str) -> io::Result<()> {
+    let beside = path.with_extension("toml.new");
+    let written = fs::write(&beside, text).and_then(|()| fs::rename(&beside, path));
+    if written.is_err() {
+        let _ = fs::remove_file(&beside); // the first error is the one to tell
+    }
+    written
+}

@@ -1,0 +1,143 @@
+use super::walk::{Errand, Listener, walk};
+use super::{Cancel, Halt};
+use crate::control::Strategy;
+use crate::dataset::{Memory, Row};
+use crate::document::Problems;
+use crate::quantity::{Frame, Place};
+use crate::recipe::{self, Manner, Plan};
+use crate::rig::RigSpec;
+use crate::solver::{
+    Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, place_array, plane_through,
+};
+
+/// Presses along either edge of the array.
+const PRESSES_A_SIDE: usize = 5;
+
+/// How hard, as a share of the specimen's force limit: what units err by is a share of their full scale, so that a light press is
+/// heard badly.
+const FORCE_SHARE: f64 = 0.5;
+
+/// Least half of the pressed area's side, mm.
+const HALF_LEAST_MM: f64 = 1.0;
+
+/// How much farther than the units the specimen is pressed later, as a share of their extent (PAPER S8: 6 mm beyond 4.5).
+const LATER_SHARE: f64 = 4.0 / 3.0;
+
+/// What the surface is given for its scatter about the plane, sd, and for what isn't known of it, mm.
+const SURFACE_SIGMAS: f64 = 5.0;
+const SURFACE_LEAST_MM: f64 = 0.02;
+
+/// Where a specimen really is, and how well that is known.
+#[derive(Clone, Copy, Debug)]
+pub struct Alignment {
+    /// The frame it gives: origin, rotation, surface and what the surface may be off.
+    pub frame: Frame,
+    /// The array in the frame that was believed before.
+    pub placement: Placement,
+    /// The surface at the new origin in the frame that was believed before, mm into the specimen.
+    pub surface_mm: f64,
+    /// How far the surface's plane rises over the area that is pressed, from its middle, mm.
+    pub tilt_mm: f64,
+    /// Standard deviation of one touch about the plane, mm.
+    pub touch_sigma_mm: f64,
+    /// How many presses it rests on.
+    pub presses: usize,
+}
+
+/// Why a specimen's place can't be told.
+#[derive(Debug, thiserror::Error)]
+pub enum AlignError {
+    /// The presses can't be made on this rig.
+    #[error("the presses that would show its place don't fit the rig")]
+    Plan(#[source] Problems),
+    /// The walk ended early.
+    #[error("the walk ended early")]
+    Halted(Halt),
+    /// A press gave nothing to go by.
+    #[error("a press gave nothing to go by: {0}")]
+    Press(#[from] CalibrationError),
+    /// The fit is poor.
+    #[error("where the array is can't be told: {0}")]
+    Placement(#[from] PlacementError),
+    /// The touches don't make a plane.
+    #[error("the touches don't make a plane")]
+    Surface,
+}
+
+/// Presses around where the array should be, and finds from the touches where its surface is and from its outputs where it is
+/// itself.
+///
+/// # Errors
+/// Whatever keeps it from an answer: poor fits aren't guessed at.
+pub async fn align(
+    spec: &RigSpec,
+    seed: u64,
+    cancel: &Cancel,
+    listener: &mut dyn Listener,
+) -> Result<Alignment, AlignError> {
+    let plan = plan(spec, seed).map_err(AlignError::Plan)?;
+    let mut ledger = Memory::default();
+    let ending = walk(Errand { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
+    if let Some(halt) = ending.halt.or(ending.unparked) {
+        return Err(AlignError::Halted(halt));
+    }
+    let rows: Vec<&Row> =
+        ledger.contacts().flat_map(|contact| &contact.rows).filter(|row| row.flags.is_empty()).collect();
+    found(spec, &rows)
+}
+
+/// The presses, so that a person can be told of them before they are made.
+///
+/// # Errors
+/// They don't fit the rig.
+pub fn plan(spec: &RigSpec, seed: u64) -> Result<Plan, Problems> {
+    let half = half_mm(spec);
+    let force_n = FORCE_SHARE * spec.limits.force_n;
+    let step = 2.0 / (PRESSES_A_SIDE - 1) as f64;
+    let along = |n: usize| -1.0 + n as f64 * step;
+    let places: Vec<String> = (0..PRESSES_A_SIDE * PRESSES_A_SIDE)
+        .map(|n| format!("[{:.4}, {:.4}]", along(n % PRESSES_A_SIDE) * half.0, along(n / PRESSES_A_SIDE) * half.1))
+        .collect();
+    let Manner { force_tolerance_n, .. } = Manner::default();
+    let text = format!(
+        "name = \"align\"\n[press]\nforce_tolerance_n = {}\n[[step]]\nphase = \"calibration\"\nlist = {{ places_mm = [{}] }}\nforce_n = {force_n}\n",
+        force_tolerance_n.min(force_n / 2.0),
+        places.join(", "),
+    );
+    let recipe = recipe::parse("align", &text)?.with_strategy(Strategy::Guarded);
+    Plan::new(&recipe, &spec.ground(), seed)
+}
+
+fn found(spec: &RigSpec, rows: &[&Row]) -> Result<Alignment, AlignError> {
+    let points: Vec<CalibrationPoint> = rows
+        .iter()
+        .map(|row| CalibrationPoint {
+            place: Place::new(row.x_mm, row.y_mm),
+            force_n: row.force_n,
+            outputs: &row.outputs,
+        })
+        .collect();
+    let placement = place_array(&Calibration::new(&points)?, &spec.array.layout)?;
+    let touched: Vec<(Place, f64)> = rows
+        .iter()
+        .map(|row| (Place::new(row.x_mm, row.y_mm), spec.frame.z_from_stage(row.z_mm) - row.depth_mm))
+        .collect();
+    let ([height, per_x, per_y], touch_sigma_mm) = plane_through(&touched).ok_or(AlignError::Surface)?;
+    let surface_mm = height + per_x * placement.origin.x_mm + per_y * placement.origin.y_mm;
+    let (half_x, half_y) = half_mm(spec);
+    let tilt_mm = LATER_SHARE * (per_x.abs() * half_x + per_y.abs() * half_y);
+    let uncertainty_mm = tilt_mm + SURFACE_SIGMAS * touch_sigma_mm + SURFACE_LEAST_MM;
+    let moved = spec.frame.moved(placement.origin, placement.rotation_deg, surface_mm);
+    let frame = Frame { uncertainty_mm, ..moved };
+    Ok(Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses: rows.len() })
+}
+
+/// Half of the sides of the box around the units, mm.
+fn half_mm(spec: &RigSpec) -> (f64, f64) {
+    let half = |along: fn(&Place) -> f64| {
+        let all = spec.array.layout.places().iter().map(along);
+        let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        ((most - least) / 2.0).max(HALF_LEAST_MM)
+    };
+    (half(|place| place.x_mm), half(|place| place.y_mm))
+}

@@ -1,0 +1,223 @@
+use super::physics::unit_places;
+use super::{Calibration, FitError};
+use crate::quantity::{ArrayLayout, Place};
+use nalgebra::{DMatrix, DVector};
+
+/// How far units may be from where the array as a whole has them, as a share of the distance between neighbours (root mean
+/// square): a swapped channel, a dead unit or a wrong pitch is well beyond it.
+const MISFIT_SHARE: f64 = 0.15;
+
+/// Largest uncertainty of the place, as a share of the same distance.
+const UNCERTAIN_SHARE: f64 = 0.1;
+
+/// How an array lies, seen from where it was thought to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Where the layout's origin is, mm.
+    pub origin: Place,
+    /// How far the layout is turned, from x toward y, degrees.
+    pub rotation_deg: f64,
+    /// Standard deviation of either coordinate of the origin, mm.
+    pub origin_sigma_mm: f64,
+    /// Standard deviation of the rotation, degrees.
+    pub rotation_sigma_deg: f64,
+    /// Root mean square of what the units are off from the layout so placed, mm.
+    pub misfit_mm: f64,
+}
+
+/// Why an array's place can't be told.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlacementError {
+    /// The units can't be found one by one.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// Fewer units than a rotation needs, with something left to tell the error by.
+    #[error("an array of {units} units doesn't show how it is turned, or how well that is known")]
+    TooFewUnits {
+        /// How many it has.
+        units: usize,
+    },
+    /// The units don't lie as the layout has them.
+    #[error(
+        "the units' outputs put them {misfit_mm:.2} mm off the layout however it is placed, most of all unit {unit} by \
+         {worst_mm:.2} mm; at most {most_mm:.2} mm could be believed"
+    )]
+    Poor {
+        /// Root mean square, mm.
+        misfit_mm: f64,
+        /// The unit that is farthest off, counted from 1.
+        unit: usize,
+        /// By how much, mm.
+        worst_mm: f64,
+        /// What is believed, mm.
+        most_mm: f64,
+    },
+    /// The place has too large an error.
+    #[error("the array's place would be known to {sigma_mm:.2} mm only; at most {most_mm:.2} mm is of use")]
+    Uncertain {
+        /// Standard deviation, mm.
+        sigma_mm: f64,
+        /// What is of use, mm.
+        most_mm: f64,
+    },
+}
+
+/// How an array of this layout lies, by presses at known places: each unit is found by its own outputs, then the layout as a
+/// whole is laid over all of them (least squares, in closed form for a rotation and a shift in the plane).
+///
+/// # Errors
+/// A fit that can't be believed; nothing is guessed.
+pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Placement, PlacementError> {
+    let units = layout.len();
+    if units != calibration.units() {
+        return Err(FitError::Layout { layout: units, calibration: calibration.units() }.into());
+    }
+    let pitch_mm = neighbours_mm(layout).filter(|_| units >= 3).ok_or(PlacementError::TooFewUnits { units })?;
+    let found = unit_places(calibration, layout)?;
+    let (middle, seen) = (mean(layout.places()), mean(&found));
+    let (mut along, mut across, mut square) = (0.0, 0.0, 0.0);
+    for (unit, place) in layout.places().iter().zip(&found) {
+        let (u, p) = (less(*unit, middle), less(*place, seen));
+        along += u.x_mm * p.x_mm + u.y_mm * p.y_mm;
+        across += u.x_mm * p.y_mm - u.y_mm * p.x_mm;
+        square += u.x_mm * u.x_mm + u.y_mm * u.y_mm;
+    }
+    let rotation_deg = across.atan2(along).to_degrees();
+    let origin = less(seen, middle.turned(rotation_deg));
+    let placed = |unit: Place| {
+        let turned = unit.turned(rotation_deg);
+        Place::new(origin.x_mm + turned.x_mm, origin.y_mm + turned.y_mm)
+    };
+    let off_mm: Vec<f64> =
+        layout.places().iter().zip(&found).map(|(unit, place)| placed(*unit).distance_mm(*place)).collect();
+    let squares: f64 = off_mm.iter().map(|off| off * off).sum();
+    let misfit_mm = (squares / units as f64).sqrt();
+    let most_mm = MISFIT_SHARE * pitch_mm;
+    // what isn't a number isn't believed either
+    if !(misfit_mm <= most_mm) {
+        let worst = (0..units).max_by(|&a, &b| off_mm[a].total_cmp(&off_mm[b])).unwrap_or(0);
+        return Err(PlacementError::Poor { misfit_mm, unit: worst + 1, worst_mm: off_mm[worst], most_mm });
+    }
+    // each coordinate of each unit is one measurement, less the three numbers that were found
+    let sigma_mm = (squares / (2 * units - 3) as f64).sqrt();
+    let rotation_sigma = sigma_mm / square.sqrt();
+    // the middle is known best; the layout's origin also moves with the rotation
+    let lever_mm = middle.distance_mm(Place::default());
+    let origin_sigma_mm = (sigma_mm / (units as f64).sqrt()).hypot(rotation_sigma * lever_mm);
+    let most_mm = UNCERTAIN_SHARE * pitch_mm;
+    if !(origin_sigma_mm <= most_mm) {
+        return Err(PlacementError::Uncertain { sigma_mm: origin_sigma_mm, most_mm });
+    }
+    let rotation_sigma_deg = rotation_sigma.to_degrees();
+    Ok(Placement { origin, rotation_deg, origin_sigma_mm, rotation_sigma_deg, misfit_mm })
+}
+
+/// The plane through heights at places, least squares: height at the origin, slope along x and y, and the standard deviation
+/// of one height about it. None for fewer than four places, or places in a line.
+pub fn plane_through(heights: &[(Place, f64)]) -> Option<([f64; 3], f64)> {
+    if heights.len() < 4 {
+        return None;
+    }
+    let basis = DMatrix::from_fn(heights.len(), 3, |row, column| {
+        let place = heights[row].0;
+        [1.0, place.x_mm, place.y_mm][column]
+    });
+    let values = DVector::from_iterator(heights.len(), heights.iter().map(|(_, height)| *height));
+    let svd = basis.clone().svd(true, true);
+    if !(svd.rank(1e-9 * svd.singular_values.max()) == 3) {
+        return None;
+    }
+    let plane = svd.solve(&values, 0.0).ok()?;
+    let left = (&basis * &plane - values).norm_squared();
+    let sigma = (left / (heights.len() - 3) as f64).sqrt();
+    Some(([plane[0], plane[1], plane[2]], sigma))
+}
+
+/// The mean distance of a unit to its nearest neighbour, mm; none where two share a place.
+fn neighbours_mm(layout: &ArrayLayout) -> Option<f64> {
+    let places = layout.places();
+    let nearest = |(n, place): (usize, &Place)| {
+        let others = places.iter().enumerate().filter(move |(other, _)| *other != n);
+        others.map(|(_, other)| other.distance_mm(*place)).fold(f64::INFINITY, f64::min)
+    };
+    let mean = places.iter().enumerate().map(nearest).sum::<f64>() / places.len() as f64;
+    (mean.is_finite() && mean > 0.0).then_some(mean)
+}
+
+fn mean(places: &[Place]) -> Place {
+    let n = places.len() as f64;
+    Place::new(
+        places.iter().map(|place| place.x_mm).sum::<f64>() / n,
+        places.iter().map(|place| place.y_mm).sum::<f64>() / n,
+    )
+}
+
+fn less(a: Place, b: Place) -> Place {
+    Place::new(a.x_mm - b.x_mm, a.y_mm - b.y_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::CalibrationPoint;
+    use super::*;
+    use crate::mechanics::lambda;
+
+    /// What an array so placed reads of 1 N at 5 x 5 places, each unit with a gain of its own.
+    fn pressed(layout: &ArrayLayout, origin: Place, rotation_deg: f64, wiring: &[usize]) -> Calibration {
+        let places: Vec<Place> =
+            (0..25).map(|n| Place::new(f64::from(n % 5) * 2.0 - 4.0, f64::from(n / 5) * 2.0 - 4.0)).collect();
+        let outputs: Vec<Vec<f64>> = places
+            .iter()
+            .map(|place| {
+                let own = less(*place, origin).turned(-rotation_deg);
+                let read = |&unit: &usize| {
+                    let gain = 1.0 + 0.1 * unit as f64;
+                    gain * lambda(layout.places()[unit].distance_mm(own) / 5.0)
+                };
+                wiring.iter().map(read).collect()
+            })
+            .collect();
+        let points: Vec<CalibrationPoint> = places
+            .iter()
+            .zip(&outputs)
+            .map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs })
+            .collect();
+        Calibration::new(&points).unwrap()
+    }
+
+    #[test]
+    fn a_shifted_and_turned_array_is_found_where_it_is() {
+        let layout = ArrayLayout::grid(3, 3, 4.5);
+        let wiring: Vec<usize> = (0..9).collect();
+        for (origin, rotation_deg) in
+            [(Place::default(), 0.0), (Place::new(0.7, -0.4), 3.0), (Place::new(-1.5, 1.0), -8.0)]
+        {
+            let placement = place_array(&pressed(&layout, origin, rotation_deg, &wiring), &layout).unwrap();
+            assert!(placement.origin.distance_mm(origin) < 1e-3, "{placement:?}");
+            assert!((placement.rotation_deg - rotation_deg).abs() < 1e-2, "{placement:?}");
+            assert!(placement.misfit_mm < 1e-3 && placement.origin_sigma_mm < 1e-3, "{placement:?}");
+        }
+    }
+
+    #[test]
+    fn swapped_channels_and_another_pitch_are_refused_and_not_guessed() {
+        let layout = ArrayLayout::grid(3, 3, 4.5);
+        let mut wiring: Vec<usize> = (0..9).collect();
+        wiring.swap(1, 7);
+        let swapped = place_array(&pressed(&layout, Place::default(), 0.0, &wiring), &layout);
+        assert!(matches!(swapped, Err(PlacementError::Poor { unit: 2 | 8, .. })), "{swapped:?}");
+        let straight: Vec<usize> = (0..9).collect();
+        let smaller = ArrayLayout::grid(3, 3, 3.0);
+        let shrunk = place_array(&pressed(&smaller, Place::default(), 0.0, &straight), &layout);
+        assert!(matches!(shrunk, Err(PlacementError::Poor { .. })), "{shrunk:?}");
+    }
+
+    #[test]
+    fn a_plane_is_found_with_its_scatter_and_a_line_has_none() {
+        let height = |x: f64, y: f64| (Place::new(x, y), 0.1 + 0.02 * x - 0.01 * y);
+        let (plane, sigma) =
+            plane_through(&[height(0.0, 0.0), height(1.0, 0.0), height(0.0, 1.0), height(3.0, 2.0)]).unwrap();
+        assert!((plane[0] - 0.1).abs() < 1e-12 && (plane[1] - 0.02).abs() < 1e-12 && sigma < 1e-12);
+        assert_eq!(plane_through(&[0.0, 1.0, 2.0, 3.0].map(|x| height(x, 0.0))), None);
+    }
+}

@@ -1,0 +1,72 @@
+//! One recipe on every kind of rig: other controllers, other converters, the same specimen, the same answers. See the numbers with
+//! `cargo test --release --test rigs -- --nocapture`.
+
+mod support;
+
+use palpate::dataset::evaluate::evaluate_run;
+use palpate::dataset::table::Table;
+use palpate::quantity::{ArrayLayout, Place};
+use support::{Bench, shipped};
+
+/// The rig that the others are held against, and the others.
+const FIRST: &str = "sim";
+const OTHERS: [&str; 5] = ["paper", "esp301", "xps", "grbl", "process"];
+
+/// How far apart two rigs may find a test point, mm: the median, and of 95 %. A unit's error is one draw a contact, the same on
+/// all rigs; what is left is the force loop's and the converters'.
+const LOCATION_MM: (f64, f64) = (0.001, 0.3);
+
+/// How far apart the forces of a test point may be that two rigs find, N: the median, and of 95 %.
+const FORCE_N: (f64, f64) = (0.006, 0.020);
+
+/// How far apart the mean forces of one window may be on two rigs, N: 95 %. Each is within some 10 mN of what was set.
+const WINDOW_N: f64 = 0.025;
+
+/// What a rig made of the paper's protocol.
+struct Outcome {
+    windows_n: Vec<f64>,
+    found: Vec<(Place, f64)>,
+    mean_mm: f64,
+}
+
+fn outcome(bench: &Bench, rig: &str) -> Outcome {
+    let (recipe, file) = (shipped("recipes/paper.toml"), shipped(&format!("rigs/{rig}.toml")));
+    bench.palpate_ends(0, &format!("run {} --rig {} --simulate --out {rig}", recipe.display(), file.display()));
+    let table = Table::read_run(&bench.path(&format!("{rig}/presses.csv"))).expect("a table");
+    let evaluation = evaluate_run(&table, Some(&ArrayLayout::grid(3, 3, 4.5)), "pearson").expect("an evaluation");
+    let windows = bench.column(&format!("{rig}/presses.csv"), "force_n");
+    Outcome {
+        windows_n: windows.iter().map(|force| force.parse().expect("a number")).collect(),
+        found: evaluation.presses.iter().map(|press| (press.place_solved, press.force_solved_n)).collect(),
+        mean_mm: evaluation.location_error_mm.mean,
+    }
+}
+
+#[test]
+fn the_same_seed_gives_locations_and_forces_that_agree_between_rigs() {
+    let bench = Bench::new();
+    let first = outcome(&bench, FIRST);
+    for rig in OTHERS {
+        let other = outcome(&bench, rig);
+        assert_eq!((other.windows_n.len(), other.found.len()), (1130, 100), "{rig}");
+        let pairs = || first.found.iter().zip(&other.found);
+        let apart_mm = spread(pairs().map(|(a, b)| a.0.distance_mm(b.0)));
+        let apart_n = spread(pairs().map(|(a, b)| (a.1 - b.1).abs()));
+        let windows_n = spread(first.windows_n.iter().zip(&other.windows_n).map(|(a, b)| (a - b).abs()));
+        println!(
+            "{rig:<8} mean location error {:.4} mm; beside {FIRST}: location {apart_mm:.4?} mm, force {apart_n:.4?} N, \
+             window {windows_n:.4?} N (median, 95 %)",
+            other.mean_mm
+        );
+        assert!(apart_mm.0 <= LOCATION_MM.0 && apart_mm.1 <= LOCATION_MM.1, "{rig}: {apart_mm:?} mm");
+        assert!(apart_n.0 <= FORCE_N.0 && apart_n.1 <= FORCE_N.1, "{rig}: {apart_n:?} N");
+        assert!(windows_n.1 <= WINDOW_N, "{rig}: {windows_n:?} N");
+    }
+}
+
+/// The median and what 95 % are within.
+fn spread(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    (sorted[sorted.len() / 2], sorted[sorted.len() * 95 / 100])
+}
