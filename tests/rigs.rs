@@ -6,7 +6,7 @@ mod support;
 use palpate::dataset::evaluate::evaluate_run;
 use palpate::dataset::table::Table;
 use palpate::quantity::{ArrayLayout, Place};
-use support::{Bench, shipped};
+use support::{Bench, SMALL, exchanged, shipped, shipped_text};
 
 /// The rig that the others are held against, and the others.
 const FIRST: &str = "sim";
@@ -62,6 +62,18 @@ fn the_same_seed_gives_locations_and_forces_that_agree_between_rigs() {
         assert!(apart_n.0 <= FORCE_N.0 && apart_n.1 <= FORCE_N.1, "{rig}: {apart_n:?} N");
         assert!(windows_n.1 <= WINDOW_N, "{rig}: {windows_n:?} N");
     }
+}
+
+#[test]
+fn an_esp301_as_slow_as_the_recorded_one_is_pressed_with_all_the_same() {
+    // 73 ms a command, 71 to 78: the recording of a real one
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "stage = [5.0, 20.0]", "stage = [71.0, 78.0]");
+    let bench = Bench::with([("slow.toml", rig.as_str()), ("r.toml", SMALL)]);
+    let doctor = bench.palpate_ends(0, "doctor slow.toml --json").json_lines().remove(0);
+    let worst_ms = doctor["reaction_worst_ms"].as_f64().expect("a number");
+    assert!((120.0..150.0).contains(&worst_ms), "{worst_ms} ms");
+    bench.palpate_ends(0, "run r.toml --rig slow.toml --out run");
+    assert_eq!(bench.column("run/presses.csv", "flags").iter().filter(|flags| !flags.is_empty()).count(), 0);
 }
 
 /// The median and what 95 % are within.

@@ -46,12 +46,17 @@ pub struct Esp301 {
     link: String,
     /// The quickest answer so far: a question that is sent that much before a motion ends finds it ended.
     quickest: Duration,
+    /// What the error queue held, oldest first, and wasn't told yet.
+    complaints: Vec<String>,
+    /// It was stopped from outside a motion, and hasn't moved since.
+    stopped: bool,
 }
 
 impl Esp301 {
     /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
-        Esp301 { line: LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30"), link, quickest: ANSWER_DEADLINE }
+        let line = LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30");
+        Esp301 { line, link, quickest: ANSWER_DEADLINE, complaints: Vec::new(), stopped: false }
     }
 
     async fn tell(&mut self, doing: &str, line: &str) -> Result<(), DeviceError> {
@@ -66,11 +71,14 @@ impl Esp301 {
         self.ask_for(doing, question, 1, None, "a number", |answers| number_in(answers.first()?)).await
     }
 
-    /// Where some axes are if all have come to rest, or none (manual, pages MD: 0 moving, 1 done, and TP).
+    /// Where some axes are if all have come to rest, or none (manual, pages MD: 0 moving, 1 done, and TP). The error queue is
+    /// drained on the way, an entry a look.
     async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
-        let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";");
+        let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
+            let (complaint, answers) = answers.split_last()?;
+            let complaint = complaint_in(complaint)?;
             let (done, places) = answers.split_at_checked(axes.len())?;
             let done = done.iter().map(|text| match text.as_str() {
                 "0" => Some(false),
@@ -80,10 +88,14 @@ impl Esp301 {
             // a place has its decimals: the answer of MD that came twice isn't one
             let places = places.iter().map(|text| number_in(text).filter(|_| text.contains('.')));
             let (done, places): (Vec<bool>, Vec<f64>) = (done.collect::<Option<_>>()?, places.collect::<Option<_>>()?);
-            Some(done.iter().all(|&done| done).then_some(places))
+            Some((done.iter().all(|&done| done).then_some(places), complaint))
         };
-        self.ask_for(doing, &question, 2 * axes.len(), Some((reins, axes)), "0 or 1 and a place for each axis", read)
-            .await
+        let expected = "0 or 1 and a place for each axis, and an error";
+        let (places, complaint) =
+            self.ask_for(doing, &question, 2 * axes.len() + 1, Some((reins, axes)), expected, read).await?;
+        let room = COMPLAINTS_MAX.saturating_sub(self.complaints.len());
+        self.complaints.extend(complaint.into_iter().take(room));
+        Ok(places)
     }
 
     /// The answers to a line of questions, asked again if they make no sense. What the reins ask for meanwhile is sent at once,
@@ -246,6 +258,12 @@ impl Stage for Esp301 {
             format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
         };
         let Some(&(last, _)) = targets.last() else { return Ok(()) };
+        // what the controller complained of in the motion before; on the way to park it is no reason to stay
+        if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
+            let told = std::mem::take(&mut self.complaints).join("; ");
+            return Err(self.error("starting a motion", Problem::Refused(told)));
+        }
+        self.complaints.clear();
         // set commands are silent: the answer to the question behind them says that they were taken, and when
         let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + &format!(";{}MD?", number(last));
         self.ask_number("starting a motion", &line).await.map(|_| ())
@@ -287,23 +305,17 @@ impl Stage for Esp301 {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
+        self.stopped = true;
         self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed("stopping", &error))
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
-        let mut complaints = Vec::new();
+        let mut complaints = std::mem::take(&mut self.complaints);
         for _ in 0..COMPLAINTS_MAX {
-            let answer = self.ask("reading the error queue", "TB?").await?;
-            // `code, ticks, TEXT` (manual, page TB)
-            let mut parts = answer.splitn(3, ',').map(str::trim);
-            match (parts.next().and_then(|code| code.parse::<u32>().ok()), parts.next(), parts.next()) {
-                (Some(0), Some(_), Some(_)) => break,
-                (Some(code), Some(_), Some(text)) => complaints.push(format!("error {code}, {text}")),
-                _ => {
-                    self.line.misfit();
-                    let expected = "code, ticks, text".to_owned();
-                    return Err(self.error("reading the error queue", Problem::Misfit { answer, expected }));
-                }
+            let read = |answers: &[String]| complaint_in(answers.first()?);
+            match self.ask_for("reading the error queue", "TB?", 1, None, "code, ticks, text", read).await? {
+                Some(complaint) => complaints.push(complaint),
+                None => break,
             }
         }
         Ok(complaints)
@@ -324,6 +336,15 @@ fn line_of(order: Order, axes: &[Axis]) -> String {
             axes.iter().map(|&axis| format!("{}VA{mm_s:.5}", number(axis))).collect::<Vec<_>>().join(";")
         }
     }
+}
+
+/// An entry of the error queue: `code, ticks, TEXT` (manual, page TB), none of it where the queue is empty. The ticks wrap into
+/// negative numbers.
+fn complaint_in(answer: &str) -> Option<Option<String>> {
+    let mut parts = answer.splitn(3, ',').map(str::trim);
+    let (code, ticks, text) = (parts.next()?.parse::<u32>().ok()?, parts.next()?.parse::<i64>().ok(), parts.next()?);
+    ticks?;
+    Some((code != 0).then(|| format!("error {code}, {text}")))
 }
 
 /// A finite number in an answer.

@@ -6,6 +6,8 @@ mod esp301;
 pub mod grbl;
 pub mod modbus;
 pub mod process;
+#[cfg(test)]
+mod script;
 pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};

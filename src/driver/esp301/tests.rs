@@ -1,64 +1,47 @@
 use super::*;
-use crate::quantity::{Range, Travel};
-use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+use crate::driver::script::{Script, scripted, usage};
+use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
-/// A driver whose far end expects the lines that are sent and answers as the script says; left-over lines fail.
-fn scripted(script: &'static [(&'static str, &'static str)]) -> (Esp301, tokio::task::JoinHandle<()>) {
-    let (near, mut far) = duplex(4096);
-    let near = std::sync::Mutex::new(Some(near));
-    let dial = move || near.lock().unwrap().take().expect("the link is opened once");
-    let device = tokio::spawn(async move {
-        for (sent, answered) in script {
-            let mut line = Vec::new();
-            while line.last() != Some(&b'\r') {
-                line.push(far.read_u8().await.unwrap_or_else(|_| panic!("{sent:?} was never sent")));
-            }
-            assert_eq!(String::from_utf8(line).unwrap().trim_end(), *sent);
-            far.write_all(answered.as_bytes()).await.unwrap();
-        }
-        let mut rest = Vec::new();
-        far.read_to_end(&mut rest).await.unwrap();
-        assert_eq!(String::from_utf8(rest).unwrap(), "", "sent beyond the script");
-    });
-    (Esp301::new(Connector::Memory(Box::new(dial)), "script".to_owned()), device)
-}
-
-fn usage() -> StageUse {
-    let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 }
+/// A driver whose far end follows a script.
+fn stage(script: Script) -> (Esp301, JoinHandle<()>) {
+    let (link, device) = scripted(script);
+    (Esp301::new(link, "script".to_owned()), device)
 }
 
 #[tokio::test(start_paused = true)]
 async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
-    let (mut stage, device) = scripted(&[
-        ("VE?", "ESP301 Version 1.1.1 16/01/14\r\n"),
-        ("ST", ""),
-        ("1MD?;2MD?;3MD?;1TP;2TP;3TP", "1\r\n1\r\n1\r\n0.0000\r\n0.0000\r\n0.0000\r\n"),
-        ("TB?", "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED\r\n"),
-        ("TB?", "0, -2139482948, NO ERROR DETECTED\r\n"),
-        ("1ID?", "VP-25XL, SN1\r\n"),
-        ("1SN?", "2\r\n"),
-        ("1VU?", "25\r\n"),
-        ("2ID?", "VP-25XL, SN2\r\n"),
-        ("2SN?", "2\r\n"),
-        ("2VU?", "25\r\n"),
-        ("3ID?", "VP-25XL, SN3\r\n"),
-        ("3SN?", "2\r\n"),
-        ("3VU?", "25\r\n"),
-        ("3MO?", "0\r\n"),
-        ("3MO", ""),
-        ("3OR3", ""),
-        ("3MD?;3TP", "0\r\n11.9000\r\n"),
-        ("3MD?;3TP", "1\r\n12.5000\r\n"),
-        ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
-        ("3TP", "12.5000\r\n"),
-        ("1MO?", "1\r\n"),
-        ("2MO?", "1\r\n"),
-        ("1SL-12.5000;1SR12.5000;1AC100;1AG100", ""),
-        ("2SL-12.5000;2SR12.5000;2AC100;2AG100", ""),
-        ("3SL-12.5000;3SR12.5000;3AC100;3AG100", ""),
-        ("TB?", "0, 12, NO ERROR DETECTED\r\n"),
+    let (mut stage, device) = stage(&[
+        (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
+        (b"ST\r", b""),
+        (
+            b"1MD?;2MD?;3MD?;1TP;2TP;3TP;TB?\r",
+            b"1\r\n1\r\n1\r\n0.0000\r\n0.0000\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n",
+        ),
+        (b"TB?\r", b"104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED\r\n"),
+        (b"TB?\r", b"0, -2139482948, NO ERROR DETECTED\r\n"),
+        (b"1ID?\r", b"VP-25XL, SN1\r\n"),
+        (b"1SN?\r", b"2\r\n"),
+        (b"1VU?\r", b"25\r\n"),
+        (b"2ID?\r", b"VP-25XL, SN2\r\n"),
+        (b"2SN?\r", b"2\r\n"),
+        (b"2VU?\r", b"25\r\n"),
+        (b"3ID?\r", b"VP-25XL, SN3\r\n"),
+        (b"3SN?\r", b"2\r\n"),
+        (b"3VU?\r", b"25\r\n"),
+        (b"3MO?\r", b"0\r\n"),
+        (b"3MO\r", b""),
+        (b"3OR3\r", b""),
+        (b"3MD?;3TP;TB?\r", b"0\r\n11.9000\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"3MD?;3TP;TB?\r", b"1\r\n12.5000\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
+        (b"3TP\r", b"12.5000\r\n"),
+        (b"1MO?\r", b"1\r\n"),
+        (b"2MO?\r", b"1\r\n"),
+        (b"1SL-12.5000;1SR12.5000;1AC100;1AG100\r", b""),
+        (b"2SL-12.5000;2SR12.5000;2AC100;2AG100\r", b""),
+        (b"3SL-12.5000;3SR12.5000;3AC100;3AG100\r", b""),
+        (b"TB?\r", b"0, 12, NO ERROR DETECTED\r\n"),
     ]);
     let identity = stage.prepare(&usage(), &Reins::default()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
@@ -69,13 +52,13 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
 
 #[tokio::test(start_paused = true)]
 async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
-    let (mut stage, device) = scripted(&[
-        ("3MO?", "0\r\n"),
-        ("3MO", ""),
-        ("3OR3", ""),
-        ("3MD?;3TP", "1\r\n0.0000\r\n"),
-        ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
-        ("3TP", "0.0000\r\n"),
+    let (mut stage, device) = stage(&[
+        (b"3MO?\r", b"0\r\n"),
+        (b"3MO\r", b""),
+        (b"3OR3\r", b""),
+        (b"3MD?;3TP;TB?\r", b"1\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
+        (b"3TP\r", b"0.0000\r\n"),
     ]);
     let error = stage.home_z(&usage(), &Reins::default()).await.unwrap_err().to_string();
     assert!(error.contains("z counts 0.0000 mm at the limit it homed to, the rig's travel ends at 12.5 mm"), "{error}");
@@ -85,14 +68,14 @@ async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_m
 
 #[tokio::test(start_paused = true)]
 async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
-    let (mut stage, device) = scripted(&[
-        ("3MO?", "0\r\n"),
-        ("3MO", ""),
-        ("3OR3", ""),
-        ("3MD?;3TP", ""),
-        ("ST", "1\r\n0.0000\r\n"),
-        ("TB?", "320, 11, AXIS-3 HOMING ABORTED\r\n"),
-        ("TB?", "0, 11, NO ERROR DETECTED\r\n"),
+    let (mut stage, device) = stage(&[
+        (b"3MO?\r", b"0\r\n"),
+        (b"3MO\r", b""),
+        (b"3OR3\r", b""),
+        (b"3MD?;3TP;TB?\r", b""),
+        (b"ST\r", b"1\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"TB?\r", b"320, 11, AXIS-3 HOMING ABORTED\r\n"),
+        (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
     ]);
     let reins = Reins::default();
     let ask_for_it = async {
@@ -108,11 +91,11 @@ async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
 
 #[tokio::test(start_paused = true)]
 async fn a_move_is_one_line_and_its_end_is_asked_for() {
-    let (mut stage, device) = scripted(&[
-        ("1VA10.00000;1PA-1.50000;2VA10.00000;2PA0.25000;2MD?", "0\r\n"),
-        ("1MD?;2MD?;1TP;2TP", "0\r\n1\r\n-1.4990\r\n0.2500\r\n"),
-        ("1MD?;2MD?;1TP;2TP", "1\r\n1\r\n-1.5000\r\n0.2500\r\n"),
-        ("3TP", "-10.2370\r\n"),
+    let (mut stage, device) = stage(&[
+        (b"1VA10.00000;1PA-1.50000;2VA10.00000;2PA0.25000;2MD?\r", b"0\r\n"),
+        (b"1MD?;2MD?;1TP;2TP;TB?\r", b"0\r\n1\r\n-1.4990\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"1MD?;2MD?;1TP;2TP;TB?\r", b"1\r\n1\r\n-1.5000\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"3TP\r", b"-10.2370\r\n"),
     ]);
     stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0).await.unwrap();
     let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Reins::default()).await.unwrap();
@@ -124,7 +107,8 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_is_sent_while_an_answer_is_awaited() {
-    let (mut stage, device) = scripted(&[("3MD?;3TP", ""), ("ST", "1\r\n-0.2000\r\n")]);
+    let (mut stage, device) =
+        stage(&[(b"3MD?;3TP;TB?\r", b""), (b"ST\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n")]);
     let reins = Reins::default();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await;
@@ -139,8 +123,12 @@ async fn a_stop_is_sent_while_an_answer_is_awaited() {
 
 #[tokio::test(start_paused = true)]
 async fn a_speed_under_way_is_sent_at_once_and_a_stop_after_it() {
-    let (mut stage, device) =
-        scripted(&[("3VA2.00000", ""), ("3VA0.50000", ""), ("ST", ""), ("3MD?;3TP", "1\r\n-0.2000\r\n")]);
+    let (mut stage, device) = stage(&[
+        (b"3VA2.00000\r", b""),
+        (b"3VA0.50000\r", b""),
+        (b"ST\r", b""),
+        (b"3MD?;3TP;TB?\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n"),
+    ]);
     let reins = Reins::default();
     let ask_for_it = async {
         for mm_s in [2.0, 0.5] {
@@ -159,10 +147,10 @@ async fn a_speed_under_way_is_sent_at_once_and_a_stop_after_it() {
 
 #[tokio::test(start_paused = true)]
 async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again() {
-    let (mut stage, device) = scripted(&[
-        ("3TP", "E some unsolicited text\r\n"),
-        ("VE?", "-1.0\r\nESP301 Version 1.1.1 16/01/14\r\n"),
-        ("3TP", "2.5000\r\n"),
+    let (mut stage, device) = stage(&[
+        (b"3TP\r", b"E some unsolicited text\r\n"),
+        (b"VE?\r", b"-1.0\r\nESP301 Version 1.1.1 16/01/14\r\n"),
+        (b"3TP\r", b"2.5000\r\n"),
     ]);
     assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), 2.5);
     drop(stage);
@@ -171,7 +159,7 @@ async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again(
 
 #[tokio::test(start_paused = true)]
 async fn a_silent_controller_is_an_error_that_says_what_was_asked() {
-    let (mut stage, _device) = scripted(&[("3TP", "")]);
+    let (mut stage, _device) = stage(&[(b"3TP\r", b"")]);
     let error = stage.position_mm(Axis::Z).await.unwrap_err();
     assert_eq!(
         error.to_string(),
@@ -184,4 +172,24 @@ fn old_firmware_is_warned_of() {
     assert!(firmware_warning("ESP301 Version 1.0.5 10/10/11").is_some());
     assert!(firmware_warning("ESP301 Version 1.1.1 16/01/14").is_none());
     assert!(firmware_warning("ESP300 Version 3.04 07/27/01").is_none());
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_the_controller_complained_of_is_told_before_it_moves_again_unless_it_was_stopped() {
+    let limit = "106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED";
+    let (mut stage, device) = stage(&[
+        (b"1MD?;1TP;TB?\r", b"1\r\n12.5000\r\n106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED\r\n"),
+        (b"1MD?;1TP;TB?\r", b"1\r\n12.5000\r\n106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED\r\n"),
+        (b"ST\r", b""),
+        (b"1VA1.00000;1PA0.00000;1MD?\r", b"0\r\n"),
+    ]);
+    let reins = Reins::default();
+    stage.follow(&[Axis::X], Duration::ZERO, &reins).await.unwrap();
+    let refused = stage.begin(&[(Axis::X, 0.0)], 1.0).await.unwrap_err().to_string();
+    assert!(refused.contains(&limit.replacen("106, 7", "error 106", 1)), "{refused}");
+    stage.follow(&[Axis::X], Duration::ZERO, &reins).await.unwrap();
+    stage.stop().await.unwrap();
+    stage.begin(&[(Axis::X, 0.0)], 1.0).await.unwrap(); // to park
+    drop(stage);
+    device.await.unwrap();
 }

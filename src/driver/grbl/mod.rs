@@ -6,3 +6,6 @@ mod stage;
 
 pub use report::{Report, parse_report};
 pub use stage::Grbl;
+
+#[cfg(test)]
+mod tests;

@@ -36,7 +36,7 @@ const ACCELERATION_MM_S2: u32 = 120;
 pub struct Grbl {
     port: Port,
     link: String,
-    usage: Option<StageUse>,
+    pub(super) usage: Option<StageUse>,
     /// What the motion under way goes to.
     targets: Vec<(Axis, f64)>,
 }
@@ -93,7 +93,7 @@ impl Grbl {
     }
 
     /// Holds the controller's settings against the rig's. They are kept in an EEPROM and aren't written.
-    async fn check_settings(&mut self, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
+    pub(super) async fn check_settings(&mut self, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
         let doing = "checking its settings against the rig";
         self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
         let settings = std::mem::take(&mut self.port.settings);

@@ -11,3 +11,6 @@ pub use client::Client;
 pub use load_cell::ModbusLoadCell;
 pub use number::{Encoding, NumberType, WordOrder};
 pub use profile::{Function, Profile, Register, SHIPPED, Transport};
+
+#[cfg(test)]
+mod tests;

@@ -8,3 +8,6 @@ mod stage;
 pub use port::answer_in;
 pub use readers::{ProcessArray, ProcessLoadCell};
 pub use stage::ProcessStage;
+
+#[cfg(test)]
+mod tests;

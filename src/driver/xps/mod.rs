@@ -18,3 +18,6 @@ use std::time::Duration;
 
 /// Longest wait for the answer to a call that doesn't move anything.
 const CALL_DEADLINE: Duration = Duration::from_secs(2);
+
+#[cfg(test)]
+mod tests;

@@ -58,7 +58,7 @@ pub struct Xps {
     guard: Option<Guard>,
     armed: Option<Armed>,
     link: String,
-    usage: Option<StageUse>,
+    pub(super) usage: Option<StageUse>,
     /// Speed, acceleration and jerk times that each positioner has: mm/s, mm/s^2, s, s.
     profiles: [[f64; 4]; 3],
     /// Where each axis was last sent and arrived, mm; none where it was stopped on its way.
@@ -155,7 +155,7 @@ impl Xps {
     }
 
     /// A group that is at rest and able to move: what isn't initialised is, what isn't referenced looks for home.
-    async fn bring_to_ready(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn bring_to_ready(&mut self, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "making its group ready";
         let group = self.group.name.clone();
         match self.until_still(doing, MOTION_MARGIN).await? {

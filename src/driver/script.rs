@@ -1,0 +1,43 @@
+//! What a driver's tests talk to: the far end of a link that expects what is sent, byte for byte, and answers as a script says.
+
+use crate::device::StageUse;
+use crate::quantity::{Range, Travel};
+use crate::wire::Connector;
+use std::sync::Mutex;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+use tokio::task::JoinHandle;
+
+/// What is sent and what comes back, in this order.
+pub type Script = &'static [(&'static [u8], &'static [u8])];
+
+/// A link whose far end goes through a script. The task fails where something else is sent, nothing is, or bytes are left over.
+pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
+    let (near, mut far) = duplex(4096);
+    let near = Mutex::new(Some(near));
+    let dial = move || near.lock().unwrap().take().expect("the link is opened once");
+    let device = tokio::spawn(async move {
+        let shown = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        for (sent, answered) in script {
+            let mut came = vec![0; sent.len()];
+            let read = far.read_exact(&mut came).await;
+            assert!(read.is_ok(), "{:?} was never sent whole: {:?}", shown(sent), shown(&came));
+            assert_eq!(shown(&came), shown(sent));
+            far.write_all(answered).await.unwrap();
+        }
+        let mut rest = Vec::new();
+        far.read_to_end(&mut rest).await.unwrap();
+        assert_eq!(shown(&rest), "", "sent beyond the script");
+    });
+    (Connector::Memory(Box::new(dial)), device)
+}
+
+/// A link that nobody may open.
+pub fn unused() -> Connector {
+    Connector::Memory(Box::new(|| unreachable!("nothing is to be sent here")))
+}
+
+/// The use of a stage like the paper's.
+pub fn usage() -> StageUse {
+    let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
+    StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 }
+}
