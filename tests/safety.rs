@@ -522,7 +522,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
         bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
-        bench.driver.begin(&[(Axis::Z, -1.0)], 10.0).await.unwrap();
+        bench.driver.begin(&[(Axis::Z, -1.0)], 10.0, &Reins::default()).await.unwrap();
         bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Reins::default()).await.unwrap();
         bench.command("1PA3");
         sleep(Duration::from_secs(2)).await;
@@ -547,7 +547,7 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
         bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
-        bench.driver.begin(&[(Axis::Z, -1.0)], 1.0).await.unwrap();
+        bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &Reins::default()).await.unwrap();
         bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
         let here_mm = bench.driver.position_mm(Axis::Z).await.unwrap();
         sleep(Duration::from_secs(1)).await;

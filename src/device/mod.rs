@@ -51,8 +51,14 @@ pub trait Stage {
     fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<Identity, DeviceError>>;
 
     /// Starts axes toward targets, each at most at `speed_mm_s`. When this returns the controller has taken the command and
-    /// finishes it by itself: the motion began just now.
-    fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> impl Future<Output = Result<(), DeviceError>>;
+    /// finishes it by itself: the motion began just now. A stop that the reins ask for meanwhile is sent at once; one that came
+    /// before leaves the axes where they are.
+    fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        reins: &Reins,
+    ) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// Waits until the axes have come to rest, as the controller says, and gives where they are, in their order, mm.
     /// `expected` is how long the motion should take; what the reins ask for is done at once, even while an answer is awaited.

@@ -60,8 +60,8 @@ impl Stage for AnyStage {
         stage!(self, it => it.prepare(usage, reins).await)
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
-        stage!(self, it => it.begin(targets, speed_mm_s).await)
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+        stage!(self, it => it.begin(targets, speed_mm_s, reins).await)
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {

@@ -182,7 +182,7 @@ impl Esp301 {
         let doing = "taking z away from the specimen";
         let end_mm = away_end_mm(usage);
         let way_mm = (end_mm - self.position_mm(Axis::Z).await?).abs();
-        self.begin(&[(Axis::Z, end_mm)], usage.speed_mm_s).await?;
+        self.begin(&[(Axis::Z, end_mm)], usage.speed_mm_s, &Reins::default()).await?;
         let expected = Duration::try_from_secs_f64(way_mm / usage.speed_mm_s).unwrap_or_default();
         self.follow(&[Axis::Z], expected, &Reins::default()).await?;
         let at_mm = self.position_mm(Axis::Z).await?;
@@ -252,7 +252,7 @@ impl Stage for Esp301 {
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let command = |(axis, target_mm): &(Axis, f64)| {
             let n = number(*axis);
             format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
@@ -264,9 +264,25 @@ impl Stage for Esp301 {
             return Err(self.error("starting a motion", Problem::Refused(told)));
         }
         self.complaints.clear();
+        if reins.stopped() {
+            return Ok(());
+        }
         // set commands are silent: the answer to the question behind them says that they were taken, and when
-        let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + &format!(";{}MD?", number(last));
-        self.ask_number("starting a motion", &line).await.map(|_| ())
+        let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
+        let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
+        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
+        let urgent = || reins.take().map(|order| line_of(order, &axes));
+        let urgent = Urgent { asked: reins.pulled(), line: &urgent };
+        let asked = Instant::now();
+        let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
+        self.quickest = self.quickest.min(asked.elapsed());
+        if answers.first().is_none_or(|answer| number_in(answer).is_none()) {
+            // the motion isn't commanded twice: a stop may have come in between
+            self.line.misfit();
+            self.ask_for(doing, &question, 1, Some((reins, &axes)), "0 or 1", |answers| number_in(answers.first()?))
+                .await?;
+        }
+        Ok(())
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {

@@ -85,7 +85,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let ends_after = seconds(withdrawal.duration_s() + heard_s);
         let stage = &mut self.stage;
         let motion = async {
-            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s()).await?;
+            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s(), &reins).await?;
             let begun = Instant::now();
             due.set(Some(begun + due_after));
             tokio::select! {
@@ -100,7 +100,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 match permit.sideways(z_mm, first_mm, force_n.get()) {
                     Ok(leave) if !reins.stopped() => {
                         clear.set(true);
-                        begin_sideways(stage, leave, &sideways, speed_mm_s).await?;
+                        begin_sideways(stage, leave, &sideways, speed_mm_s, &reins).await?;
                         due.set(Some(Instant::now() + seconds(travel_s)));
                         refused = None;
                         break;
@@ -163,7 +163,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             return Ok(());
         }
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
-        self.stage.begin(&[(Axis::Z, target_mm)], self.usage.speed_mm_s).await?;
+        self.stage.begin(&[(Axis::Z, target_mm)], self.usage.speed_mm_s, &Reins::default()).await?;
         let profile = Profile::new(target_mm - from_mm, self.usage.speed_mm_s, self.usage.acceleration_mm_s2);
         let places_mm = self.stage.follow(&[Axis::Z], seconds(profile.duration_s()), &Reins::default()).await?;
         sleep(seconds(self.timing.settle_s)).await;
@@ -192,7 +192,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let ends = Cell::new(None);
         let stage = &mut self.stage;
         let motion = async {
-            stage.begin(targets, speed_mm_s).await?;
+            stage.begin(targets, speed_mm_s, &reins).await?;
             ends.set(Some(Instant::now() + expected));
             Ok(stage.follow(&axes, expected, &reins).await?)
         };
@@ -308,8 +308,9 @@ async fn begin_sideways<S: Stage>(
     _leave: Sideways,
     targets: &[(Axis, f64)],
     speed_mm_s: f64,
+    reins: &Reins,
 ) -> Result<(), DeviceError> {
-    stage.begin(targets, speed_mm_s).await
+    stage.begin(targets, speed_mm_s, reins).await
 }
 
 /// The longer of the two ways, mm.

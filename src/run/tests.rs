@@ -21,7 +21,7 @@ impl Stage for StrawStage<'_> {
     async fn prepare(&mut self, _: &StageUse, _: &Reins) -> Result<Identity, DeviceError> {
         unreachable!("the hand gets it prepared")
     }
-    async fn begin(&mut self, targets: &[(Axis, f64)], _: f64) -> Result<(), DeviceError> {
+    async fn begin(&mut self, targets: &[(Axis, f64)], _: f64, _: &Reins) -> Result<(), DeviceError> {
         for (axis, target_mm) in targets {
             self.told.borrow_mut().push(format!("{} to {target_mm}", axis.name()));
             self.at_mm[axis.index()] = *target_mm;

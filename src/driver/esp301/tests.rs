@@ -97,7 +97,7 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
         (b"1MD?;2MD?;1TP;2TP;TB?\r", b"1\r\n1\r\n-1.5000\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"-10.2370\r\n"),
     ]);
-    stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0).await.unwrap();
+    stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0, &Reins::default()).await.unwrap();
     let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Reins::default()).await.unwrap();
     assert_eq!(arrived, [-1.5, 0.25]);
     assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), -10.237);
@@ -185,11 +185,11 @@ async fn what_the_controller_complained_of_is_told_before_it_moves_again_unless_
     ]);
     let reins = Reins::default();
     stage.follow(&[Axis::X], Duration::ZERO, &reins).await.unwrap();
-    let refused = stage.begin(&[(Axis::X, 0.0)], 1.0).await.unwrap_err().to_string();
+    let refused = stage.begin(&[(Axis::X, 0.0)], 1.0, &Reins::default()).await.unwrap_err().to_string();
     assert!(refused.contains(&limit.replacen("106, 7", "error 106", 1)), "{refused}");
     stage.follow(&[Axis::X], Duration::ZERO, &reins).await.unwrap();
     stage.stop().await.unwrap();
-    stage.begin(&[(Axis::X, 0.0)], 1.0).await.unwrap(); // to park
+    stage.begin(&[(Axis::X, 0.0)], 1.0, &Reins::default()).await.unwrap(); // to park
     drop(stage);
     device.await.unwrap();
 }

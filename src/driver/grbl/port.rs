@@ -136,7 +136,8 @@ impl Port {
                     tokio::select! {
                         biased;
                         () = reins.pulled().notified() => {
-                            if reins.take().is_some() {
+                            // another speed is for whoever follows the motion
+                            if reins.stopped() && reins.take().is_some() {
                                 self.send(doing, stop).await?;
                             }
                             continue;

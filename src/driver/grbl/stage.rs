@@ -177,12 +177,12 @@ impl Grbl {
     }
 
     /// Goes on toward the same targets at another speed: a jog keeps the speed it began with.
-    async fn change_speed(&mut self, mm_s: f64) -> Result<(), DeviceError> {
+    async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "changing a speed";
         self.port.send(doing, JOG_CANCEL).await?;
         self.until_still(doing).await?;
         let targets = self.targets.clone();
-        self.begin(&targets, mm_s).await
+        self.begin(&targets, mm_s, reins).await
     }
 
     /// Feed along the way at which the fastest axis goes at `speed_mm_s`, mm/min.
@@ -212,7 +212,7 @@ impl Stage for Grbl {
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         // GRBL's soft limits end where the frame does, not where the specimen does
         for (axis, target_mm) in targets {
@@ -226,7 +226,10 @@ impl Stage for Grbl {
         let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
         self.targets = targets.to_vec();
         let line = format!("$J=G90 G21 G53 {places} F{feed_mm_min:.3}");
-        self.port.line(doing, &line, ANSWER_DEADLINE, None).await
+        if reins.stopped() {
+            return Ok(());
+        }
+        self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
@@ -240,7 +243,7 @@ impl Stage for Grbl {
                     look = Instant::now();
                 }
                 Some(Order::Speed(mm_s)) => {
-                    self.change_speed(mm_s).await?;
+                    self.change_speed(mm_s, reins).await?;
                     look = Instant::now() + STATUS_EVERY;
                 }
                 None => {}

@@ -66,7 +66,7 @@ async fn a_jog_is_absolute_in_machine_coordinates_and_its_end_is_asked_for() {
         (b"?", b"<Idle|MPos:0.000,0.000,-1.250|FS:0,0>\r\n"),
     ]);
     stage.usage = Some(usage());
-    stage.begin(&[(Axis::Z, -1.25)], 1.5).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(850), &Reins::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     drop(stage);
@@ -80,7 +80,7 @@ async fn two_axes_go_at_the_speed_of_the_faster_one() {
         (b"$J=G90 G21 G53 X3.0000 Y5.0000 F750.000\n", b"ok\r\n"),
     ]);
     stage.usage = Some(usage());
-    stage.begin(&[(Axis::X, 3.0), (Axis::Y, 5.0)], 10.0).await.unwrap();
+    stage.begin(&[(Axis::X, 3.0), (Axis::Y, 5.0)], 10.0, &Reins::default()).await.unwrap();
     drop(stage);
     device.await.unwrap();
 }
@@ -100,7 +100,7 @@ async fn a_stop_is_one_byte_at_once() {
 async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
     let (mut refused, device) = stage(&[(b"$J=G90 G21 G53 Z1.0000 F60.000\n", b"error:15\r\n")]);
     refused.usage = Some(usage());
-    let told = refused.begin(&[(Axis::Z, 1.0)], 1.0).await.unwrap_err().to_string();
+    let told = refused.begin(&[(Axis::Z, 1.0)], 1.0, &Reins::default()).await.unwrap_err().to_string();
     assert!(told.contains("error 15 (the jog goes beyond the travel)"), "{told}");
     drop(refused);
     device.await.unwrap();
@@ -123,7 +123,7 @@ async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
 async fn a_target_outside_the_travel_is_never_sent() {
     let (mut stage, device) = stage(&[]);
     stage.usage = Some(usage());
-    let told = stage.begin(&[(Axis::Z, 12.6)], 1.0).await.unwrap_err().to_string();
+    let told = stage.begin(&[(Axis::Z, 12.6)], 1.0, &Reins::default()).await.unwrap_err().to_string();
     assert!(told.contains("z at 12.6 mm is outside the rig's travel"), "{told}");
     drop(stage);
     device.abort();

@@ -82,11 +82,14 @@ impl Stage for ProcessStage {
         Ok(identity)
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let to_mm: Object = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
         let request = json!({ "to_mm": to_mm, "speed_mm_s": speed_mm_s });
         let request = request.as_object().cloned().unwrap_or_default();
-        self.port.ask("starting a motion", "move", request, None).await.map(|_| ())
+        if reins.stopped() {
+            return Ok(());
+        }
+        self.port.ask("starting a motion", "move", request, Some(reins)).await.map(|_| ())
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {

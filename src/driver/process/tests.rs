@@ -32,7 +32,7 @@ async fn a_stage_is_prepared_moved_and_stopped_as_the_page_has_it() {
     let mut stage = ProcessStage::new(link, "script".to_owned());
     let reins = Reins::default();
     assert_eq!(stage.prepare(&usage(), &reins).await.unwrap().identity, "mine, SN 7");
-    stage.begin(&[(Axis::Z, -0.25)], 1.5).await.unwrap();
+    stage.begin(&[(Axis::Z, -0.25)], 1.5, &Reins::default()).await.unwrap();
     reins.stop();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(8), &reins).await.unwrap();
     assert_eq!(places_mm, [0.5], "a late answer and what isn't one are passed over");

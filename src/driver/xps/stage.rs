@@ -108,20 +108,11 @@ impl Xps {
     }
 
     async fn ask_numbers<const N: usize>(&mut self, doing: &str, call: &str) -> Result<[f64; N], DeviceError> {
-        let values = self.ask(doing, call).await?;
-        let numbers: Option<Vec<f64>> = values.iter().map(|text| number_in(text)).collect();
-        numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
-            let expected = format!("{N} numbers to {call}");
-            self.error(doing, Problem::Misfit { answer: values.join(","), expected })
-        })
+        numbers(&mut self.asks, doing, call).await
     }
 
     async fn state(&mut self, doing: &str) -> Result<GroupState, DeviceError> {
-        let [status] = self.ask_numbers(doing, &format!("GroupStatusGet({},int *)", self.group.name)).await?;
-        group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
-            let expected = "a group status".to_owned();
-            self.error(doing, Problem::Misfit { answer: status.to_string(), expected })
-        })
+        state(&mut self.asks, &self.group, doing).await
     }
 
     /// Where an axis is; a place the axis can't be at is no place.
@@ -302,15 +293,43 @@ impl Xps {
         Ok(first_mm)
     }
 
-    /// Sends a motion and waits until the group moves, or has moved.
-    async fn start(&mut self, motion: Motion) -> Result<(), DeviceError> {
+    /// Sends a motion and waits until the group moves, or has moved. A stop is sent on its own socket meanwhile.
+    async fn start(&mut self, motion: Motion, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "starting a motion";
+        if reins.stopped() {
+            return Ok(());
+        }
         motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
         self.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
         self.under_way = Some(motion);
         let until = Instant::now() + TAKEN_DEADLINE;
         while Instant::now() < until {
-            if self.state(doing).await? == GroupState::Moving {
+            let state = {
+                let Xps { asks, aborts, group, .. } = self;
+                let abort = async {
+                    // another speed is for whoever follows the motion
+                    while !reins.stopped() {
+                        reins.pulled().notified().await;
+                    }
+                    let call = abort_call(group);
+                    aborts.call_plainly(doing, &call, CALL_DEADLINE).await
+                };
+                let asked = state(asks, group, doing);
+                tokio::pin!(asked);
+                tokio::select! {
+                    biased;
+                    aborted = abort => {
+                        reins.take();
+                        aborted?;
+                        asked.await
+                    }
+                    state = &mut asked => state,
+                }
+            }?;
+            if let Some(motion) = self.under_way.as_mut().filter(|_| reins.stopped()) {
+                motion.aborted = true;
+            }
+            if state == GroupState::Moving || reins.stopped() {
                 return Ok(());
             }
             if let Some(answer) = self.moves.answer_by(doing, Instant::now()).await? {
@@ -367,7 +386,7 @@ impl Xps {
     }
 
     /// Goes on toward the same target at another speed: an S-gamma motion keeps the speed it began with.
-    async fn change_speed(&mut self, mm_s: f64) -> Result<(), DeviceError> {
+    async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let Some(motion) = self.under_way.clone() else { return Ok(()) };
         self.stop().await?;
         let until = Instant::now() + MOTION_MARGIN;
@@ -376,8 +395,31 @@ impl Xps {
             self.shape(*axis, mm_s).await?;
         }
         let motion = self.motion_to(&motion.targets).await?;
-        self.start(motion).await
+        self.start(motion, reins).await
     }
+}
+
+/// The numbers that a call gives.
+async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> Result<[f64; N], DeviceError> {
+    let values = asks.call(doing, call, CALL_DEADLINE).await?;
+    let numbers: Option<Vec<f64>> = values.iter().map(|text| number_in(text)).collect();
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
+        let expected = format!("{N} numbers to {call}");
+        asks.error(doing, Problem::Misfit { answer: values.join(","), expected })
+    })
+}
+
+/// What the group is able to do.
+async fn state(asks: &mut Socket, group: &Group, doing: &str) -> Result<GroupState, DeviceError> {
+    let [status] = numbers(asks, doing, &format!("GroupStatusGet({},int *)", group.name)).await?;
+    group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
+        let expected = "a group status".to_owned();
+        asks.error(doing, Problem::Misfit { answer: status.to_string(), expected })
+    })
+}
+
+fn abort_call(group: &Group) -> String {
+    format!("GroupMoveAbort({})", group.name)
 }
 
 impl Stage for Xps {
@@ -398,15 +440,19 @@ impl Stage for Xps {
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<(), DeviceError> {
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         // a group takes one motion at a time; what is under way ends by itself, where it is safe
         let until = Instant::now() + MOTION_MARGIN;
-        self.until_ended("waiting for the motion before", until, &Reins::default()).await?;
+        while self.until_ended("waiting for the motion before", until, reins).await?.is_none() {
+            if reins.stopped() && reins.take().is_some() {
+                self.stop().await?;
+            }
+        }
         for (axis, _) in targets {
             self.shape(*axis, speed_mm_s).await?;
         }
         let motion = self.motion_to(targets).await?;
-        self.start(motion).await
+        self.start(motion, reins).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
@@ -415,11 +461,14 @@ impl Stage for Xps {
         if self.under_way.is_none() {
             self.until_still(doing, MOTION_MARGIN).await?;
         }
-        while self.until_ended(doing, until, reins).await?.is_none() {
+        loop {
             match reins.take() {
                 Some(Order::Stop) => self.stop().await?,
-                Some(Order::Speed(mm_s)) => self.change_speed(mm_s).await?,
+                Some(Order::Speed(mm_s)) => self.change_speed(mm_s, reins).await?,
                 None => {}
+            }
+            if self.until_ended(doing, until, reins).await?.is_some() {
+                break;
             }
         }
         let mut places_mm = Vec::with_capacity(axes.len());
@@ -434,7 +483,7 @@ impl Stage for Xps {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        let (doing, call) = ("stopping", format!("GroupMoveAbort({})", self.group.name));
+        let (doing, call) = ("stopping", abort_call(&self.group));
         if let Some(motion) = &mut self.under_way {
             motion.aborted = true;
         }

@@ -114,7 +114,7 @@ async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
         ],
         None,
     );
-    stage.begin(&[(Axis::Z, -1.25)], 1.5).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &Reins::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     done(stage, devices).await;
@@ -133,7 +133,7 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
         ],
         None,
     );
-    let told = stage.begin(&[(Axis::Z, 380.0)], 1.5).await.unwrap_err().to_string();
+    let told = stage.begin(&[(Axis::Z, 380.0)], 1.5, &Reins::default()).await.unwrap_err().to_string();
     assert!(told.contains("error -17 (parameter out of range) to GroupMoveAbsolute(XYZ.Z,380.000000)"), "{told}");
     done(stage, devices).await;
 }
@@ -152,7 +152,7 @@ async fn a_stop_goes_over_its_own_socket_at_once_and_the_motion_says_27() {
         ],
         None,
     );
-    stage.begin(&[(Axis::Z, -1.25)], 1.5).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
     let reins = Reins::default();
     reins.stop();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &reins).await.unwrap();
@@ -182,7 +182,7 @@ async fn an_abort_that_nobody_here_asked_for_is_the_guards_if_it_is_armed() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&[(Axis::Z, -1.25)], 1.5).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
     let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &Reins::default()).await.unwrap_err();
     assert!(matches!(error.problem, Problem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     done(stage, devices).await;
