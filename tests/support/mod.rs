@@ -1,6 +1,7 @@
 //! What the integration tests share: the program in a folder of its own, and what it said.
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
+pub mod python;
 pub mod skins;
 pub mod walks;
 
@@ -205,8 +206,15 @@ impl Live {
     }
 
     /// Its end, and what it said since it was last listened to.
-    pub fn end(mut self) -> Told {
-        let rest = |lines: &Receiver<String>| std::iter::from_fn(|| next(lines)).map(|line| line + "\n").collect();
+    pub fn end(self) -> Told {
+        self.end_within(PATIENCE)
+    }
+
+    /// The same for one that may be still for longer.
+    pub fn end_within(mut self, patience: Duration) -> Told {
+        let rest = |lines: &Receiver<String>| {
+            std::iter::from_fn(|| next_within(lines, patience)).map(|line| line + "\n").collect()
+        };
         let (out, err) = (rest(&self.out), rest(&self.err));
         Told { code: self.child.wait().expect("it can be waited for").code(), out, err }
     }
@@ -228,9 +236,13 @@ fn lines(stream: Option<impl Read + Send + 'static>) -> Receiver<String> {
 }
 
 fn next(lines: &Receiver<String>) -> Option<String> {
-    match lines.recv_timeout(PATIENCE) {
+    next_within(lines, PATIENCE)
+}
+
+fn next_within(lines: &Receiver<String>, patience: Duration) -> Option<String> {
+    match lines.recv_timeout(patience) {
         Ok(line) => Some(line),
         Err(RecvTimeoutError::Disconnected) => None,
-        Err(RecvTimeoutError::Timeout) => panic!("no line within {} s", PATIENCE.as_secs()),
+        Err(RecvTimeoutError::Timeout) => panic!("no line within {} s", patience.as_secs()),
     }
 }
