@@ -6,41 +6,10 @@
 
 mod support;
 
-use std::collections::BTreeMap;
 use std::process::Command;
 use support::python::{Python, said, skipped};
-use support::{Bench, Live, exchanged, shipped, shipped_text};
-
-/// A rig's emulators, being served.
-struct Served {
-    listens: BTreeMap<String, String>,
-    _bench: Bench,
-    _emulators: Live,
-}
-
-impl Served {
-    fn new(rig: &str, words: &str) -> Served {
-        let bench = Bench::with([("rig.toml", rig)]);
-        let emulators = Live::start(bench.command(&format!("emulate rig.toml --json {words}")));
-        let mut listens = BTreeMap::new();
-        for _ in 0..3 {
-            let line = emulators.line().expect("a line a device");
-            let told: serde_json::Value = serde_json::from_str(&line).expect("one JSON object a line");
-            let text = |key: &str| told[key].as_str().unwrap_or_default().to_owned();
-            listens.insert(text("device"), text("listen"));
-        }
-        Served { listens, _bench: bench, _emulators: emulators }
-    }
-
-    /// A path such as `/dev/pts/4`, or `127.0.0.1:port`.
-    fn address(&self, device: &str) -> &str {
-        &self.listens[device]
-    }
-
-    fn host_and_port(&self, device: &str) -> [&str; 2] {
-        self.address(device).rsplit_once(':').expect("a TCP address").into()
-    }
-}
+use support::served::Served;
+use support::{Bench, exchanged, shipped, shipped_text};
 
 #[test]
 fn pymeasure_drives_the_esp301_over_a_serial_line() {

@@ -61,13 +61,13 @@ def main(resource):
     esp.write("1QQ")
     assert [str(error.error) for error in esp.errors] == ["9", "6"]
     esp.adapter.connection.timeout = 500
-    try:
-        esp.shutdown()
-        raise AssertionError("its *OPC? was answered")
-    except pyvisa.errors.VisaIOError as error:
-        assert error.error_code == pyvisa.constants.StatusCode.error_timeout, error
+    for ask in (lambda: esp.complete), (lambda: esp.id), esp.shutdown:  # *OPC?, *IDN?, and *OPC? once more
+        try:
+            raise AssertionError(f"it answered {ask()!r}")
+        except pyvisa.errors.VisaIOError as error:
+            assert error.error_code == pyvisa.constants.StatusCode.error_timeout, error
     esp.adapter.connection.timeout = 5000
-    assert [error.error for error in esp.errors] == ["6"]
+    assert [error.error for error in esp.errors] == ["6"] * 3
 
     esp.x.position = 0.25
     esp.x.wait_for_stop()

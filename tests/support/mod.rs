@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
 pub mod python;
+pub mod served;
 pub mod skins;
 pub mod walks;
 

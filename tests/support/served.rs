@@ -1,0 +1,34 @@
+use super::{Bench, Live};
+use std::collections::BTreeMap;
+
+/// A rig's emulators, being served.
+pub struct Served {
+    listens: BTreeMap<String, String>,
+    _bench: Bench,
+    _emulators: Live,
+}
+
+impl Served {
+    /// With some words more for `palpate emulate`.
+    pub fn new(rig: &str, words: &str) -> Served {
+        let bench = Bench::with([("rig.toml", rig)]);
+        let emulators = Live::start(bench.command(&format!("emulate rig.toml --json {words}")));
+        let mut listens = BTreeMap::new();
+        for _ in 0..3 {
+            let line = emulators.line().expect("a line a device");
+            let told: serde_json::Value = serde_json::from_str(&line).expect("one JSON object a line");
+            let text = |key: &str| told[key].as_str().unwrap_or_default().to_owned();
+            listens.insert(text("device"), text("listen"));
+        }
+        Served { listens, _bench: bench, _emulators: emulators }
+    }
+
+    /// A path such as `/dev/pts/4`, or `127.0.0.1:port`.
+    pub fn address(&self, device: &str) -> &str {
+        &self.listens[device]
+    }
+
+    pub fn host_and_port(&self, device: &str) -> [&str; 2] {
+        self.address(device).rsplit_once(':').expect("a TCP address").into()
+    }
+}
