@@ -14,6 +14,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 use support::python::{Python, said, skipped};
+use support::served::Served;
 use support::{Bench, exchanged, shipped, shipped_text};
 use tokio::sync::Mutex;
 use tokio::time::{Instant, timeout};
@@ -161,21 +162,17 @@ fn a_library_that_isnt_there_or_lacks_a_function_is_named() {
 fn doctor_meets_a_rigs_own_library() {
     let bench = Bench::new();
     let Some(path) = stub("doctor on the library", &bench, &[]) else { return };
-    let mut rig = shipped_text("rigs/process.toml");
-    let link = format!("link = \"daqmx://{}\"\n", path.display());
-    let stage = shipped("examples/stage.py");
+    let served = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
+    let link = format!("daqmx://{}", path.display());
+    let mut rig = shipped_text("rigs/esp301.toml");
     for (from, to) in [
-        ("examples/stage.py".to_owned(), stage.display().to_string()),
-        (
-            "driver = { process = [\"python3\", \"examples/load_cell.py\"] }\n".to_owned(),
-            format!("driver = {{ daqmx = \"Dev7/ai0\", newton_per_volt = 1.0 }}\n{link}"),
-        ),
-        (
-            "driver = { process = [\"python3\", \"examples/array.py\", \"9\"] }\n".to_owned(),
-            format!("driver = {{ daqmx = \"Dev1/ai1:9\" }}\n{link}"),
-        ),
+        ("serial:///dev/ttyUSB0?baud=921600", format!("tcp://{}", served.address("stage")).as_str()),
+        ("{ modbus = \"generic-rs485\" }", "{ daqmx = \"Dev7/ai0\", newton_per_volt = 1.0 }"),
+        ("serial:///dev/ttyUSB1?baud=115200", &link),
+        ("{ modbus = \"labjack-t7\" }", "{ daqmx = \"Dev1/ai1:9\" }"),
+        ("tcp://192.168.1.10:502", &link),
     ] {
-        rig = exchanged(&rig, &from, &to);
+        rig = exchanged(&rig, from, to);
     }
     bench.write("rig.toml", &rig);
     let told = bench.palpate_ends(3, "doctor rig.toml");

@@ -38,7 +38,7 @@ fn a_load_cell_served_over_a_serial_line() {
     examined(&stage(), "generic-rs485", &format!("serial://{address}?baud=115200"));
 }
 
-/// A map that reads the words in the wrong order sees no force it could believe, and its probe finds out.
+/// It has none of the registers that the map's probe asks for.
 #[test]
 fn a_served_device_that_isnt_what_the_map_says_is_refused() {
     let Some(python) = Python::with("a served device of another kind", "import pymodbus") else { return };

@@ -1,8 +1,9 @@
-/* Stands for NI's library: the functions of NIDAQmx.h that src/wire/daqmx calls, with that header's parameters and codes.
+/* Stands for NI's library: the functions of NIDAQmx.h that src/wire/daqmx calls, with that header's parameters and
+ * codes.
  *
- * It has two devices. Sample n of input aiK reads K + n/1000 V: both the input and the sample can be told from a voltage.
- * Samples come on the real clock. "Dev1" keeps all that its buffer holds; of "Lost1" 100 samples are always unread and
- * overwritten by the time it is read. Any other device is unknown. -DLACKS_STOP leaves one function out. */
+ * It has two devices. Sample n of input aiK reads K + n/1000 V: both the input and the sample can be told from a
+ * voltage. Samples come on the real clock. "Dev1" keeps all that its buffer holds; of "Lost1" all is overwritten by the
+ * time it is read. Any other device is unknown. -DLACKS_STOP leaves one function out. */
 
 #include <stdint.h>
 #include <stdio.h>
@@ -52,10 +53,11 @@ int32_t DAQmxCreateTask(const char *name, TaskHandle *handle) {
     return 0;
 }
 
-int32_t DAQmxCreateAIVoltageChan(TaskHandle handle, const char *physical, const char *name, int32_t terminal, double least,
-                                 double most, int32_t units, const char *scale) {
+int32_t DAQmxCreateAIVoltageChan(TaskHandle handle, const char *physical, const char *name, int32_t terminal,
+                                 double least, double most, int32_t units, const char *scale) {
     Task *task = handle;
-    int known_terminal = terminal == DEFAULT || terminal == RSE || terminal == NRSE || terminal == DIFF || terminal == PSEUDO_DIFF;
+    int known_terminal = terminal == DEFAULT || terminal == RSE || terminal == NRSE || terminal == DIFF ||
+                         terminal == PSEUDO_DIFF;
     (void)name;
     if (!task)
         return fail(BAD_TASK, "Task specified is invalid or does not exist.");
@@ -78,11 +80,13 @@ int32_t DAQmxCreateAIVoltageChan(TaskHandle handle, const char *physical, const 
     return 0;
 }
 
-int32_t DAQmxCfgSampClkTiming(TaskHandle handle, const char *source, double rate, int32_t edge, int32_t mode, uint64_t samples) {
+int32_t DAQmxCfgSampClkTiming(TaskHandle handle, const char *source, double rate, int32_t edge, int32_t mode,
+                              uint64_t samples) {
     Task *task = handle;
     if (!task)
         return fail(BAD_TASK, "Task specified is invalid or does not exist.");
-    if ((source && *source) || edge != RISING || mode != CONTINUOUS || !(rate > 0.0) || rate * task->channels > 500e3 || !samples)
+    if ((source && *source) || edge != RISING || mode != CONTINUOUS || !samples || !(rate > 0.0) ||
+        rate * task->channels > 500e3)
         return fail(BAD_VALUE, "Requested value is not a supported value for this property.");
     task->rate_hz = rate;
     task->room = samples;
@@ -116,8 +120,8 @@ int32_t DAQmxClearTask(TaskHandle handle) {
     return 0;
 }
 
-int32_t DAQmxReadAnalogF64(TaskHandle handle, int32_t samples, double timeout, uint32_t fill, double *buffer, uint32_t length,
-                           int32_t *read, uint32_t *reserved) {
+int32_t DAQmxReadAnalogF64(TaskHandle handle, int32_t samples, double timeout, uint32_t fill, double *buffer,
+                           uint32_t length, int32_t *read, uint32_t *reserved) {
     Task *task = handle;
     if (!task || !task->runs || reserved)
         return fail(BAD_TASK, "Task specified is invalid or does not exist.");
@@ -138,7 +142,9 @@ int32_t DAQmxReadAnalogF64(TaskHandle handle, int32_t samples, double timeout, u
     }
     for (uint64_t n = 0; n < count; n++)
         for (int channel = 0; channel < task->channels; channel++) {
-            uint64_t at = fill == BY_SCAN ? n * (uint64_t)task->channels + (uint64_t)channel : (uint64_t)channel * count + n;
+            uint64_t of_scan = n * (uint64_t)task->channels + (uint64_t)channel;
+            uint64_t of_channel = (uint64_t)channel * count + n;
+            uint64_t at = fill == BY_SCAN ? of_scan : of_channel;
             buffer[at] = task->inputs[channel] + 1e-3 * (double)(task->taken + n);
         }
     task->taken += count;

@@ -1,4 +1,4 @@
-"""grbl-streamer drives the GRBL at a serial port: it resets it, asks it for all it has, polls it, and streams G-code."""
+"""grbl-streamer drives the GRBL at a serial port: resets it, asks it for all it has, polls it, streams G-code."""
 
 import os
 import queue

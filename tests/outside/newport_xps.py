@@ -1,7 +1,7 @@
 """newportxps drives the XPS at an address: group XYZ of X, Y and Z.
 
-It reads the names of groups and stages over FTP, from the controller's system.ini. That file is given to it here; all else,
-the motion and its errors, goes through the controller's own port."""
+It reads the names of groups and stages over FTP, from the controller's system.ini. That file is given to it here; all
+else, the motion and its errors, goes through the controller's own port."""
 
 import sys
 import threading

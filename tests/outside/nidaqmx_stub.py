@@ -1,7 +1,7 @@
-"""nidaqmx-python calls the library it finds, through its own table of functions: three scans of three inputs, and two errors.
+"""nidaqmx-python calls the library it finds: three scans of three inputs, and two errors.
 
-Its Task asks the library much else (names, attributes) that the stub doesn't have: its interpreter, which has the signatures,
-is called as Task calls it."""
+Its Task asks the library much else (names, attributes) that the stub doesn't have: its interpreter, which has the
+signatures, is called as Task calls it."""
 
 import sys
 from ctypes.util import find_library
