@@ -42,8 +42,32 @@ const RUNS: usize = 60;
 struct Heard {
     /// The first reading over the limit, as it came in.
     over: Option<Instant>,
-    /// The first stop after it.
+    /// The first stop after it, or it itself where the motion before had been stopped already.
     stop: Option<Instant>,
+    /// Whether the last that the stage was told is to stop.
+    stopped: bool,
+}
+
+impl Heard {
+    fn is_over(&mut self) {
+        let now = Instant::now();
+        if self.over.is_none() {
+            (self.over, self.stop) = (Some(now), self.stopped.then_some(now));
+        }
+    }
+
+    /// What the stage is told at once is one piece of the stream.
+    fn told(&mut self, piece: &[u8], stop: &[u8], motion: &[u8]) {
+        let has = |word: &[u8]| piece.windows(word.len()).any(|window| window == word);
+        if has(stop) {
+            self.stopped = true;
+            if self.over.is_some() {
+                self.stop.get_or_insert(Instant::now());
+            }
+        } else if has(motion) {
+            self.stopped = false;
+        }
+    }
 }
 
 /// Notes when the presses begin.
@@ -55,21 +79,28 @@ impl Listener for Begin {
     }
 }
 
-/// The rigs: a name, the rig's text, and how its stop looks on the wire.
-fn rigs() -> [(&'static str, String, &'static [u8]); 4] {
+/// How a stop and a motion look on a stage's wire.
+type Words = [&'static [u8]; 2];
+
+/// The rigs: a name, the rig's text, and how its stage's stop and motions look on the wire.
+fn rigs() -> [(&'static str, String, Words); 4] {
     // a cell whose every answer is a force
     let force_alone = |text: String| exchanged(&text, "modbus = \"generic-rs485\"", "modbus = \"labjack-t7\"");
     [
-        ("esp301", force_alone(shipped_text("rigs/esp301.toml")), b"ST\r"),
-        ("xps", exchanged(&shipped_text("rigs/xps.toml"), ", guard = true", ""), b"GroupMoveAbort"),
-        ("grbl", force_alone(shipped_text("rigs/grbl.toml")), b"\x85"),
-        ("process", shipped_text("rigs/process.toml"), b"{\"do\":\"stop\"}"),
+        ("esp301", force_alone(shipped_text("rigs/esp301.toml")), [b"ST\r", b"PA"]),
+        (
+            "xps",
+            exchanged(&shipped_text("rigs/xps.toml"), ", guard = true", ""),
+            [b"GroupMoveAbort", b"GroupMoveAbsolute"],
+        ),
+        ("grbl", force_alone(shipped_text("rigs/grbl.toml")), [b"\x85", b"$J="]),
+        ("process", shipped_text("rigs/process.toml"), [b"{\"do\":\"stop\"}", b"\"do\":\"move\""]),
     ]
 }
 
 #[test]
 fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_it() {
-    for (name, text, stop) in rigs() {
+    for (name, text, words) in rigs() {
         let spec = palpate::rig::parse(name, &text, &|_| unreachable!()).expect("a rig").simulated();
         let period = Duration::from_secs_f64(1.0 / spec.load_cell.conversions_hz);
         let mut from_force_ms = Vec::new();
@@ -78,7 +109,7 @@ fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_i
         for run in 0..RUNS {
             let share = (run as f64 + 0.5) / RUNS as f64;
             let from_s = presses_s.start + share * (presses_s.end - presses_s.start);
-            let (heard, origin) = tripped(&spec, from_s, stop);
+            let (heard, origin) = tripped(&spec, from_s, words);
             let (Some(over), Some(stopped)) = (heard.over, heard.stop) else {
                 panic!("{name}, fault at {from_s} s: over the limit {:?}, stop {:?}", heard.over, heard.stop)
             };
@@ -107,7 +138,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
 }
 
 /// Runs into a force far over the limit; what was on the wires, and when the scene's time began.
-fn tripped(spec: &RigSpec, from_s: f64, stop: &'static [u8]) -> (Heard, Instant) {
+fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
     let mut spec = spec.clone();
     spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
     in_virtual_time(async {
@@ -124,7 +155,7 @@ fn tripped(spec: &RigSpec, from_s: f64, stop: &'static [u8]) -> (Heard, Instant)
             };
             move || line.connector()
         };
-        let to_stage = tapped(&simulated.stage, Tap::Stop(stop));
+        let to_stage = tapped(&simulated.stage, Tap::Stage(words));
         let from = origin + Duration::from_secs_f64(from_s);
         let to_cell = tapped(&simulated.load_cell, Tap::Over(spec.limits.force_n, from));
         let mut rig = spec.open_on(simulated).expect("drivers");
@@ -169,8 +200,8 @@ fn load_cell(spec: &RigSpec, link: Connector, origin: Instant) -> AnyLoadCell {
 /// What is listened for on a link.
 #[derive(Clone, Copy)]
 enum Tap {
-    /// A stop to the device.
-    Stop(&'static [u8]),
+    /// Stops and motions to the device.
+    Stage(Words),
     /// A force over this from it, N, from a moment on: what a device is asked while it is identified are no forces.
     Over(f64, Instant),
 }
@@ -204,13 +235,8 @@ async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<H
         tokio::select! {
             biased;
             Ok(count @ 1..) = near.read(&mut there) => {
-                if let Tap::Stop(stop) = tap
-                    && there[..count].windows(stop.len()).any(|window| window == stop)
-                {
-                    let mut heard = heard.lock().unwrap();
-                    if heard.over.is_some() {
-                        heard.stop.get_or_insert(Instant::now());
-                    }
+                if let Tap::Stage([stop, motion]) = tap {
+                    heard.lock().unwrap().told(&there[..count], stop, motion);
                 }
                 let _ = far.write_all(&there[..count]).await;
             }
@@ -219,7 +245,7 @@ async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<H
                     && Instant::now() >= from
                     && force_n(&back[..count]).is_some_and(|force_n| force_n > limit_n)
                 {
-                    heard.lock().unwrap().over.get_or_insert(Instant::now());
+                    heard.lock().unwrap().is_over();
                 }
                 let _ = near.write_all(&back[..count]).await;
             }

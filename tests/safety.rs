@@ -549,7 +549,7 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
         bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &Reins::default()).await.unwrap();
         bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
-        let here_mm = bench.driver.position_mm(Axis::Z).await.unwrap();
+        let here_mm = bench.driver.position_mm(Axis::Z, &Reins::default()).await.unwrap();
         sleep(Duration::from_secs(1)).await;
         assert!((bench.at_mm(Axis::Z) - here_mm).abs() < 0.001, "from {here_mm} mm to {} mm", bench.at_mm(Axis::Z));
     });
@@ -631,7 +631,7 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
             }
         });
         assert_eq!(driver.follow(&[Axis::Z], Duration::ZERO, &Reins::default()).await.unwrap(), [-0.4321]);
-        assert_eq!(driver.position_mm(Axis::Z).await.unwrap(), -0.4321);
+        assert_eq!(driver.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -0.4321);
     });
 }
 

@@ -69,8 +69,8 @@ pub trait Stage {
         reins: &Reins,
     ) -> impl Future<Output = Result<Vec<f64>, DeviceError>>;
 
-    /// Where an axis is.
-    fn position_mm(&mut self, axis: Axis) -> impl Future<Output = Result<f64, DeviceError>>;
+    /// Where an axis is; what the reins ask for meanwhile is done at once.
+    fn position_mm(&mut self, axis: Axis, reins: &Reins) -> impl Future<Output = Result<f64, DeviceError>>;
 
     /// Stops all axes at once, waiting for nothing.
     fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;

@@ -68,8 +68,8 @@ impl Stage for AnyStage {
         stage!(self, it => it.follow(axes, expected, reins).await)
     }
 
-    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        stage!(self, it => it.position_mm(axis).await)
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        stage!(self, it => it.position_mm(axis, reins).await)
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

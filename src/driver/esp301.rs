@@ -168,7 +168,7 @@ impl Esp301 {
             return Ok(());
         }
         self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, reins).await?;
-        let (at_mm, end_mm) = (self.position_mm(Axis::Z).await?, away_end_mm(usage));
+        let (at_mm, end_mm) = (self.position_mm(Axis::Z, &Reins::default()).await?, away_end_mm(usage));
         if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
             let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
             return Err(self.error("homing", Problem::Mismatch(told)));
@@ -181,11 +181,11 @@ impl Esp301 {
     async fn clear_z(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
         let doing = "taking z away from the specimen";
         let end_mm = away_end_mm(usage);
-        let way_mm = (end_mm - self.position_mm(Axis::Z).await?).abs();
+        let way_mm = (end_mm - self.position_mm(Axis::Z, &Reins::default()).await?).abs();
         self.begin(&[(Axis::Z, end_mm)], usage.speed_mm_s, &Reins::default()).await?;
         let expected = Duration::try_from_secs_f64(way_mm / usage.speed_mm_s).unwrap_or_default();
         self.follow(&[Axis::Z], expected, &Reins::default()).await?;
-        let at_mm = self.position_mm(Axis::Z).await?;
+        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
             let told = format!("z was sent to {end_mm:.4} mm and is at {at_mm:.4} mm");
@@ -316,8 +316,10 @@ impl Stage for Esp301 {
         }
     }
 
-    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        self.ask_number("reading a position", &format!("{}TP", number(axis))).await
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        let (doing, question) = ("reading a position", format!("{}TP", number(axis)));
+        self.ask_for(doing, &question, 1, Some((reins, &Axis::ALL)), "a number", |answers| number_in(answers.first()?))
+            .await
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -93,7 +93,7 @@ async fn look<S: Stage, C: LoadCell, A: SensorArray>(
             }
             let asked = Instant::now();
             match device {
-                0 => _ = hand.stage.position_mm(Axis::Z).await?,
+                0 => _ = hand.stage.position_mm(Axis::Z, &Reins::default()).await?,
                 1 => _ = hand.cell.cell.read().await?,
                 _ => hand.array.read(&mut outputs).await?,
             }

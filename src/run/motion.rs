@@ -96,7 +96,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             let mut refused = None;
             while !reins.stopped() {
                 let has_ended = begun.elapsed() > ends_after;
-                let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z).await?);
+                let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z, &reins).await?);
                 match permit.sideways(z_mm, first_mm, force_n.get()) {
                     Ok(leave) if !reins.stopped() => {
                         clear.set(true);
@@ -172,8 +172,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Reads x, y and z back, wherever the axes are.
     pub async fn find_itself(&mut self) -> Result<(), Halt> {
-        let x_mm = self.stage.position_mm(Axis::X).await?;
-        let y_mm = self.stage.position_mm(Axis::Y).await?;
+        let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
+        let y_mm = self.stage.position_mm(Axis::Y, &Reins::default()).await?;
         self.place = self.frame.place_from_stage(x_mm, y_mm);
         self.read_back_z().await
     }
@@ -230,14 +230,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     async fn watch_z(&mut self) -> Result<(), Halt> {
         let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now())));
         let stage = &mut self.stage;
-        let look = async { Ok(stage.position_mm(Axis::Z).await?) };
+        let look = async { Ok(stage.position_mm(Axis::Z, &reins).await?) };
         let at_mm = watched(&mut self.cell, look, &reins, &due, |_, _| Steer::On).await?;
         self.z_mm = self.frame.z_from_stage(at_mm);
         Ok(())
     }
 
     async fn read_back_z(&mut self) -> Result<(), Halt> {
-        self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z).await?);
+        self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z, &Reins::default()).await?);
         Ok(())
     }
 

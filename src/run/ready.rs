@@ -86,7 +86,7 @@ async fn time<S: Stage, C: LoadCell, A: SensorArray>(
     let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
     for _ in 0..TIMED {
         let asked = Instant::now();
-        hand.stage.position_mm(Axis::Z).await?;
+        hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
         stage_s = stage_s.max(asked.elapsed().as_secs_f64());
         let asked = Instant::now();
         hand.cell.cell.read().await?;

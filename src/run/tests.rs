@@ -36,7 +36,7 @@ impl Stage for StrawStage<'_> {
         }
         Ok(axes.iter().map(|axis| self.at_mm[axis.index()]).collect())
     }
-    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
+    async fn position_mm(&mut self, axis: Axis, _: &Reins) -> Result<f64, DeviceError> {
         Ok(self.at_mm[axis.index()])
     }
     async fn stop(&mut self) -> Result<(), DeviceError> {

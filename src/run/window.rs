@@ -2,6 +2,7 @@ use super::Halt;
 use super::hand::Hand;
 use crate::device::{LoadCell, SensorArray, Stage};
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
 /// Fewest readings in a window, however short it is.
@@ -33,10 +34,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let mut now = sums.clone();
         // each as fast as it goes: neither waits for the other
         let (gauge, array) = (&mut self.cell, &mut self.array);
+        let over = Notify::new();
         let forces = async {
             let (mut sum_n, mut readings) = (0.0, 0);
             while Instant::now() < until || readings < READINGS_LEAST {
-                sum_n += gauge.force_n().await?;
+                match gauge.force_n().await {
+                    Ok(force_n) => sum_n += force_n,
+                    Err(halt) => {
+                        over.notify_one(); // nothing of a window is waited for that is lost
+                        return Err(halt);
+                    }
+                }
                 readings += 1;
             }
             Ok::<f64, Halt>(sum_n / f64::from(readings))
@@ -48,7 +56,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 array.read(&mut now).await?;
                 sums.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output);
                 readings += 1;
-                sleep_until(next).await;
+                tokio::select! {
+                    biased;
+                    () = over.notified() => break,
+                    () = sleep_until(next) => {}
+                }
             }
             Ok::<f64, Halt>(f64::from(readings))
         };

@@ -100,7 +100,7 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
     stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0, &Reins::default()).await.unwrap();
     let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Reins::default()).await.unwrap();
     assert_eq!(arrived, [-1.5, 0.25]);
-    assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), -10.237);
+    assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -10.237);
     drop(stage);
     device.await.unwrap();
 }
@@ -152,7 +152,7 @@ async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again(
         (b"VE?\r", b"-1.0\r\nESP301 Version 1.1.1 16/01/14\r\n"),
         (b"3TP\r", b"2.5000\r\n"),
     ]);
-    assert_eq!(stage.position_mm(Axis::Z).await.unwrap(), 2.5);
+    assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), 2.5);
     drop(stage);
     device.await.unwrap();
 }
@@ -160,7 +160,7 @@ async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again(
 #[tokio::test(start_paused = true)]
 async fn a_silent_controller_is_an_error_that_says_what_was_asked() {
     let (mut stage, _device) = stage(&[(b"3TP\r", b"")]);
-    let error = stage.position_mm(Axis::Z).await.unwrap_err();
+    let error = stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err();
     assert_eq!(
         error.to_string(),
         "stage (ESP301 at script): while reading a position: no answer to \"3TP\" within 6000 ms"

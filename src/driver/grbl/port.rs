@@ -93,7 +93,7 @@ impl Port {
     }
 
     /// Asks for a status.
-    pub async fn status(&mut self, doing: &str) -> Result<Status, DeviceError> {
+    pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<Status, DeviceError> {
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
             if self.lines.something_came().await {
@@ -102,7 +102,7 @@ impl Port {
             self.send(doing, STATUS).await?;
             let until = Instant::now() + ANSWER_DEADLINE;
             for _ in 0..LINES_MAX {
-                match self.next(doing, until, None).await? {
+                match self.next(doing, until, Some(reins)).await? {
                     Some(Report::Status(status)) => return Ok(status),
                     Some(report) => self.keep(report),
                     None => break,

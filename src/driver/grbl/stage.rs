@@ -48,8 +48,8 @@ impl Grbl {
     }
 
     /// Its state, and where the axes are in the machine's coordinates; a place they can't be at is no place.
-    async fn status(&mut self, doing: &str) -> Result<Status, DeviceError> {
-        let status = self.port.status(doing).await?;
+    async fn status(&mut self, doing: &str, reins: &Reins) -> Result<Status, DeviceError> {
+        let status = self.port.status(doing, (reins, JOG_CANCEL)).await?;
         if self.port.restarted {
             let told = "it started anew: where it is, is lost".to_owned();
             return Err(self.port.error(doing, Problem::Motion(told)));
@@ -148,7 +148,7 @@ impl Grbl {
         if reins.stopped() {
             return Err(self.port.error(doing, Problem::Motion("it was stopped".to_owned())));
         }
-        match self.status(doing).await?.state {
+        match self.status(doing, &Reins::default()).await?.state {
             State::Idle => Ok(()),
             state => Err(self.port.error(doing, Problem::Motion(format!("it is in the state {state:?} afterwards")))),
         }
@@ -158,7 +158,7 @@ impl Grbl {
     async fn until_still(&mut self, doing: &str) -> Result<State, DeviceError> {
         let until = Instant::now() + MOTION_MARGIN;
         loop {
-            let state = self.status(doing).await?.state;
+            let state = self.status(doing, &Reins::default()).await?.state;
             if !matches!(state, State::Jog | State::Run | State::Home) {
                 return Ok(state);
             }
@@ -189,7 +189,7 @@ impl Grbl {
     async fn feed_mm_min(&mut self, doing: &str, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<f64, DeviceError> {
         let mut stretch = 1.0;
         if targets.len() > 1 {
-            let from_mm = self.status(doing).await?.position_mm;
+            let from_mm = self.status(doing, &Reins::default()).await?.position_mm;
             let ways = targets.iter().map(|(axis, mm)| mm - from_mm[axis.index()]);
             let (whole, longest) =
                 ways.fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way), longest.max(way.abs())));
@@ -207,7 +207,7 @@ impl Stage for Grbl {
         let warnings = self.check_settings(usage).await?;
         self.home(reins).await?;
         self.usage = Some(usage.clone());
-        self.status("reading where it is").await?;
+        self.status("reading where it is", &Reins::default()).await?;
         self.port.complaints.clear();
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
@@ -253,7 +253,7 @@ impl Stage for Grbl {
                 () = reins.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
-            let Status { state, position_mm, .. } = self.status(doing).await?;
+            let Status { state, position_mm, .. } = self.status(doing, reins).await?;
             match state {
                 State::Jog | State::Run | State::Home => {}
                 State::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
@@ -270,8 +270,8 @@ impl Stage for Grbl {
         }
     }
 
-    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        Ok(self.status("reading a position").await?.position_mm[axis.index()])
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", reins).await?.position_mm[axis.index()])
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -113,7 +113,7 @@ async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
 
     let (mut restarted, device) =
         stage(&[(b"?", b"Grbl 1.1h ['$' for help]\r\n<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n")]);
-    let told = restarted.position_mm(Axis::Z).await.unwrap_err().to_string();
+    let told = restarted.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string();
     assert!(told.contains("it started anew: where it is, is lost"), "{told}");
     drop(restarted);
     device.await.unwrap();

@@ -97,15 +97,14 @@ impl Stage for ProcessStage {
         let began = Instant::now();
         let mut look = began + expected;
         loop {
+            // what was asked for before this waited too
+            self.port.obey(doing, reins).await?;
+            if reins.stopped() {
+                look = look.min(Instant::now());
+            }
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => {
-                    self.port.obey(doing, reins).await?;
-                    if reins.stopped() {
-                        look = Instant::now();
-                    }
-                    continue;
-                }
+                () = reins.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
             let Status { moving, position_mm } = self.status(doing, Some(reins)).await?;
@@ -121,8 +120,8 @@ impl Stage for ProcessStage {
         }
     }
 
-    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        Ok(self.status("reading a position", None).await?.position_mm[axis.index()])
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", Some(reins)).await?.position_mm[axis.index()])
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -117,8 +117,16 @@ impl Xps {
 
     /// Where an axis is; a place the axis can't be at is no place.
     async fn place_mm(&mut self, doing: &str, axis: Axis) -> Result<f64, DeviceError> {
-        let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
+        let call = self.place_call(axis);
         let [place_mm] = self.ask_numbers(doing, &call).await?;
+        self.within_travel(doing, axis, place_mm)
+    }
+
+    fn place_call(&self, axis: Axis) -> String {
+        format!("GroupPositionCurrentGet({},double *)", self.positioner(axis))
+    }
+
+    fn within_travel(&self, doing: &str, axis: Axis, place_mm: f64) -> Result<f64, DeviceError> {
         if let Some(usage) = &self.usage
             && !usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm)
         {
@@ -126,6 +134,13 @@ impl Xps {
             return Err(self.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
         }
         Ok(place_mm)
+    }
+
+    /// A motion whose stop was asked for answers that it was aborted, and by whom.
+    fn note_abort(&mut self, reins: &Reins) {
+        if let Some(motion) = self.under_way.as_mut().filter(|_| reins.stopped()) {
+            motion.aborted = true;
+        }
     }
 
     /// Waits until the group doesn't move, whoever moved it.
@@ -247,7 +262,7 @@ impl Xps {
     }
 
     /// Gives a positioner the speed and the acceleration of its next motion.
-    async fn shape(&mut self, axis: Axis, speed_mm_s: f64) -> Result<(), DeviceError> {
+    async fn shape(&mut self, axis: Axis, speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let [_, _, jerk_least_s, jerk_most_s] = self.profiles[axis.index()];
         let acceleration_mm_s2 = self.usage.as_ref().map_or(0.0, |usage| usage.acceleration_mm_s2);
         let profile = [speed_mm_s, acceleration_mm_s2, jerk_least_s, jerk_most_s];
@@ -256,7 +271,9 @@ impl Xps {
             let positioner = self.positioner(axis);
             let call = format!("PositionerSGammaParametersSet({positioner},{v:.6},{a:.6},{least},{most})");
             self.profiles[axis.index()] = [f64::NAN; 4]; // unknown until it is answered
-            self.ask("setting a speed", &call).await?;
+            let doing = "setting a speed";
+            let Xps { asks, aborts, group, .. } = self;
+            with_abort(aborts, group, reins, doing, asks.call(doing, &call, CALL_DEADLINE)).await?;
             self.profiles[axis.index()] = profile;
         }
         Ok(())
@@ -304,31 +321,9 @@ impl Xps {
         self.under_way = Some(motion);
         let until = Instant::now() + TAKEN_DEADLINE;
         while Instant::now() < until {
-            let state = {
-                let Xps { asks, aborts, group, .. } = self;
-                let abort = async {
-                    // another speed is for whoever follows the motion
-                    while !reins.stopped() {
-                        reins.pulled().notified().await;
-                    }
-                    let call = abort_call(group);
-                    aborts.call_plainly(doing, &call, CALL_DEADLINE).await
-                };
-                let asked = state(asks, group, doing);
-                tokio::pin!(asked);
-                tokio::select! {
-                    biased;
-                    aborted = abort => {
-                        reins.take();
-                        aborted?;
-                        asked.await
-                    }
-                    state = &mut asked => state,
-                }
-            }?;
-            if let Some(motion) = self.under_way.as_mut().filter(|_| reins.stopped()) {
-                motion.aborted = true;
-            }
+            let Xps { asks, aborts, group, .. } = self;
+            let state = with_abort(aborts, group, reins, doing, state(asks, group, doing)).await?;
+            self.note_abort(reins);
             if state == GroupState::Moving || reins.stopped() {
                 return Ok(());
             }
@@ -392,7 +387,7 @@ impl Xps {
         let until = Instant::now() + MOTION_MARGIN;
         self.until_ended("changing a speed", until, &Reins::default()).await?;
         for (axis, _) in &motion.targets {
-            self.shape(*axis, mm_s).await?;
+            self.shape(*axis, mm_s, reins).await?;
         }
         let motion = self.motion_to(&motion.targets).await?;
         self.start(motion, reins).await
@@ -416,6 +411,35 @@ async fn state(asks: &mut Socket, group: &Group, doing: &str) -> Result<GroupSta
         let expected = "a group status".to_owned();
         asks.error(doing, Problem::Misfit { answer: status.to_string(), expected })
     })
+}
+
+/// Waits for what is asked on one socket; a stop that is asked for meanwhile goes over its own.
+async fn with_abort<T>(
+    aborts: &mut Socket,
+    group: &Group,
+    reins: &Reins,
+    doing: &str,
+    asked: impl Future<Output = Result<T, DeviceError>>,
+) -> Result<T, DeviceError> {
+    let abort = async {
+        // another speed is for whoever follows the motion
+        while !reins.stopped() {
+            reins.pulled().notified().await;
+        }
+        if reins.take().is_none() {
+            return std::future::pending().await; // it was sent already
+        }
+        aborts.call_plainly(doing, &abort_call(group), CALL_DEADLINE).await
+    };
+    tokio::pin!(asked);
+    tokio::select! {
+        biased;
+        aborted = abort => {
+            aborted?;
+            asked.await
+        }
+        answer = &mut asked => answer,
+    }
 }
 
 fn abort_call(group: &Group) -> String {
@@ -449,7 +473,7 @@ impl Stage for Xps {
             }
         }
         for (axis, _) in targets {
-            self.shape(*axis, speed_mm_s).await?;
+            self.shape(*axis, speed_mm_s, reins).await?;
         }
         let motion = self.motion_to(targets).await?;
         self.start(motion, reins).await
@@ -473,13 +497,19 @@ impl Stage for Xps {
         }
         let mut places_mm = Vec::with_capacity(axes.len());
         for &axis in axes {
-            places_mm.push(self.place_mm(doing, axis).await?);
+            places_mm.push(self.position_mm(axis, reins).await?);
         }
         Ok(places_mm)
     }
 
-    async fn position_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        self.place_mm("reading a position", axis).await
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        let doing = "reading a position";
+        let call = self.place_call(axis);
+        let Xps { asks, aborts, group, .. } = self;
+        let asked = numbers(asks, doing, &call);
+        let [place_mm] = with_abort(aborts, group, reins, doing, asked).await?;
+        self.note_abort(reins);
+        self.within_travel(doing, axis, place_mm)
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -220,7 +220,7 @@ async fn a_place_beyond_the_travel_and_anothers_answer_are_refused() {
         let (asks, device) = scripted(script);
         let mut stage = Xps::new([unused(), asks, unused()], "script".to_owned(), group(true), None);
         stage.usage = Some(usage());
-        assert!(stage.position_mm(Axis::Z).await.is_err(), "{}", String::from_utf8_lossy(answer));
+        assert!(stage.position_mm(Axis::Z, &Reins::default()).await.is_err(), "{}", String::from_utf8_lossy(answer));
         drop(stage);
         device.await.unwrap();
     }
@@ -231,7 +231,7 @@ async fn a_silent_socket_is_given_up_in_time_and_not_used_again() {
     let (asks, device) = scripted(&[(b"GroupPositionCurrentGet(XYZ.Z,double *)", b"0,1")]);
     let mut stage = Xps::new([unused(), asks, unused()], "script".to_owned(), group(true), None);
     let asked = Instant::now();
-    let told = stage.position_mm(Axis::Z).await.unwrap_err().to_string();
+    let told = stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string();
     assert!(told.contains("no answer to \"GroupPositionCurrentGet(XYZ.Z,double *)\" within 2000 ms"), "{told}");
     assert_eq!(asked.elapsed(), CALL_DEADLINE);
     device.await.unwrap(); // the near end was closed: a late answer has nowhere to go
