@@ -26,7 +26,7 @@ pub enum StageDriver {
 #[derive(Clone, Debug)]
 pub enum LoadCellDriver {
     /// A Modbus transmitter.
-    Modbus(MappedDevice),
+    Modbus(Box<MappedDevice>),
     /// An analog input of an XPS.
     Xps(Guard),
     /// An input of an NI device.
@@ -44,7 +44,7 @@ pub enum LoadCellDriver {
 #[derive(Clone, Debug)]
 pub enum ArrayDriver {
     /// A Modbus converter.
-    Modbus(MappedDevice),
+    Modbus(Box<MappedDevice>),
     /// Inputs of an NI device.
     Daqmx(Inputs),
     /// A program of the user's own.
@@ -135,7 +135,7 @@ pub(super) fn read_load_cell_driver(table: &mut Table, beside: Beside) -> Option
         Some("modbus") => {
             let map = read_map(&mut driver, "force", |profile| profile.force.is_some(), beside);
             let link = read_link(table, None, &[Kind::Stream]);
-            map.zip(link).map(|(map, link)| (LoadCellDriver::Modbus(map), link))
+            map.zip(link).map(|(map, link)| (LoadCellDriver::Modbus(Box::new(map)), link))
         }
         Some("xps") => {
             let input = driver.text("xps").map(str::to_owned);
@@ -170,7 +170,7 @@ pub(super) fn read_array_driver(table: &mut Table, beside: Beside) -> Option<(Ar
         Some("modbus") => {
             let map = read_map(&mut driver, "outputs", |profile| profile.outputs.is_some(), beside);
             let link = read_link(table, None, &[Kind::Stream]);
-            map.zip(link).map(|(map, link)| (ArrayDriver::Modbus(map), link))
+            map.zip(link).map(|(map, link)| (ArrayDriver::Modbus(Box::new(map)), link))
         }
         Some("daqmx") => {
             let inputs = read_inputs(&mut driver);

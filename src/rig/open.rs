@@ -158,7 +158,8 @@ impl LoadCellSpec {
     ) -> Result<AnyLoadCell, DeviceError> {
         let (link, hz) = (self.link.to_string(), self.conversions_hz);
         Ok(match &self.driver {
-            LoadCellDriver::Modbus(MappedDevice { name, profile, .. }) => {
+            LoadCellDriver::Modbus(map) => {
+                let MappedDevice { name, profile, .. } = &**map;
                 let transport = transport(&self.link, profile);
                 let driver = ModbusLoadCell::new(dial(), transport, profile.clone(), &link, hz, origin);
                 AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", name))?)
@@ -186,7 +187,8 @@ impl ArraySpec {
     ) -> Result<AnyArray, DeviceError> {
         let (link, units) = (self.link.to_string(), self.layout.len());
         Ok(match &self.driver {
-            ArrayDriver::Modbus(MappedDevice { name, profile, .. }) => {
+            ArrayDriver::Modbus(map) => {
+                let MappedDevice { name, profile, .. } = &**map;
                 let transport = transport(&self.link, profile);
                 let driver = ModbusArray::new(dial(), transport, profile.clone(), &link, units);
                 AnyArray::Modbus(driver.ok_or_else(|| unfit("array", name))?)

@@ -93,8 +93,8 @@ pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Pl
     let squares: f64 = off_mm.iter().map(|off| off * off).sum();
     let misfit_mm = (squares / units as f64).sqrt();
     let most_mm = MISFIT_SHARE * pitch_mm;
-    // what isn't a number isn't believed either
-    if !(misfit_mm <= most_mm) {
+    let is_within = |mm: f64, most_mm: f64| mm <= most_mm; // what isn't a number isn't
+    if !is_within(misfit_mm, most_mm) {
         let worst = (0..units).max_by(|&a, &b| off_mm[a].total_cmp(&off_mm[b])).unwrap_or(0);
         return Err(PlacementError::Poor { misfit_mm, unit: worst + 1, worst_mm: off_mm[worst], most_mm });
     }
@@ -105,7 +105,7 @@ pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Pl
     let lever_mm = middle.distance_mm(Place::default());
     let origin_sigma_mm = (sigma_mm / (units as f64).sqrt()).hypot(rotation_sigma * lever_mm);
     let most_mm = UNCERTAIN_SHARE * pitch_mm;
-    if !(origin_sigma_mm <= most_mm) {
+    if !is_within(origin_sigma_mm, most_mm) {
         return Err(PlacementError::Uncertain { sigma_mm: origin_sigma_mm, most_mm });
     }
     let rotation_sigma_deg = rotation_sigma.to_degrees();
@@ -124,7 +124,7 @@ pub fn plane_through(heights: &[(Place, f64)]) -> Option<([f64; 3], f64)> {
     });
     let values = DVector::from_iterator(heights.len(), heights.iter().map(|(_, height)| *height));
     let svd = basis.clone().svd(true, true);
-    if !(svd.rank(1e-9 * svd.singular_values.max()) == 3) {
+    if svd.rank(1e-9 * svd.singular_values.max()) < 3 {
         return None;
     }
     let plane = svd.solve(&values, 0.0).ok()?;
