@@ -99,6 +99,15 @@ impl Default for Overrides {
     }
 }
 
+/// What a search for home comes to when it ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Homed {
+    /// When, s.
+    pub end_s: f64,
+    /// True place less counted then, mm.
+    offset_mm: [f64; 3],
+}
+
 /// Why homing fails, as the alarm's number.
 pub const SWITCH_NOT_CLEARED: u8 = 8;
 /// Why homing fails, as the alarm's number.
@@ -295,14 +304,15 @@ impl Machine {
         }
     }
 
-    /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. When that ends, s.
+    /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only what has got to its end
+    /// [counts](Self::is_home).
     ///
     /// GRBL counts from 0 at the switch of a + end down to minus the travel. This build counts half a travel more, so
     /// that the middle of the travel is zero.
     ///
     /// # Errors
     /// The number of the alarm.
-    pub fn home(&mut self, settings: &Settings, scene: &mut Scene, now_s: f64) -> Result<f64, u8> {
+    pub fn home(&mut self, settings: &Settings, scene: &mut Scene, now_s: f64) -> Result<Homed, u8> {
         self.cut_off(settings, scene, now_s);
         let pull_off_mm = settings.get(settings::PULL_OFF);
         let travels_mm = settings.of_axes(settings::TRAVEL);
@@ -317,6 +327,7 @@ impl Machine {
             return Err(SWITCH_NOT_CLEARED);
         }
         let mut from_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
+        let mut offset_mm = self.offset_mm;
         for turn in HOMING_TURNS {
             let mut turn_ends_s = from_s;
             for &axis in turn {
@@ -327,11 +338,16 @@ impl Machine {
                 scene.set_motion(axis, first.then(&way), now_s);
                 let n = axis.index();
                 let half_mm = travels_mm[n] / 2.0 - pull_off_mm;
-                self.offset_mm[n] = way.end_mm() - half_mm * end(axis, settings).signum();
+                offset_mm[n] = way.end_mm() - half_mm * end(axis, settings).signum();
             }
             from_s = turn_ends_s;
         }
-        Ok(from_s)
+        Ok(Homed { end_s: from_s, offset_mm })
+    }
+
+    /// The search for home is done: it knows where it is.
+    pub fn is_home(&mut self, homed: Homed) {
+        self.offset_mm = homed.offset_mm;
     }
 
     /// Where a block ends, true mm: at its target, or at the end of the frame before it.

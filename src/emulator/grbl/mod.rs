@@ -9,8 +9,8 @@
 //! M0 and M1 don't pause. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a
 //! client comes: nothing here sees its DTR.
 //!
-//! While it homes, dwells, or a line waits for room in the planner, this one takes nothing at all; GRBL would still take its
-//! single bytes.
+//! A line that homes, dwells, or needs room in the planner is answered when that is done. Lines behind it wait, single bytes
+//! act; while it homes only a reset does, and a `?` is answered once at its end.
 
 mod fault;
 mod gcode;
@@ -20,18 +20,20 @@ mod report;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod waiting;
 
-use super::Instrument;
+use super::{Instrument, Owed};
 use crate::scene::{Device, Scene};
 use fault::Fault;
 use gcode::{Block, Modal, Order};
 use line::{Input, LineReader};
-use machine::{Activity, Line, Machine, Overrides};
-use report::{RX_MOST, Reporter, Status};
+use machine::{Activity, Homed, Line, Machine, Overrides};
+use report::{Reporter, Status};
 use settings::Settings;
+use std::sync::Arc;
+use tokio::sync::Notify;
+use waiting::Waiting;
 
-/// Longest time without taking a request, s: a slip in a G4 would end the program for good.
-const STALL_MOST_S: f64 = 86_400.0;
 /// Percent that overrides of feed and spindle go down and up to.
 const OVERRIDE_PERCENT: (f64, f64) = (10.0, 200.0);
 /// How far beyond the travel a target may lie by rounding, mm.
@@ -41,9 +43,8 @@ const RESET_TO_CONTINUE: &str = "[MSG:Reset to continue]";
 
 /// What stands for a line that was too long; no line has such a byte.
 const OVERLONG: u8 = b'\t';
-/// Ends the request of a line that is run, and that of one that has to wait first.
+/// Ends the request of a line; a single byte is no line.
 const RUN: u8 = b'\n';
-const WAIT: u8 = b'\r';
 
 const SOFT_RESET: u8 = 0x18;
 const DOOR: u8 = 0x84;
@@ -61,15 +62,14 @@ pub struct Grbl {
     lock: Lock,
     door: bool,
     spindle_percent: f64,
-    /// A line that has waited and is to be run next.
-    due: Option<String>,
-    /// Lines that came while it was held: at most as many as the serial buffer has room for.
-    held: Vec<String>,
+    waiting: Waiting,
     /// Homing that was begun: it ends well, or with an alarm.
-    homing: Option<Result<(), u8>>,
+    homing: Option<Result<Homed, u8>>,
+    /// A `?` came while it homed.
+    asked: bool,
     /// A line that set off an alarm gets its `ok` with the reset.
     unanswered: bool,
-    deaf_until_s: f64,
+    bell: Arc<Notify>,
 }
 
 /// How far it is locked.
@@ -94,11 +94,11 @@ impl Grbl {
             lock: Lock::Alarm,
             door: false,
             spindle_percent: 100.0,
-            due: None,
-            held: Vec::new(),
+            waiting: Waiting::default(),
             homing: None,
+            asked: false,
             unanswered: false,
-            deaf_until_s: 0.0,
+            bell: Arc::default(),
         }
     }
 }
@@ -108,36 +108,43 @@ impl Instrument for Grbl {
         Device::Stage
     }
 
-    /// A line that has to wait is taken twice: to wait for, and to be run.
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        let line = match self.due.take() {
-            Some(due) => return Some([due.as_bytes(), &[RUN]].concat()),
-            None => match self.reader.take(inbox)? {
-                Input::RealTime(byte) => return Some(vec![byte]),
-                Input::Line(None) => return Some(vec![OVERLONG, RUN]),
-                Input::Line(Some(line)) => line,
-            },
-        };
-        let waits = self.may_wait(&line);
-        let request = [line.as_bytes(), &[if waits { WAIT } else { RUN }]].concat();
-        self.due = waits.then_some(line);
-        Some(request)
+        Some(match self.reader.take(inbox)? {
+            Input::RealTime(byte) => vec![byte],
+            Input::Line(None) => vec![OVERLONG, RUN],
+            Input::Line(Some(line)) => [line.as_bytes(), &[RUN]].concat(),
+        })
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut reply = Reply::default();
         self.settle(&mut reply, scene, now_s);
         match request {
-            [line @ .., WAIT] => self.wait(&String::from_utf8_lossy(line), scene, now_s),
-            [line @ .., RUN] => self.take_line(&String::from_utf8_lossy(line), &mut reply, scene, now_s),
+            [line @ .., RUN] => self.waiting.push(&String::from_utf8_lossy(line)),
             [byte] => self.act(*byte, &mut reply, scene, now_s),
             _ => {}
         }
+        self.run_waiting(&mut reply, scene, now_s);
+        self.bell.notify_waiters();
         reply.0.into_bytes()
     }
 
-    fn deaf_until_s(&self) -> f64 {
-        self.deaf_until_s
+    fn bell(&self) -> Option<Arc<Notify>> {
+        Some(self.bell.clone())
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        if self.waiting.is_empty() {
+            return Owed::Nothing;
+        }
+        let mut reply = Reply::default();
+        self.settle(&mut reply, scene, now_s);
+        self.run_waiting(&mut reply, scene, now_s);
+        match self.next_s() {
+            _ if !reply.0.is_empty() => Owed::Ready(reply.0.into_bytes()),
+            Some(next_s) => Owed::At(next_s),
+            None => Owed::Nothing,
+        }
     }
 }
 
@@ -168,48 +175,7 @@ impl Grbl {
         }
     }
 
-    /// Whether a line could have to wait before it is run.
-    fn may_wait(&self, line: &str) -> bool {
-        let dwells = || Block::parse(line).is_ok_and(|block| block.dwell_s().is_some());
-        let moves = !line.starts_with('$') || line.starts_with("$J");
-        line == "$H" || dwells() || (moves && self.machine.ready_s() > 0.0)
-    }
-
-    /// Begins what a line has to wait for.
-    fn wait(&mut self, line: &str, scene: &mut Scene, now_s: f64) {
-        if self.lock == Lock::Critical || self.held() {
-            return;
-        }
-        let idle = self.machine.activity(now_s) == Activity::Idle;
-        let until_s = if line == "$H" {
-            if !idle || !self.settings.on(settings::HOMING) {
-                return;
-            }
-            let homing = self.machine.home(&self.settings, scene, now_s);
-            self.homing = Some(homing.map(|_| ()));
-            homing.unwrap_or(now_s)
-        } else if let Some(dwell_s) = Block::parse(line).ok().and_then(|block| block.dwell_s()) {
-            if self.lock != Lock::Open || self.machine.activity(now_s) == Activity::Jog {
-                return;
-            }
-            self.machine.end_s().max(now_s) + dwell_s
-        } else {
-            self.machine.ready_s()
-        };
-        self.deaf_until_s = until_s.min(now_s + STALL_MOST_S);
-    }
-
     fn take_line(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        if self.lock == Lock::Critical {
-            return;
-        }
-        if self.held() {
-            let waiting: usize = self.held.iter().map(|line| line.len() + 1).sum();
-            if waiting + line.len() < RX_MOST {
-                self.held.push(line.into());
-            }
-            return;
-        }
         match self.run(line, reply, scene, now_s) {
             Ok(()) if self.unanswered => {}
             Ok(()) => reply.line("ok"),
@@ -303,7 +269,10 @@ impl Grbl {
     fn end_homing(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
         match self.homing.take() {
             None => return Err(Fault::HomingDisabled),
-            Some(Ok(())) => self.lock = Lock::Open,
+            Some(Ok(homed)) => {
+                self.machine.is_home(homed);
+                self.lock = Lock::Open;
+            }
             Some(Err(alarm)) => {
                 self.lock = Lock::Alarm;
                 reply.alarm(alarm);
@@ -317,11 +286,9 @@ impl Grbl {
     fn act(&mut self, byte: u8, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         match byte {
             SOFT_RESET => self.reset(reply, scene, now_s),
+            b'?' if self.homing.is_some() => self.asked = true,
             _ if self.lock == Lock::Critical || self.homing.is_some() => {}
-            b'?' => {
-                let status = self.status(scene, now_s);
-                reply.line(self.reporter.status(&status, &self.settings));
-            }
+            b'?' => self.tell_status(reply, scene, now_s),
             JOG_CANCEL if self.machine.activity(now_s) != Activity::Jog => {}
             b'!' | JOG_CANCEL if self.lock == Lock::Open => self.machine.hold(scene, now_s),
             DOOR if self.lock == Lock::Open => {
@@ -329,14 +296,14 @@ impl Grbl {
                 self.machine.hold(scene, now_s);
                 self.door = true;
             }
-            b'~' => self.go_on(reply, scene, now_s),
+            b'~' => self.go_on(scene, now_s),
             0x90..=0x9D => self.change_override(byte, scene, now_s),
             _ => {}
         }
     }
 
-    /// Ends a hold, and runs the lines that came meanwhile.
-    fn go_on(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+    /// Ends a hold.
+    fn go_on(&mut self, scene: &mut Scene, now_s: f64) {
         match self.machine.activity(now_s) {
             Activity::Held => self.machine.resume(scene, now_s),
             // a jog that the door cancelled leaves nothing to go on with
@@ -344,9 +311,11 @@ impl Grbl {
             _ => return,
         }
         self.door = false;
-        for line in std::mem::take(&mut self.held) {
-            self.take_line(&line, reply, scene, now_s);
-        }
+    }
+
+    fn tell_status(&mut self, reply: &mut Reply, scene: &Scene, now_s: f64) {
+        let status = self.status(scene, now_s);
+        reply.line(self.reporter.status(&status, &self.settings));
     }
 
     fn change_override(&mut self, byte: u8, scene: &mut Scene, now_s: f64) {
@@ -399,8 +368,8 @@ impl Grbl {
         self.modal = Modal::default();
         self.reporter = Reporter::default();
         self.reader.clear();
-        self.held.clear();
-        (self.due, self.door, self.spindle_percent, self.deaf_until_s) = (None, false, 100.0, now_s);
+        self.waiting.clear();
+        (self.asked, self.door, self.spindle_percent) = (false, false, 100.0);
         reply.line("");
         reply.line("Grbl 1.1h ['$' for help]");
         if self.lock == Lock::Alarm {
@@ -433,11 +402,6 @@ impl Grbl {
             overrides: self.machine.overrides,
             spindle_percent: self.spindle_percent,
         }
-    }
-
-    /// Whether lines wait for a `~`.
-    fn held(&self) -> bool {
-        self.door || self.machine.is_held()
     }
 
     fn beyond_travel(&self, to_mm: [f64; 3]) -> bool {
