@@ -1,7 +1,10 @@
 use super::{Answer, Instrument, Request, identity, object, reply, reply_line, take_line, unknown};
+use crate::emulator::Owed;
 use crate::quantity::{Axis, Range};
 use crate::scene::{Device, Scene, Trajectory};
 use serde_json::{Map, Value, json};
+use std::sync::Arc;
+use tokio::sync::Notify;
 
 /// How far each axis goes to either side of its middle, true mm.
 const END_MM: f64 = 12.5;
@@ -15,14 +18,12 @@ const FIRST_MM_S2: f64 = 50.0;
 const COUNTS_PER_MM: f64 = 1e4;
 /// Longest search for home, s.
 const SEARCH_MOST_S: f64 = 110.0;
-/// Ends the request of a `prepare` that has waited. No line ends with it.
-const WAITED: u8 = b'\n';
 
 /// A stage of the process protocol: 12.5 mm to either side, 25 mm/s, 100 mm/s^2. Until it is homed it takes the place where
 /// it was switched on for zero. Axes move each at the speed that is asked for; a new target is taken under way too.
 ///
-/// Homing takes z to the end that lies `away`, then x and y to the marks in the middle of their travel. Until it is done
-/// nothing else is taken, a `stop` neither: for that an answer would have to be owed while others are given.
+/// Homing takes z to the end that lies `away`, then x and y to the marks in the middle of their travel. Until it is done, or
+/// ended by a `stop`, a `move` and another `prepare` are errors.
 pub struct ProcessStage {
     /// True place less counted, mm; zero once homed.
     offset_mm: [f64; 3],
@@ -31,9 +32,7 @@ pub struct ProcessStage {
     limits_mm: Option<[Range; 3]>,
     acceleration_mm_s2: f64,
     preparing: Option<Preparing>,
-    /// A `prepare` that is to be answered.
-    due: bool,
-    deaf_until_s: f64,
+    bell: Arc<Notify>,
 }
 
 /// A `prepare` under way.
@@ -41,6 +40,8 @@ struct Preparing {
     id: Option<i64>,
     outcome: Result<[Range; 3], String>,
     homes: bool,
+    /// When it is answered, s.
+    end_s: f64,
 }
 
 impl ProcessStage {
@@ -52,8 +53,7 @@ impl ProcessStage {
             limits_mm: None,
             acceleration_mm_s2: FIRST_MM_S2,
             preparing: None,
-            due: false,
-            deaf_until_s: 0.0,
+            bell: Arc::default(),
         }
     }
 }
@@ -63,39 +63,46 @@ impl Instrument for ProcessStage {
         Device::Stage
     }
 
-    /// A `prepare` is taken twice: to begin it, and to answer it.
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        if std::mem::take(&mut self.due) {
-            return Some(vec![WAITED]);
-        }
-        let line = take_line(inbox)?;
-        self.due = Request::parse(&line).is_ok_and(|request| request.id().is_some() && request.verb() == Ok("prepare"));
-        Some(line)
+        take_line(inbox)
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        if request == [WAITED] {
-            return self.end_preparing();
-        }
         let parsed = Request::parse(request);
         match parsed.as_ref().map(|request| (request, request.verb())) {
             Ok((_, Ok("stop"))) => self.stop(scene, now_s),
             Ok((request, Ok("speed"))) => self.change_speed(request, scene, now_s),
-            Ok((request, Ok("prepare"))) if request.id().is_some() => self.prepare(request, scene, now_s),
+            Ok((request, Ok("prepare"))) if request.id().is_some() && self.preparing.is_none() => {
+                self.prepare(request, scene, now_s);
+            }
             _ => {
                 return reply(request, |request| match request.verb()? {
                     "identify" => Ok(identity("stage")),
-                    "move" => self.start_move(request, scene, now_s),
                     "status" => Ok(self.status(scene, now_s)),
+                    "move" | "prepare" if self.preparing.is_some() => Err("the stage is being prepared".into()),
+                    "move" => self.start_move(request, scene, now_s),
                     verb => Err(unknown(verb)),
                 });
             }
         }
+        self.bell.notify_waiters();
         Vec::new()
     }
 
-    fn deaf_until_s(&self) -> f64 {
-        self.deaf_until_s
+    fn bell(&self) -> Option<Arc<Notify>> {
+        Some(self.bell.clone())
+    }
+
+    fn owed(&mut self, _: &mut Scene, now_s: f64) -> Owed {
+        match self.preparing.take() {
+            None => Owed::Nothing,
+            Some(preparing) if preparing.end_s > now_s => {
+                let end_s = preparing.end_s;
+                self.preparing = Some(preparing);
+                Owed::At(end_s)
+            }
+            Some(preparing) => Owed::Ready(self.end_preparing(preparing)),
+        }
     }
 }
 
@@ -104,9 +111,7 @@ impl ProcessStage {
     fn prepare(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
         let outcome = self.begin(request, scene, now_s);
         let homes = outcome.is_ok() && !self.homed;
-        self.preparing = Some(Preparing { id: request.id(), outcome, homes });
-        let end_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
-        self.deaf_until_s = end_s.min(now_s + SEARCH_MOST_S);
+        self.preparing = Some(Preparing { id: request.id(), outcome, homes, end_s: rest_s(scene, now_s) });
     }
 
     fn begin(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> Result<[Range; 3], String> {
@@ -153,8 +158,7 @@ impl ProcessStage {
         Ok(limits_mm)
     }
 
-    fn end_preparing(&mut self) -> Vec<u8> {
-        let Some(Preparing { id, outcome, homes }) = self.preparing.take() else { return Vec::new() };
+    fn end_preparing(&mut self, Preparing { id, outcome, homes, .. }: Preparing) -> Vec<u8> {
         let answer = outcome.map(|limits_mm| {
             if homes {
                 (self.homed, self.offset_mm) = (true, [0.0; 3]);
@@ -219,6 +223,7 @@ impl ProcessStage {
         }
         if let Some(preparing) = &mut self.preparing {
             preparing.outcome = Err("stopped while it was prepared".into());
+            preparing.end_s = rest_s(scene, now_s);
         }
     }
 
@@ -240,6 +245,11 @@ fn within(value: f64, most: f64, unit: &str) -> Result<f64, String> {
     } else {
         Err(format!("{value} {unit} is not above 0 and up to {most}"))
     }
+}
+
+/// When all axes stand, s.
+fn rest_s(scene: &Scene, now_s: f64) -> f64 {
+    Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max)
 }
 
 fn commanded(axis: Axis, scene: &Scene, now_s: f64) -> (f64, f64) {

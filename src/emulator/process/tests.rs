@@ -1,20 +1,29 @@
 use super::*;
-use crate::emulator::INBOX_MOST;
 use crate::emulator::testbed::{POWER_ON, Wire, pressed, scene, shared};
+use crate::emulator::{INBOX_MOST, Owed};
 use crate::quantity::Axis;
 use proptest::prelude::*;
+use std::time::Duration;
 use tokio::time::Instant;
 
 const PREPARE: &str = r#"{"id": 2, "do": "prepare", "travel_mm": {"x": [-12.5, 12.5], "y": [-12.5, 12.5], "z": [-12.5, 12.5]}, "away": 1, "speed_mm_s": 10.0, "acceleration_mm_s2": 100.0}"#;
 
-/// What is answered to a line; a request that has to wait is waited for. None of it may be left over.
+/// What is answered to a line; an answer that is owed is waited for. None of it may be left over.
 fn ask<I: Instrument>(device: &mut I, scene: &mut Scene, now_s: f64, line: &str) -> String {
     let mut inbox = format!("{line}\n").into_bytes();
     let mut reply = Vec::new();
     while let Some(request) = device.take_request(&mut inbox) {
-        reply.extend(device.answer(&request, scene, now_s.max(device.deaf_until_s())));
+        reply.extend(device.answer(&request, scene, now_s));
     }
     assert!(inbox.is_empty());
+    let mut at_s = now_s;
+    loop {
+        match device.owed(scene, at_s) {
+            Owed::Nothing => break,
+            Owed::At(due_s) => at_s = due_s,
+            Owed::Ready(owed) => reply.extend(owed),
+        }
+    }
     String::from_utf8(reply).expect("UTF-8").trim_end().to_owned()
 }
 
@@ -107,8 +116,8 @@ fn a_stop_ends_a_search_for_home_with_an_error() {
     stage.answer(PREPARE.as_bytes(), &mut scene, 0.0);
     assert_eq!(scene.axis(Axis::X, 0.3).0, POWER_ON.x_mm, "x waits for z");
     stage.answer(br#"{"do": "stop"}"#, &mut scene, 0.3);
-    let answer = String::from_utf8(stage.answer(b"\n", &mut scene, 1.0)).expect("UTF-8");
-    assert_eq!(answer, "{\"error\":\"stopped while it was prepared\",\"id\":2}\n");
+    let told = b"{\"error\":\"stopped while it was prepared\",\"id\":2}\n".to_vec();
+    assert_eq!(stage.owed(&mut scene, 1.0), Owed::Ready(told));
     // 0.3 s, 0.1 of them a ramp, and a brake like it
     assert!((scene.axis(Axis::Z, 9.0).0 - POWER_ON.z_mm - 3.0).abs() < 1e-9);
     assert!(
@@ -143,6 +152,28 @@ async fn a_prepare_is_answered_when_all_axes_stand() {
     // z goes 4.5 mm and then y 2 mm at 10 mm/s, with 0.1 s for the ramps each
     let took_s = (Instant::now() - origin).as_secs_f64();
     assert!(took_s > 0.85 && took_s < 0.86, "{took_s}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
+    let scene = shared(scene());
+    let stage = shared(ProcessStage::new(&scene.lock().expect("a scene")));
+    let origin = Instant::now();
+    let mut wire = Wire::to(stage, scene.clone(), origin);
+    wire.send(format!("{PREPARE}\n").as_bytes()).await;
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    wire.send(b"{\"do\": \"speed\", \"speed_mm_s\": 1}\n").await;
+    let refused = b"{\"error\":\"the stage is being prepared\",\"id\":3}\n";
+    let moved = b"{\"id\": 3, \"do\": \"move\", \"to_mm\": {\"x\": 1}, \"speed_mm_s\": 1}\n";
+    assert_eq!(wire.ask(moved, refused.len()).await, refused);
+    let told = b"{\"error\":\"stopped while it was prepared\",\"id\":2}\n";
+    assert_eq!(wire.ask(b"{\"do\": \"stop\"}\n", told.len()).await, told);
+    // 10 mm/s take 0.1 s to brake
+    let took_s = (Instant::now() - origin).as_secs_f64();
+    assert!(took_s > 0.3 && took_s < 0.32, "{took_s}");
+    let mut scene = scene.lock().expect("a scene");
+    assert!((scene.axis(Axis::Z, 60.0).0 - POWER_ON.z_mm - 2.0).abs() < 0.1);
+    assert_eq!(scene.axis(Axis::X, 60.0).0, POWER_ON.x_mm);
 }
 
 #[tokio::test(start_paused = true)]
