@@ -3,6 +3,7 @@
 
 pub mod python;
 pub mod served;
+pub mod bad_line;
 pub mod skins;
 pub mod walks;
 

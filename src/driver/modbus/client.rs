@@ -1,3 +1,4 @@
+use super::in_step::InStep;
 use super::profile::{Function, Probe, Profile, Register, Transport};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{ByteStream, Connector};
@@ -154,7 +155,7 @@ impl Client {
         self.opened_before = true;
         let slave = Slave(self.unit_id);
         Ok(match self.transport {
-            Transport::Rtu => rtu::attach_slave(stream, slave),
+            Transport::Rtu => rtu::attach_slave(InStep(stream), slave),
             Transport::Tcp => tcp::attach_slave(stream, slave),
         })
     }

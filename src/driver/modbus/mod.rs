@@ -2,6 +2,7 @@
 
 mod array;
 mod client;
+mod in_step;
 mod load_cell;
 mod number;
 mod profile;

@@ -1,0 +1,60 @@
+use crate::wire::ByteStream;
+use std::io;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+
+/// A serial line on which no request goes out while something lies that wasn't asked for: RTU numbers nothing, and a late or
+/// doubled answer would be taken for the next, and each after it for the one before.
+#[derive(Debug)]
+pub(super) struct InStep(pub ByteStream);
+
+impl AsyncRead for InStep {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.0).poll_read(cx, buf)
+    }
+}
+
+impl AsyncWrite for InStep {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let mut stray = [0; 64];
+        let mut stray = ReadBuf::new(&mut stray);
+        // what is wrong with the line itself shows when the answer is read
+        let _ = Pin::new(&mut self.0).poll_read(cx, &mut stray);
+        if !stray.filled().is_empty() {
+            return Poll::Ready(Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                "something came that wasn't asked for",
+            )));
+        }
+        Pin::new(&mut self.0).poll_write(cx, bytes)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.0).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.0).poll_shutdown(cx)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+
+    #[tokio::test]
+    async fn nothing_is_sent_while_something_lies_there_that_was_not_asked_for() {
+        let (near, mut far) = duplex(64);
+        let mut line = InStep(Box::new(near));
+        line.write_all(b"ask").await.unwrap();
+        far.write_all(b"told").await.unwrap();
+        let mut answer = [0; 4];
+        line.read_exact(&mut answer).await.unwrap();
+        line.write_all(b"ask").await.unwrap();
+        far.write_all(b"toldtold").await.unwrap();
+        line.read_exact(&mut answer).await.unwrap();
+        assert!(line.write_all(b"ask").await.unwrap_err().to_string().contains("wasn't asked for"));
+    }
+}
