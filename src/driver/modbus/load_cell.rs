@@ -85,7 +85,8 @@ impl ModbusLoadCell {
         let negative = sign.and_then(|sign| word_at(sign.address).map(|word| word >> sign.bit & 1 == 1));
         let units = units.map(|units| if negative == Some(true) { -units } else { units });
         let force_n = units.map(|units| (units - self.force.offset) * self.newton_per_count);
-        let is_possible = |force_n: &f64| self.force.range_n.is_none_or(|range_n| force_n.abs() <= range_n);
+        let is_possible =
+            |force_n: &f64| force_n.is_finite() && self.force.range_n.is_none_or(|range_n| force_n.abs() <= range_n);
         force_n.filter(is_possible).ok_or_else(|| {
             let expected = format!("a force within {} N", self.force.range_n.unwrap_or(f64::INFINITY));
             self.client.error(doing, Problem::Misfit { answer: format!("{words:?}, {force_n:?} N"), expected })
@@ -137,5 +138,34 @@ impl LoadCell for ModbusLoadCell {
 
     fn conversion(&self) -> Duration {
         self.conversion
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+
+    #[tokio::test(start_paused = true)]
+    async fn a_force_that_is_no_number_is_refused() {
+        let (near, mut far) = duplex(256);
+        let near = std::sync::Mutex::new(Some(near));
+        let dial = move || near.lock().unwrap().take().expect("the link is opened once");
+        let profile = Profile::shipped("labjack-t7").unwrap();
+        let link = Connector::Memory(Box::new(dial));
+        let origin = Instant::now();
+        let mut cell = ModbusLoadCell::new(link, Transport::Tcp, profile, "script", 100.0, origin).unwrap();
+        tokio::spawn(async move {
+            for value in [0.5, f32::NAN, f32::INFINITY, -0.5] {
+                let mut request = [0; 12];
+                far.read_exact(&mut request).await.unwrap();
+                let header = [request[0], request[1], 0, 0, 0, 7, request[6], request[7], 4];
+                far.write_all(&[&header[..], &value.to_be_bytes()].concat()).await.unwrap();
+            }
+        });
+        assert_eq!(cell.read().await.unwrap().force_n, 0.5);
+        assert!(cell.read().await.unwrap_err().to_string().contains("a force within"));
+        assert!(cell.read().await.unwrap_err().to_string().contains("a force within"));
+        assert_eq!(cell.read().await.unwrap().force_n, -0.5);
     }
 }
