@@ -15,6 +15,9 @@ const FETCH_S: f64 = 2.0;
 /// Longest wait for a scan beyond its own time: what a USB device holds back, and a busy computer.
 const SCAN_DEADLINE: Duration = Duration::from_millis(500);
 
+/// No input of such a device reads more than that, V: its largest range is +-10 V, and a little is read beyond.
+const MOST_V: f64 = 10.5;
+
 /// How an input is wired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Terminal {
@@ -146,20 +149,21 @@ impl Acquisition {
             fetched => self.said(doing, fetched)?,
         };
         self.looked = Instant::now();
-        let read = usize::try_from(read).unwrap_or(0).min(most);
+        let Some(read) = usize::try_from(read).ok().filter(|&read| read <= most) else {
+            let (answer, expected) = (format!("{read} scans"), format!("{most} at most, as asked for"));
+            return Err(self.error(doing, Problem::Misfit { answer, expected }));
+        };
         if read > 0 {
             self.newest.clear();
             self.newest.extend_from_slice(&buffer[(read - 1) * channels..read * channels]);
             self.scans += read as u64;
         }
         self.buffer = buffer;
-        match self.newest.iter().all(|volts| volts.is_finite()) {
-            true => Ok(()),
-            false => {
-                let expected = "a finite voltage from every input".to_owned();
-                Err(self.error(doing, Problem::Misfit { answer: format!("{:?}", self.newest), expected }))
-            }
+        if self.newest.iter().all(|volts| volts.abs() <= MOST_V) {
+            return Ok(());
         }
+        let expected = format!("a voltage within {MOST_V} V from every input");
+        Err(self.error(doing, Problem::Misfit { answer: format!("{:?}", self.newest), expected }))
     }
 
     /// Throws away what nobody read.

@@ -2,6 +2,8 @@
 
 mod acquisition;
 mod roles;
+#[cfg(test)]
+mod tests;
 
 pub use acquisition::{Acquisition, Inputs, Terminal};
 pub use roles::{DaqmxArray, DaqmxLoadCell, SharedAcquisition};
