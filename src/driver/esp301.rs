@@ -4,7 +4,7 @@
 //! silent, so what became of one is read from `MD?`, the read-back and the error queue.
 
 use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
-use crate::quantity::Axis;
+use crate::quantity::{Axis, Range};
 use crate::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
@@ -25,6 +25,12 @@ const AWAY_MM: f64 = 0.01;
 /// would press where the specimen isn't expected.
 const HOME_SHORT_MM: f64 = 1.0;
 
+/// How far a read-back may be beyond the axis' travel, mm.
+const BEYOND_MM: f64 = 0.1;
+
+/// Decimals that a place has at least (manual, page TP): one that lost some is damaged.
+const DECIMALS: usize = 3;
+
 /// How often a question is asked whose answer makes no sense.
 const QUESTION_TRIES: usize = 2;
 
@@ -44,6 +50,8 @@ const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
 pub struct Esp301 {
     line: LineExchange,
     link: String,
+    /// The axes go no further than this; none before it is prepared.
+    usage: Option<StageUse>,
     /// The quickest answer so far: a question that is sent that much before a motion ends finds it ended.
     quickest: Duration,
     /// What the error queue held, oldest first, and wasn't told yet.
@@ -56,7 +64,7 @@ impl Esp301 {
     /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
         let line = LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30");
-        Esp301 { line, link, quickest: ANSWER_DEADLINE, complaints: Vec::new(), stopped: false }
+        Esp301 { line, link, usage: None, quickest: ANSWER_DEADLINE, complaints: Vec::new(), stopped: false }
     }
 
     async fn tell(&mut self, doing: &str, line: &str) -> Result<(), DeviceError> {
@@ -75,6 +83,7 @@ impl Esp301 {
     /// drained on the way, an entry a look.
     async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
+        let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
         let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
             let (complaint, answers) = answers.split_last()?;
@@ -85,8 +94,7 @@ impl Esp301 {
                 "1" => Some(true),
                 _ => None,
             });
-            // a place has its decimals: the answer of MD that came twice isn't one
-            let places = places.iter().map(|text| number_in(text).filter(|_| text.contains('.')));
+            let places = places.iter().zip(&travels).map(|(text, travel)| place_in(text, *travel));
             let (done, places): (Vec<bool>, Vec<f64>) = (done.collect::<Option<_>>()?, places.collect::<Option<_>>()?);
             Some((done.iter().all(|&done| done).then_some(places), complaint))
         };
@@ -128,6 +136,11 @@ impl Esp301 {
         }
         let expected = format!("{expected} to {question}");
         Err(self.error(doing, Problem::Misfit { answer: answers.join(", "), expected }))
+    }
+
+    /// Where an axis can be.
+    fn reach(&self, axis: Axis) -> Option<Range> {
+        self.usage.as_ref().map(|usage| usage.travel.along(axis).widened(BEYOND_MM))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -227,6 +240,7 @@ impl Stage for Esp301 {
             let expected = "an ESP300 or ESP301 version".to_owned();
             return Err(self.error(doing, Problem::Misfit { answer: version, expected }));
         }
+        self.usage = None; // until it is homed it counts as it likes
         // a program that died may have left a motion behind: where an axis is means nothing until it stands
         self.stop().await?;
         self.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
@@ -247,6 +261,7 @@ impl Stage for Esp301 {
             self.set_up(axis, usage).await?;
         }
         self.no_complaints("preparing it").await?;
+        self.usage = Some(usage.clone());
         let warnings = firmware_warning(&version).into_iter().collect();
         let identity = format!("{version} ({})", stages.join(" | "));
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
@@ -317,9 +332,10 @@ impl Stage for Esp301 {
     }
 
     async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-        let (doing, question) = ("reading a position", format!("{}TP", number(axis)));
-        self.ask_for(doing, &question, 1, Some((reins, &Axis::ALL)), "a number", |answers| number_in(answers.first()?))
-            .await
+        let (question, travel) = (format!("{}TP", number(axis)), self.reach(axis));
+        let read = |answers: &[String]| place_in(answers.first()?, travel);
+        let (doing, expected) = ("reading a position", "a place within the travel");
+        self.ask_for(doing, &question, 1, Some((reins, &Axis::ALL)), expected, read).await
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
@@ -368,6 +384,13 @@ fn complaint_in(answer: &str) -> Option<Option<String>> {
 /// A finite number in an answer.
 fn number_in(answer: &str) -> Option<f64> {
     answer.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// A place with its decimals, where the axis can be: the answer of MD that came twice isn't one.
+fn place_in(answer: &str, travel: Option<Range>) -> Option<f64> {
+    let (_, decimals) = answer.split_once('.')?;
+    number_in(answer)
+        .filter(|place_mm| decimals.len() >= DECIMALS && travel.is_none_or(|travel| travel.contains(*place_mm)))
 }
 
 /// The controller's number of an axis.

@@ -158,6 +158,23 @@ async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again(
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_place_that_lost_decimals_or_lies_beyond_the_travel_is_no_place() {
+    let (mut stage, device) = stage(&[
+        (b"3TP\r", b"2.5\r\n"),
+        (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
+        (b"3TP\r", b"-2.5000\r\n"),
+        (b"3TP\r", b"1\r\n"),
+        (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
+        (b"3TP\r", b"92.5000\r\n"),
+    ]);
+    stage.usage = Some(usage());
+    assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -2.5);
+    assert!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string().contains("a place within the travel"));
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_silent_controller_is_an_error_that_says_what_was_asked() {
     let (mut stage, _device) = stage(&[(b"3TP\r", b"")]);
     let error = stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err();
