@@ -119,6 +119,9 @@ impl Trial {
         assert!(prepared || !clean && self.bad, "it can't be prepared on a good line");
         self.lost = !lock(&fate).altered_s.is_empty();
         if prepared {
+            // whatever it took to prepare it: from here on it goes where it is sent
+            let at_mm = Axis::ALL.map(|axis| lock(scene).motion(axis).end_mm());
+            (self.sent_mm, self.stopped) = (at_mm.map(|place_mm| vec![place_mm]), false);
             lock(&fate).bad = self.bad;
             if self.bad && self.rng.random_bool(0.25) {
                 lock(&fate).close_in = Some(self.rng.random_range(1..60));

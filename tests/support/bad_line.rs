@@ -148,10 +148,11 @@ impl Fate {
         self.motions.last().is_some_and(|motions| motions.axes[axis.index()].moving(self.now_s()))
     }
 
-    /// Whether something was delivered between two instants that wasn't as it was sent: its bytes, its time.
+    /// Whether something was delivered between two instants that wasn't as it was sent: its bytes, its time. A question that
+    /// is doubled is answered twice, and the second answer comes to the next.
     pub fn happened(&self, from_s: f64, to_s: f64) -> (bool, bool) {
-        let any = |times: &[f64]| times.iter().any(|at_s| (from_s..=to_s).contains(at_s));
-        (any(&self.altered_s), any(&self.stray_s))
+        let any = |times: &[f64], from_s: f64| times.iter().any(|at_s| (from_s..=to_s).contains(at_s));
+        (any(&self.altered_s, from_s), any(&self.stray_s, from_s - DOUBLE_LATE_S))
     }
 
     /// Other bytes in a message's place.
