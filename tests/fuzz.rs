@@ -4,12 +4,12 @@
 //! 100,000 inputs each by default; `PALPATE_FUZZ=10000000 cargo test --release --test fuzz -- --nocapture` for as many.
 
 use cap::Cap;
+use palpate::device::Stage;
 use palpate::driver::grbl::parse_report;
 use palpate::driver::modbus::{Client, Function, Profile, Transport};
 use palpate::driver::process::answer_in;
 use palpate::driver::xps::parse_answer;
 use palpate::driver::{AnyStage, Esp301};
-use palpate::device::Stage;
 use palpate::emulator::{INBOX_MOST, Instrument};
 use palpate::quantity::{Axis, Stream, stream};
 use palpate::rig;
@@ -24,11 +24,14 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 #[global_allocator]
 static HEAP: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Inputs of each parser.
-const INPUTS: usize = 100_000;
+/// Inputs of each parser; fewer in a debug build, so that `cargo test` stays quick.
+const INPUTS: usize = if cfg!(debug_assertions) { 5_000 } else { 100_000 };
 
 /// Most that parsing one message may hold at once, bytes: the longest message there is, several times over.
 const HELD_MOST: usize = 1 << 20;
+
+/// Most that the process may ever hold, bytes: an emulated rig, and a message in hand.
+const EVER_HELD_MOST: usize = 16 << 20;
 
 /// Longest input, bytes.
 const INPUT_MOST: usize = 512;
@@ -72,8 +75,15 @@ const PROCESS_ANSWERS: &[&str] = &[
     r#"{"id": 7, "outputs": [0.011, 0.012, 0.3]}"#,
     r#"{"id": 7, "role": "stage", "protocol": 1, "identity": "model and serial number"}"#,
 ];
-const ESP301_REQUESTS: &[&str] =
-    &["1PA1.5;2PR-0.5\r", "1MD?;2MD?;1TP\r", "VE?\r\n", "1OR1\r1WS0\r1MD?\r", "1SL-12.5;1SR12.5;1AC50;1AG50\r", "TB?\r", "01TP?\r"];
+const ESP301_REQUESTS: &[&str] = &[
+    "1PA1.5;2PR-0.5\r",
+    "1MD?;2MD?;1TP\r",
+    "VE?\r\n",
+    "1OR1\r1WS0\r1MD?\r",
+    "1SL-12.5;1SR12.5;1AC50;1AG50\r",
+    "TB?\r",
+    "01TP?\r",
+];
 const XPS_REQUESTS: &[&str] = &[
     "GroupMoveAbsolute(XYZ,1,2,3)",
     "GroupInitialize(XYZ)",
@@ -82,7 +92,8 @@ const XPS_REQUESTS: &[&str] = &[
     "GatheringConfigurationSet(XYZ.X.CurrentPosition,GPIO2.ADC1)GatheringRun(100,10)",
     "GPIOAnalogGet(GPIO2.ADC1,double *)",
 ];
-const GRBL_REQUESTS: &[&str] = &["$J=G90 G21 G53 X1.5 F600\n", "$X\n", "$$\n", "?", "G1 X2 Y3 F100\n", "$110=500\n", "G4P0.1\n", "!~\u{18}"];
+const GRBL_REQUESTS: &[&str] =
+    &["$J=G90 G21 G53 X1.5 F600\n", "$X\n", "$$\n", "?", "G1 X2 Y3 F100\n", "$110=500\n", "G4P0.1\n", "!~\u{18}"];
 const PROCESS_REQUESTS: &[&str] = &[
     "{\"id\": 3, \"do\": \"move\", \"to_mm\": {\"z\": -0.25}, \"speed_mm_s\": 1.5}\n",
     "{\"id\": 4, \"do\": \"status\"}\n",
@@ -104,8 +115,41 @@ const TCP: &[&[u8]] = &[
 
 /// What grammars are made of, to be put where it doesn't belong.
 const TOKENS: &[&str] = &[
-    "-", "+", ".", ",", ";", "|", ":", "<", ">", "{", "}", "[", "]", "\"", "(", ")", "*", "?", "\r", "\n", "0", "9", "1e999", "nan",
-    "inf", "-0", "99999999999999999999", "EndOfAPI", "MPos:", "$", "id", "\\u0000", "\u{fffd}", "\0", " ",
+    "-",
+    "+",
+    ".",
+    ",",
+    ";",
+    "|",
+    ":",
+    "<",
+    ">",
+    "{",
+    "}",
+    "[",
+    "]",
+    "\"",
+    "(",
+    ")",
+    "*",
+    "?",
+    "\r",
+    "\n",
+    "0",
+    "9",
+    "1e999",
+    "nan",
+    "inf",
+    "-0",
+    "99999999999999999999",
+    "EndOfAPI",
+    "MPos:",
+    "$",
+    "id",
+    "\\u0000",
+    "\u{fffd}",
+    "\0",
+    " ",
 ];
 
 /// A message after some mutations that keep most of its grammar, now and then bytes without any.
@@ -147,6 +191,23 @@ fn mutated(seeds: &[&[u8]], rng: &mut Stream, into: &mut Vec<u8>) {
     }
 }
 
+/// Every second frame with the check sum that belongs to it: what has none gets no further.
+fn sealed(frame: &[u8], nth: &mut usize) -> Vec<u8> {
+    *nth += 1;
+    if nth.is_multiple_of(2) || frame.len() < 2 {
+        return frame.to_vec();
+    }
+    let body = &frame[..frame.len() - 2];
+    let mut sum = 0xFFFFu16;
+    for byte in body {
+        sum ^= u16::from(*byte);
+        for _ in 0..8 {
+            sum = if sum & 1 == 1 { sum >> 1 ^ 0xA001 } else { sum >> 1 };
+        }
+    }
+    [body, &sum.to_le_bytes()].concat()
+}
+
 fn bytes<'a>(seeds: &[&'a str]) -> Vec<&'a [u8]> {
     seeds.iter().map(|seed| seed.as_bytes()).collect()
 }
@@ -166,6 +227,7 @@ fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
             assert!(held < HELD_MOST, "{name} holds {held} bytes after {n} inputs, the last {input:?}");
         }
     }
+    assert!(HEAP.max_allocated() < EVER_HELD_MOST, "{name} held {} bytes at most", HEAP.max_allocated());
     let took_s = began.elapsed().as_secs_f64();
     println!("{name}: {inputs} inputs in {took_s:.1} s, {:.0} a second", inputs as f64 / took_s);
 }
@@ -187,7 +249,12 @@ async fn answer(mut far: DuplexStream, input: Vec<u8>) {
 }
 
 /// An emulator's framing and parser together, on a scene that goes on; it starts anew now and then.
-fn fuzz_emulator(name: &str, text: &str, seeds: &[&[u8]], pick: impl Fn(&rig::SimulatedRig) -> Arc<Mutex<dyn Instrument>>) {
+fn fuzz_emulator(
+    name: &str,
+    text: &str,
+    seeds: &[&[u8]],
+    pick: impl Fn(&rig::SimulatedRig) -> Arc<Mutex<dyn Instrument>>,
+) {
     let spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated();
     let begin = || {
         let rig = spec.emulators(1).expect("emulators");
@@ -195,7 +262,7 @@ fn fuzz_emulator(name: &str, text: &str, seeds: &[&[u8]], pick: impl Fn(&rig::Si
         (device, rig.scene)
     };
     let (mut device, mut scene) = begin();
-    let (mut fed, mut now_s) = (0, 0.0);
+    let (mut fed, mut nth, mut now_s) = (0, 0, 0.0);
     let mut inbox = Vec::with_capacity(2 * INBOX_MOST);
     fuzz(name, seeds, |input| {
         fed += 1;
@@ -205,7 +272,11 @@ fn fuzz_emulator(name: &str, text: &str, seeds: &[&[u8]], pick: impl Fn(&rig::Si
             inbox.clear();
         }
         now_s += 0.001;
-        inbox.extend_from_slice(input);
+        if name == "rtu requests" {
+            inbox.extend_from_slice(&sealed(input, &mut nth));
+        } else {
+            inbox.extend_from_slice(input);
+        }
         inbox.truncate(INBOX_MOST);
         let (mut device, mut scene) = (device.lock().expect("no panic"), scene.lock().expect("no panic"));
         while let Some(request) = device.take_request(&mut inbox) {
@@ -248,8 +319,10 @@ fn no_message_upsets_a_parser() {
         [("rtu client", "generic-rs485", Transport::Rtu, RTU), ("tcp client", "labjack-t7", Transport::Tcp, TCP)]
     {
         let profile = Profile::shipped(map).expect("it is shipped");
+        let mut nth = 0;
         fuzz(name, seeds, |bytes| {
-            *input.lock().expect("no panic") = bytes.to_vec();
+            let rtu = transport == Transport::Rtu;
+            *input.lock().expect("no panic") = if rtu { sealed(bytes, &mut nth) } else { bytes.to_vec() };
             runtime.block_on(async {
                 let mut client = Client::new(answered(input.clone()), transport, &profile, "fuzz", "fuzz");
                 black_box(client.read("fuzzing", Function::Holding, 80, 2).await.is_ok());
