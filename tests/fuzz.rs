@@ -4,7 +4,7 @@
 //! 100,000 inputs each by default; `PALPATE_FUZZ=10000000 cargo test --release --test fuzz -- --nocapture` for as many.
 
 use cap::Cap;
-use palpate::device::Stage;
+use palpate::device::{Reins, Stage};
 use palpate::driver::grbl::parse_report;
 use palpate::driver::modbus::{Client, Function, Profile, Transport};
 use palpate::driver::process::answer_in;
@@ -312,7 +312,7 @@ fn no_message_upsets_a_parser() {
         *input.lock().expect("no panic") = bytes.to_vec();
         runtime.block_on(async {
             let mut stage = AnyStage::Esp301(Esp301::new(answered(input.clone()), "fuzz".into()));
-            black_box(stage.position_mm(Axis::Z).await.is_ok());
+            black_box(stage.position_mm(Axis::Z, &Reins::default()).await.is_ok());
         });
     });
     for (name, map, transport, seeds) in

@@ -180,8 +180,14 @@ impl Trial {
         }
         let speed_mm_s = self.rng.random_range(2.0..10.0);
         let (fate, deadlines) = (self.fate.clone(), deadlines(self.subject));
-        let begun =
-            call("begin", deadlines.begin_s, &mut self.outcome, &fate, self.stage.begin(&targets, speed_mm_s)).await;
+        let begun = call(
+            "begin",
+            deadlines.begin_s,
+            &mut self.outcome,
+            &fate,
+            self.stage.begin(&targets, speed_mm_s, &Reins::default()),
+        )
+        .await;
         if self.note(begun).is_none() && self.rng.random_bool(0.5) {
             return;
         }
@@ -229,7 +235,8 @@ impl Trial {
     async fn ask(&mut self, axis: Axis) {
         let (fate, limit_s) = (self.fate.clone(), deadlines(self.subject).ask_s);
         let from_s = lock(&fate).now_s();
-        let asked = call("position", limit_s, &mut self.outcome, &fate, self.stage.position_mm(axis)).await;
+        let asked =
+            call("position", limit_s, &mut self.outcome, &fate, self.stage.position_mm(axis, &Reins::default())).await;
         let Some(place_mm) = self.note(asked) else { return };
         lock(&fate).look();
         let to_s = lock(&fate).now_s();

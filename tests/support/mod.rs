@@ -1,9 +1,9 @@
 //! What the integration tests share: the program in a folder of its own, and what it said.
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
+pub mod bad_line;
 pub mod python;
 pub mod served;
-pub mod bad_line;
 pub mod skins;
 pub mod walks;
 

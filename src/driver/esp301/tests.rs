@@ -169,7 +169,14 @@ async fn a_place_that_lost_decimals_or_lies_beyond_the_travel_is_no_place() {
     ]);
     stage.usage = Some(usage());
     assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -2.5);
-    assert!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string().contains("a place within the travel"));
+    assert!(
+        stage
+            .position_mm(Axis::Z, &Reins::default())
+            .await
+            .unwrap_err()
+            .to_string()
+            .contains("a place within the travel")
+    );
     drop(stage);
     device.await.unwrap();
 }
