@@ -21,7 +21,7 @@
 //! | 2 | [`document`] | TOML read with every problem kept, each at its line |
 //! | 2 | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |
 //! | 2 | [`solver`] | calibration and reading to contact, and their evaluation |
-//! | 2 | [`wire`] | links: how bytes get there and back |
+//! | 2 | [`wire`] | links: how bytes get there and back; NI's functions as a table |
 //! | 1 | [`mechanics`] | linear elasticity: what a taxel reads of a load |
 //! | 1 | [`quantity`] | the vocabulary, with units |
 //!

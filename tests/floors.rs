@@ -39,6 +39,14 @@ fn every_room_has_a_floor() {
 }
 
 #[test]
+fn foreign_functions_are_called_in_one_file() {
+    let allowed = "allow(unsafe_code";
+    let allows = |path: &PathBuf| fs::read_to_string(path).expect("a source file is text").contains(allowed);
+    let files: Vec<PathBuf> = sources().into_iter().filter(allows).collect();
+    assert_eq!(files, [root().join("src/wire/daqmx/library.rs")], "files that allow themselves unsafe code");
+}
+
+#[test]
 fn an_arrow_that_runs_up_is_told_with_its_file_and_line() {
     let upward = "//! Not an import: crate::cli\nuse crate::quantity::Place;\nuse crate::run::{Halt, walk};\n";
     assert_eq!(arrows_up("src/wire/line.rs", upward), ["src/wire/line.rs:3: wire -> run runs up"]);
