@@ -28,6 +28,9 @@ const STEPS_MOST: usize = 2000;
 /// How far behind a message its double comes at most, s.
 const DOUBLE_LATE_S: f64 = 0.5;
 
+/// How long after a doubled question its second answer comes at most, s.
+const ECHO_S: f64 = 0.1;
+
 /// How a protocol tells its messages apart, and whether a line that is opened anew is still the same line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Framing {
@@ -152,7 +155,7 @@ impl Fate {
     /// is doubled is answered twice, and the second answer comes to the next.
     pub fn happened(&self, from_s: f64, to_s: f64) -> (bool, bool) {
         let any = |times: &[f64], from_s: f64| times.iter().any(|at_s| (from_s..=to_s).contains(at_s));
-        (any(&self.altered_s, from_s), any(&self.stray_s, from_s - DOUBLE_LATE_S))
+        (any(&self.altered_s, from_s), any(&self.stray_s, from_s - ECHO_S))
     }
 
     /// Other bytes in a message's place.
