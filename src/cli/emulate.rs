@@ -80,14 +80,20 @@ async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
             )));
         }
     }
-    let mut listening = Vec::new();
+    let mut listening: Vec<(&EmulatedDevice, Listening)> = Vec::new();
     for (device, role) in devices {
         let port = args.ports.iter().find(|(name, _)| name == role).map(|(_, port)| *port);
-        let offered = match offer(device, port, args.listen, &simulated.scene, origin).await {
-            Some(offered) => Some(offered.into_diagnostic().map_err(Failure::usage)?),
-            None => None,
+        // two roles of one controller are at one place
+        let there = listening.iter().position(|(other, _)| port.is_none() && other.is_same(device));
+        let offered = match there {
+            Some(_) => None,
+            None => offer(device, port, args.listen, &simulated.scene, origin).await,
         };
-        let listen = offered.as_ref().map(Listening::address);
+        if let Some(offered) = offered {
+            listening.push((device, offered.into_diagnostic().map_err(Failure::usage)?));
+        }
+        let at = there.or_else(|| listening.iter().rposition(|(other, _)| std::ptr::eq(*other, device)));
+        let listen = at.map(|at| listening[at].1.address());
         if args.json {
             let offer = Offer { device: role, protocol: device.protocol, listen };
             let line = serde_json::to_string(&offer).into_diagnostic().map_err(Failure::usage)?;
@@ -96,7 +102,6 @@ async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
             let listen = listen.unwrap_or("no socket: only within a simulated run");
             print(&format!("{role:<12}{:<14}{listen}\n", device.protocol))?;
         }
-        listening.extend(offered);
     }
     cancel.wait().await;
     drop(listening);

@@ -151,6 +151,11 @@ impl EmulatedDevice {
         }
     }
 
+    /// Whether it is the same instrument as another, in another role.
+    pub fn is_same(&self, other: &EmulatedDevice) -> bool {
+        self.instrument().zip(other.instrument()).is_some_and(|(own, others)| Arc::ptr_eq(own, others))
+    }
+
     /// Puts another instrument in its place.
     pub fn replace(&mut self, other: Shared<dyn Instrument>) {
         match &mut self.far_end {
