@@ -621,8 +621,8 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
             while let Some(line) = line_from(&mut far).await {
                 let answer: &[u8] = match line.as_str() {
                     // the line stutters once
-                    "3MD?;3TP" if std::mem::take(&mut first) => b"1\r\n1\r\n-0.4321\r\n",
-                    "3MD?;3TP" => b"1\r\n-0.4321\r\n",
+                    "3MD?;3TP;TB?" if std::mem::take(&mut first) => b"1\r\n1\r\n-0.4321\r\n0, 1, NO ERROR DETECTED\r\n",
+                    "3MD?;3TP;TB?" => b"1\r\n-0.4321\r\n0, 2, NO ERROR DETECTED\r\n",
                     "3TP" => b"-0.4321\r\n",
                     "VE?" => b"ESP301 Version 1.1.1 16/01/14\r\n",
                     _ => b"",
@@ -644,10 +644,10 @@ fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
             let mut garbled = false;
             while let Some(line) = line_from(&mut far).await {
                 let answer: &[u8] = match line.as_str() {
-                    "3MD?;3TP" if garbled => b"1\r\n-0.4321\r\n",
-                    "3MD?;3TP" => {
+                    "3MD?;3TP;TB?" if garbled => b"1\r\n-0.4321\r\n0, 1, NO ERROR DETECTED\r\n",
+                    "3MD?;3TP;TB?" => {
                         garbled = true;
-                        b"E what?\r\n-0.4321\r\n"
+                        b"E what?\r\n-0.4321\r\n0, 1, NO ERROR DETECTED\r\n"
                     }
                     "VE?" => {
                         sleep(Duration::from_secs(1)).await;

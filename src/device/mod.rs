@@ -9,7 +9,7 @@ mod reins;
 pub use error::{DeviceError, Problem};
 pub use reins::{Order, Reins};
 
-use crate::quantity::{Axis, ForceReading, Travel};
+use crate::quantity::{Axis, ForceReading, Range, Travel};
 use serde::{Deserialize, Serialize};
 use std::future::Future;
 use std::time::Duration;
@@ -39,6 +39,16 @@ pub struct StageUse {
     pub speed_mm_s: f64,
     /// Acceleration and deceleration to be used, mm/s^2.
     pub acceleration_mm_s2: f64,
+}
+
+/// How far beyond its travel an axis may be read back, mm: where it was before it was prepared, and rounding.
+const BEYOND_MM: f64 = 0.1;
+
+impl StageUse {
+    /// Where an axis can be: a read-back elsewhere is damaged.
+    pub fn reach(&self, axis: Axis) -> Range {
+        self.travel.along(axis).widened(BEYOND_MM)
+    }
 }
 
 /// A three-axis stage. Positions are stage coordinates, mm.

@@ -3,6 +3,7 @@
 //! Commands and answers after the ESP300 manual (pages named at each) and a recording of a real ESP301. Set commands are
 //! silent, so what became of one is read from `MD?`, the read-back and the error queue.
 
+use super::MOTION_MARGIN;
 use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
 use crate::quantity::{Axis, Range};
 use crate::wire::{Connector, LineExchange, Urgent, WireError};
@@ -11,9 +12,6 @@ use tokio::time::{Instant, sleep_until};
 
 /// Longest wait for an answer. The controller can be silent for 2 to 5 s after it hit a travel limit.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(6);
-
-/// How much longer than expected a motion may take.
-const MOTION_MARGIN: Duration = Duration::from_secs(10);
 
 /// Longest search for home: 25 mm at a home speed of 1 mm/s, twice, and a margin.
 const HOME_DEADLINE: Duration = Duration::from_secs(90);
@@ -24,9 +22,6 @@ const AWAY_MM: f64 = 0.01;
 /// How far short of its end z may count at the limit it homed to, mm: a controller that calls that place something else
 /// would press where the specimen isn't expected.
 const HOME_SHORT_MM: f64 = 1.0;
-
-/// How far a read-back may be beyond the axis' travel, mm.
-const BEYOND_MM: f64 = 0.1;
 
 /// Decimals that a place has at least (manual, page TP): one that lost some is damaged.
 const DECIMALS: usize = 3;
@@ -140,7 +135,7 @@ impl Esp301 {
 
     /// Where an axis can be.
     fn reach(&self, axis: Axis) -> Option<Range> {
-        self.usage.as_ref().map(|usage| usage.travel.along(axis).widened(BEYOND_MM))
+        self.usage.as_ref().map(|usage| usage.reach(axis))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {

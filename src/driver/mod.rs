@@ -12,3 +12,8 @@ pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};
 pub use esp301::Esp301;
+
+use std::time::Duration;
+
+/// How much longer than expected a motion may take.
+const MOTION_MARGIN: Duration = Duration::from_secs(10);

@@ -1,9 +1,10 @@
-use super::hand::{Gauge, Hand};
+use super::hand::Hand;
+use super::ready::at_home;
 use super::{Cancel, Halt};
-use crate::control::{Permit, Reaction, Trip, Watch, Zero, check_sound};
-use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
+use crate::control::{Permit, Reaction, Trip, Zero, check_sound};
+use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, ForceReading};
-use crate::rig::{OpenRig, RigSpec};
+use crate::rig::RigSpec;
 use tokio::time::Instant;
 
 /// Exchanges with each device that are timed.
@@ -47,31 +48,8 @@ pub struct Air {
 /// # Errors
 /// A person's word to stop; NI's library where it is needed and missing; a stage that loses its way.
 pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Examination, Halt> {
-    let OpenRig { instruments, stage_use, probe } = spec.open(seed)?;
-    let Instruments { mut stage, load_cell, array } = instruments;
-    let mut found = Examination::default();
-    let reins = Reins::default();
-    let told_to_stop = async {
-        cancel.wait().await;
-        reins.stop();
-        std::future::pending::<()>().await;
-    };
-    let prepared = tokio::select! {
-        biased;
-        prepared = stage.prepare(&stage_use, &reins) => prepared,
-        () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
-    };
-    let at_home = prepared.is_ok();
-    found.devices.push(("stage", prepared));
-    let unwatched =
-        Watch::new(&spec.limits, Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None });
-    let gauge = Gauge::new(load_cell, unwatched, cancel, &|_| {});
-    let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe);
-    if at_home {
-        hand.find_itself().await?;
-        hand.retreat(spec.clear_mm()).await?;
-    }
+    let (mut hand, stage) = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
+    let mut found = Examination { devices: vec![("stage", stage)], ..Examination::default() };
     found.devices.push(("load_cell", hand.cell.cell.prepare().await));
     found.devices.push(("array", hand.array.prepare().await));
     look(&mut hand, spec, cancel, &mut found).await?;

@@ -3,7 +3,7 @@ use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
 use crate::control::{Reaction, Rule, Timing, Trip, Watch, Zero, check_sound};
 use crate::dataset::Record;
-use crate::device::{Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
+use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, ForceReading};
 use crate::rig::{OpenRig, RigSpec};
 use tokio::time::{Instant, sleep_until};
@@ -43,12 +43,32 @@ pub(super) async fn make_ready<'a>(
     rig: OpenRig,
     conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    let (mut hand, stage) = at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
+    let stage_identity = stage?;
+    let cell_identity = hand.cell.cell.prepare().await?;
+    let array_identity = hand.array.prepare().await?;
+    let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
+    hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
+    let zero = take_zero(&mut hand, conditions).await?;
+    Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
+}
+
+/// Brings the stage to rest, homes what isn't homed and goes to the clear, before any reader is asked: whatever they say, the
+/// stage is away from the specimen. A stage that can't be prepared is handed over as it is, with the reason.
+pub(super) async fn at_home<'a>(
+    rig: OpenRig,
+    spec: &RigSpec,
+    cancel: &'a Cancel,
+    shown: &'a dyn Fn(f64),
+) -> Result<
+    (Hand<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Result<Identity, DeviceError>),
+    Halt,
+> {
     let OpenRig { instruments, stage_use, probe } = rig;
     let Instruments { mut stage, load_cell, array } = instruments;
-    // the stage first: whatever the readers say, it is brought to rest and away from the specimen
     let reins = Reins::default();
     let told_to_stop = async {
-        conditions.cancel.wait().await;
+        cancel.wait().await;
         reins.stop();
         std::future::pending::<()>().await;
     };
@@ -57,26 +77,19 @@ pub(super) async fn make_ready<'a>(
         prepared = stage.prepare(&stage_use, &reins) => prepared,
         () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
     };
-    if conditions.cancel.asked() {
+    if cancel.asked() {
         return Err(Halt::Cancelled);
     }
-    let stage_identity = prepared?;
-    let unwatched = Watch::new(
-        &conditions.spec.limits,
-        Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None },
-    );
-    let gauge = Gauge::new(load_cell, unwatched, conditions.cancel, conditions.shown);
+    let zero = Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None };
+    let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, zero), cancel, shown);
     let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, conditions.spec.frame, stage_use, conditions.spec.unmeasured_timing(), probe);
-    // an axis that was homed before may stand anywhere: out of contact first
-    hand.find_itself().await?;
-    hand.retreat(conditions.spec.clear_mm()).await?;
-    let cell_identity = hand.cell.cell.prepare().await?;
-    let array_identity = hand.array.prepare().await?;
-    let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
-    hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
-    let zero = take_zero(&mut hand, conditions).await?;
-    Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
+    let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe);
+    if prepared.is_ok() {
+        // an axis that was homed before may stand anywhere: out of contact first
+        hand.find_itself().await?;
+        hand.retreat(spec.clear_mm()).await?;
+    }
+    Ok((hand, prepared))
 }
 
 async fn time<S: Stage, C: LoadCell, A: SensorArray>(

@@ -66,7 +66,7 @@ impl Port {
         deadline: Duration,
         reins: Option<(&Reins, &'static [u8])>,
     ) -> Result<(), DeviceError> {
-        self.bring_back_in_step(doing).await?;
+        self.bring_back_in_step(doing, reins).await?;
         self.out_of_step = true;
         self.send(doing, format!("{line}\n").as_bytes()).await?;
         let until = Instant::now() + deadline;
@@ -97,7 +97,7 @@ impl Port {
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
             if self.lines.something_came().await {
-                self.drain(doing).await?;
+                self.drain(doing, Some(reins)).await?;
             }
             self.send(doing, STATUS).await?;
             let until = Instant::now() + ANSWER_DEADLINE;
@@ -178,17 +178,21 @@ impl Port {
     }
 
     /// Waits until nothing comes any more: a late `ok` would be taken for the next line's.
-    async fn bring_back_in_step(&mut self, doing: &str) -> Result<(), DeviceError> {
+    async fn bring_back_in_step(
+        &mut self,
+        doing: &str,
+        reins: Option<(&Reins, &'static [u8])>,
+    ) -> Result<(), DeviceError> {
         if self.out_of_step || self.lines.something_came().await {
-            self.drain(doing).await?;
+            self.drain(doing, reins).await?;
             self.out_of_step = false;
         }
         Ok(())
     }
 
-    async fn drain(&mut self, doing: &str) -> Result<(), DeviceError> {
+    async fn drain(&mut self, doing: &str, reins: Option<(&Reins, &'static [u8])>) -> Result<(), DeviceError> {
         for _ in 0..LINES_MAX {
-            match self.next(doing, Instant::now() + QUIET, None).await? {
+            match self.next(doing, Instant::now() + QUIET, reins).await? {
                 Some(report) => self.keep(report),
                 None => break,
             }

@@ -1,13 +1,11 @@
 use super::port::{ANSWER_DEADLINE, JOG_CANCEL, Port, SOFT_RESET};
 use super::report::{State, Status};
 use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
-
-/// How much longer than expected a motion may take.
-const MOTION_MARGIN: Duration = Duration::from_secs(10);
 
 /// Longest search for home.
 const HOME_DEADLINE: Duration = Duration::from_secs(120);
@@ -17,9 +15,6 @@ const STATUS_EVERY: Duration = Duration::from_millis(100);
 
 /// The first look at a motion comes that much after it should have ended: its last steps wait in a buffer.
 const FIRST_LOOK: Duration = Duration::from_millis(10);
-
-/// How far a read-back may be beyond the axis' travel, mm.
-const BEYOND_MM: f64 = 0.1;
 
 /// Coarsest step that the press can work with, mm: the read-back of a target is held to 3 um.
 const STEP_MOST_MM: f64 = 0.005;
@@ -61,7 +56,7 @@ impl Grbl {
         if let Some(usage) = &self.usage {
             for axis in Axis::ALL {
                 let place_mm = status.position_mm[axis.index()];
-                if !usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm) {
+                if !usage.reach(axis).contains(place_mm) {
                     let expected = format!("a place within the travel of {}", axis.name());
                     return Err(self.port.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
                 }
@@ -186,10 +181,16 @@ impl Grbl {
     }
 
     /// Feed along the way at which the fastest axis goes at `speed_mm_s`, mm/min.
-    async fn feed_mm_min(&mut self, doing: &str, targets: &[(Axis, f64)], speed_mm_s: f64) -> Result<f64, DeviceError> {
+    async fn feed_mm_min(
+        &mut self,
+        doing: &str,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        reins: &Reins,
+    ) -> Result<f64, DeviceError> {
         let mut stretch = 1.0;
         if targets.len() > 1 {
-            let from_mm = self.status(doing, &Reins::default()).await?.position_mm;
+            let from_mm = self.status(doing, reins).await?.position_mm;
             let ways = targets.iter().map(|(axis, mm)| mm - from_mm[axis.index()]);
             let (whole, longest) =
                 ways.fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way), longest.max(way.abs())));
@@ -221,7 +222,7 @@ impl Stage for Grbl {
                 return Err(self.port.error(doing, Problem::Motion(told)));
             }
         }
-        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s).await?;
+        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, reins).await?;
         let words = |(axis, mm): &(Axis, f64)| format!("{}{mm:.4}", axis.name().to_uppercase());
         let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
         self.targets = targets.to_vec();

@@ -1,19 +1,14 @@
 use super::port::{Object, PREPARE_DEADLINE, Port};
 use crate::device::{DeviceError, Identity, Problem, Reins, Stage, StageUse};
+use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
 use serde_json::{Value, json};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// How much longer than expected a motion may take.
-const MOTION_MARGIN: Duration = Duration::from_secs(10);
-
 /// How often the status is asked for while a motion is late.
 const STATUS_EVERY: Duration = Duration::from_millis(2);
-
-/// How far beyond its travel a read-back may be, mm: where it was before it was prepared, and rounding.
-const BEYOND_MM: f64 = 0.1;
 
 /// Complaints that are kept; what a device says beyond them is more of the same.
 const COMPLAINTS_MAX: usize = 16;
@@ -46,8 +41,7 @@ impl ProcessStage {
         }
         let along = |axis: Axis| {
             let place_mm = said.get("position_mm")?.get(axis.name())?.as_f64()?;
-            let reachable =
-                self.usage.as_ref().is_none_or(|usage| usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm));
+            let reachable = self.usage.as_ref().is_none_or(|usage| usage.reach(axis).contains(place_mm));
             (place_mm.is_finite() && reachable).then_some(place_mm)
         };
         match (said.get("moving").and_then(Value::as_bool), along(Axis::X), along(Axis::Y), along(Axis::Z)) {

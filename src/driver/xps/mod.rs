@@ -5,6 +5,7 @@
 
 mod analog;
 mod guard;
+mod ready;
 mod socket;
 mod stage;
 mod text;

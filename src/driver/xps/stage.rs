@@ -3,19 +3,11 @@ use super::guard::{Armed, Guard};
 use super::socket::Socket;
 use super::text::{Answer, GroupState, group_state, number_in};
 use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
-
-/// How much longer than expected a motion may take.
-const MOTION_MARGIN: Duration = Duration::from_secs(10);
-
-/// Longest initialisation and search for home.
-const HOME_DEADLINE: Duration = Duration::from_secs(120);
-
-/// Rest between killing, initialising and homing a group, which some firmware needs (EPICS waits as long).
-const BETWEEN: Duration = Duration::from_millis(50);
 
 /// How often the group's status is asked while something is waited for that no socket answers (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);
@@ -31,11 +23,8 @@ const NOT_ALLOWED: i32 = -22;
 /// What a motion is answered that was aborted.
 const ABORTED: i32 = -27;
 
-/// How far a read-back may be beyond the axis' travel, mm.
-const BEYOND_MM: f64 = 0.1;
-
 /// How far two read-backs of an axis at rest may be apart, mm.
-const AT_REST_MM: f64 = 0.001;
+pub(super) const AT_REST_MM: f64 = 0.001;
 
 /// The group of the controller that is the stage.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,24 +40,24 @@ pub struct Group {
 
 /// An XPS' group as a stage.
 pub struct Xps {
-    moves: Socket,
-    asks: Socket,
-    aborts: Socket,
-    group: Group,
-    guard: Option<Guard>,
-    armed: Option<Armed>,
-    link: String,
+    pub(super) moves: Socket,
+    pub(super) asks: Socket,
+    pub(super) aborts: Socket,
+    pub(super) group: Group,
+    pub(super) guard: Option<Guard>,
+    pub(super) armed: Option<Armed>,
+    pub(super) link: String,
     pub(super) usage: Option<StageUse>,
     /// Speed, acceleration and jerk times that each positioner has: mm/s, mm/s^2, s, s.
-    profiles: [[f64; 4]; 3],
+    pub(super) profiles: [[f64; 4]; 3],
     /// Where each axis was last sent and arrived, mm; none where it was stopped on its way.
-    sent_mm: [Option<f64>; 3],
+    pub(super) sent_mm: [Option<f64>; 3],
     /// The motion whose end the socket for motions owes.
-    under_way: Option<Motion>,
+    pub(super) under_way: Option<Motion>,
 }
 
 #[derive(Clone, Debug)]
-struct Motion {
+pub(super) struct Motion {
     call: String,
     targets: Vec<(Axis, f64)>,
     /// Whether the abort was ours.
@@ -95,19 +84,23 @@ impl Xps {
         }
     }
 
-    fn positioner(&self, axis: Axis) -> String {
+    pub(super) fn positioner(&self, axis: Axis) -> String {
         format!("{}.{}", self.group.name, self.group.positioners[axis.index()])
     }
 
-    fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub(super) fn error(&self, doing: &str, problem: Problem) -> DeviceError {
         self.asks.error(doing, problem)
     }
 
-    async fn ask(&mut self, doing: &str, call: &str) -> Result<Vec<String>, DeviceError> {
+    pub(super) async fn ask(&mut self, doing: &str, call: &str) -> Result<Vec<String>, DeviceError> {
         self.asks.call(doing, call, CALL_DEADLINE).await
     }
 
-    async fn ask_numbers<const N: usize>(&mut self, doing: &str, call: &str) -> Result<[f64; N], DeviceError> {
+    pub(super) async fn ask_numbers<const N: usize>(
+        &mut self,
+        doing: &str,
+        call: &str,
+    ) -> Result<[f64; N], DeviceError> {
         numbers(&mut self.asks, doing, call).await
     }
 
@@ -128,7 +121,7 @@ impl Xps {
 
     fn within_travel(&self, doing: &str, axis: Axis, place_mm: f64) -> Result<f64, DeviceError> {
         if let Some(usage) = &self.usage
-            && !usage.travel.along(axis).widened(BEYOND_MM).contains(place_mm)
+            && !usage.reach(axis).contains(place_mm)
         {
             let expected = format!("a place within the travel of {}", axis.name());
             return Err(self.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
@@ -144,7 +137,7 @@ impl Xps {
     }
 
     /// Waits until the group doesn't move, whoever moved it.
-    async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
+    pub(super) async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
         let until = Instant::now() + within;
         loop {
             let state = self.state(doing).await?;
@@ -158,107 +151,6 @@ impl Xps {
             }
             sleep(STATUS_EVERY).await;
         }
-    }
-
-    /// A group that is at rest and able to move: what isn't initialised is, what isn't referenced looks for home.
-    pub(super) async fn bring_to_ready(&mut self, reins: &Reins) -> Result<(), DeviceError> {
-        let doing = "making its group ready";
-        let group = self.group.name.clone();
-        match self.until_still(doing, MOTION_MARGIN).await? {
-            GroupState::Ready => return Ok(()),
-            GroupState::Disabled => {
-                self.ask(doing, &format!("GroupMotionEnable({group})")).await?;
-                return Ok(());
-            }
-            _ if !self.group.home_search => {
-                let told = format!(
-                    "the group {group} doesn't know where it is. Home it with the specimen out of the way, or say \
-                     home_search = true where the way to its home is clear of the specimen"
-                );
-                return Err(self.error(doing, Problem::Mismatch(told)));
-            }
-            GroupState::NotReferenced => {}
-            _ => {
-                // from whatever is left of an earlier fault
-                self.ask(doing, &format!("GroupKill({group})")).await?;
-                sleep(BETWEEN).await;
-                self.wait_for("initialising its group", &format!("GroupInitialize({group})"), reins).await?;
-                sleep(BETWEEN).await;
-            }
-        }
-        self.wait_for("homing", &format!("GroupHomeSearch({group})"), reins).await?;
-        match self.until_still("homing", MOTION_MARGIN).await? {
-            GroupState::Ready => Ok(()),
-            state => Err(self.error("homing", Problem::Motion(format!("the group is {state:?} after its search")))),
-        }
-    }
-
-    /// A call that is answered when what it began has ended; a stop kills the group, which is an error.
-    async fn wait_for(&mut self, doing: &str, call: &str, reins: &Reins) -> Result<(), DeviceError> {
-        self.moves.begin(doing, call, CALL_DEADLINE).await?;
-        let until = Instant::now() + HOME_DEADLINE;
-        let answer = loop {
-            tokio::select! {
-                biased;
-                () = reins.pulled().notified() => {
-                    if reins.take() == Some(Order::Stop) {
-                        self.kill(doing).await?;
-                    }
-                }
-                answer = self.moves.answer_by(doing, until) => break answer?,
-            }
-        };
-        match answer {
-            Some(Answer { code: 0, .. }) => Ok(()),
-            Some(Answer { code, .. }) => Err(self.moves.refused(doing, call, code)),
-            None => {
-                self.kill(doing).await?;
-                self.moves.close();
-                let told = format!("{call} wasn't done within {} s", HOME_DEADLINE.as_secs());
-                Err(self.error(doing, Problem::Motion(told)))
-            }
-        }
-    }
-
-    async fn kill(&mut self, doing: &str) -> Result<(), DeviceError> {
-        let call = format!("GroupKill({})", self.group.name);
-        self.aborts.call_plainly(doing, &call, CALL_DEADLINE).await.map(|_| ())
-    }
-
-    /// Holds the controller's limits against the rig's, and narrows its travel to the rig's.
-    async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
-        let (doing, positioner, travel) =
-            ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));
-        let call = format!("PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)");
-        let [fastest_mm_s, most_mm_s2] = self.ask_numbers(doing, &call).await?;
-        for (most, wanted, key) in [
-            (fastest_mm_s, usage.speed_mm_s, "speed_mm_s"),
-            (most_mm_s2, usage.acceleration_mm_s2, "acceleration_mm_s2"),
-        ] {
-            if most < wanted {
-                let told = format!("{positioner} allows {key} {most} at most, under the rig's {wanted}");
-                return Err(self.error(doing, Problem::Mismatch(told)));
-            }
-        }
-        let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
-        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
-        if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
-            let told = format!(
-                "{positioner} runs from {least_mm} to {most_mm} mm, the rig's travel from {} to {} mm",
-                travel.min, travel.max
-            );
-            return Err(self.error(doing, Problem::Mismatch(told)));
-        }
-        let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
-        self.ask(doing, &set).await?;
-        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
-        if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
-            let told = format!("{positioner} was limited to the rig's travel and says {least_mm} to {most_mm} mm");
-            return Err(self.error(doing, Problem::Mismatch(told)));
-        }
-        let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");
-        self.profiles[axis.index()] = self.ask_numbers(doing, &call).await?;
-        Ok(())
     }
 
     /// Gives a positioner the speed and the acceleration of its next motion.

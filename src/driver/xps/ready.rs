@@ -1,0 +1,118 @@
+use super::CALL_DEADLINE;
+use super::stage::{AT_REST_MM, Xps};
+use super::text::{Answer, GroupState};
+use crate::device::{DeviceError, Order, Problem, Reins, StageUse};
+use crate::driver::MOTION_MARGIN;
+use crate::quantity::Axis;
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// Longest initialisation and search for home.
+const HOME_DEADLINE: Duration = Duration::from_secs(120);
+
+/// Rest between killing, initialising and homing a group, which some firmware needs (EPICS waits as long).
+const BETWEEN: Duration = Duration::from_millis(50);
+
+/// What comes before the first motion: a group that is ready, and limits that agree with the rig's.
+impl Xps {
+    /// A group that is at rest and able to move: what isn't initialised is, what isn't referenced looks for home.
+    pub(super) async fn bring_to_ready(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "making its group ready";
+        let group = self.group.name.clone();
+        match self.until_still(doing, MOTION_MARGIN).await? {
+            GroupState::Ready => return Ok(()),
+            GroupState::Disabled => {
+                self.ask(doing, &format!("GroupMotionEnable({group})")).await?;
+                return Ok(());
+            }
+            _ if !self.group.home_search => {
+                let told = format!(
+                    "the group {group} doesn't know where it is. Home it with the specimen out of the way, or say \
+                     home_search = true where the way to its home is clear of the specimen"
+                );
+                return Err(self.error(doing, Problem::Mismatch(told)));
+            }
+            GroupState::NotReferenced => {}
+            _ => {
+                // from whatever is left of an earlier fault
+                self.ask(doing, &format!("GroupKill({group})")).await?;
+                sleep(BETWEEN).await;
+                self.wait_for("initialising its group", &format!("GroupInitialize({group})"), reins).await?;
+                sleep(BETWEEN).await;
+            }
+        }
+        self.wait_for("homing", &format!("GroupHomeSearch({group})"), reins).await?;
+        match self.until_still("homing", MOTION_MARGIN).await? {
+            GroupState::Ready => Ok(()),
+            state => Err(self.error("homing", Problem::Motion(format!("the group is {state:?} after its search")))),
+        }
+    }
+
+    /// A call that is answered when what it began has ended; a stop kills the group, which is an error.
+    async fn wait_for(&mut self, doing: &str, call: &str, reins: &Reins) -> Result<(), DeviceError> {
+        self.moves.begin(doing, call, CALL_DEADLINE).await?;
+        let until = Instant::now() + HOME_DEADLINE;
+        let answer = loop {
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {
+                    if reins.take() == Some(Order::Stop) {
+                        self.kill(doing).await?;
+                    }
+                }
+                answer = self.moves.answer_by(doing, until) => break answer?,
+            }
+        };
+        match answer {
+            Some(Answer { code: 0, .. }) => Ok(()),
+            Some(Answer { code, .. }) => Err(self.moves.refused(doing, call, code)),
+            None => {
+                self.kill(doing).await?;
+                self.moves.close();
+                let told = format!("{call} wasn't done within {} s", HOME_DEADLINE.as_secs());
+                Err(self.error(doing, Problem::Motion(told)))
+            }
+        }
+    }
+
+    async fn kill(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let call = format!("GroupKill({})", self.group.name);
+        self.aborts.call_plainly(doing, &call, CALL_DEADLINE).await.map(|_| ())
+    }
+
+    /// Holds the controller's limits against the rig's, and narrows its travel to the rig's.
+    pub(super) async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
+        let (doing, positioner, travel) =
+            ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));
+        let call = format!("PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)");
+        let [fastest_mm_s, most_mm_s2] = self.ask_numbers(doing, &call).await?;
+        for (most, wanted, key) in [
+            (fastest_mm_s, usage.speed_mm_s, "speed_mm_s"),
+            (most_mm_s2, usage.acceleration_mm_s2, "acceleration_mm_s2"),
+        ] {
+            if most < wanted {
+                let told = format!("{positioner} allows {key} {most} at most, under the rig's {wanted}");
+                return Err(self.error(doing, Problem::Mismatch(told)));
+            }
+        }
+        let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
+        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
+        if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
+            let told = format!(
+                "{positioner} runs from {least_mm} to {most_mm} mm, the rig's travel from {} to {} mm",
+                travel.min, travel.max
+            );
+            return Err(self.error(doing, Problem::Mismatch(told)));
+        }
+        let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
+        self.ask(doing, &set).await?;
+        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
+        if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
+            let told = format!("{positioner} was limited to the rig's travel and says {least_mm} to {most_mm} mm");
+            return Err(self.error(doing, Problem::Mismatch(told)));
+        }
+        let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");
+        self.profiles[axis.index()] = self.ask_numbers(doing, &call).await?;
+        Ok(())
+    }
+}
