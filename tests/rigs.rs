@@ -5,8 +5,14 @@ mod support;
 
 use palpate::dataset::evaluate::evaluate_run;
 use palpate::dataset::table::Table;
-use palpate::quantity::{ArrayLayout, Place};
+use palpate::device::{Instruments, Problem, Reins, Stage};
+use palpate::quantity::{ArrayLayout, Axis, Place};
+use palpate::rig::{self, OpenRig};
+use palpate::scene::{Fault, FaultKind};
+use std::time::Duration;
+use support::walks::in_virtual_time;
 use support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use tokio::time::{Instant, sleep_until};
 
 /// The rig that the others are held against, and the others.
 const FIRST: &str = "sim";
@@ -74,6 +80,37 @@ fn an_esp301_as_slow_as_the_recorded_one_is_pressed_with_all_the_same() {
     assert!((120.0..150.0).contains(&worst_ms), "{worst_ms} ms");
     bench.palpate_ends(0, "run r.toml --rig slow.toml --out run");
     assert_eq!(bench.column("run/presses.csv", "flags").iter().filter(|flags| !flags.is_empty()).count(), 0);
+}
+
+#[test]
+fn an_xps_with_a_guard_ends_a_motion_by_itself_however_slow_its_host_is() {
+    // the cell jumps over the limit while z is under way; nobody looks at it but the controller
+    let text =
+        shipped_text("rigs/xps.toml") + "\n[scene]" + shipped_text("rigs/paper.toml").split_once("[scene]").unwrap().1;
+    let text = exchanged(&text, "stage = [1.0, 5.0]", "stage = [60.0, 70.0]");
+    let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a rig").simulated();
+    let leap_s = 20.0;
+    spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s: leap_s, value: Some(5.0) });
+    in_virtual_time(async {
+        let (began, reins) = (Instant::now(), Reins::default());
+        let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } = spec.open(1).expect("drivers");
+        stage.prepare(&stage_use, &reins).await.expect("a stage");
+        stage.guard(Some(2.05)).await.expect("a guard");
+        sleep_until(began + Duration::from_secs_f64(leap_s - 1.0)).await;
+        stage.begin(&[(Axis::Z, 10.0)], 2.0, &reins).await.expect("a motion");
+        let begun_s = began.elapsed().as_secs_f64();
+        let error = stage.follow(&[Axis::Z], Duration::from_secs(5), &reins).await.expect_err("it was ended");
+        assert!(matches!(error.problem, Problem::Guarded { limit_n: 2.05 }), "{error}");
+        // under way for less than a second at 2 mm/s, and 0.02 mm to brake
+        let ran_mm = 2.0 * (leap_s - begun_s) + 0.02;
+        let at_mm = stage.position_mm(Axis::Z, &reins).await.expect("a place");
+        assert!((0.0..0.15).contains(&(at_mm - ran_mm)), "z at {at_mm} mm, {ran_mm} mm when the force came");
+        // it has done its duty: the way out is free
+        stage.guard(None).await.expect("none any more");
+        stage.begin(&[(Axis::Z, 10.0)], 10.0, &reins).await.expect("the way out");
+        let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(1), &reins).await.expect("the way out");
+        assert!((places_mm[0] - 10.0).abs() < 0.001, "{places_mm:?}");
+    });
 }
 
 /// The median and what 95 % are within.

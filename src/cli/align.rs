@@ -8,6 +8,7 @@ use crate::rig;
 use crate::run::{AlignError, Alignment, align, align_plan};
 use miette::{IntoDiagnostic, WrapErr};
 use std::fmt::Write as _;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{fs, io};
@@ -52,7 +53,7 @@ pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
     let found = runtime(spec.is_simulated())?.block_on(align(&spec, args.seed, &cancel, &mut progress));
     progress.end();
     let found = found.map_err(|error| match error {
-        AlignError::Halted(halt) => Failure::halted(halt),
+        AlignError::Halted(ending) => Failure::ended(*ending),
         AlignError::Plan(problems) => Failure::usage(problems),
         other => Failure::not_accepted(
             Err::<(), _>(other)
@@ -71,7 +72,7 @@ pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
         print(&format!("\nnot written ({why})\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
-    replace(&args.rig, &written)
+    replace(&args.rig, &text, &written)
         .into_diagnostic()
         .wrap_err_with(|| format!("{} couldn't be written, and is as it was", args.rig.display()))
         .map_err(Failure::unwritten)?;
@@ -139,10 +140,19 @@ fn rounded(number: f64, to: f64) -> f64 {
     (number * to).round() / to
 }
 
-/// Puts a text in a file's place: whole or not at all.
-fn replace(path: &Path, text: &str) -> io::Result<()> {
+/// Puts a text in a file's place, whole or not at all, if it still is what was read.
+fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
+    let path = &fs::canonicalize(path)?; // a link stays one
+    if fs::read_to_string(path)? != read {
+        return Err(io::Error::other("it was changed while the specimen was pressed"));
+    }
     let beside = path.with_extension("toml.new");
-    let written = fs::write(&beside, text).and_then(|()| fs::rename(&beside, path));
+    let mut file = fs::File::create_new(&beside)?; // what lies there is somebody's
+    let written = file
+        .write_all(text.as_bytes())
+        .and_then(|()| file.set_permissions(fs::metadata(path)?.permissions()))
+        .and_then(|()| file.sync_all())
+        .and_then(|()| fs::rename(&beside, path));
     if written.is_err() {
         let _ = fs::remove_file(&beside); // the first error is the one to tell
     }

@@ -1,6 +1,6 @@
 use crate::dataset::DatasetError;
 use crate::document::Problems;
-use crate::run::Halt;
+use crate::run::{Ending, Halt};
 use crate::solver::Evaluation;
 use miette::Report;
 use std::process::ExitCode;
@@ -69,6 +69,22 @@ impl Failure {
             }
             Halt::Device(error) => Failure { code: DEVICE, report: error.into() },
             Halt::Record(error) => Failure { code: RECORD, report: error.into() },
+        }
+    }
+
+    /// A walk that ended early, and may have left the stage where it was.
+    pub fn ended(ending: Ending) -> Failure {
+        let Ending { halt, unparked } = ending;
+        if unparked.is_some() {
+            eprintln!("the stage could not be parked: move it clear of the specimen by hand");
+        }
+        match (halt, unparked) {
+            (Some(halt), Some(unparked)) => {
+                _ = Failure::halted(unparked).report(); // said even if it is not what the exit code is about
+                Failure::halted(halt)
+            }
+            (Some(halt), None) | (None, Some(halt)) => Failure::halted(halt),
+            (None, None) => Failure::halted(Halt::Cancelled), // never: such a walk didn't end early
         }
     }
 

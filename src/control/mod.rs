@@ -30,5 +30,5 @@ pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Strategy, Task};
 pub use trip::{Rule, Trip};
-pub use watch::{Watch, check_sound};
+pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

@@ -9,7 +9,7 @@ const MEAN_S: f64 = 0.010;
 const NEGATIVE_LEAST_N: f64 = 0.030;
 
 /// Longest time between two good readings while the indenter may touch, s.
-const STALE_S: f64 = 0.25;
+pub const STALE_S: f64 = 0.25;
 
 /// Most readings in the running mean.
 const MEAN_MAX: usize = 64;

@@ -286,6 +286,10 @@ impl Stage for Esp301 {
         let asked = Instant::now();
         let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
         self.quickest = self.quickest.min(asked.elapsed());
+        // a stop that came while the line was brought back into step went out before the motion
+        if reins.stopped() {
+            self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
+        }
         if answers.first().is_none_or(|answer| number_in(answer).is_none()) {
             // the motion isn't commanded twice: a stop may have come in between
             self.line.misfit();

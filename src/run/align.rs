@@ -1,5 +1,5 @@
-use super::walk::{Errand, Listener, walk};
-use super::{Cancel, Halt};
+use super::Cancel;
+use super::walk::{Ending, Errand, Listener, walk};
 use crate::control::Strategy;
 use crate::dataset::{Memory, Row};
 use crate::document::Problems;
@@ -52,7 +52,7 @@ pub enum AlignError {
     Plan(#[source] Problems),
     /// The walk ended early.
     #[error("the walk ended early")]
-    Halted(Halt),
+    Halted(Box<Ending>),
     /// A press gave nothing to go by.
     #[error("a press gave nothing to go by: {0}")]
     Press(#[from] CalibrationError),
@@ -78,8 +78,8 @@ pub async fn align(
     let plan = plan(spec, seed).map_err(AlignError::Plan)?;
     let mut ledger = Memory::default();
     let ending = walk(Errand { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
-    if let Some(halt) = ending.halt.or(ending.unparked) {
-        return Err(AlignError::Halted(halt));
+    if ending.halt.is_some() || ending.unparked.is_some() {
+        return Err(AlignError::Halted(Box::new(ending)));
     }
     let rows: Vec<&Row> =
         ledger.contacts().flat_map(|contact| &contact.rows).filter(|row| row.flags.is_empty()).collect();

@@ -1,11 +1,11 @@
 use super::Halt;
 use super::hand::{Gauge, Hand};
-use crate::control::{Permit, Permitted, Press, Profile, Rule, Sideways, Steer, Trip};
+use crate::control::{Permit, Permitted, Press, Profile, Rule, STALE_S, Sideways, Steer, Trip};
 use crate::device::{DeviceError, LoadCell, Problem, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Place, Range};
 use std::cell::Cell;
 use std::time::Duration;
-use tokio::time::{Instant, sleep, sleep_until};
+use tokio::time::{Instant, sleep, sleep_until, timeout};
 
 /// How far a read-back may be from where the axis was sent, mm.
 const IN_POSITION_MM: f64 = 0.003;
@@ -21,6 +21,9 @@ const CONVERSIONS_HEARD: f64 = 4.0;
 
 /// How often z is looked at on its way out of a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
+
+/// How often the first withdrawal is tried: a link stutters, or a guard of a program before fires once more.
+const WITHDRAW_TRIES: usize = 3;
 
 /// The axes that move the indenter from place to place.
 const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
@@ -170,6 +173,25 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
+    /// Withdraws to the clear from wherever a program before left the axes, maybe in contact.
+    pub async fn withdraw_first(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let mut withdrawn = Ok(());
+        for _ in 0..WITHDRAW_TRIES {
+            withdrawn = self.stop_and_withdraw(z_mm).await;
+            if withdrawn.is_ok() {
+                break;
+            }
+        }
+        withdrawn
+    }
+
+    async fn stop_and_withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.stage.stop().await?;
+        self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
+        self.find_itself().await?;
+        self.retreat(z_mm).await
+    }
+
     /// Reads x, y and z back, wherever the axes are.
     pub async fn find_itself(&mut self) -> Result<(), Halt> {
         let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
@@ -274,7 +296,19 @@ async fn watched<C: LoadCell, T>(
     };
     let watch = async {
         while !ended.get() {
-            let force_n = match gauge.force_n().await {
+            let heard = {
+                let silent_after = seconds(STALE_S) + gauge.cell.conversion();
+                let heard = gauge.force_n();
+                tokio::pin!(heard);
+                match timeout(silent_after, &mut heard).await {
+                    Ok(heard) => heard,
+                    Err(_) => {
+                        reins.stop(); // nothing moves unwatched
+                        heard.await
+                    }
+                }
+            };
+            let force_n = match heard {
                 Ok(force_n) => force_n,
                 Err(halt) => {
                     reins.stop();

@@ -86,8 +86,7 @@ pub(super) async fn at_home<'a>(
     let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe);
     if prepared.is_ok() {
         // an axis that was homed before may stand anywhere: out of contact first
-        hand.find_itself().await?;
-        hand.retreat(spec.clear_mm()).await?;
+        hand.withdraw_first(spec.clear_mm()).await?;
     }
     Ok((hand, prepared))
 }

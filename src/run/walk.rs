@@ -170,9 +170,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
         let first_mm = self.first_mm(self.hand.place, entry.place);
         self.hand.travel(entry.place, &self.permit, first_mm).await?;
+        self.hand.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
         self.hand.cell.watch.pause();
         let air = self.hand.cell.close_air().await?;
-        self.hand.stage.guard(Some(self.guard_n())).await?;
         let first_mm = self.first_mm(entry.place, next);
         let mut press = Press::new(entry.task.clone(), self.context(entry, first_mm));
         let mut levels: Vec<Held> = Vec::with_capacity(entry.task.levels.len());

@@ -217,3 +217,25 @@ async fn what_the_controller_complained_of_is_told_before_it_moves_again_unless_
     drop(stage);
     device.await.unwrap();
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_overtakes_the_motion_it_is_for_is_sent_again_behind_it() {
+    let (mut stage, device) = stage(&[
+        (b"3TP\r", b"0.0000\r\nE stray\r\n"),
+        (b"ST\r", b""),
+        (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
+        (b"3VA1.00000;3PA1.00000;3MD?\r", b"0\r\n"),
+        (b"ST\r", b""),
+    ]);
+    let reins = Reins::default();
+    stage.position_mm(Axis::Z, &reins).await.unwrap();
+    let ask_for_it = async {
+        sleep(Duration::from_millis(30)).await; // while the line is brought back into step
+        reins.stop();
+    };
+    let targets = [(Axis::Z, 1.0)];
+    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.0, &reins), ask_for_it);
+    begun.unwrap();
+    drop(stage);
+    device.await.unwrap();
+}

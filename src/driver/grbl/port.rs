@@ -178,7 +178,8 @@ impl Port {
     }
 
     /// Waits until nothing comes any more: a late `ok` would be taken for the next line's.
-    async fn bring_back_in_step(
+    /// Waits until nothing comes any more where a late `ok` could be taken for the next line's.
+    pub async fn bring_back_in_step(
         &mut self,
         doing: &str,
         reins: Option<(&Reins, &'static [u8])>,

@@ -101,7 +101,10 @@ impl Grbl {
             return mismatch(format!("its search for home is off, so that it can't know where it is; set ${HOMING}=1"));
         }
         // bit 2: z looks for home toward minus
-        let toward_minus = of(HOMING_DIRECTION).unwrap_or(0.0) as u64 & 0b100 != 0;
+        let Some(mask) = of(HOMING_DIRECTION) else {
+            return mismatch(format!("it doesn't say which way it looks for home (${HOMING_DIRECTION})"));
+        };
+        let toward_minus = mask as u64 & 0b100 != 0;
         if toward_minus != (usage.away < 0.0) {
             return mismatch(format!("its z looks for home toward the specimen; set ${HOMING_DIRECTION}"));
         }
@@ -130,12 +133,12 @@ impl Grbl {
         Ok(warnings)
     }
 
-    /// Locked after it was switched on: GRBL homes z first and away from the bed, then x and y (its default cycle).
+    /// GRBL can't be asked whether it is homed: a frame that a person unlocked is idle too, and knows no more where it is than a
+    /// locked one. So it is homed each time, z first and away from the bed, then x and y (its default cycle).
     async fn home(&mut self, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "homing";
         match self.until_still(doing).await? {
-            State::Idle => return Ok(()),
-            State::Alarm => {}
+            State::Idle | State::Alarm => {}
             state => return Err(self.port.error(doing, Problem::Mismatch(format!("it is in the state {state:?}")))),
         }
         // a reset ends a search for home; it says so with a welcome
@@ -227,10 +230,16 @@ impl Stage for Grbl {
         let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
         self.targets = targets.to_vec();
         let line = format!("$J=G90 G21 G53 {places} F{feed_mm_min:.3}");
+        self.port.bring_back_in_step(doing, Some((reins, JOG_CANCEL))).await?; // before the question below: it takes its time
         if reins.stopped() {
             return Ok(());
         }
-        self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await
+        self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await?;
+        // GRBL ignores a cancel that comes before the jog is under way; with its `ok` it is
+        if reins.stopped() {
+            self.port.send(doing, JOG_CANCEL).await?;
+        }
+        Ok(())
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {

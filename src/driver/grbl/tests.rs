@@ -128,3 +128,20 @@ async fn a_target_outside_the_travel_is_never_sent() {
     drop(stage);
     device.abort();
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_cancel_that_comes_before_the_jog_is_under_way_is_sent_again_behind_its_ok() {
+    let (mut stage, device) =
+        stage(&[(b"$J=G90 G21 G53 Z-1.2500 F90.000\n", b""), (b"\x85", b"ok\r\n"), (b"\x85", b"")]);
+    stage.usage = Some(usage());
+    let reins = Reins::default();
+    let ask_for_it = async {
+        tokio::time::sleep(Duration::from_millis(130)).await;
+        reins.stop();
+    };
+    let targets = [(Axis::Z, -1.25)];
+    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.5, &reins), ask_for_it);
+    begun.unwrap();
+    drop(stage);
+    device.await.unwrap();
+}

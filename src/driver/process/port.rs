@@ -161,7 +161,7 @@ impl Port {
     }
 
     fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
-        self.ended = matches!(error, WireError::Io(_));
+        self.ended |= !matches!(error, WireError::Endless { .. }); // in all other cases the link is closed
         self.error(doing, Problem::Link(error.to_string()))
     }
 }

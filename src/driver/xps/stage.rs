@@ -6,6 +6,7 @@ use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUs
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
+use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
@@ -165,7 +166,7 @@ impl Xps {
             self.profiles[axis.index()] = [f64::NAN; 4]; // unknown until it is answered
             let doing = "setting a speed";
             let Xps { asks, aborts, group, .. } = self;
-            with_abort(aborts, group, reins, doing, asks.call(doing, &call, CALL_DEADLINE)).await?;
+            with_abort(aborts, group, reins, asks.call(doing, &call, CALL_DEADLINE)).await?;
             self.profiles[axis.index()] = profile;
         }
         Ok(())
@@ -214,9 +215,14 @@ impl Xps {
         let until = Instant::now() + TAKEN_DEADLINE;
         while Instant::now() < until {
             let Xps { asks, aborts, group, .. } = self;
-            let state = with_abort(aborts, group, reins, doing, state(asks, group, doing)).await?;
+            let state = with_abort(aborts, group, reins, state(asks, group, doing)).await?;
             self.note_abort(reins);
-            if state == GroupState::Moving || reins.stopped() {
+            if state == GroupState::Moving {
+                // an abort that overtook the motion found nothing to stop
+                if reins.stopped() {
+                    reins.take();
+                    self.stop().await?;
+                }
                 return Ok(());
             }
             if let Some(answer) = self.moves.answer_by(doing, Instant::now()).await? {
@@ -310,9 +316,9 @@ async fn with_abort<T>(
     aborts: &mut Socket,
     group: &Group,
     reins: &Reins,
-    doing: &str,
     asked: impl Future<Output = Result<T, DeviceError>>,
 ) -> Result<T, DeviceError> {
+    let sending = Cell::new(false);
     let abort = async {
         // another speed is for whoever follows the motion
         while !reins.stopped() {
@@ -321,21 +327,38 @@ async fn with_abort<T>(
         if reins.take().is_none() {
             return std::future::pending().await; // it was sent already
         }
-        aborts.call_plainly(doing, &abort_call(group), CALL_DEADLINE).await
+        sending.set(true);
+        abort_by(aborts, group).await
     };
-    tokio::pin!(asked);
+    tokio::pin!(asked, abort);
     tokio::select! {
         biased;
-        aborted = abort => {
+        aborted = &mut abort => {
             aborted?;
             asked.await
         }
-        answer = &mut asked => answer,
+        answer = &mut asked => {
+            // one on its way is seen through: dropped before its socket is open it would never be sent
+            if sending.get() {
+                abort.await?;
+            }
+            answer
+        }
     }
 }
 
-fn abort_call(group: &Group) -> String {
-    format!("GroupMoveAbort({})", group.name)
+/// Aborts what moves; nothing moving is as good.
+async fn abort_by(aborts: &mut Socket, group: &Group) -> Result<(), DeviceError> {
+    let (doing, call) = ("stopping", format!("GroupMoveAbort({})", group.name));
+    let mut told = Ok(());
+    for _ in 0..ABORT_TRIES {
+        told = match aborts.call_plainly(doing, &call, CALL_DEADLINE).await {
+            Ok(Answer { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
+            Ok(Answer { code, .. }) => Err(aborts.refused(doing, &call, code)),
+            Err(error) => Err(error),
+        };
+    }
+    told
 }
 
 impl Stage for Xps {
@@ -399,25 +422,16 @@ impl Stage for Xps {
         let call = self.place_call(axis);
         let Xps { asks, aborts, group, .. } = self;
         let asked = numbers(asks, doing, &call);
-        let [place_mm] = with_abort(aborts, group, reins, doing, asked).await?;
+        let [place_mm] = with_abort(aborts, group, reins, asked).await?;
         self.note_abort(reins);
         self.within_travel(doing, axis, place_mm)
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        let (doing, call) = ("stopping", abort_call(&self.group));
         if let Some(motion) = &mut self.under_way {
             motion.aborted = true;
         }
-        let mut told = Ok(());
-        for _ in 0..ABORT_TRIES {
-            told = match self.aborts.call_plainly(doing, &call, CALL_DEADLINE).await {
-                Ok(Answer { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
-                Ok(Answer { code, .. }) => Err(self.aborts.refused(doing, &call, code)),
-                Err(error) => Err(error),
-            };
-        }
-        told
+        abort_by(&mut self.aborts, &self.group).await
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
