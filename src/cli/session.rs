@@ -4,7 +4,7 @@ use super::summary;
 use crate::dataset::RunFolder;
 use crate::recipe::Plan;
 use crate::rig::RigSpec;
-use crate::run::{Cancel, Errand, Halt, keep_pace, walk};
+use crate::run::{Cancel, Ending, Errand, Halt, keep_pace, walk};
 use jiff::Zoned;
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::Write;
@@ -62,22 +62,13 @@ pub fn carry_out(
     let finished = folder.finish(status);
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
     let shown = show(&summary::ended(folder, virtual_time));
-    if let Some(unparked) = ending.unparked {
-        eprintln!("the stage could not be parked: move it clear of the specimen by hand");
-        // said even if it is not what the exit code is about
-        if ending.halt.is_some() {
-            _ = Failure::halted(unparked).report();
-        } else {
-            return Err(Failure::halted(unparked));
-        }
-    }
-    match ending.halt {
-        Some(Halt::Cancelled) => {
+    match ending {
+        Ending { halt: Some(Halt::Cancelled), unparked: None } => {
             finished.map_err(Failure::dataset)?;
             return Ok(ExitCode::from(CANCELLED));
         }
-        Some(halt) => return Err(Failure::halted(halt)),
-        None => finished.map_err(Failure::dataset)?,
+        Ending { halt: None, unparked: None } => finished.map_err(Failure::dataset)?,
+        ending => return Err(Failure::ended(ending)),
     }
     shown?; // whatever went wrong with the rig is said first
     let evaluations = summary::evaluations(folder, spec, solvers)?;
