@@ -1,4 +1,4 @@
-use super::Link;
+use super::{Link, Parity};
 use std::io;
 use std::process::Stdio;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
 use tokio::process::Command;
 use tokio::time::timeout;
-use tokio_serial::SerialPortBuilderExt;
+use tokio_serial::{SerialPortBuilderExt, StopBits};
 
 /// Longest wait for a TCP server to accept.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
@@ -42,8 +42,15 @@ impl Connector {
                 stream.set_nodelay(true)?;
                 Ok(Box::new(stream))
             }
-            Connector::Real(Link::Serial { port, baud }) => {
-                Ok(Box::new(tokio_serial::new(port, *baud).open_native_async()?))
+            Connector::Real(Link::Serial { port, baud, parity, stop_bits }) => {
+                let parity = match parity {
+                    Parity::None => tokio_serial::Parity::None,
+                    Parity::Even => tokio_serial::Parity::Even,
+                    Parity::Odd => tokio_serial::Parity::Odd,
+                };
+                let stop_bits = if *stop_bits == 2 { StopBits::Two } else { StopBits::One };
+                let line = tokio_serial::new(port, *baud).parity(parity).stop_bits(stop_bits);
+                Ok(Box::new(line.open_native_async()?))
             }
             Connector::Real(Link::Process(command)) => start(command),
             Connector::Real(Link::Sim | Link::Daqmx(_)) => {

@@ -6,12 +6,16 @@ const BAUD_MAX: u32 = 12_000_000;
 pub enum Link {
     /// Our emulator, in memory.
     Sim,
-    /// A serial port, 8 data bits, no parity, one stop bit.
+    /// A serial port, 8 data bits.
     Serial {
         /// The port's name, such as `/dev/ttyUSB0` or `COM3`.
         port: String,
         /// Line rate.
         baud: u32,
+        /// None unless the link says another.
+        parity: Parity,
+        /// 1, or 2.
+        stop_bits: u8,
     },
     /// A TCP server.
     Tcp {
@@ -26,8 +30,21 @@ pub enum Link {
     Daqmx(Option<String>),
 }
 
+/// The bit that a serial line adds to each byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parity {
+    /// None.
+    None,
+    /// Makes the ones even.
+    Even,
+    /// Makes the ones odd.
+    Odd,
+}
+
+const PARITIES: [(&str, Parity); 3] = [("none", Parity::None), ("even", Parity::Even), ("odd", Parity::Odd)];
+
 impl Link {
-    /// Reads `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`), `tcp://host:port`, `daqmx` or
+    /// Reads `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even&stop_bits=2` may follow), `tcp://host:port`, `daqmx` or
     /// `daqmx:///path/to/library`.
     ///
     /// # Errors
@@ -37,13 +54,10 @@ impl Link {
             return Ok(Link::Sim);
         }
         if let Some(rest) = text.strip_prefix("serial://") {
-            let form = "expected serial://PORT?baud=RATE, such as serial:///dev/ttyUSB0?baud=921600";
+            let form = "expected serial://PORT?baud=RATE, such as serial:///dev/ttyUSB0?baud=921600, or with \
+                        &parity=even and &stop_bits=2 behind it";
             let (port, query) = rest.split_once('?').ok_or_else(|| format!("no line rate: {form}"))?;
-            let baud = query.strip_prefix("baud=").and_then(|rate| rate.parse().ok());
-            return match baud {
-                Some(baud @ 1..=BAUD_MAX) if !port.is_empty() => Ok(Link::Serial { port: port.to_owned(), baud }),
-                _ => Err(form.to_owned()),
-            };
+            return serial(port, query).ok_or_else(|| form.to_owned());
         }
         if let Some(rest) = text.strip_prefix("tcp://") {
             let parts = rest.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
@@ -63,11 +77,30 @@ impl Link {
     }
 }
 
+fn serial(port: &str, query: &str) -> Option<Link> {
+    let (mut rate, mut parity, mut stop_bits) = (None, Parity::None, 1);
+    for (key, value) in query.split('&').map(|part| part.split_once('=').unwrap_or((part, ""))) {
+        match key {
+            "baud" => rate = value.parse().ok().filter(|rate| (1..=BAUD_MAX).contains(rate)),
+            "parity" => parity = PARITIES.iter().find(|(name, _)| *name == value)?.1,
+            "stop_bits" => stop_bits = value.parse().ok().filter(|bits| (1..=2).contains(bits))?,
+            _ => return None,
+        }
+    }
+    (!port.is_empty()).then_some(Link::Serial { port: port.to_owned(), baud: rate?, parity, stop_bits })
+}
+
 impl std::fmt::Display for Link {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Link::Sim => f.write_str("sim"),
-            Link::Serial { port, baud } => write!(f, "serial://{port}?baud={baud}"),
+            Link::Serial { port, baud, parity, stop_bits } => {
+                write!(f, "serial://{port}?baud={baud}")?;
+                if let Some((name, _)) = PARITIES.iter().skip(1).find(|(_, other)| other == parity) {
+                    write!(f, "&parity={name}")?;
+                }
+                if *stop_bits == 1 { Ok(()) } else { write!(f, "&stop_bits={stop_bits}") }
+            }
             Link::Tcp { host, port } => write!(f, "tcp://{host}:{port}"),
             Link::Process(command) => write!(f, "process {}", command.join(" ")),
             Link::Daqmx(None) => f.write_str("daqmx"),
@@ -86,6 +119,7 @@ mod tests {
             "sim",
             "serial:///dev/ttyUSB0?baud=921600",
             "serial://COM3?baud=9600",
+            "serial://COM3?baud=9600&parity=even&stop_bits=2",
             "tcp://192.168.1.10:502",
             "daqmx",
             "daqmx:///usr/lib/libnidaqmx.so",
@@ -101,6 +135,8 @@ mod tests {
             "serial:///dev/ttyUSB0",
             "serial://?baud=1",
             "serial://a?baud=x",
+            "serial://a?baud=1&parity=maybe",
+            "serial://a?baud=1&bits=7",
             "tcp://host",
             "tcp://:1",
             "usb",

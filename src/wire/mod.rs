@@ -13,4 +13,4 @@ mod link;
 pub use connect::{ByteStream, Connector, Duplex};
 pub use line::{LineExchange, Urgent};
 pub use lines::{Lines, WireError, silent};
-pub use link::Link;
+pub use link::{Link, Parity};
