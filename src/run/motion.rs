@@ -22,7 +22,8 @@ const CONVERSIONS_HEARD: f64 = 4.0;
 /// How often z is looked at on its way out of a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// How often the first withdrawal is tried: a link stutters, or a guard of a program before fires once more.
+/// How often a withdrawal is tried: a link that stutters mostly answers the second time, a guard that a program before left
+/// behind fires once, and a third try costs nothing but seconds.
 const WITHDRAW_TRIES: usize = 3;
 
 /// The axes that move the indenter from place to place.
@@ -160,7 +161,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     /// Withdraws without looking at the force: for parking, when the load cell may be what failed.
-    pub async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+    async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.read_back_z().await?;
         if self.z_mm <= z_mm {
             return Ok(());
@@ -173,11 +174,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
-    /// Withdraws to the clear from wherever a program before left the axes, maybe in contact.
-    pub async fn withdraw_first(&mut self, z_mm: f64) -> Result<(), Halt> {
+    /// Stops all axes and withdraws to the clear, whatever the load cell says or doesn't: to park, and first of all, since a
+    /// program before may have left the axes in contact.
+    pub async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
         let mut withdrawn = Ok(());
         for _ in 0..WITHDRAW_TRIES {
-            withdrawn = self.stop_and_withdraw(z_mm).await;
+            withdrawn = self.stop_and_retreat(z_mm).await;
             if withdrawn.is_ok() {
                 break;
             }
@@ -185,10 +187,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         withdrawn
     }
 
-    async fn stop_and_withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
+    /// An axis that still brakes takes no target: it is at rest before it is sent away. Repeating this is safe: where the
+    /// axis is, is asked each time, and the target is the same place in the clear.
+    async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.stage.stop().await?;
+        // whatever the force is, nothing may hold up the way out; a guard that can't be removed is no reason to stay
+        let _ = self.stage.guard(None).await;
         self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
-        self.find_itself().await?;
         self.retreat(z_mm).await
     }
 

@@ -86,7 +86,8 @@ pub(super) async fn at_home<'a>(
     let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe);
     if prepared.is_ok() {
         // an axis that was homed before may stand anywhere: out of contact first
-        hand.withdraw_first(spec.clear_mm()).await?;
+        hand.withdraw(spec.clear_mm()).await?;
+        hand.find_itself().await?;
     }
     Ok((hand, prepared))
 }

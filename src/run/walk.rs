@@ -5,8 +5,8 @@ use super::window::Window;
 use super::{Cancel, Halt};
 use crate::control::{Command, Context, Event, Map, Moment, Permit, Press, Strategy};
 use crate::dataset::{Contact, Flag, Ledger, Record, Row, RowTruth, Status};
-use crate::device::{LoadCell, Reins, SensorArray, Stage};
-use crate::quantity::{Axis, Limits, Place};
+use crate::device::{LoadCell, SensorArray, Stage};
+use crate::quantity::{Limits, Place};
 use crate::recipe::{Entry, Plan};
 use crate::rig::{OpenRig, RigSpec};
 use std::collections::VecDeque;
@@ -17,9 +17,6 @@ const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 
 /// Noise of one reading that the controller's guard leaves room for: it looks at each by itself, thousands a press.
 const GUARD_SIGMAS: f64 = 8.0;
-
-/// How often parking is tried: a link that stutters mostly answers the second time, and a third costs nothing but seconds.
-const PARK_TRIES: usize = 3;
 
 /// What is to be done: a plan on a rig, recorded in a ledger.
 pub struct Errand<'a> {
@@ -84,7 +81,7 @@ pub async fn walk_on(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listen
                 Ok(()) => walker.presses(plan, ledger, listener).await.err(),
                 Err(halt) => Some(halt),
             };
-            ending.unparked = walker.park(spec.clear_mm()).await.err();
+            ending.unparked = walker.hand.withdraw(spec.clear_mm()).await.err();
             note_trip(ledger, &ending, walker.pressing, clock.now_s());
         }
         Err(halt) => {
@@ -270,28 +267,6 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             force_peak_n: truth.force_peak_n,
             depth_peak_mm: truth.depth_peak_mm,
         })
-    }
-
-    /// Stops all axes and withdraws to the clear, whatever the load cell says or doesn't.
-    async fn park(&mut self, clear_mm: f64) -> Result<(), Halt> {
-        let mut parked = Ok(());
-        for _ in 0..PARK_TRIES {
-            parked = self.stop_and_retreat(clear_mm).await;
-            if parked.is_ok() {
-                break;
-            }
-        }
-        parked
-    }
-
-    /// An axis that still brakes takes no target: it is at rest before it is sent away. Repeating this is safe: where the
-    /// axis is, is asked each time, and the target is the same place in the clear.
-    async fn stop_and_retreat(&mut self, clear_mm: f64) -> Result<(), Halt> {
-        self.hand.stage.stop().await?;
-        // whatever the force is, nothing may hold up the way out; a guard that can't be removed is no reason to stay
-        let _ = self.hand.stage.guard(None).await;
-        self.hand.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
-        self.hand.retreat(clear_mm).await
     }
 }
 
