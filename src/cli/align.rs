@@ -1,7 +1,7 @@
 use super::exit::Failure;
 use super::progress::Progress;
 use super::session::{runtime, stop_on_signal};
-use super::sources::read_rig;
+use super::sources::OneRigArgs;
 use super::summary::print;
 use crate::quantity::Frame;
 use crate::rig;
@@ -9,7 +9,7 @@ use crate::run::{AlignError, Alignment, align, align_plan};
 use miette::{IntoDiagnostic, WrapErr};
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::{fs, io};
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
@@ -20,37 +20,28 @@ Examples:
   palpate align rigs/sim.toml --dry-run
 
 Presses 5 x 5 places around where the array should be, with half of the force limit, and writes what it finds into the
-[frame] of the rig file; the rest of the file stays as it is. A poor fit is refused and nothing is written.";
+[frame] of the rig file; the rest of the file stays as it is. A poor fit is refused and nothing is written,
+nor is what --simulate finds in a real rig's place.";
 
 /// Find where the specimen lies by pressing it, and write the rig's [frame]
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The rig
-    rig: PathBuf,
-    /// Put our emulators in place of the rig's links, in virtual time; what is found of them isn't written
-    #[arg(long)]
-    simulate: bool,
+    #[command(flatten)]
+    rig: OneRigArgs,
     /// Print what was found, and write nothing
     #[arg(long)]
     dry_run: bool,
-    /// What a simulated specimen and all noise are drawn from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
 }
 
 /// Presses, fits, tells, and writes.
 pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
-    let (text, spec) = read_rig(&args.rig)?;
-    let invented = args.simulate && !spec.is_simulated();
-    let spec = if args.simulate { spec.simulated() } else { spec };
-    if spec.is_simulated() {
-        spec.emulators(args.seed).map_err(Failure::usage)?;
-    }
-    let plan = align_plan(&spec, args.seed).map_err(Failure::usage)?;
+    let (text, spec, invented) = args.rig.read()?;
+    let (file, seed) = (&args.rig.rig, args.rig.seed);
+    let plan = align_plan(&spec, seed).map_err(Failure::usage)?;
     let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
     let mut progress = Progress::new(&plan, 0, false);
-    let found = runtime(spec.is_simulated())?.block_on(align(&spec, args.seed, &cancel, &mut progress));
+    let found = runtime(spec.is_simulated())?.block_on(align(&spec, seed, &cancel, &mut progress));
     progress.end();
     let found = found.map_err(|error| match error {
         AlignError::Halted(ending) => Failure::ended(*ending),
@@ -65,18 +56,18 @@ pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
     print(&described(&found))?;
     let written = with_frame(&text, &found).into_diagnostic().map_err(Failure::usage)?;
     // what a run would refuse isn't written
-    let beside = |name: &str| fs::read_to_string(args.rig.with_file_name(name));
-    rig::parse(&args.rig.display().to_string(), &written, &beside).map_err(Failure::usage)?;
+    let beside = |name: &str| fs::read_to_string(file.with_file_name(name));
+    rig::parse(&file.display().to_string(), &written, &beside).map_err(Failure::usage)?;
     if args.dry_run || invented {
         let why = if args.dry_run { "--dry-run" } else { "a real rig isn't where a simulated one is" };
         print(&format!("\nnot written ({why})\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
-    replace(&args.rig, &text, &written)
+    replace(file, &text, &written)
         .into_diagnostic()
-        .wrap_err_with(|| format!("{} couldn't be written, and is as it was", args.rig.display()))
+        .wrap_err_with(|| format!("{} couldn't be written, and is as it was", file.display()))
         .map_err(Failure::unwritten)?;
-    print(&format!("\nwritten: [frame] of {}\n", args.rig.display()))?;
+    print(&format!("\nwritten: [frame] of {}\n", file.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,15 +1,14 @@
 use super::exit::Failure;
 use super::session::{runtime, stop_on_signal};
-use super::sources::read_rig;
+use super::sources::OneRigArgs;
 use super::summary::print;
 use crate::control::{Reaction, Trip};
 use crate::device::Identity;
 use crate::rig::RigSpec;
-use crate::run::{Air, Examination, examine};
+use crate::run::{Air, Examination, NOISE_SHARE, examine};
 use miette::{Diagnostic, IntoDiagnostic};
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -24,9 +23,6 @@ Exit code: 0 the rig can be used, 2 a bad rig file, 3 a device doesn't work, 4 t
 const BARS: usize = 8;
 const BAR_COLUMNS: usize = 40;
 
-/// A noise of one reading over this share of the force limit can't be pressed with (the run's own rule).
-const NOISE_SHARE: f64 = 0.02;
-
 /// Fewer readings than this share are new ones where a cell is read more often than it converts.
 const FRESH_SHARE: f64 = 0.7;
 
@@ -40,28 +36,19 @@ const SLOW_MM_S: f64 = 1.0;
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The rig
-    rig: PathBuf,
-    /// Put our emulators in place of the rig's links, in virtual time
-    #[arg(long)]
-    simulate: bool,
+    #[command(flatten)]
+    rig: OneRigArgs,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// What a simulated specimen and all noise are drawn from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
 }
 
 /// Looks, and tells what follows.
 pub fn doctor(args: &Args) -> Result<ExitCode, Failure> {
-    let (_, spec) = read_rig(&args.rig)?;
-    let spec = if args.simulate { spec.simulated() } else { spec };
-    if spec.is_simulated() {
-        spec.emulators(args.seed).map_err(Failure::usage)?;
-    }
+    let (_, spec, _) = args.rig.read()?;
     let cancel = stop_on_signal(Some("stopping"))?;
-    let found = runtime(spec.is_simulated())?.block_on(examine(&spec, args.seed, &cancel)).map_err(Failure::halted)?;
+    let found =
+        runtime(spec.is_simulated())?.block_on(examine(&spec, args.rig.seed, &cancel)).map_err(Failure::halted)?;
     let advice = advice(&found, &spec);
     if args.json {
         let line = serde_json::to_string(&json(&found, &advice)).into_diagnostic().map_err(Failure::usage)?;

@@ -38,6 +38,28 @@ pub struct RigArgs {
     pub strategy: Option<Strategy>,
 }
 
+/// The rig that is looked at, without a recipe.
+#[derive(Debug, clap::Args)]
+pub struct OneRigArgs {
+    /// The rig
+    pub rig: PathBuf,
+    /// Put our emulators in place of the rig's links, in virtual time
+    #[arg(long)]
+    pub simulate: bool,
+    /// What a simulated specimen and all noise are drawn from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+impl OneRigArgs {
+    /// The rig's text, what it says, and whether emulators stand in for real links.
+    pub fn read(&self) -> Result<(String, RigSpec, bool), Failure> {
+        let (text, spec) = read_rig(&self.rig)?;
+        let invented = self.simulate && !spec.is_simulated();
+        Ok((text, as_asked(spec, self.simulate, self.seed)?, invented))
+    }
+}
+
 impl Sources {
     /// Reads a recipe and a rig from their files.
     pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
@@ -55,10 +77,7 @@ impl Sources {
             Some(strategy) => recipe.with_strategy(strategy),
             None => recipe,
         };
-        let spec = if rig.simulate { spec.simulated() } else { spec };
-        if spec.is_simulated() {
-            spec.emulators(rig.seed).map_err(Failure::usage)?; // what can't be simulated is told before anything is made
-        }
+        let spec = as_asked(spec, rig.simulate, rig.seed)?;
         let maps =
             [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map).collect();
         Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, maps } })
@@ -68,6 +87,15 @@ impl Sources {
     pub fn plan(&self, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipe, &self.rig.ground(), seed).map_err(Failure::usage)
     }
+}
+
+/// A rig with emulators where they are asked for; what can't be simulated is told before anything is made.
+fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
+    let spec = if simulate { spec.simulated() } else { spec };
+    if spec.is_simulated() {
+        spec.emulators(seed).map_err(Failure::usage)?;
+    }
+    Ok(spec)
 }
 
 /// A rig's text and what it says.

@@ -1,9 +1,9 @@
 use super::hand::Hand;
 use super::ready::at_home;
 use super::{Cancel, Halt};
-use crate::control::{Permit, Reaction, Trip, Zero, check_sound};
+use crate::control::{Permit, Reaction, Trip, Zero};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
-use crate::quantity::{Axis, ForceReading};
+use crate::quantity::Axis;
 use crate::rig::RigSpec;
 use tokio::time::Instant;
 
@@ -100,20 +100,13 @@ async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
     has_array: bool,
 ) -> Result<Result<Air, Trip>, Halt> {
-    let conversion_s = hand.cell.cell.conversion().as_secs_f64();
-    let count = ZERO_READINGS.max((ZERO_S / conversion_s) as usize);
-    let mut readings: Vec<ForceReading> = Vec::with_capacity(count);
-    for _ in 0..count {
-        hand.cell.due().await?;
-        let reading = hand.cell.cell.read().await?;
-        if let Err(trip) = check_sound(&reading) {
-            return Ok(Err(trip));
-        }
-        readings.push(reading);
-    }
+    let readings = match hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
+        Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
+        readings => readings?,
+    };
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
     let outputs_sigma_v = if has_array { spread_v(&mut hand.array).await? } else { 0.0 };
-    Ok(Ok(Air { zero: Zero::of(&readings), fresh_share: fresh as f64 / (count - 1) as f64, outputs_sigma_v }))
+    Ok(Ok(Air { zero: Zero::of(&readings), fresh_share: fresh as f64 / (readings.len() - 1) as f64, outputs_sigma_v }))
 }
 
 /// The largest spread of any unit's output, V.

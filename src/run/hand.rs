@@ -1,7 +1,7 @@
 use super::{Cancel, Halt};
-use crate::control::{AIR_READINGS, Air, Rule, Timing, Trip, Watch};
+use crate::control::{AIR_READINGS, Air, Rule, Timing, Trip, Watch, check_sound};
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
-use crate::quantity::{Frame, Place};
+use crate::quantity::{ForceReading, Frame, Place};
 use crate::rig::SceneProbe;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
@@ -69,6 +69,19 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
+    /// Readings before there is a zero, at least so many and for at least so long: sound ones, but no forces yet.
+    pub async fn sound_readings(&mut self, least: usize, seconds: f64) -> Result<Vec<ForceReading>, Halt> {
+        let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);
+        let mut readings = Vec::with_capacity(count);
+        for _ in 0..count {
+            self.due().await?;
+            let reading = self.cell.read().await?;
+            check_sound(&reading)?;
+            readings.push(reading);
+        }
+        Ok(readings)
+    }
+
     /// The next force, N from the zero; every reading passes the trip rules.
     pub async fn force_n(&mut self) -> Result<f64, Halt> {
         self.due().await?;
@@ -77,7 +90,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// A reading's force, N from the zero.
-    pub fn watched(&mut self, reading: &crate::quantity::ForceReading) -> Result<f64, Trip> {
+    pub fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
         (self.shown)(force_n);
         self.last = Some(Instant::now());

@@ -19,6 +19,7 @@ pub use cancel::Cancel;
 pub use estimate::estimated_s;
 pub use examine::{Air, Examination, examine};
 pub use pace::keep_pace;
+pub use ready::NOISE_SHARE;
 pub use walk::{Ending, Errand, Listener, walk, walk_on};
 
 use crate::control::{Rule, Trip};

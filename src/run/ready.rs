@@ -1,10 +1,10 @@
 use super::clock::RunClock;
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
-use crate::control::{Reaction, Rule, Timing, Trip, Watch, Zero, check_sound};
+use crate::control::{Reaction, Rule, Timing, Trip, Watch, Zero};
 use crate::dataset::Record;
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
-use crate::quantity::{Axis, ForceReading};
+use crate::quantity::Axis;
 use crate::rig::{OpenRig, RigSpec};
 use tokio::time::{Instant, sleep_until};
 
@@ -14,7 +14,7 @@ const TIMED: usize = 10;
 const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a share of the force limit: beyond it contact can't be told in time.
-const NOISE_SHARE: f64 = 0.02;
+pub const NOISE_SHARE: f64 = 0.02;
 /// How far the zero may be from the first one of the run, as a share of the force limit.
 const DRIFT_SHARE: f64 = 0.1;
 /// Readings of the outputs in air.
@@ -112,14 +112,7 @@ async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
-    let count = ZERO_READINGS.max((ZERO_S / hand.timing.conversion_s) as usize);
-    let mut readings: Vec<ForceReading> = Vec::with_capacity(count);
-    for _ in 0..count {
-        hand.cell.due().await?;
-        let reading = hand.cell.cell.read().await?;
-        check_sound(&reading)?;
-        readings.push(reading);
-    }
+    let readings = hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
     let zero = Zero::of(&readings);
     let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
     if zero.sigma_n > most_n {

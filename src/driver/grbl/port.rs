@@ -177,7 +177,6 @@ impl Port {
         }
     }
 
-    /// Waits until nothing comes any more: a late `ok` would be taken for the next line's.
     /// Waits until nothing comes any more where a late `ok` could be taken for the next line's.
     pub async fn bring_back_in_step(
         &mut self,

@@ -110,17 +110,11 @@ impl Xps {
     }
 
     /// Where an axis is; a place the axis can't be at is no place.
-    async fn place_mm(&mut self, doing: &str, axis: Axis) -> Result<f64, DeviceError> {
-        let call = self.place_call(axis);
-        let [place_mm] = self.ask_numbers(doing, &call).await?;
-        self.within_travel(doing, axis, place_mm)
-    }
-
-    fn place_call(&self, axis: Axis) -> String {
-        format!("GroupPositionCurrentGet({},double *)", self.positioner(axis))
-    }
-
-    fn within_travel(&self, doing: &str, axis: Axis, place_mm: f64) -> Result<f64, DeviceError> {
+    async fn place_mm(&mut self, doing: &str, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
+        let Xps { asks, aborts, group, .. } = self;
+        let [place_mm] = with_abort(aborts, group, reins, numbers(asks, doing, &call)).await?;
+        self.note_abort(reins);
         if let Some(usage) = &self.usage
             && !usage.reach(axis).contains(place_mm)
         {
@@ -195,7 +189,9 @@ impl Xps {
     /// Where an axis rests that was stopped on its way: two answers that agree, since it is told to stay there.
     async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
         let doing = "reading where an axis rests";
-        let (first_mm, again_mm) = (self.place_mm(doing, axis).await?, self.place_mm(doing, axis).await?);
+        let alone = Reins::default();
+        let (first_mm, again_mm) =
+            (self.place_mm(doing, axis, &alone).await?, self.place_mm(doing, axis, &alone).await?);
         if (first_mm - again_mm).abs() > AT_REST_MM {
             let told = format!("{} is at {first_mm} mm and then at {again_mm} mm, though it rests", axis.name());
             return Err(self.error(doing, Problem::Motion(told)));
@@ -373,7 +369,7 @@ impl Stage for Xps {
         }
         self.usage = Some(usage.clone());
         for axis in Axis::ALL {
-            self.place_mm(doing, axis).await?;
+            self.place_mm(doing, axis, reins).await?;
         }
         let identity = format!("{version}, group {} ({})", self.group.name, self.group.positioners.join(", "));
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
@@ -412,19 +408,13 @@ impl Stage for Xps {
         }
         let mut places_mm = Vec::with_capacity(axes.len());
         for &axis in axes {
-            places_mm.push(self.position_mm(axis, reins).await?);
+            places_mm.push(self.place_mm(doing, axis, reins).await?);
         }
         Ok(places_mm)
     }
 
     async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-        let doing = "reading a position";
-        let call = self.place_call(axis);
-        let Xps { asks, aborts, group, .. } = self;
-        let asked = numbers(asks, doing, &call);
-        let [place_mm] = with_abort(aborts, group, reins, asked).await?;
-        self.note_abort(reins);
-        self.within_travel(doing, axis, place_mm)
+        self.place_mm("reading a position", axis, reins).await
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
