@@ -3,7 +3,7 @@
 //! It measures and prints; it doesn't judge. Wall time depends on the disk by one fsync a press.
 
 use cpu_time::ProcessTime;
-use palpate::dataset::{Manifest, Origins, RunFolder, Status};
+use palpate::dataset::{Origins, RunFacts, RunFolder, Session, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig;
 use palpate::run::{Cancel, Errand, Listener, walk};
@@ -55,21 +55,22 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
     let recipe = recipe::parse(file, text).expect("the shipped recipe");
     let spec = rig::parse("rigs/sim.toml", RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig");
     let plan = Plan::new(&recipe, &spec.ground(), seed).expect("a plan");
-    let manifest = Manifest::new(&plan, true, None, "a benchmark".to_owned());
+    let facts = RunFacts::new(&plan, true);
     let origins = Origins { recipe: text.to_owned(), rig: RIG.to_owned(), maps: Vec::new() };
     let out = parent.path().join("run");
-    let mut folder = RunFolder::create(Some(&out), &origins, manifest, &spec.array.layout).expect("a run folder");
+    let mut folder =
+        RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout).expect("a run folder");
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
     let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert!(ending.status() == Status::Complete, "{:?}", ending.told());
-    folder.finish(Status::Complete).expect("the tables");
+    folder.finish(ending.end(String::new(), 0.0)).expect("the tables");
     Cost {
         wall: began.elapsed(),
         cpu: cpu_began.elapsed(),
-        virtual_s: folder.manifest.virtual_s,
+        virtual_s: folder.manifest().virtual_s,
         presses: plan.entries.len(),
     }
 }

@@ -2,9 +2,9 @@
 
 use cap::Cap;
 use palpate::control::Lesson;
-use palpate::dataset::{Contact, Ledger, Manifest, Origins, Record, Row, RowTruth, RunFolder, Status};
+use palpate::dataset::{Contact, End, Ledger, Origins, Record, Row, RowTruth, RunFacts, RunFolder, Session, Status};
 use palpate::quantity::{ArrayLayout, Place};
-use palpate::recipe::{Phase, Plan};
+use palpate::recipe::Phase;
 use std::alloc::System;
 
 /// Contacts that are recorded; each would take more than a kilobyte if it were held.
@@ -35,7 +35,7 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let bound = PRESSES as usize * HELD_BYTES_A_PRESS + BUFFERS_BYTES;
 
     let before = HEAP.allocated();
-    let mut folder = RunFolder::create(Some(&path), &origins, manifest(), &layout).unwrap();
+    let mut folder = RunFolder::create(Some(&path), &origins, facts(), Session::default(), &layout).unwrap();
     // every second one first, as a plan may visit them
     for press in (0..PRESSES).step_by(2).chain((1..PRESSES).step_by(2)) {
         folder.record(&Record::Contact(contact(press))).unwrap();
@@ -47,12 +47,13 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let mut folder = RunFolder::open(&path, &layout).unwrap();
     let held = HEAP.allocated() - before;
     assert!(held < bound, "{held} bytes are held when {PRESSES} presses are opened");
-    folder.finish(Status::Complete).unwrap();
+    let (status, ended) = (Status::Complete, String::new());
+    folder.finish(End { status, t_s: 0.0, ended, wall_s: 0.0, failure: None }).unwrap();
     let most = HEAP.max_allocated() - before;
     assert!(most < bound + TURNED_BYTES, "{most} bytes were held at most while {PRESSES} presses were read");
 
-    assert_eq!(folder.manifest.presses_done, PRESSES);
-    assert_eq!(folder.flagged_rows(), 0);
+    assert_eq!(folder.manifest().presses_done, PRESSES);
+    assert_eq!(folder.manifest().rows_flagged, 0);
     assert!((0..PRESSES).all(|press| folder.has(press)) && !folder.has(PRESSES));
     assert!(folder.contacts().unwrap().map(Result::unwrap).eq((0..PRESSES).map(contact)), "in order, as recorded");
     let matrix = std::fs::read_to_string(path.join("calibration_matrix.csv")).unwrap();
@@ -78,10 +79,9 @@ fn contact(press: u64) -> Contact {
     };
     let truth = RowTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
     let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
-    Contact { press, rows: vec![row.rounded()], truth: vec![truth], lesson }
+    Contact { press, rows: vec![row.rounded()], truth: vec![truth], lesson, left: None }
 }
 
-fn manifest() -> Manifest {
-    let plan = Plan { name: "memory".to_owned(), seed: 1, entries: Vec::new() };
-    Manifest { presses_planned: PRESSES, ..Manifest::new(&plan, true, None, String::new()) }
+fn facts() -> RunFacts {
+    RunFacts { recipe: "memory".to_owned(), presses_planned: PRESSES, ..RunFacts::default() }
 }

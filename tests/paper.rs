@@ -7,7 +7,7 @@
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate::dataset::evaluate::evaluate_run;
 use palpate::dataset::table::Table;
-use palpate::dataset::{Contact, Manifest, Origins, RunFolder, Status};
+use palpate::dataset::{Contact, Origins, RunFacts, RunFolder, Session, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
 use palpate::run::{Cancel, Errand, Listener, estimated_s, walk};
@@ -50,16 +50,16 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let parent = tempfile::tempdir().unwrap();
     let out = parent.path().join("run");
     let origins = Origins { recipe: recipe_text.to_owned(), rig: rig_text.to_owned(), maps: Vec::new() };
-    let manifest = Manifest::new(&plan, true, None, String::new());
-    let mut folder = RunFolder::create(Some(&out), &origins, manifest, &spec.array.layout).unwrap();
+    let facts = RunFacts::new(&plan, true);
+    let mut folder = RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
     let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
-    folder.finish(Status::Complete).unwrap();
+    folder.finish(ending.end(String::new(), 0.0)).unwrap();
     let table = Table::read_run(&out.join("presses.csv")).unwrap();
-    let over_estimate = folder.manifest.virtual_s / estimated_s(&plan.entries, &spec);
+    let over_estimate = folder.manifest().virtual_s / estimated_s(&plan.entries, &spec);
     Whole { spec, table, contacts: folder.contacts().unwrap().map(Result::unwrap).collect(), over_estimate }
 }
 

@@ -2,7 +2,7 @@
 //! really happened is asked of the scene, so that the loop is judged against the truth and not against its own load cell.
 
 use palpate::control::{Permit, Rule, Standing, Zero};
-use palpate::dataset::{self, Manifest, Origins, RunFolder, Status};
+use palpate::dataset::{self, Origins, RunFacts, RunFolder, Session, Status};
 use palpate::device::{LoadCell as _, Reins, Stage, StageUse};
 use palpate::driver::Esp301;
 use palpate::driver::modbus::{ModbusLoadCell, Transport};
@@ -76,9 +76,10 @@ impl Bench {
         let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let home = tempfile::tempdir().unwrap();
-        let manifest = Manifest::new(&plan, true, None, String::new());
+        let facts = RunFacts::new(&plan, true);
         let origins = Origins { recipe: recipe_text.to_owned(), rig: String::new(), maps: Vec::new() };
-        let folder = RunFolder::create(Some(&home.path().join("run")), &origins, manifest, &spec.array.layout).unwrap();
+        let (out, session) = (home.path().join("run"), Session::default());
+        let folder = RunFolder::create(Some(&out), &origins, facts, session, &spec.array.layout).unwrap();
         Bench { spec, plan, folder, _home: home }
     }
 
@@ -130,7 +131,7 @@ impl Bench {
         let limits = self.spec.limits;
         assert!(peak_n <= limits.force_n, "{told}: {peak_n} N");
         assert!(depth_mm <= limits.depth_mm, "{told}: {depth_mm} mm");
-        assert_eq!(self.folder.manifest.presses_done, self.plan.entries.len() as u64, "{told}");
+        assert_eq!(self.folder.manifest().presses_done, self.plan.entries.len() as u64, "{told}");
         for (entry, contact) in self.plan.entries.iter().zip(self.contacts()) {
             for (row, truth) in contact.rows.iter().zip(&contact.truth) {
                 let error_n = truth.force_true_n - row.force_set_n;
@@ -153,7 +154,7 @@ impl Bench {
         assert!(rules.contains(&trip.rule), "{told}: {trip}");
         assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
         assert_eq!(walked.ending.status(), Status::Tripped, "{told}");
-        assert_eq!(self.folder.manifest.trip.as_ref(), Some(trip), "{told}: the manifest");
+        assert_eq!(self.folder.manifest().trip.as_ref(), Some(trip), "{told}: the manifest");
         assert!(walked.virtual_s < 120.0, "{told}: {} s", walked.virtual_s);
         walked
     }
@@ -440,9 +441,9 @@ fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
         assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
         assert_eq!(walked.ending.status(), Status::Stopped, "{told}");
         assert!(walked.readings <= stopped_at + 1, "{told}: {} readings", walked.readings);
-        bench.folder.finish(Status::Stopped).unwrap();
+        bench.folder.finish(walked.ending.end(String::new(), 0.0)).unwrap();
         bench.must_complete(&told);
-        bench.folder.finish(Status::Complete).unwrap();
+        bench.folder.rebuild().unwrap();
         assert_eq!(bench.rows_on_disk(), rows, "{told}");
         stopped_at += 83;
     }

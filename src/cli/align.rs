@@ -1,6 +1,7 @@
 use super::exit::Failure;
 use super::progress::Progress;
-use super::session::{runtime, stop_on_signal};
+use super::session::runtime;
+use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
 use crate::quantity::Frame;
@@ -39,8 +40,8 @@ pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
     let (text, spec, invented) = args.rig.read()?;
     let (file, seed) = (&args.rig.rig, args.rig.seed);
     let plan = align_plan(&spec, seed).map_err(Failure::usage)?;
-    let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
-    let mut progress = Progress::new(&plan, 0, false);
+    let cancel = heed(First::Stop, Some("stopping: the stage is brought to rest and parked"))?;
+    let mut progress = Progress::new(&plan, 0, false, cancel.clone());
     let found = runtime(spec.is_simulated())?.block_on(align(&spec, seed, &cancel, &mut progress));
     progress.end();
     let found = found.map_err(|error| match error {

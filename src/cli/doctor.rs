@@ -1,5 +1,6 @@
 use super::exit::Failure;
-use super::session::{runtime, stop_on_signal};
+use super::session::runtime;
+use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
 use crate::control::{Reaction, Trip};
@@ -46,7 +47,7 @@ pub struct Args {
 /// Looks, and tells what follows.
 pub fn doctor(args: &Args) -> Result<ExitCode, Failure> {
     let (_, spec, _) = args.rig.read()?;
-    let cancel = stop_on_signal(Some("stopping"))?;
+    let cancel = heed(First::Stop, Some("stopping"))?;
     let found =
         runtime(spec.is_simulated())?.block_on(examine(&spec, args.rig.seed, &cancel)).map_err(Failure::halted)?;
     let advice = advice(&found, &spec);

@@ -1,5 +1,5 @@
 use super::exit::Failure;
-use super::session::stop_on_signal;
+use super::signals::{First, heed};
 use super::sources::read_rig;
 use super::summary::print;
 use crate::emulator::Shared;
@@ -60,7 +60,7 @@ pub fn emulate(args: &Args) -> Result<ExitCode, Failure> {
 }
 
 async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
-    let cancel = stop_on_signal(None)?;
+    let cancel = heed(First::Stop, None)?;
     let origin = Instant::now();
     let simulated = spec.emulators(args.seed).map_err(Failure::usage)?;
     let devices = simulated.devices();

@@ -1,8 +1,9 @@
-use crate::dataset::DatasetError;
+use crate::dataset::{DatasetError, JournalError};
 use crate::document::Problems;
 use crate::run::{Ending, Halt};
 use crate::solver::Evaluation;
 use miette::Report;
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Done, but the errors are larger than accepted.
@@ -52,9 +53,10 @@ impl Failure {
             DatasetError::Exists { .. }
             | DatasetError::NoFolder { .. }
             | DatasetError::NoRun { .. }
+            | DatasetError::Held { .. }
             | DatasetError::Manifest { .. }
-            | DatasetError::Journal(_) => USAGE,
-            DatasetError::Io { .. } => RECORD,
+            | DatasetError::Journal(JournalError::Damaged { .. }) => USAGE,
+            DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,
         };
         Failure { code, report: error.into() }
     }
@@ -74,9 +76,11 @@ impl Failure {
 
     /// A walk that ended early, and may have left the stage where it was.
     pub fn ended(ending: Ending) -> Failure {
-        let Ending { halt, unparked } = ending;
-        if unparked.is_some() {
-            eprintln!("the stage could not be parked: move it clear of the specimen by hand");
+        let Ending { halt, unparked, .. } = ending;
+        match (&halt, &unparked) {
+            (_, Some(_)) => say("the stage could not be parked: move it clear of the specimen by hand"),
+            (Some(Halt::Record(_)), None) => say("the stage is parked"),
+            _ => {}
         }
         match (halt, unparked) {
             (Some(halt), Some(unparked)) => {
@@ -94,11 +98,16 @@ impl Failure {
             Ok(problems) => {
                 // the count last, where the eye is when the printing ends
                 let count = problems.to_string();
-                problems.into_reports().for_each(|report| eprintln!("{report:?}"));
-                eprintln!("{count}; nothing was moved");
+                problems.into_reports().for_each(|report| say(&format!("{report:?}")));
+                say(&format!("{count}; nothing was moved"));
             }
-            Err(report) => eprintln!("{report:?}"),
+            Err(report) => say(&format!("{report:?}")),
         }
         ExitCode::from(self.code)
     }
+}
+
+/// A terminal that has been closed hears nothing; the exit code is told all the same.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -12,15 +12,19 @@ mod evaluate;
 mod exit;
 mod ports;
 mod progress;
+mod provenance;
+mod rebuild;
 mod resume;
 mod run;
 mod session;
+mod signals;
 mod solutions;
 mod solve;
 mod sources;
 mod study;
 mod summary;
 mod tables;
+mod verify;
 
 use clap::{Parser, Subcommand};
 use miette::MietteHandlerOpts;
@@ -50,6 +54,8 @@ enum Command {
     Check(check::Args),
     Run(run::Args),
     Resume(resume::Args),
+    Verify(verify::Args),
+    Rebuild(rebuild::Args),
     Evaluate(evaluate::Args),
     Solve(solve::Args),
     Study(study::Args),
@@ -70,6 +76,8 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Resume(args) => resume::resume(args),
+        Command::Verify(args) => verify::verify_run(args),
+        Command::Rebuild(args) => rebuild::rebuild(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Solve(args) => solve::solve(args),
         Command::Study(args) => study::study(args),

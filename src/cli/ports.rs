@@ -1,5 +1,5 @@
 use super::exit::Failure;
-use super::summary::print;
+use super::summary::{self, print};
 use serialport::{SerialPortInfo, SerialPortType};
 use std::process::ExitCode;
 
@@ -20,7 +20,7 @@ pub fn ports(_: &Args) -> Result<ExitCode, Failure> {
         .map_err(|error| Failure::usage(miette::miette!("this system doesn't list its serial ports: {error}")))?;
     ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));
     if ports.is_empty() {
-        eprintln!("no serial ports");
+        summary::tell("no serial ports\n")?;
     }
     print(&ports.iter().map(line).collect::<String>())?;
     Ok(ExitCode::SUCCESS)

@@ -1,7 +1,8 @@
-use crate::dataset::Contact;
+use super::signals::{go_on_at_enter, is_attended};
+use crate::dataset::{Contact, Retouch};
 use crate::device::Identity;
 use crate::recipe::{Entry, Phase, Plan};
-use crate::run::Listener;
+use crate::run::{Cancel, Listener};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::cell::Cell;
 use std::io::{IsTerminal, Write};
@@ -19,6 +20,7 @@ pub struct Progress {
     bar: ProgressBar,
     on_terminal: bool,
     json: bool,
+    cancel: Cancel,
     phase: Option<Phase>,
     done: u64,
     planned: u64,
@@ -29,7 +31,7 @@ pub struct Progress {
 
 impl Progress {
     /// Progress of a plan of which some entries are done already.
-    pub fn new(plan: &Plan, done: usize, json: bool) -> Self {
+    pub fn new(plan: &Plan, done: usize, json: bool, cancel: Cancel) -> Self {
         let on_terminal = std::io::stderr().is_terminal();
         let planned = plan.entries.len() as u64;
         let bar = ProgressBar::with_draw_target(
@@ -42,7 +44,8 @@ impl Progress {
         if on_terminal {
             bar.enable_steady_tick(TICK); // a rest of minutes shows too
         }
-        Progress { bar, on_terminal, json, phase: None, done: done as u64, planned, percent_told: 0, timed: false }
+        let done = done as u64;
+        Progress { bar, on_terminal, json, cancel, phase: None, done, planned, percent_told: 0, timed: false }
     }
 
     /// What is told of every force.
@@ -114,8 +117,26 @@ impl Listener for Progress {
         }
     }
 
+    fn retouched(&mut self, retouch: &Retouch) {
+        let Retouch { place, before_mm, touched_mm, .. } = retouch;
+        let moved_um = 1000.0 * (touched_mm - before_mm);
+        self.line(&format!("touched again at {:.2}, {:.2} mm: {moved_um:+.0} um from before", place.x_mm, place.y_mm));
+    }
+
     fn rests(&mut self, seconds: f64) {
         self.bar.set_message(format!("rest {seconds:.0} s"));
+    }
+
+    fn paused(&mut self) -> bool {
+        let is_attended = is_attended();
+        if is_attended {
+            self.line(&format!(
+                "paused after {} of {} presses, parked: Enter goes on, Ctrl-C ends",
+                self.done, self.planned
+            ));
+            go_on_at_enter(&self.cancel);
+        }
+        is_attended
     }
 }
 

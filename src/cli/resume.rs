@@ -1,4 +1,5 @@
 use super::exit::Failure;
+use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources};
 use super::summary;
@@ -11,7 +12,9 @@ Examples:
   palpate resume runs/paper
   palpate resume runs/paper-3 --after-trip
 
-A staircase that was interrupted is repeated whole. A complete run is left alone.";
+The devices are identified again, and three places touched again: the run goes on only if
+they are where they were. A staircase that was interrupted is repeated whole. A complete
+run is left alone.";
 
 /// Go on with a run that was stopped
 #[derive(Debug, clap::Args)]
@@ -28,15 +31,16 @@ pub struct Args {
 
 /// Goes on from the journal.
 pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
-    let manifest = RunFolder::read_manifest(&args.run).map_err(Failure::usage)?;
+    let manifest = RunFolder::recall_manifest(&args.run).map_err(Failure::dataset)?;
+    let facts = manifest.facts;
     let rig = RigArgs {
         rig: args.run.join("rig.toml"),
-        simulate: manifest.simulated,
-        seed: manifest.seed,
-        strategy: manifest.strategy,
+        simulate: facts.simulated,
+        seed: facts.seed,
+        strategy: facts.strategy,
     };
     let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
-    let plan = sources.plan(manifest.seed)?;
+    let plan = sources.plan(facts.seed)?;
     args.session.check(&sources.rig)?;
     if manifest.status == Status::Complete {
         summary::tell(&format!("{} is complete: nothing to do\n", args.run.display()))?;
@@ -48,6 +52,6 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
         return Err(Failure::usage(miette::miette!(help = help, "the run ended with a safety trip: {trip}")));
     }
     let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
-    folder.manifest.trip = None;
+    folder.go_on(session(args.session.durability)).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
 }

@@ -1,8 +1,8 @@
 use super::exit::Failure;
+use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources};
-use crate::dataset::{Manifest, RunFolder};
-use jiff::Zoned;
+use crate::dataset::{RunFacts, RunFolder};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -14,7 +14,8 @@ Examples:
   palpate run recipes/bench.toml --strategy guarded
   palpate run recipes/paper.toml --rig rigs/esp301.toml --simulate
 
-Ctrl-C parks the stage and keeps what was measured; `palpate resume RUN` goes on.";
+Ctrl-C finishes the press under way and pauses, a second one stops at once; both park
+the stage and keep what was measured. `palpate resume RUN` goes on.";
 
 /// Carry out a recipe on a rig and keep every press
 #[derive(Debug, clap::Args)]
@@ -39,11 +40,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     args.session.check(&sources.rig)?;
-    let started = Zoned::now().to_string();
-    let mut manifest = Manifest::new(&plan, sources.rig.is_simulated(), args.sensor.clone(), started);
-    manifest.strategy = args.rig.strategy;
+    let facts = RunFacts {
+        sensor: args.sensor.clone(),
+        strategy: args.rig.strategy,
+        ..RunFacts::new(&plan, sources.rig.is_simulated())
+    };
+    let session = session(args.session.durability);
     let layout = &sources.rig.array.layout;
     let mut folder =
-        RunFolder::create(args.out.as_deref(), &sources.origins, manifest, layout).map_err(Failure::dataset)?;
+        RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
 }

@@ -1,14 +1,15 @@
 use super::exit::{CANCELLED, Failure, accepted};
 use super::progress::Progress;
+use super::provenance::now;
+use super::signals::{First, heed};
 use super::summary;
-use crate::dataset::RunFolder;
+use crate::dataset::{Durability, RunFolder};
 use crate::recipe::Plan;
 use crate::rig::RigSpec;
-use crate::run::{Cancel, Ending, Errand, Halt, keep_pace, walk};
-use jiff::Zoned;
-use miette::{IntoDiagnostic, WrapErr};
-use std::io::Write;
+use crate::run::{Ending, Errand, Halt, keep_pace, walk};
+use miette::IntoDiagnostic;
 use std::process::ExitCode;
+use std::str::FromStr;
 use std::time::Instant;
 use tokio::runtime::{Builder, Runtime};
 
@@ -21,6 +22,9 @@ pub struct SessionArgs {
     /// Run a simulation at X times real time, not as fast as it goes
     #[arg(long, value_name = "X", value_parser = positive)]
     pub pace: Option<f64>,
+    /// What an acknowledged press survives: a power cut (full), or only the program's end (fast)
+    #[arg(long, value_name = "NAME", default_value = Durability::NAMES[0], value_parser = Durability::from_str)]
+    pub durability: Durability,
 }
 
 impl SessionArgs {
@@ -43,10 +47,9 @@ pub fn carry_out(
 ) -> Result<ExitCode, Failure> {
     let virtual_time = spec.is_simulated();
     let began = Instant::now();
-    let wall_before_s = folder.manifest.wall_s;
     let runtime = runtime(virtual_time)?;
-    let cancel = stop_on_signal(Some("stopping: the stage is brought to rest and parked"))?;
-    let mut progress = Progress::new(plan, folder.manifest.presses_done as usize, args.json);
+    let cancel = heed(First::Pause, Some("stopping: the stage is brought to rest and parked"))?;
+    let mut progress = Progress::new(plan, folder.manifest().presses_done as usize, args.json, cancel.clone());
     let ending = runtime.block_on(async {
         if let Some(pace) = args.pace {
             tokio::spawn(keep_pace(pace));
@@ -55,19 +58,15 @@ pub fn carry_out(
         walk(Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &*shown }, &mut progress).await
     });
     progress.end();
-    let status = ending.status();
-    folder.manifest.wall_s = wall_before_s + began.elapsed().as_secs_f64();
-    folder.manifest.ended = Some(Zoned::now().to_string());
-    folder.manifest.failure = ending.told();
-    let finished = folder.finish(status);
+    let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
     let shown = show(&summary::ended(folder, virtual_time));
     match ending {
-        Ending { halt: Some(Halt::Cancelled), unparked: None } => {
+        Ending { halt: Some(Halt::Cancelled), unparked: None, .. } => {
             finished.map_err(Failure::dataset)?;
             return Ok(ExitCode::from(CANCELLED));
         }
-        Ending { halt: None, unparked: None } => finished.map_err(Failure::dataset)?,
+        Ending { halt: None, unparked: None, .. } => finished.map_err(Failure::dataset)?,
         ending => return Err(Failure::ended(ending)),
     }
     shown?; // whatever went wrong with the rig is said first
@@ -84,21 +83,6 @@ pub fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
         builder.enable_io();
     }
     builder.build().into_diagnostic().map_err(Failure::usage)
-}
-
-/// A stop that Ctrl-C asks for, and on Unix a polite end or a closed terminal. The signal is caught on a thread of its own, so
-/// that a simulated run needs no I/O driver: asking the system for events between any two instants would be its largest cost.
-pub fn stop_on_signal(told: Option<&'static str>) -> Result<Cancel, Failure> {
-    let cancel = Cancel::default();
-    let asked = cancel.clone();
-    let heard = move || {
-        if let Some(told) = told {
-            let _ = writeln!(std::io::stderr(), "\n{told}");
-        }
-        asked.ask();
-    };
-    ctrlc::set_handler(heard).into_diagnostic().wrap_err("can't listen for Ctrl-C").map_err(Failure::usage)?;
-    Ok(cancel)
 }
 
 fn positive(text: &str) -> Result<f64, String> {

@@ -12,7 +12,7 @@ use std::io::{self, Write};
 
 /// How a run ended, how long it took, and where its files are.
 pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
-    let manifest = &folder.manifest;
+    let manifest = folder.manifest();
     let mut text = String::new();
     // writing to a string can't fail
     let _ = writeln!(
@@ -20,7 +20,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
         "{}: {} of {} presses, {}",
         manifest.status.name(),
         manifest.presses_done,
-        manifest.presses_planned,
+        manifest.facts.presses_planned,
         folder.path().display()
     );
     if virtual_time {
@@ -29,7 +29,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     } else {
         let _ = writeln!(text, "time: {}", duration(manifest.wall_s));
     }
-    let flagged = folder.flagged_rows();
+    let flagged = manifest.rows_flagged;
     if flagged > 0 {
         let _ =
             writeln!(text, "flagged: {flagged} rows missed their force; they are kept, and left out of evaluations");

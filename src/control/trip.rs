@@ -51,6 +51,8 @@ pub enum Rule {
     OutOfReach,
     /// The force wasn't reached in as many steps as are allowed.
     NoConvergence,
+    /// A place that was touched before is touched at another height.
+    SurfaceMoved,
     /// A motion was asked for whose end point isn't safe.
     NotPermitted,
 }
@@ -76,6 +78,7 @@ impl Rule {
             Rule::StillTouching => "still-touching",
             Rule::OutOfReach => "out-of-reach",
             Rule::NoConvergence => "no-convergence",
+            Rule::SurfaceMoved => "surface-moved",
             Rule::NotPermitted => "not-permitted",
         }
     }
@@ -100,6 +103,7 @@ impl Rule {
             Rule::StillTouching => "does the indenter stick, or is the surface higher than learned?",
             Rule::OutOfReach => "is the specimen softer than expected, or `limits.depth_mm` too small for this force?",
             Rule::NoConvergence => "is the load cell much noisier than when it was zeroed?",
+            Rule::SurfaceMoved => "was the specimen or the rig touched since? Put it back, or begin a new run",
             Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
         }
     }

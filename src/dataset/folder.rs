@@ -1,19 +1,21 @@
 use super::characteristics::Staircases;
 use super::index::Index;
 use super::table::{Table, TableError};
+use super::verify::fingerprints;
 use super::views::{PRESSES, presses_header, presses_line, replace, write};
-use super::{Contacts, DatasetError, Journal, Ledger, Manifest, Record, Status};
-use crate::device::Identity;
+use super::{Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, RunFacts, Session};
 use crate::quantity::ArrayLayout;
-use std::fs::{self, File, OpenOptions};
-use std::io::{ErrorKind, Write};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// How many names are tried for a new folder: `name`, `name-2`, ...
 const NAMES_MAX: usize = 100_000;
 
-const JOURNAL: &str = "journal.log";
-const MANIFEST: &str = "manifest.json";
+pub(super) const JOURNAL: &str = "journal.log";
+pub(super) const MANIFEST: &str = "manifest.json";
+/// Whoever holds it locked is the run's one writer; it stays empty.
+const LOCK: &str = "run.lock";
 
 /// The texts a run is made from, kept with it as given.
 #[derive(Clone, Debug)]
@@ -26,15 +28,16 @@ pub struct Origins {
     pub maps: Vec<(String, String)>,
 }
 
-/// A run on disk that is being written. Of its presses it holds the places in the journal, and no more.
+/// A run on disk, held by this program alone. Of its presses it knows the places in the journal, and no more.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
+    /// Dies with its owner, however that ends.
+    _lock: File,
     journal: Journal,
-    presses: File,
+    /// None until a session begins to add to it.
+    presses: Option<File>,
     layout: ArrayLayout,
-    /// What the run is, kept up to date by its writer.
-    pub manifest: Manifest,
     known: Known,
 }
 
@@ -42,9 +45,7 @@ pub struct RunFolder {
 #[derive(Debug)]
 struct Known {
     contacts: Index,
-    flagged_rows: u64,
-    first_zero_n: Option<f64>,
-    last_s: f64,
+    manifest: Manifest,
 }
 
 impl RunFolder {
@@ -55,7 +56,8 @@ impl RunFolder {
     pub fn create(
         out: Option<&Path>,
         origins: &Origins,
-        manifest: Manifest,
+        mut facts: RunFacts,
+        session: Session,
         layout: &ArrayLayout,
     ) -> Result<RunFolder, DatasetError> {
         let parent = match out {
@@ -69,37 +71,66 @@ impl RunFolder {
             return Err(DatasetError::Exists { path: out.to_owned() });
         }
         fs::create_dir_all(parent).map_err(DatasetError::io("making", parent))?;
-        let draft = parent.join(format!(".{}.{}.new", manifest.recipe, std::process::id()));
-        let path =
-            fill(&draft, origins, &manifest, layout).and_then(|()| publish(&draft, out, parent, &manifest.recipe));
-        let path = path.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
-        sync_folder(parent)?;
-        Self::attach(path, manifest, layout)
-    }
-
-    /// Opens a run to go on with it.
-    ///
-    /// # Errors
-    /// No manifest, a damaged journal, or the operating system's.
-    pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        let manifest = Self::read_manifest(path)?;
-        let mut folder = Self::attach(path.to_owned(), manifest, layout)?;
-        folder.write_views()?; // what a power cut left of the tables
-        folder.presses = open_presses(path)?;
+        let name = facts.recipe.clone();
+        facts.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
+        let draft = parent.join(format!(".{name}.{}.new", std::process::id()));
+        let made = fill(&draft, origins, &facts, &session, layout).and_then(|lock| {
+            let path = publish(&draft, out, parent, &name)?;
+            sync_folder(parent)?;
+            Ok((lock, path))
+        });
+        let (lock, path) = made.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
+        let mut folder = Self::attach(path, lock, layout)?;
+        folder.journal.keep_for(session.durability);
+        folder.presses = Some(open_presses(&folder.path)?);
         Ok(folder)
     }
 
-    /// The manifest of a run.
+    /// Opens a run and its journal, whose torn tail is cut; nothing else is changed.
     ///
     /// # Errors
-    /// None there, or not one.
+    /// No journal, a damaged one, one that another program writes, or the operating system's.
+    pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
+        is_run(path)?;
+        let lock = hold(path)?;
+        Self::attach(path.to_owned(), lock, layout)
+    }
+
+    /// Begins to go on with a run: its views are made anew, whatever a power cut left of them.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn go_on(&mut self, session: Session) -> Result<(), DatasetError> {
+        self.journal.keep_for(session.durability);
+        self.record(&Record::Session(session))?;
+        self.write_views()?;
+        self.write_manifest()?;
+        self.presses = Some(open_presses(&self.path)?);
+        Ok(())
+    }
+
+    /// The manifest of a run as its file says.
+    ///
+    /// # Errors
+    /// No run, no manifest, or not one.
     pub fn read_manifest(path: &Path) -> Result<Manifest, DatasetError> {
-        let file = path.join(MANIFEST);
-        let text = fs::read_to_string(&file).map_err(|error| match error.kind() {
-            ErrorKind::NotFound | ErrorKind::NotADirectory => DatasetError::NoRun { path: path.to_owned() },
-            _ => DatasetError::io("reading", &file)(error),
-        })?;
-        serde_json::from_str(&text).map_err(|error| DatasetError::Manifest { path: file, problem: error.to_string() })
+        is_run(path)?;
+        Manifest::read(&path.join(MANIFEST))
+    }
+
+    /// The manifest of a run as its journal says, without the files' fingerprints.
+    ///
+    /// # Errors
+    /// No journal, or a damaged one.
+    pub fn recall_manifest(path: &Path) -> Result<Manifest, DatasetError> {
+        is_run(path)?;
+        let mut known = Known::nothing();
+        let mut records = Journal::records(&path.join(JOURNAL))?;
+        while let Some(next) = records.next() {
+            let (offset, record) = next?;
+            known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
+        }
+        Ok(known.manifest)
     }
 
     /// The presses of a run, as its table says.
@@ -110,22 +141,29 @@ impl RunFolder {
         Table::read_run(&path.join(PRESSES))
     }
 
-    /// Ends the run: tables and manifest as they are to stay.
+    /// Ends a session: the journal says how, and tables and manifest are as they are to stay.
     ///
     /// # Errors
     /// The operating system's.
-    pub fn finish(&mut self, status: Status) -> Result<(), DatasetError> {
-        self.manifest.status = status;
+    pub fn finish(&mut self, end: End) -> Result<(), DatasetError> {
+        // a disk that is full may have room again for the rest; which error is told makes no difference
+        let recorded = self.record(&Record::End(end));
+        recorded.and(self.rebuild())
+    }
+
+    /// Makes tables and manifest anew from the journal.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn rebuild(&mut self) -> Result<(), DatasetError> {
         self.write_views()?;
+        self.known.manifest.files = fingerprints(&self.path, &self.known.manifest.facts)?;
         self.write_manifest()
     }
 
-    /// Writes the manifest as it is now.
-    ///
-    /// # Errors
-    /// The operating system's.
-    pub fn write_manifest(&self) -> Result<(), DatasetError> {
-        replace(&self.path, MANIFEST, &manifest_text(&self.manifest))
+    /// What the run is and how far it has come.
+    pub fn manifest(&self) -> &Manifest {
+        &self.known.manifest
     }
 
     /// Where the run is.
@@ -153,47 +191,37 @@ impl RunFolder {
         Ok(staircases.some())
     }
 
-    /// How many rows have something wrong with them.
-    pub fn flagged_rows(&self) -> u64 {
-        self.known.flagged_rows
-    }
-
-    fn attach(path: PathBuf, manifest: Manifest, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        let mut known = Known {
-            contacts: Index::with_room(manifest.presses_planned),
-            flagged_rows: 0,
-            first_zero_n: None,
-            last_s: 0.0,
-        };
+    fn attach(path: PathBuf, lock: File, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
+        let mut known = Known::nothing();
         let journal = Journal::open(&path.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
-        let presses = open_presses(&path)?;
-        let mut folder = RunFolder { path, journal, presses, layout: layout.clone(), manifest, known };
-        folder.say_how_far();
-        Ok(folder)
-    }
-
-    /// What is on disk is what is known: a run that was killed couldn't say how far it had come.
-    fn say_how_far(&mut self) {
-        self.manifest.virtual_s = self.manifest.virtual_s.max(self.known.last_s);
-        self.manifest.presses_done = self.known.contacts.done();
+        Ok(RunFolder { path, _lock: lock, journal, presses: None, layout: layout.clone(), known })
     }
 
     fn write_views(&self) -> Result<(), DatasetError> {
         write(&self.path, &self.layout, &|| self.contacts())
     }
+
+    fn write_manifest(&self) -> Result<(), DatasetError> {
+        replace(&self.path, MANIFEST, &self.known.manifest.text())
+    }
 }
 
 impl Known {
+    fn nothing() -> Known {
+        Known { contacts: Index::default(), manifest: Manifest::default() }
+    }
+
+    /// A journal begins by saying what the run is, and says it once.
     fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
         match record {
-            Record::Contact(contact) => {
-                self.contacts.insert(contact.press, offset)?;
-                self.flagged_rows += contact.rows.iter().filter(|row| !row.flags.is_empty()).count() as u64;
-                self.last_s = contact.rows.iter().map(|row| row.t_s).fold(self.last_s, f64::max);
-            }
-            Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
-            Record::Trip { .. } => {}
+            Record::Run(_) if offset > 0 => return Err("the run begins a second time".to_owned()),
+            Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
+            _ if offset == 0 => return Err("it doesn't say what the run is".to_owned()),
+            Record::Contact(contact) => self.contacts.insert(contact.press, offset)?,
+            _ => {}
         }
+        self.manifest.take_in(record);
+        self.manifest.presses_done = self.contacts.done();
         Ok(())
     }
 }
@@ -203,38 +231,52 @@ impl Ledger for RunFolder {
         self.known.contacts.has(press)
     }
 
-    fn first_zero_n(&self) -> Option<f64> {
-        self.known.first_zero_n
-    }
-
-    fn elapsed_s(&self) -> f64 {
-        self.manifest.virtual_s
-    }
-
-    /// A trip comes into the manifest too, even if the journal can't be written any more.
-    fn record(&mut self, record: &Record) -> Result<(), DatasetError> {
-        if let Record::Trip { trip, .. } = record {
-            self.manifest.trip = Some(trip.clone());
+    fn recall(&self, tell: &mut dyn FnMut(&Record)) -> Result<(), DatasetError> {
+        for next in Journal::records(&self.path.join(JOURNAL))? {
+            tell(&next?.1);
         }
-        let offset = self.journal.append(record)?;
-        self.known.take_in(offset, record).map_err(|problem| self.journal.damaged(offset, problem))?;
-        if let Record::Contact(contact) = record {
-            let lines: String = contact.rows.iter().map(presses_line).collect();
-            let path = self.path.join(PRESSES);
-            // a view: it need not reach the disk now, since the journal has
-            self.presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))?;
-        }
-        self.say_how_far();
         Ok(())
     }
 
-    fn note_devices(&mut self, devices: &[Identity]) -> Result<(), DatasetError> {
-        self.manifest.devices = devices.to_vec();
-        self.write_manifest()
+    fn record(&mut self, record: &Record) -> Result<(), DatasetError> {
+        let offset = self.journal.append(record)?;
+        self.known.take_in(offset, record).map_err(|problem| self.journal.damaged(offset, problem))?;
+        match (record, &mut self.presses) {
+            (Record::Contact(contact), Some(presses)) => {
+                let lines: String = contact.rows.iter().map(presses_line).collect();
+                let path = self.path.join(PRESSES);
+                // a view: it need not reach the disk now, since the journal has
+                presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))
+            }
+            (Record::Devices(_), _) => self.write_manifest(),
+            _ => Ok(()),
+        }
     }
+}
 
-    fn note_elapsed(&mut self, elapsed_s: f64) {
-        self.manifest.virtual_s = elapsed_s;
+impl Origins {
+    /// All texts with the names of their files.
+    fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
+        let own = [("recipe.toml", self.recipe.as_str()), ("rig.toml", self.rig.as_str())];
+        own.into_iter().chain(self.maps.iter().map(|(name, text)| (name.as_str(), text.as_str())))
+    }
+}
+
+/// A run is a folder with a journal in it.
+pub(super) fn is_run(path: &Path) -> Result<(), DatasetError> {
+    let is_one = path.join(JOURNAL).is_file();
+    is_one.then_some(()).ok_or_else(|| DatasetError::NoRun { path: path.to_owned() })
+}
+
+/// Takes a run for this program alone. The system gives it free when the program ends, however it does.
+fn hold(path: &Path) -> Result<File, DatasetError> {
+    let lock = path.join(LOCK);
+    let opened = OpenOptions::new().write(true).create(true).truncate(false).open(&lock);
+    let file = opened.map_err(DatasetError::io("opening", &lock))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(DatasetError::Held { path: path.to_owned() }),
+        Err(TryLockError::Error(error)) => Err(DatasetError::io("locking", lock)(error)),
     }
 }
 
@@ -244,15 +286,24 @@ fn open_presses(folder: &Path) -> Result<File, DatasetError> {
     OpenOptions::new().append(true).create(true).open(&path).map_err(DatasetError::io("opening", path))
 }
 
-/// Everything a run folder holds before its first press.
-fn fill(draft: &Path, origins: &Origins, manifest: &Manifest, layout: &ArrayLayout) -> Result<(), DatasetError> {
+/// Everything a run folder holds before its first press; it is held by this program from the beginning.
+fn fill(
+    draft: &Path,
+    origins: &Origins,
+    facts: &RunFacts,
+    session: &Session,
+    layout: &ArrayLayout,
+) -> Result<File, DatasetError> {
     fs::create_dir(draft).map_err(DatasetError::io("making", draft))?;
-    let presses = presses_header(layout.len());
-    let manifest = manifest_text(manifest);
-    let own =
-        [("recipe.toml", &origins.recipe), ("rig.toml", &origins.rig), (MANIFEST, &manifest), (PRESSES, &presses)];
-    let maps = origins.maps.iter().map(|(name, text)| (name.as_str(), text));
-    for (name, text) in own.into_iter().chain(maps) {
+    let lock = hold(draft)?;
+    let mut manifest = Manifest::default();
+    let mut journal = Journal::create(&draft.join(JOURNAL))?;
+    for record in [Record::Run(facts.clone()), Record::Session(session.clone())] {
+        journal.append(&record)?;
+        manifest.take_in(&record);
+    }
+    let views = [(MANIFEST, manifest.text()), (PRESSES, presses_header(layout.len()))];
+    for (name, text) in origins.texts().chain(views.iter().map(|(name, text)| (*name, text.as_str()))) {
         let path = draft.join(name);
         let write = |text: &str| {
             let mut file = File::create_new(&path)?;
@@ -261,8 +312,8 @@ fn fill(draft: &Path, origins: &Origins, manifest: &Manifest, layout: &ArrayLayo
         };
         write(text).map_err(DatasetError::io("writing", &path))?;
     }
-    Journal::create(&draft.join(JOURNAL))?;
-    sync_folder(draft)
+    sync_folder(draft)?;
+    Ok(lock)
 }
 
 /// Renames the draft to its place. A folder with something in it is never replaced: the system refuses.
@@ -283,11 +334,6 @@ fn publish(draft: &Path, out: Option<&Path>, parent: &Path, name: &str) -> Resul
         }
     }
     Err(DatasetError::Exists { path: parent.join(name) })
-}
-
-fn manifest_text(manifest: &Manifest) -> String {
-    // a manifest is text and numbers, which can't fail to be written
-    serde_json::to_string_pretty(manifest).unwrap_or_default() + "\n"
 }
 
 /// A rename is on the disk when its folder is. Windows keeps no handle on folders and needs none.

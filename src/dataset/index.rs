@@ -7,7 +7,7 @@ const NOWHERE: u64 = u64::MAX;
 
 /// Which entries of a plan are in the journal, and at which byte: 8 bytes an entry, set aside when the run begins, so that
 /// a run takes no more memory as it grows.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Index {
     offsets: Vec<u64>,
     done: u64,

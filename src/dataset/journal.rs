@@ -1,4 +1,5 @@
-use super::Record;
+use super::{Durability, Record};
+use miette::Diagnostic;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -7,17 +8,24 @@ use thiserror::Error;
 /// Largest journal that is read, bytes: a hundred thousand presses of 64 units are some 150 MB.
 const JOURNAL_MAX_BYTES: u64 = 1 << 30;
 
+/// Longest record that is read, bytes: a staircase of 20 levels on 4096 units has some 1 MB.
+const RECORD_MAX_BYTES: u64 = 16 << 20;
+
 /// The append-only record of a run: one line a record, `sequence checksum json`.
 ///
-/// The checksum is CRC-32 over the sequence number and the text. A torn last line, left by a power cut, is cut off; anything
-/// else that doesn't fit is damage and named with its offset. It is read record by record and never held in memory whole.
+/// The checksum is CRC-32 over the sequence number and the text. A last line without its end, left by a power cut, is torn and
+/// cut off; anything else that doesn't fit is damage and named with its offset. It is read record by record and never held in
+/// memory whole.
 #[derive(Debug)]
 pub struct Journal {
     file: File,
     path: PathBuf,
+    durability: Durability,
     next: u64,
     end: u64,
     line: Vec<u8>,
+    /// Whether a record may stand at its end that nobody was told of: nothing is added behind it.
+    broken: bool,
 }
 
 /// The records of a journal in the order they were made, each with the byte it begins at; without a torn tail.
@@ -28,23 +36,29 @@ pub struct Records {
     next: u64,
     offset: u64,
     line: Vec<u8>,
+    /// Whether the line has no end, since the file ends in it.
+    is_torn: bool,
 }
 
 /// A journal that can't be relied on.
-#[derive(Debug, Error)]
+#[derive(Debug, Error, Diagnostic)]
 pub enum JournalError {
     /// A record that isn't what was written.
     #[error("{}: the record at byte {offset} is damaged: {problem}", path.display())]
+    #[diagnostic(help("restore the journal from a copy; nothing was changed"))]
     Damaged {
         /// The journal.
         path: PathBuf,
-        /// Where the record begins.
+        /// Where the record begins, bytes.
         offset: u64,
         /// What is wrong with it.
         problem: String,
     },
     /// It couldn't be read or written.
     #[error("{}: {source}", path.display())]
+    #[diagnostic(help(
+        "make room or set the permissions right, then `palpate resume` the run: what was acknowledged is safe"
+    ))]
     Io {
         /// The journal.
         path: PathBuf,
@@ -60,7 +74,7 @@ impl Journal {
     /// The operating system's.
     pub fn create(path: &Path) -> Result<Journal, JournalError> {
         let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(failed(path))?;
-        Ok(Journal { file, path: path.to_owned(), next: 0, end: 0, line: Vec::new() })
+        Ok(Journal::at_end(file, path, 0, 0))
     }
 
     /// Opens a journal to go on with it, its torn tail cut off. Its records are shown on the way, each with the byte it
@@ -78,7 +92,17 @@ impl Journal {
         }
         let file = OpenOptions::new().append(true).open(path).map_err(failed(path))?;
         file.set_len(records.offset).map_err(failed(path))?;
-        Ok(Journal { file, path: records.path, next: records.next, end: records.offset, line: records.line })
+        Ok(Journal::at_end(file, path, records.next, records.offset))
+    }
+
+    fn at_end(file: File, path: &Path, next: u64, end: u64) -> Journal {
+        let durability = Durability::Full;
+        Journal { file, path: path.to_owned(), durability, next, end, line: Vec::new(), broken: false }
+    }
+
+    /// What every further record is to survive.
+    pub fn keep_for(&mut self, durability: Durability) {
+        self.durability = durability;
     }
 
     /// The records of a journal from its beginning. Damage before the last line comes in its place; no record after it can be relied on.
@@ -91,23 +115,45 @@ impl Journal {
             let too_large = io::Error::new(io::ErrorKind::FileTooLarge, format!("over {JOURNAL_MAX_BYTES} bytes"));
             return Err(failed(path)(too_large));
         }
-        Ok(Records { reader: BufReader::new(file), path: path.to_owned(), next: 0, offset: 0, line: Vec::new() })
+        Ok(Records {
+            reader: BufReader::new(file),
+            path: path.to_owned(),
+            next: 0,
+            offset: 0,
+            line: Vec::new(),
+            is_torn: false,
+        })
     }
 
-    /// Adds a record and gives the byte it begins at. When this returns it is on the disk.
+    /// Adds a record and gives the byte it begins at. When this returns it is on the disk, unless that was waived.
     ///
     /// # Errors
-    /// The operating system's.
+    /// The operating system's. What was written of the record is taken back; where that fails too, nothing is added any more.
     pub fn append(&mut self, record: &Record) -> Result<u64, JournalError> {
+        if self.broken {
+            return Err(failed(&self.path)(io::Error::other("it can't be added to since a write failed")));
+        }
         let text = serde_json::to_string(record).map_err(|error| failed(&self.path)(error.into()))?;
         self.line.clear();
         // writing to memory can't fail
         let _ = writeln!(self.line, "{} {:08x} {text}", self.next, checksum(self.next, &text));
-        self.file.write_all(&self.line).and_then(|()| self.file.sync_data()).map_err(failed(&self.path))?;
+        self.write_line().map_err(|error| {
+            // half a line would be damage as soon as another stood behind it
+            self.broken = self.file.set_len(self.end).and_then(|()| self.file.sync_data()).is_err();
+            failed(&self.path)(error)
+        })?;
         let offset = self.end;
         self.next += 1;
         self.end += self.line.len() as u64;
         Ok(offset)
+    }
+
+    fn write_line(&mut self) -> io::Result<()> {
+        self.file.write_all(&self.line)?;
+        match self.durability {
+            Durability::Full => self.file.sync_data(),
+            Durability::Fast => Ok(()),
+        }
     }
 
     pub(super) fn damaged(&self, offset: u64, problem: String) -> JournalError {
@@ -143,7 +189,7 @@ impl Records {
                 self.pass(self.next);
                 Ok(Some((offset, record)))
             }
-            Err(_) if self.is_at_end()? => Ok(None), // torn: it was never acknowledged
+            Err(_) if self.is_torn => Ok(None), // it was never acknowledged
             Err(problem) => Err(self.damaged(offset, problem)),
         }
     }
@@ -151,18 +197,15 @@ impl Records {
     /// Reads the line that is next; an empty one at the end.
     fn read_line(&mut self) -> Result<(), JournalError> {
         self.line.clear();
-        let mut rest = self.reader.by_ref().take(JOURNAL_MAX_BYTES);
-        rest.read_until(b'\n', &mut self.line).map_err(failed(&self.path))?;
+        let mut rest = self.reader.by_ref().take(RECORD_MAX_BYTES);
+        let read = rest.read_until(b'\n', &mut self.line).map_err(failed(&self.path))?;
+        self.is_torn = (read as u64) < RECORD_MAX_BYTES && self.line.last() != Some(&b'\n');
         Ok(())
     }
 
     fn pass(&mut self, sequence: u64) {
         self.next = sequence + 1;
         self.offset += self.line.len() as u64;
-    }
-
-    fn is_at_end(&mut self) -> Result<bool, JournalError> {
-        Ok(self.reader.fill_buf().map_err(failed(&self.path))?.is_empty())
     }
 
     pub(super) fn damaged(&self, offset: u64, problem: String) -> JournalError {
@@ -212,7 +255,13 @@ mod tests {
     use crate::dataset::record::example;
 
     fn contact(press: u64) -> Record {
-        Record::Contact(Contact { press, rows: vec![example(press, 0).rounded()], truth: vec![], lesson: None })
+        Record::Contact(Contact {
+            press,
+            rows: vec![example(press, 0).rounded()],
+            truth: vec![],
+            lesson: None,
+            left: None,
+        })
     }
 
     fn three_records(path: &Path) -> Vec<u8> {
@@ -261,6 +310,13 @@ mod tests {
             other => panic!("{other}"),
         }
         assert!(Journal::open(&path, |_, _| Ok(())).is_err());
+        // the last one was whole, so that it may have been acknowledged: it isn't cut off in silence
+        let last = bytes.len() - 40;
+        bytes[second + 40] ^= 1;
+        bytes[last] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        assert!(Journal::open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("the checksum doesn't fit"));
+        assert_eq!(std::fs::read(&path).unwrap(), bytes, "and nothing is changed");
     }
 
     #[test]

@@ -1,41 +1,36 @@
-use crate::control::{Strategy, Trip};
+use super::{DatasetError, End, Fingerprint, Record, RunFacts, Session};
+use crate::control::Trip;
 use crate::device::Identity;
-use crate::recipe::Plan;
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
 
-/// `manifest.json`: what a run was and how it ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Largest manifest that is read, bytes: a run that was gone on with a thousand times is far below it.
+const MANIFEST_MAX_BYTES: u64 = 4 << 20;
+
+/// `manifest.json`: what a run was and how it ended. All of it but the files' fingerprints follows from the journal.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// The program's version.
-    pub palpate: String,
     /// How it ended. While a run is under way it says `stopped`, which is what it is if nobody says otherwise later.
     pub status: Status,
-    /// The recipe's name.
-    pub recipe: String,
-    /// Who was pressed, if somebody said.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sensor: Option<String>,
-    /// Entries of the plan.
-    pub presses_planned: u64,
+    /// What it is.
+    #[serde(flatten)]
+    pub facts: RunFacts,
     /// Entries on disk.
     pub presses_done: u64,
-    /// What random points, and all simulated noise, were drawn from.
-    pub seed: u64,
-    /// The strategy of every press, if it was given in place of the recipe's.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub strategy: Option<Strategy>,
-    /// Whether our emulators were at the far ends of the links.
-    pub simulated: bool,
+    /// Rows that have something wrong with them.
+    pub rows_flagged: u64,
     /// Time that passed in the run, s: in a simulated one that of the simulation.
     pub virtual_s: f64,
-    /// Time that passed outside, s.
+    /// Time that passed outside, s; that of a program that was killed isn't known.
     pub wall_s: f64,
-    /// When it began, with its time zone.
-    pub started: String,
+    /// Who began it and who went on with it: which program, where, and when.
+    pub sessions: Vec<Session>,
     /// When it ended, with its time zone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<String>,
-    /// What the devices said they are.
+    /// What the devices said they are, most lately.
     pub devices: Vec<Identity>,
     /// The rule that was broken, in a run that was tripped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -43,44 +38,94 @@ pub struct Manifest {
     /// What went wrong, in a run that failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-}
-
-impl Manifest {
-    /// The manifest of a run that begins.
-    pub fn new(plan: &Plan, simulated: bool, sensor: Option<String>, started: String) -> Self {
-        Manifest {
-            palpate: env!("CARGO_PKG_VERSION").to_owned(),
-            status: Status::Stopped,
-            recipe: plan.name.clone(),
-            sensor,
-            presses_planned: plan.entries.len() as u64,
-            presses_done: 0,
-            seed: plan.seed,
-            strategy: None,
-            simulated,
-            virtual_s: 0.0,
-            wall_s: 0.0,
-            started,
-            ended: None,
-            devices: Vec::new(),
-            trip: None,
-            failure: None,
-        }
-    }
+    /// The other files of the folder as they were written; empty while a run is under way.
+    pub files: Vec<Fingerprint>,
 }
 
 /// How a run ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// Every entry of the plan is on disk.
     Complete,
     /// A person stopped it, or it is still under way.
+    #[default]
     Stopped,
     /// A safety rule was broken.
     Tripped,
     /// A device failed or the record couldn't be kept.
     Failed,
+}
+
+impl Manifest {
+    /// What a record of the journal adds. Contacts are counted by whoever knows which are new.
+    pub(super) fn take_in(&mut self, record: &Record) {
+        self.virtual_s = record.t_s().map_or(self.virtual_s, |t_s| self.virtual_s.max(t_s));
+        match record {
+            Record::Run(facts) => self.facts = facts.clone(),
+            Record::Session(session) => {
+                // what became of the session before is past
+                (self.status, self.ended, self.trip, self.failure) = (Status::Stopped, None, None, None);
+                self.files.clear();
+                self.sessions.push(session.clone());
+            }
+            Record::Devices(devices) => self.devices.clone_from(devices),
+            Record::Trip { trip, .. } => {
+                // a program that is killed while it parks has tripped all the same
+                self.status = Status::Tripped;
+                self.trip = Some(trip.clone());
+            }
+            Record::End(End { status, ended, wall_s, failure, .. }) => {
+                self.status = *status;
+                self.ended = Some(ended.clone());
+                self.wall_s += wall_s;
+                self.failure.clone_from(failure);
+            }
+            Record::Contact(contact) => {
+                self.rows_flagged += contact.rows.iter().filter(|row| !row.flags.is_empty()).count() as u64;
+            }
+            Record::Zero { .. } | Record::Retouch(_) => {}
+        }
+    }
+
+    /// Reads a manifest.
+    ///
+    /// # Errors
+    /// None there, too large, or not one: at which line and column.
+    pub fn read(path: &Path) -> Result<Manifest, DatasetError> {
+        let mut text = String::new();
+        let read = File::open(path).and_then(|file| file.take(MANIFEST_MAX_BYTES + 1).read_to_string(&mut text));
+        let problem = |at: String, problem: String| DatasetError::Manifest { path: path.to_owned(), at, problem };
+        match read {
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                return Err(problem(String::new(), "not UTF-8 text".to_owned()));
+            }
+            Err(error) => return Err(DatasetError::io("reading", path)(error)),
+            Ok(_) if text.len() as u64 > MANIFEST_MAX_BYTES => {
+                return Err(problem(String::new(), format!("longer than {MANIFEST_MAX_BYTES} bytes")));
+            }
+            Ok(_) => {}
+        }
+        Manifest::parse(&text).map_err(|error| {
+            let told = error.to_string();
+            let told = told.split(" at line ").next().unwrap_or_default().to_owned();
+            problem(format!(":{}:{}", error.line(), error.column()), told)
+        })
+    }
+
+    /// Reads a manifest's text.
+    ///
+    /// # Errors
+    /// What it isn't, and where.
+    pub fn parse(text: &str) -> Result<Manifest, serde_json::Error> {
+        serde_json::from_str(text)
+    }
+
+    /// The manifest as it stands in its file.
+    pub(super) fn text(&self) -> String {
+        // text and numbers can't fail to be written
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
 }
 
 impl Status {

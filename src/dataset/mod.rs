@@ -1,8 +1,9 @@
 //! What a run leaves on disk: the journal, which is the truth, and plain tables that are views of it.
 //!
 //! A run folder appears by one rename with its recipe, its rig and its manifest in it. Each press is in the [`Journal`],
-//! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are written anew at the end. Whoever
-//! makes presses sees a [`Ledger`] only: a run folder, or a [`Memory`] that leaves no files.
+//! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are written anew at the end. They
+//! and the manifest are views: [`RunFolder::rebuild`] makes them from the journal. Whoever makes presses sees a [`Ledger`]
+//! only: a run folder, or a [`Memory`] that leaves no files.
 
 pub mod calibration;
 pub mod characteristics;
@@ -15,7 +16,9 @@ mod ledger;
 mod manifest;
 pub mod readings;
 mod record;
+mod session;
 pub mod table;
+mod verify;
 mod views;
 
 pub use folder::{Origins, RunFolder};
@@ -24,7 +27,9 @@ pub use journal::{Journal, JournalError, Records};
 pub use ledger::{Ledger, Memory};
 pub use manifest::{Manifest, Status};
 pub(crate) use record::round;
-pub use record::{Contact, Flag, Record, Row, RowTruth};
+pub use record::{Contact, Flag, Left, Record, Retouch, Row, RowTruth};
+pub use session::{Durability, End, Fingerprint, RunFacts, Session};
+pub use verify::{Verified, verify};
 
 use miette::Diagnostic;
 use std::path::PathBuf;
@@ -46,12 +51,12 @@ pub enum DatasetError {
         /// What came back.
         source: std::io::Error,
     },
-    /// The journal is damaged.
+    /// The journal is damaged, or can't be read or written.
     #[error(transparent)]
-    #[diagnostic(help("restore the journal from a copy; nothing was changed"))]
+    #[diagnostic(transparent)]
     Journal(#[from] JournalError),
-    /// There is no manifest where a run was expected.
-    #[error("{} is no run: it has no manifest.json", path.display())]
+    /// There is no journal where a run was expected.
+    #[error("{} is no run: it has no journal.log", path.display())]
     #[diagnostic(help("name the folder of a run, such as runs/paper"))]
     NoRun {
         /// The folder that was named.
@@ -71,12 +76,21 @@ pub enum DatasetError {
         /// The folder.
         path: PathBuf,
     },
+    /// Another program holds the run.
+    #[error("{} is being written by another program", path.display())]
+    #[diagnostic(help("wait for it to end, or end it: a run has one writer at a time"))]
+    Held {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A manifest that can't be understood.
-    #[error("{}: {problem}", path.display())]
-    #[diagnostic(help("is this a run folder of palpate?"))]
+    #[error("{}{at}: {problem}", path.display())]
+    #[diagnostic(help("`palpate rebuild` writes it anew from the run's journal"))]
     Manifest {
         /// The file.
         path: PathBuf,
+        /// Line and column, as `:3:14`; empty where there is none.
+        at: String,
         /// What is wrong.
         problem: String,
     },

@@ -1,12 +1,22 @@
-use crate::control::{Lesson, Trip};
+use super::{End, RunFacts, Session};
+use crate::control::{Air, Lesson, Trip};
+use crate::device::Identity;
+use crate::quantity::Place;
 use crate::recipe::Phase;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
-/// One record of the journal.
+/// One record of the journal. What isn't measured but told by the clock and the machine stands in [`Session`] and [`End`]
+/// alone: all others are the same to the last bit where a simulated run is made again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Record {
+    /// What the run is: the first record.
+    Run(RunFacts),
+    /// A program begins to measure, or to go on.
+    Session(Session),
+    /// What the devices said they are.
+    Devices(Vec<Identity>),
     /// The zero was taken in air.
     Zero {
         /// When, s since the run's start.
@@ -20,6 +30,8 @@ pub enum Record {
     },
     /// An entry of the plan was measured whole.
     Contact(Contact),
+    /// A place that was touched before was touched again, before a run went on.
+    Retouch(Retouch),
     /// A safety rule was broken.
     Trip {
         /// When, s since the run's start.
@@ -29,9 +41,21 @@ pub enum Record {
         /// The rule and its numbers.
         trip: Trip,
     },
+    /// A program came to its end by itself. One that was killed leaves none.
+    End(End),
 }
 
 impl Record {
+    /// When it was made, s since the run's start; none where it says no time.
+    pub fn t_s(&self) -> Option<f64> {
+        match self {
+            Record::Run(_) | Record::Session(_) | Record::Devices(_) => None,
+            Record::Contact(contact) => contact.rows.iter().map(|row| row.t_s).reduce(f64::max),
+            Record::Retouch(Retouch { t_s, .. }) | Record::Zero { t_s, .. } | Record::Trip { t_s, .. } => Some(*t_s),
+            Record::End(end) => Some(end.t_s),
+        }
+    }
+
     /// The contact, if it is one.
     pub fn contact(&self) -> Option<&Contact> {
         match self {
@@ -53,6 +77,33 @@ pub struct Contact {
     pub truth: Vec<RowTruth>,
     /// What the force loop learned from it for those to come; none if the entry never left the air.
     pub lesson: Option<Lesson>,
+    /// What the next press begins from; none after the last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left: Option<Left>,
+}
+
+/// How a contact was left.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Left {
+    /// Where the indenter stood, in the clear above the next place, specimen frame, mm.
+    pub z_mm: f64,
+    /// What the load cell said on the way there, from the zero; none where a rest came after it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub air: Option<Air>,
+}
+
+/// A place that was touched again.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Retouch {
+    /// When, s since the run's start.
+    pub t_s: f64,
+    /// The place, specimen frame.
+    #[serde(flatten)]
+    pub place: Place,
+    /// Where contact began before, mm into the specimen.
+    pub before_mm: f64,
+    /// Where it began now, mm into the specimen.
+    pub touched_mm: f64,
 }
 
 /// One row of `presses.csv`: one held level of one press.

@@ -9,6 +9,10 @@ use std::path::{Path, PathBuf};
 /// The table of all presses.
 pub(super) const PRESSES: &str = "presses.csv";
 
+/// All tables a run may have.
+pub(super) const TABLES: [&str; 5] =
+    [PRESSES, "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
+
 /// The columns of `presses.csv` before the outputs, and after them.
 const BEFORE: [&str; 9] = ["press", "level", "phase", "x_mm", "y_mm", "force_set_n", "force_n", "depth_mm", "t_s"];
 const AFTER: [&str; 2] = ["flags", "z_mm"];

@@ -168,7 +168,7 @@ impl EmulatedDevice {
 impl SceneProbe {
     /// Names the press that comes next.
     pub fn begin_press(&self, press: u64) {
-        self.scene().begin_press(press);
+        self.scene().begin_press(press, self.now_s());
     }
 
     /// Begins to average the true force.

@@ -2,41 +2,102 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// A person's word that the run is to stop; clones share it.
+/// A person's word to a run; clones share it.
 #[derive(Clone, Debug)]
 pub struct Cancel {
-    sender: watch::Sender<bool>,
+    sender: watch::Sender<Word>,
+}
+
+/// What a person said last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Word {
+    #[default]
+    GoOn,
+    Pause,
+    Stop,
 }
 
 impl Default for Cancel {
     fn default() -> Self {
-        Cancel { sender: watch::Sender::new(false) }
+        Cancel { sender: watch::Sender::new(Word::GoOn) }
     }
 }
 
 impl Cancel {
-    /// Asks for the stop.
+    /// Asks for a stop at once, in the middle of a press. Nothing takes that back.
     pub fn ask(&self) {
-        self.sender.send_replace(true);
+        self.sender.send_replace(Word::Stop);
     }
 
-    /// Whether it was asked for.
+    /// Asks for a pause when the press that is under way is recorded.
+    pub fn pause(&self) {
+        self.exchange(Word::GoOn, Word::Pause);
+    }
+
+    /// Ends a pause.
+    pub fn go_on(&self) {
+        self.exchange(Word::Pause, Word::GoOn);
+    }
+
+    /// Whether a stop was asked for.
     pub fn asked(&self) -> bool {
-        *self.sender.borrow()
+        *self.sender.borrow() == Word::Stop
     }
 
-    /// Waits until the stop is asked for.
+    /// Whether a pause was asked for.
+    pub fn pausing(&self) -> bool {
+        *self.sender.borrow() == Word::Pause
+    }
+
+    /// Waits until a stop is asked for.
     pub async fn wait(&self) {
-        // the sender lives as long as this does, so that waiting can't fail
-        let _ = self.sender.subscribe().wait_for(|asked| *asked).await;
+        self.wait_for(|word| word == Word::Stop).await;
     }
 
-    /// Sleeps, but no longer than until the stop is asked for.
+    /// Waits until a pause is over, or a stop is asked for.
+    pub async fn while_pausing(&self) {
+        self.wait_for(|word| word != Word::Pause).await;
+    }
+
+    /// Sleeps, but no longer than until a pause or a stop is asked for.
     pub async fn sleep(&self, duration: Duration) {
         tokio::select! {
             biased;
-            () = self.wait() => {}
+            () = self.wait_for(|word| word != Word::GoOn) => {}
             () = sleep(duration) => {}
         }
+    }
+
+    async fn wait_for(&self, is_meant: impl Fn(Word) -> bool) {
+        // the sender lives as long as this does, so that waiting can't fail
+        let _ = self.sender.subscribe().wait_for(|word| is_meant(*word)).await;
+    }
+
+    fn exchange(&self, from: Word, to: Word) {
+        self.sender.send_if_modified(|word| {
+            let fits = *word == from;
+            if fits {
+                *word = to;
+            }
+            fits
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pause_can_be_taken_back_and_a_stop_can_not() {
+        let cancel = Cancel::default();
+        cancel.pause();
+        assert!(cancel.pausing() && !cancel.asked());
+        cancel.go_on();
+        assert!(!cancel.pausing());
+        cancel.ask();
+        cancel.pause();
+        cancel.go_on();
+        assert!(cancel.asked() && !cancel.pausing());
     }
 }

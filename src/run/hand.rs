@@ -69,6 +69,12 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
+    /// A press begins: with a conversion of its own, and its time counts from here.
+    pub async fn begin(&mut self) {
+        sleep_until(self.next).await;
+        self.began = Instant::now();
+    }
+
     /// Readings before there is a zero, at least so many and for at least so long: sound ones, but no forces yet.
     pub async fn sound_readings(&mut self, least: usize, seconds: f64) -> Result<Vec<ForceReading>, Halt> {
         let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);

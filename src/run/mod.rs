@@ -2,6 +2,7 @@
 //!
 //! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is told what happens.
 
+mod again;
 mod align;
 mod cancel;
 mod clock;
@@ -10,6 +11,8 @@ mod examine;
 mod hand;
 mod motion;
 mod pace;
+mod past;
+mod press;
 mod ready;
 mod walk;
 mod window;

@@ -108,7 +108,8 @@ async fn time<S: Stage, C: LoadCell, A: SensorArray>(
     Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s, lag_s })
 }
 
-async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
+/// The zero, in air.
+pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {

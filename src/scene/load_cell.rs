@@ -23,6 +23,8 @@ pub(super) struct LoadCellState {
     /// Rate of the low-pass, 1/s.
     low_pass: Option<f64>,
     rng: Stream,
+    /// When the press under way began, s: conversions count from there.
+    began_s: f64,
     /// The force behind the low-pass, N.
     passed_n: f64,
     /// The conversion that is read now and those after it: number and force, N. Never empty.
@@ -38,14 +40,20 @@ impl LoadCellState {
             transport_s: spec.map_or(0.0, |cell| cell.transport_s),
             low_pass: spec.and_then(|cell| cell.low_pass_hz).map(|hz| TAU * hz),
             rng: crate::quantity::stream(0, 0, "load cell noise"),
+            began_s: 0.0,
             passed_n: 0.0,
             held: VecDeque::from([(0, 0.0)]),
             read: None,
         }
     }
 
-    pub fn reseed(&mut self, rng: Stream) {
+    /// Another press begins, with noise of its own and, as its free-running clock stands to that of the press by chance
+    /// anyway, with a conversion.
+    pub fn begin(&mut self, rng: Stream, now_s: f64) {
         self.rng = rng;
+        self.began_s = now_s;
+        self.held = VecDeque::from([(0, self.passed_n)]);
+        self.read = None;
     }
 
     /// Where the scene must stop on its way from `now_s` to `to_s` at the latest, s: at every conversion that can be read at
@@ -55,7 +63,7 @@ impl LoadCellState {
         let conversion = earliest.max(self.newest() + 1);
         let mut knot_s = to_s;
         if conversion <= self.conversion_at(to_s) {
-            knot_s = knot_s.min(conversion as f64 / self.conversions_hz);
+            knot_s = knot_s.min(self.began_s + conversion as f64 / self.conversions_hz);
         }
         if let Some(rate) = self.low_pass {
             let remembered_s = to_s - self.transport_s - 1.0 / self.conversions_hz - MEMORY / rate;
@@ -132,6 +140,6 @@ impl LoadCellState {
 
     /// The small shift keeps an instant that was computed as n / hz from falling to conversion n - 1 by rounding.
     fn conversion_at(&self, at_s: f64) -> u64 {
-        (at_s * self.conversions_hz + 1e-6).floor() as u64
+        ((at_s - self.began_s) * self.conversions_hz + 1e-6).floor() as u64
     }
 }

@@ -99,14 +99,16 @@ impl Scene {
             faults: Faults::new(spec.faults),
             witness: Witness::default(),
         };
-        scene.reseed(0);
+        scene.reseed(0, 0.0);
         scene.strike(f64::NEG_INFINITY, 0.0);
         scene
     }
 
-    /// Names the press that comes next: from here on every stream is that press' own, whatever came before.
-    pub fn begin_press(&mut self, press: u64) {
-        self.reseed(press + 1); // 0 is what happens before the first press
+    /// Names the press that begins at `now_s`: from here on every stream is that press' own, and so is the load cell's clock,
+    /// whatever came before.
+    pub fn begin_press(&mut self, press: u64, now_s: f64) {
+        self.advance(now_s);
+        self.reseed(press + 1, now_s); // 0 is what happens before the first press
         self.contact.forget_peaks();
     }
 
@@ -220,9 +222,9 @@ impl Scene {
         Truth { force_true_n: scene.true_force_n(rest_s), ..scene.take_truth(rest_s) }
     }
 
-    fn reseed(&mut self, press: u64) {
+    fn reseed(&mut self, press: u64, now_s: f64) {
         self.latency = Device::ALL.map(|device| stream(self.seed, press, device.name()));
-        self.load_cell.reseed(stream(self.seed, press, "load cell noise"));
+        self.load_cell.begin(stream(self.seed, press, "load cell noise"), now_s);
         self.taxels.reseed(stream(self.seed, press, "taxel noise"));
     }
 

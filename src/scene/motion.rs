@@ -1,14 +1,25 @@
+/// To what the time since a motion began is rounded, s: finer than anything here is timed, and far coarser than what a float
+/// loses of the time of day. So a motion is the same to the last bit whenever it is made.
+const GRAIN_S: f64 = 1e-9;
+
 /// The motion of one axis: stretches of constant acceleration, then rest. A trapezoid of speed, as a controller plans it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     stretches: Vec<Stretch>,
-    end_s: f64,
+    end: At,
     end_mm: f64,
+}
+
+/// An instant by the motion it belongs to: so long after that began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct At {
+    began_s: f64,
+    after_s: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stretch {
-    from_s: f64,
+    from: At,
     position_mm: f64,
     speed_mm_s: f64,
     acceleration_mm_s2: f64,
@@ -17,14 +28,14 @@ struct Stretch {
 impl Trajectory {
     /// An axis that stands at `position_mm`.
     pub fn at_rest(position_mm: f64) -> Self {
-        Trajectory { stretches: Vec::new(), end_s: 0.0, end_mm: position_mm }
+        Trajectory { stretches: Vec::new(), end: At { began_s: 0.0, after_s: 0.0 }, end_mm: position_mm }
     }
 
     /// From a position and a speed to rest at `target_mm`, at most at `speed_mm_s` (positive) with `acceleration_mm_s2`
     /// (positive) both ways. A speed that is too high for the way that is left is braked, and the way back is made good.
     pub fn to(now_s: f64, state: (f64, f64), target_mm: f64, speed_mm_s: f64, acceleration_mm_s2: f64) -> Self {
         let (start_mm, start_speed) = state;
-        let mut plan = Planner { at_s: now_s, position_mm: start_mm, speed_mm_s: start_speed, stretches: Vec::new() };
+        let mut plan = Planner::from(now_s, start_mm, start_speed);
         let a = acceleration_mm_s2;
         let heading = if target_mm >= start_mm { 1.0 } else { -1.0 };
         let stopping_mm = start_speed * start_speed / (2.0 * a);
@@ -33,27 +44,25 @@ impl Trajectory {
             plan.change_speed(0.0, a);
         }
         plan.run_to(target_mm, speed_mm_s, a);
-        Trajectory { stretches: plan.stretches, end_s: plan.at_s, end_mm: target_mm }
+        Trajectory { stretches: plan.stretches, end: plan.at, end_mm: target_mm }
     }
 
     /// From a position and a speed to rest as soon as `deceleration_mm_s2` allows.
     pub fn stop(now_s: f64, state: (f64, f64), deceleration_mm_s2: f64) -> Self {
         let (position_mm, speed_mm_s) = state;
-        let mut plan = Planner { at_s: now_s, position_mm, speed_mm_s, stretches: Vec::new() };
+        let mut plan = Planner::from(now_s, position_mm, speed_mm_s);
         plan.change_speed(0.0, deceleration_mm_s2);
-        Trajectory { stretches: plan.stretches, end_s: plan.at_s, end_mm: plan.position_mm }
+        Trajectory { stretches: plan.stretches, end: plan.at, end_mm: plan.position_mm }
     }
 
     /// This motion, a rest, and another that starts where this one ends, no sooner than it does.
     pub fn then(mut self, next: &Trajectory) -> Self {
-        if next.stretches.first().is_some_and(|first| first.from_s > self.end_s) {
-            let rest =
-                Stretch { from_s: self.end_s, position_mm: self.end_mm, speed_mm_s: 0.0, acceleration_mm_s2: 0.0 };
-            self.stretches.push(rest);
+        if next.stretches.first().is_some_and(|first| first.from.s() > self.end_s()) {
+            self.stretches.push(self.rest());
         }
         if !next.stretches.is_empty() {
             self.stretches.extend_from_slice(&next.stretches);
-            (self.end_s, self.end_mm) = (next.end_s, next.end_mm);
+            (self.end, self.end_mm) = (next.end, next.end_mm);
         }
         self
     }
@@ -64,22 +73,22 @@ impl Trajectory {
         if lag_s == 0.0 {
             return profile.clone();
         }
-        let splice_s = now_s + lag_s;
-        let gone = self.stretches.iter().filter(|s| s.from_s <= now_s).count().saturating_sub(1);
+        let splice = At { began_s: now_s + lag_s, after_s: 0.0 };
+        let gone = self.stretches.iter().filter(|s| s.from.s() <= now_s).count().saturating_sub(1);
         let mut stretches: Vec<Stretch> =
-            self.stretches[gone..].iter().filter(|s| s.from_s < splice_s).copied().collect();
-        if self.end_s < splice_s {
-            let rest =
-                Stretch { from_s: self.end_s, position_mm: self.end_mm, speed_mm_s: 0.0, acceleration_mm_s2: 0.0 };
-            stretches.push(rest);
+            self.stretches[gone..].iter().filter(|s| s.from.s() < splice.s()).copied().collect();
+        if self.end_s() < splice.s() {
+            stretches.push(self.rest());
         }
-        stretches.extend(profile.stretches.iter().map(|s| Stretch { from_s: s.from_s + lag_s, ..*s }));
-        Trajectory { stretches, end_s: splice_s.max(profile.end_s + lag_s), end_mm: profile.end_mm }
+        let late = |at: At| At { began_s: at.began_s + lag_s, ..at };
+        stretches.extend(profile.stretches.iter().map(|s| Stretch { from: late(s.from), ..*s }));
+        let end = late(profile.end);
+        Trajectory { stretches, end: if end.s() > splice.s() { end } else { splice }, end_mm: profile.end_mm }
     }
 
     /// When the axis comes to rest, s.
     pub fn end_s(&self) -> f64 {
-        self.end_s
+        self.end.s()
     }
 
     /// Where the axis comes to rest, mm.
@@ -89,7 +98,7 @@ impl Trajectory {
 
     /// Whether the axis still moves.
     pub fn moving(&self, now_s: f64) -> bool {
-        now_s < self.end_s
+        !self.end.is_past(now_s)
     }
 
     /// Where the axis is, mm.
@@ -104,44 +113,67 @@ impl Trajectory {
 
     /// Position, speed and acceleration: mm, mm/s, mm/s^2.
     pub(super) fn state(&self, now_s: f64) -> (f64, f64, f64) {
-        if now_s >= self.end_s {
+        if self.end.is_past(now_s) {
             return (self.end_mm, 0.0, 0.0);
         }
-        let stretch = self.stretches.iter().rev().find(|s| s.from_s <= now_s).or(self.stretches.first());
+        let stretch = self.stretches.iter().rev().find(|s| s.from.is_past(now_s)).or(self.stretches.first());
         let Some(s) = stretch else { return (self.end_mm, 0.0, 0.0) };
-        let (dt, a) = (now_s - s.from_s, s.acceleration_mm_s2);
+        let (dt, a) = (s.from.since_s(now_s), s.acceleration_mm_s2);
         (s.position_mm + dt * (s.speed_mm_s + dt * a / 2.0), s.speed_mm_s + a * dt, a)
     }
 
     /// The next instant after `now_s` at which the acceleration changes.
     pub(super) fn next_knot(&self, now_s: f64) -> Option<f64> {
-        if now_s >= self.end_s {
+        if self.end.is_past(now_s) {
             return None;
         }
-        let next = self.stretches.iter().map(|s| s.from_s).find(|&from_s| from_s > now_s);
-        Some(next.unwrap_or(self.end_s))
+        let next = self.stretches.iter().map(|s| s.from.s()).find(|&from_s| from_s > now_s);
+        Some(next.unwrap_or(self.end_s()))
+    }
+
+    fn rest(&self) -> Stretch {
+        Stretch { from: self.end, position_mm: self.end_mm, speed_mm_s: 0.0, acceleration_mm_s2: 0.0 }
+    }
+}
+
+impl At {
+    fn s(self) -> f64 {
+        self.began_s + self.after_s
+    }
+
+    /// How long ago it was, s.
+    fn since_s(self, now_s: f64) -> f64 {
+        ((now_s - self.began_s) / GRAIN_S).round() * GRAIN_S - self.after_s
+    }
+
+    fn is_past(self, now_s: f64) -> bool {
+        self.since_s(now_s) >= -GRAIN_S
     }
 }
 
 struct Planner {
-    at_s: f64,
+    at: At,
     position_mm: f64,
     speed_mm_s: f64,
     stretches: Vec<Stretch>,
 }
 
 impl Planner {
+    fn from(now_s: f64, position_mm: f64, speed_mm_s: f64) -> Planner {
+        Planner { at: At { began_s: now_s, after_s: 0.0 }, position_mm, speed_mm_s, stretches: Vec::new() }
+    }
+
     fn keep(&mut self, acceleration_mm_s2: f64, for_s: f64) {
         if for_s <= 0.0 {
             return;
         }
         self.stretches.push(Stretch {
-            from_s: self.at_s,
+            from: self.at,
             position_mm: self.position_mm,
             speed_mm_s: self.speed_mm_s,
             acceleration_mm_s2,
         });
-        self.at_s += for_s;
+        self.at.after_s += for_s;
         self.position_mm += for_s * (self.speed_mm_s + for_s * acceleration_mm_s2 / 2.0);
         self.speed_mm_s += acceleration_mm_s2 * for_s;
     }
@@ -223,7 +255,7 @@ mod tests {
             };
             real = real.followed_by(&profile, now_s, lag_s);
             past.push((now_s, profile.clone()));
-            assert!(real.stretches.is_sorted_by(|a, b| a.from_s < b.from_s), "each knot in its turn");
+            assert!(real.stretches.is_sorted_by(|a, b| a.from.s() < b.from.s()), "each knot in its turn");
             for step in 0..=400 {
                 let at_s = now_s + f64::from(step) * 1e-4;
                 let then_s = at_s - lag_s;

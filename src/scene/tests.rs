@@ -233,7 +233,7 @@ fn a_press_draws_the_same_whatever_came_before() {
         for i in 0..readings_before {
             scene.load_cell_n(i as f64 * 0.005);
         }
-        scene.begin_press(42);
+        scene.begin_press(42, 3.0);
         let in_s = go(&mut scene, 0.5, 10.0, 1000.0, 5.0);
         (scene.load_cell_n(6.0), centre(&mut scene, in_s.max(6.0)), scene.latency_s(Device::Stage, 6.0))
     };

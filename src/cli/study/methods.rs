@@ -97,7 +97,7 @@ fn read_run(run: &Path) -> Result<Trial, Failure> {
     let table = RunFolder::read_presses(run).map_err(Failure::usage)?;
     let spec = read_rig(&run.join("rig.toml"))?.1;
     let name = run.file_name().map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned());
-    of_run(&name, &table, &spec, manifest.seed).map_err(Failure::usage)
+    of_run(&name, &table, &spec, manifest.facts.seed).map_err(Failure::usage)
 }
 
 fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a Row>) -> String {

@@ -7,6 +7,7 @@ use crate::control::surface::Expected;
 use crate::control::trip::{Rule, Trip};
 use crate::control::zero::Zero;
 use crate::quantity::{Limits, Place};
+use serde::{Deserialize, Serialize};
 
 /// What a press rests on, besides its task.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +95,7 @@ impl Event {
 }
 
 /// Readings in air.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Air {
     /// Their mean from the zero, N.
     pub mean_n: f64,

@@ -1,0 +1,19 @@
+use crate::dataset::{Durability, Session};
+use jiff::Zoned;
+
+/// This program, on this machine, now.
+pub fn session(durability: Durability) -> Session {
+    Session {
+        palpate: env!("CARGO_PKG_VERSION").to_owned(),
+        commit: option_env!("PALPATE_COMMIT").map(str::to_owned),
+        host: gethostname::gethostname().to_string_lossy().into_owned(),
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        started: now(),
+        durability,
+    }
+}
+
+/// The time by the clock on the wall, with its zone. Nothing rests on it: it may be set back at any moment.
+pub fn now() -> String {
+    Zoned::now().to_string()
+}

@@ -1,0 +1,130 @@
+//! What a person or the system says from outside while something runs.
+
+use super::exit::Failure;
+use super::summary;
+use crate::run::Cancel;
+use miette::{IntoDiagnostic, WrapErr};
+use std::io::{self, IsTerminal};
+use std::thread;
+use tokio::runtime::Builder;
+
+/// What the first Ctrl-C asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum First {
+    /// A stop.
+    Stop,
+    /// A pause when the press under way is recorded; the second one asks for the stop.
+    Pause,
+}
+
+/// Listens for Ctrl-C and, on Unix, a polite end and a closed terminal, which are a stop at once. `told` is said when a stop is
+/// asked for.
+///
+/// They are heard on a thread of their own, so that a simulated run needs no I/O driver: asking the system for events between
+/// any two instants would be its largest cost.
+pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure> {
+    let cancel = Cancel::default();
+    let asked = cancel.clone();
+    let runtime = Builder::new_current_thread().enable_io().build().into_diagnostic().map_err(Failure::usage)?;
+    let signals = {
+        let _inside = runtime.enter();
+        Signals::new().into_diagnostic().wrap_err("can't listen for Ctrl-C").map_err(Failure::usage)?
+    };
+    let listen = async move {
+        let mut signals = signals;
+        let mut is_first = first == First::Pause;
+        while let Some(is_gentle) = signals.next().await {
+            let is_pause = is_gentle && is_first && !asked.pausing();
+            is_first = false;
+            if is_pause {
+                asked.pause();
+                say(&format!("\nthis press is finished first, then {}; Ctrl-C again stops at once", then()));
+            } else {
+                asked.ask();
+                told.into_iter().for_each(|told| say(&format!("\n{told}")));
+            }
+        }
+    };
+    let named = thread::Builder::new().name("signals".to_owned());
+    // it ends with the program
+    drop(named.spawn(move || runtime.block_on(listen)).into_diagnostic().map_err(Failure::usage)?);
+    Ok(cancel)
+}
+
+/// Whether a person is there who can end a pause: at a terminal that is read and written.
+pub fn is_attended() -> bool {
+    io::stdin().is_terminal() && io::stderr().is_terminal()
+}
+
+/// Goes on with a paused run when the person says Enter. Where the terminal is gone, that is a stop.
+pub fn go_on_at_enter(cancel: &Cancel) {
+    let cancel = cancel.clone();
+    let wait = move || match io::stdin().read_line(&mut String::new()) {
+        Ok(read) if read > 0 => cancel.go_on(),
+        _ => cancel.ask(),
+    };
+    if thread::Builder::new().name("enter".to_owned()).spawn(wait).is_err() {
+        say("nobody can be heard: the run ends here");
+    }
+}
+
+fn then() -> &'static str {
+    if is_attended() { "the run pauses" } else { "the run stops" }
+}
+
+/// A closed terminal hears nothing, and stops nothing.
+fn say(text: &str) {
+    let _ = summary::tell(&format!("{text}\n"));
+}
+
+#[cfg(unix)]
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+    hangup: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Signals {
+    fn new() -> io::Result<Signals> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Signals {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hangup: signal(SignalKind::hangup())?,
+        })
+    }
+
+    /// The next one, and whether it is a person's Ctrl-C.
+    async fn next(&mut self) -> Option<bool> {
+        tokio::select! {
+            heard = self.interrupt.recv() => heard.map(|()| true),
+            heard = self.terminate.recv() => heard.map(|()| false),
+            heard = self.hangup.recv() => heard.map(|()| false),
+        }
+    }
+}
+
+#[cfg(windows)]
+struct Signals {
+    ctrl_c: tokio::signal::windows::CtrlC,
+    close: tokio::signal::windows::CtrlClose,
+    shutdown: tokio::signal::windows::CtrlShutdown,
+}
+
+#[cfg(windows)]
+impl Signals {
+    fn new() -> io::Result<Signals> {
+        use tokio::signal::windows::{ctrl_c, ctrl_close, ctrl_shutdown};
+        Ok(Signals { ctrl_c: ctrl_c()?, close: ctrl_close()?, shutdown: ctrl_shutdown()? })
+    }
+
+    /// The next one, and whether it is a person's Ctrl-C.
+    async fn next(&mut self) -> Option<bool> {
+        tokio::select! {
+            heard = self.ctrl_c.recv() => heard.map(|()| true),
+            heard = self.close.recv() => heard.map(|()| false),
+            heard = self.shutdown.recv() => heard.map(|()| false),
+        }
+    }
+}

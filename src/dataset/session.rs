@@ -1,0 +1,117 @@
+//! What a run was made from and by whom, as its journal keeps it.
+
+use super::Status;
+use crate::control::Strategy;
+use crate::recipe::Plan;
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+
+/// What a run is, whoever goes on with it: its first record.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunFacts {
+    /// The recipe's name.
+    pub recipe: String,
+    /// Who was pressed, if somebody said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
+    /// Entries of the plan.
+    pub presses_planned: u64,
+    /// What random points, and all simulated noise, were drawn from.
+    pub seed: u64,
+    /// The strategy of every press, if it was given in place of the recipe's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strategy: Option<Strategy>,
+    /// The most presses that its plan may have, if that was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub presses_max: Option<usize>,
+    /// Whether our emulators were at the far ends of the links.
+    pub simulated: bool,
+    /// The texts it was made from: recipe, rig and register maps.
+    pub texts: Vec<Fingerprint>,
+}
+
+impl RunFacts {
+    /// The facts of a plan; the texts are added by the folder that keeps them.
+    pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
+        RunFacts {
+            recipe: plan.name.clone(),
+            presses_planned: plan.entries.len() as u64,
+            seed: plan.seed,
+            simulated,
+            ..RunFacts::default()
+        }
+    }
+}
+
+/// A program that measures: which one, where, and since when.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Session {
+    /// The program's version.
+    pub palpate: String,
+    /// The commit it was built from, where that was known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
+    /// The machine's name.
+    pub host: String,
+    /// Its operating system and kind of processor, such as `linux x86_64`.
+    pub system: String,
+    /// When it began, with its time zone.
+    pub started: String,
+    /// What an acknowledged press survives.
+    pub durability: Durability,
+}
+
+/// How a program ended that could still say so.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    /// How it ended.
+    pub status: Status,
+    /// When, s since the run's start.
+    pub t_s: f64,
+    /// When, with its time zone.
+    pub ended: String,
+    /// How long it took by the clock outside, s.
+    pub wall_s: f64,
+    /// What went wrong, in a run that failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+}
+
+/// A file by its content.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint {
+    /// Its name in the run folder.
+    pub name: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+}
+
+/// What an acknowledged press survives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Durability {
+    /// A power cut: it is flushed to the disk before the next one begins.
+    #[default]
+    Full,
+    /// The end of the program, but no power cut.
+    Fast,
+}
+
+impl Durability {
+    /// What they are called on the command line.
+    pub const NAMES: [&'static str; 2] = ["full", "fast"];
+}
+
+impl FromStr for Durability {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "full" => Ok(Durability::Full),
+            "fast" => Ok(Durability::Fast),
+            _ => Err(format!("expected one of {}", Durability::NAMES.join(", "))),
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! What comes before a run goes on: is this still the specimen, and back to where the last contact was left.
+
+use super::Halt;
+use super::past::Known;
+use super::press::TRAVEL_CLEARANCE_MM;
+use super::walk::{Listener, Walker};
+use crate::control::{Air, Rule, Standing, Strategy, Task, Trip};
+use crate::dataset::{Ledger, Left, Record, Retouch};
+use crate::device::{LoadCell, SensorArray, Stage};
+use crate::quantity::Place;
+
+/// How far a surface that was touched before may have moved, mm: half of what the indenter travels above it.
+const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
+
+/// The force with which a place is touched again, as a share of the specimen's limit, where it bore more before.
+const TOUCH_SHARE: f64 = 0.25;
+
+/// Tolerance of that force, as a share of it, and how long it is sampled, s: what counts is where contact began.
+const TOUCH_TOLERANCE: f64 = 0.2;
+const TOUCH_SAMPLE_S: f64 = 0.05;
+
+/// The number of the first contact that no plan counts, far above those that one does.
+const UNCOUNTED: u64 = 1 << 62;
+
+/// Two looks at the same air differ by no more than so many standard deviations.
+const SAME_SIGMAS: f64 = 5.0;
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+    /// Touches places again that were touched before, as if nothing were known of the specimen, and compares.
+    pub async fn touch_again(
+        &mut self,
+        landmarks: &[Known],
+        next: Place,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        for (nth, known) in landmarks.iter().enumerate() {
+            let next = landmarks.get(nth + 1).map_or(next, |known| known.place);
+            let force_n = known.force_n.min(TOUCH_SHARE * self.conditions.spec.limits.force_n);
+            let task = Task {
+                levels: Task::press(force_n),
+                force_tolerance_n: TOUCH_TOLERANCE * force_n,
+                hold_s: 0.0,
+                sample_s: TOUCH_SAMPLE_S,
+                strategy: Strategy::Guarded,
+                sample_after_s: None,
+            };
+            let pressed = self.contact(UNCOUNTED + nth as u64, known.place, &task, next).await?;
+            let touched_mm = pressed.touched_mm.unwrap_or(f64::NAN);
+            let t_s = self.conditions.clock.now_s();
+            let retouch = Retouch { t_s, place: known.place, before_mm: known.z_mm, touched_mm };
+            ledger.record(&Record::Retouch(retouch))?;
+            listener.retouched(&retouch);
+            let moved_mm = touched_mm - known.z_mm;
+            let is_there = moved_mm.abs() <= MOVED_MOST_MM; // asked for what must hold, so that a NaN is refused
+            if !is_there {
+                return Err(Trip::new(Rule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes to where the last contact was left, above the next place. What the cell said in air then holds if it still says so.
+    pub async fn go_back(&mut self, place: Place, left: Left) -> Result<(), Halt> {
+        self.go_to(place).await?;
+        self.hand.cell.open_air();
+        let now = self.hand.cell.close_air().await?;
+        let zero = *self.hand.cell.watch.zero();
+        if self.hand.z_mm < left.z_mm {
+            let standing = Standing {
+                z_mm: self.hand.z_mm,
+                force_n: now.mean_n,
+                sigma_n: zero.sigma_mean_n(now.readings),
+                age_s: self.hand.cell.age_s(),
+                first_mm: self.map.expect(place).first_mm,
+            };
+            let granted = self.permit.advance(&standing, left.z_mm, self.hand.usage.speed_mm_s)?;
+            self.hand.move_z(granted, None).await?;
+            self.hand.cell.settle().await?;
+        }
+        let is_same = |before: &Air| {
+            let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.readings));
+            (now.mean_n - before.mean_n).abs() <= most_n
+        };
+        self.left = Some(Left { air: left.air.filter(is_same), ..left });
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+use crate::control::{Lesson, Map};
+use crate::dataset::{DatasetError, Ledger, Left, Record};
+use crate::device::{DeviceError, Identity, Problem};
+use crate::quantity::Place;
+
+/// Most places that are remembered to be touched again.
+const KNOWN_MAX: usize = 4096;
+
+/// What a run knows of itself when it goes on, out of its records: all that a press rests on besides its rig.
+pub(super) struct Past {
+    /// What the presses so far have taught.
+    pub map: Map,
+    /// The load cell's reading in air when the run began, N; none before the first zero.
+    pub first_zero_n: Option<f64>,
+    /// Time that has passed in the run, s.
+    pub elapsed_s: f64,
+    /// How the last contact was left.
+    pub left: Option<Left>,
+    /// What the devices said they were.
+    pub devices: Vec<Identity>,
+    /// Places that were touched.
+    known: Vec<Known>,
+}
+
+/// A place that was touched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Known {
+    pub place: Place,
+    /// Where contact began, mm into the specimen.
+    pub z_mm: f64,
+    /// The largest force on the way from the touch to the first level, N.
+    pub force_n: f64,
+}
+
+impl Past {
+    /// Recalls what a ledger holds. The frame says that the surface is within `uncertainty_mm` of z = 0.
+    pub fn of(ledger: &dyn Ledger, uncertainty_mm: f64) -> Result<Past, DatasetError> {
+        let mut past = Past {
+            map: Map::new(uncertainty_mm),
+            first_zero_n: None,
+            elapsed_s: 0.0,
+            left: None,
+            devices: Vec::new(),
+            known: Vec::new(),
+        };
+        ledger.recall(&mut |record| past.take_in(record))?;
+        Ok(past)
+    }
+
+    /// Whether the devices are those that the run began with.
+    pub fn check_devices(&self, devices: &[Identity]) -> Result<(), DeviceError> {
+        let differing = |before: &&Identity| {
+            devices
+                .iter()
+                .find(|now| now.role == before.role && now.identity != before.identity)
+                .map(|now| (before.identity.clone(), now))
+        };
+        match self.devices.iter().find_map(|before| differing(&before)) {
+            None => Ok(()),
+            Some((before, now)) => Err(DeviceError {
+                device: now.role.clone(),
+                doing: "identifying it, to go on with the run".to_owned(),
+                problem: Problem::Mismatch(format!(
+                    "it was \"{before}\" before and is \"{}\" now: connect the one the run began with, or begin a new run",
+                    now.identity
+                )),
+            }),
+        }
+    }
+
+    fn take_in(&mut self, record: &Record) {
+        self.elapsed_s = record.t_s().map_or(self.elapsed_s, |t_s| self.elapsed_s.max(t_s));
+        match record {
+            Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
+            Record::Devices(devices) => self.devices.clone_from(devices),
+            Record::Contact(contact) => {
+                self.left = contact.left;
+                contact.lesson.iter().for_each(|lesson| self.learn(lesson));
+            }
+            _ => {}
+        }
+    }
+
+    fn learn(&mut self, lesson: &Lesson) {
+        self.map.learn(lesson);
+        if let Lesson::Touch { place, z_mm, path } = lesson
+            && let Some((_, force_n)) = path.last()
+            && self.known.len() < KNOWN_MAX
+        {
+            self.known.push(Known { place: *place, z_mm: *z_mm, force_n: *force_n });
+        }
+    }
+
+    /// Three places that were touched, or as many as there are, as far from one another as they come: a surface that has
+    /// sunk, risen or tilted shows at one of them.
+    pub fn landmarks(&self) -> Vec<Known> {
+        let mut chosen: Vec<Known> = self.known.first().copied().into_iter().collect();
+        while chosen.len() < 3 {
+            let apart_mm = |known: &Known| {
+                chosen.iter().map(|other| other.place.distance_mm(known.place)).fold(f64::INFINITY, f64::min)
+            };
+            let farthest = self.known.iter().max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));
+            match farthest.copied().filter(|known| apart_mm(known) > 0.0) {
+                Some(known) => chosen.push(known),
+                None => break,
+            }
+        }
+        chosen
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{Contact, Memory};
+
+    fn contact(press: u64, lesson: Lesson) -> Record {
+        let left = Left { z_mm: -0.2 - press as f64, air: None };
+        Record::Contact(Contact { press, rows: vec![], truth: vec![], lesson: Some(lesson), left: Some(left) })
+    }
+
+    fn touch(x_mm: f64, y_mm: f64) -> Lesson {
+        Lesson::Touch { place: Place::new(x_mm, y_mm), z_mm: 0.02, path: vec![(0.1, 0.1), (0.5, 0.7)] }
+    }
+
+    #[test]
+    fn what_is_recalled_is_what_the_records_say_in_their_order() {
+        let mut memory = Memory::default();
+        let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, outputs: vec![] };
+        let shot = Lesson::Shot { place: Place::new(5.0, 5.0), z_mm: 0.4, force_n: 0.5, expected_n: 0.5, faded: 0.0 };
+        let lessons = [touch(0.0, 0.0), touch(0.1, 0.0), shot, touch(6.0, 0.0), touch(0.0, 6.0)];
+        let contacts = (0..).zip(lessons.clone()).map(|(press, lesson)| contact(press, lesson));
+        for record in [zero(1.0, 0.25)].into_iter().chain(contacts).chain([zero(9.0, 0.3)]) {
+            memory.record(&record).unwrap();
+        }
+        let past = Past::of(&memory, 0.3).unwrap();
+        let mut map = Map::new(0.3);
+        lessons.iter().for_each(|lesson| map.learn(lesson));
+        assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
+        assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");
+        assert_eq!(past.left.map(|left| left.z_mm), Some(-4.2), "the last contact's");
+        let landmarks: Vec<Place> = past.landmarks().iter().map(|known| known.place).collect();
+        assert_eq!(
+            landmarks,
+            [Place::new(0.0, 0.0), Place::new(0.0, 6.0), Place::new(6.0, 0.0)],
+            "touched, and far apart"
+        );
+        assert_eq!(past.landmarks()[0].force_n, 0.7);
+    }
+
+    #[test]
+    fn where_less_was_touched_less_is_touched_again() {
+        let mut memory = Memory::default();
+        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks(), []);
+        memory.record(&contact(0, touch(1.0, 1.0))).unwrap();
+        memory.record(&contact(1, touch(1.0, 1.0))).unwrap();
+        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks().len(), 1, "one place is one");
+    }
+}
