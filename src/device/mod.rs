@@ -60,6 +60,10 @@ pub trait Stage {
     /// specimen. A stop ends a search for home at once, which is an error.
     fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<Identity, DeviceError>>;
 
+    /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
+    /// anew.
+    fn afresh(&mut self) {}
+
     /// Starts axes toward targets, each at most at `speed_mm_s`. When this returns the controller has taken the command and
     /// finishes it by itself: the motion began just now. A stop that the reins ask for meanwhile is sent at once; one that came
     /// before leaves the axes where they are.
@@ -100,6 +104,10 @@ pub trait Stage {
 pub trait LoadCell {
     /// Connects and checks that the answers mean what the rig says.
     fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
+    /// anew.
+    fn afresh(&mut self) {}
 
     /// The latest reading, its zero being whatever the cell calls zero.
     fn read(&mut self) -> impl Future<Output = Result<ForceReading, DeviceError>>;

@@ -60,6 +60,10 @@ impl Stage for AnyStage {
         stage!(self, it => it.prepare(usage, reins).await)
     }
 
+    fn afresh(&mut self) {
+        stage!(self, it => it.afresh());
+    }
+
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         stage!(self, it => it.begin(targets, speed_mm_s, reins).await)
     }
@@ -88,6 +92,10 @@ impl Stage for AnyStage {
 impl LoadCell for AnyLoadCell {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         load_cell!(self, it => it.prepare().await)
+    }
+
+    fn afresh(&mut self) {
+        load_cell!(self, it => it.afresh());
     }
 
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {

@@ -47,7 +47,7 @@ pub struct Esp301 {
     link: String,
     /// The axes go no further than this; none before it is prepared.
     usage: Option<StageUse>,
-    /// The quickest answer so far: a question that is sent that much before a motion ends finds it ended.
+    /// The quickest answer of the press so far: a question that is sent that much before a motion ends finds it ended.
     quickest: Duration,
     /// What the error queue held, oldest first, and wasn't told yet.
     complaints: Vec<String>,
@@ -297,6 +297,10 @@ impl Stage for Esp301 {
                 .await?;
         }
         Ok(())
+    }
+
+    fn afresh(&mut self) {
+        self.quickest = ANSWER_DEADLINE;
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {

@@ -4,7 +4,7 @@ use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{ForceReading, Frame, Place};
 use crate::rig::SceneProbe;
 use std::time::Duration;
-use tokio::time::{Instant, sleep_until};
+use tokio::time::{Instant, sleep, sleep_until};
 
 /// The instruments in use: what carries out the commands of a press.
 pub(super) struct Hand<'a, S, C, A> {
@@ -69,10 +69,12 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
-    /// A press begins: with a conversion of its own, and its time counts from here.
+    /// A press begins, with a conversion of its own: whatever was read before it has had its time. Its clock counts from here.
     pub async fn begin(&mut self) {
-        sleep_until(self.next).await;
+        sleep(self.cell.conversion()).await;
+        self.cell.afresh();
         self.began = Instant::now();
+        self.next = self.began;
     }
 
     /// Readings before there is a zero, at least so many and for at least so long: sound ones, but no forces yet.

@@ -49,6 +49,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// was made after the one before or on another day.
     pub async fn contact(&mut self, number: u64, place: Place, task: &Task, next: Place) -> Result<Pressed, Halt> {
         self.go_to(place).await?;
+        self.hand.stage.afresh();
         self.hand.cell.begin().await;
         if let Some(probe) = &self.hand.probe {
             probe.begin_press(number);

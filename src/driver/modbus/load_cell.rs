@@ -125,6 +125,10 @@ impl LoadCell for ModbusLoadCell {
         Ok(Identity { identity, ..self.identity.clone() })
     }
 
+    fn afresh(&mut self) {
+        self.until_status = 0; // no press begins without a look at the status word
+    }
+
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
         if self.until_status == 0 {
             self.read_status().await?;
