@@ -3,6 +3,7 @@
 
 pub mod bad_line;
 pub mod python;
+pub mod rows;
 pub mod served;
 pub mod skins;
 pub mod walks;
@@ -195,6 +196,11 @@ impl Live {
         next(&self.out)
     }
 
+    /// The same if it comes within so long.
+    pub fn line_within(&self, patience: Duration) -> Result<String, RecvTimeoutError> {
+        self.out.recv_timeout(patience)
+    }
+
     /// Waits for a line on standard error that has some words in it.
     pub fn until_told(&self, words: &str) {
         while !next(&self.err).unwrap_or_else(|| panic!("it ended before it said {words:?}")).contains(words) {}
@@ -205,6 +211,12 @@ impl Live {
     pub fn signal(&self, name: &str) {
         let sent = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
         assert!(sent.expect("kill starts").success(), "kill -{name}");
+    }
+
+    /// Kills it at once; one that has ended stays as it ended.
+    pub fn kill(&mut self) {
+        // its only error is that it has ended
+        let _ = self.child.kill();
     }
 
     /// Its end, and what it said since it was last listened to.
@@ -224,8 +236,7 @@ impl Live {
 
 impl Drop for Live {
     fn drop(&mut self) {
-        // its only error is that it has ended
-        let _ = self.child.kill();
+        self.kill();
         let _ = self.child.wait();
     }
 }
