@@ -216,6 +216,8 @@ impl Course {
         let manifest = bench.manifest("run");
         let presses = STAIRCASES as usize + plan.len() - (STAIRCASES * LEVELS) as usize;
         assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &presses.into()), "{told}");
+        let names = |files: &[(String, Vec<u8>)]| files.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&bench.bytes("run")), names(&self.whole), "{told}: drafts of tables are gone");
         let contacts = journalled(bench);
         assert_eq!(contacts.len(), presses, "{told}: the journal has a press twice, or lacks one");
         let mut all: Vec<(u64, u64)> = before.into_iter().chain(numbered(&made)).collect();
