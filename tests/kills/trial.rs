@@ -25,8 +25,9 @@ const PACES: RangeInclusive<u32> = 60..=600;
 /// How long a program takes to make its folder or to open it, us.
 const START_US: u64 = 8_000;
 
-/// How long after a row a kill may come in a run that isn't paced: some presses; and after the last row: the tables are
-/// written and the results shown meanwhile, us.
+/// How long after a row a kill may come, us: upon it, when what is told too early isn't on the disk yet; within some presses,
+/// if the run isn't paced; and after the last row, while the tables are written and the results shown.
+const UPON_ROW_US: u64 = 200;
 const AFTER_ROW_US: u64 = 3_000;
 const AFTER_LAST_ROW_US: u64 = 5_000;
 
@@ -96,24 +97,22 @@ impl<'a> Trial<'a> {
         Tally { kills, unacknowledged: made - told_of, ..Tally::default() }
     }
 
-    /// When the next kill comes: as the program starts; any time; after any row; or after the last, when the tables are written.
+    /// When the next kill comes: as the program starts; any time; upon or after any row; or after the last, when the tables are
+    /// written.
     fn moment(&mut self, pace: Option<u32>) -> Moment {
-        let there = if self.bench.has("run") { journalled(&self.bench).iter().flat_map(rows_of).count() } else { 0 };
-        let left = self.course.plan().len() - there;
-        let share = left as f64 / self.course.plan().len() as f64;
-        let whole = pace.map_or(self.course.took, |pace| {
-            self.course.took + Duration::from_secs_f64(self.course.virtual_s / f64::from(pace))
-        });
-        match self.rng.random_range(0..10) {
-            0..2 => Moment { rows: 0, then: Duration::from_micros(self.rng.random_range(0..START_US)) },
-            2..5 => Moment { rows: 0, then: whole.mul_f64(share * self.rng.random::<f64>()) },
-            5..8 => {
-                let press = pace.map_or(0.0, |pace| PRESS_S / f64::from(pace));
-                let most = Duration::from_micros(AFTER_ROW_US) + Duration::from_secs_f64(press);
-                Moment { rows: self.rng.random_range(0..=left), then: most.mul_f64(self.rng.random()) }
-            }
-            _ => Moment { rows: left, then: Duration::from_micros(self.rng.random_range(0..AFTER_LAST_ROW_US)) },
-        }
+        let plan = self.course.plan().len();
+        let left = plan - journalled(&self.bench).iter().flat_map(rows_of).count();
+        let slower =
+            |seconds: f64| pace.map_or(Duration::ZERO, |pace| Duration::from_secs_f64(seconds / f64::from(pace)));
+        let some_row = self.rng.random_range(0..=left);
+        let (rows, most) = match self.rng.random_range(0..5) {
+            0 => (0, Duration::from_micros(START_US)),
+            1 => (0, (self.course.took + slower(self.course.virtual_s)).mul_f64(left as f64 / plan as f64)),
+            2 => (some_row, Duration::from_micros(UPON_ROW_US)),
+            3 => (some_row, Duration::from_micros(AFTER_ROW_US) + slower(PRESS_S)),
+            _ => (left, Duration::from_micros(AFTER_LAST_ROW_US)),
+        };
+        Moment { rows, then: most.mul_f64(self.rng.random()) }
     }
 }
 
