@@ -70,7 +70,10 @@ fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened(
     assert_eq!(manifest["presses_done"], SMALL_PRESSES);
     assert_eq!((&manifest["seed"], &manifest["sensor"]), (&json!(5), &json!("A-017")));
     assert!(manifest["virtual_s"].as_f64() > Some(10.0) && manifest["wall_s"].as_f64() > Some(0.0), "{manifest}");
-    assert_eq!(manifest["palpate"], env!("CARGO_PKG_VERSION"));
+    let session = &manifest["sessions"][0];
+    assert_eq!((&session["palpate"], &session["durability"]), (&json!(env!("CARGO_PKG_VERSION")), &json!("full")));
+    assert!(["host", "system", "started"].iter().all(|key| session[key].as_str() > Some("")), "{manifest}");
+    assert!(manifest["ended"].as_str().is_some_and(|ended| ended.ends_with(']')), "with its time zone: {manifest}");
     let roles: Vec<&Value> = manifest["devices"].as_array().expect("devices").iter().map(|d| &d["role"]).collect();
     assert_eq!(roles, ["stage", "load_cell", "array"]);
 

@@ -42,16 +42,21 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
     let plan = sources.plan(facts.seed)?;
     args.session.check(&sources.rig)?;
-    if manifest.status == Status::Complete {
-        summary::tell(&format!("{} is complete: nothing to do\n", args.run.display()))?;
-        return Ok(ExitCode::SUCCESS);
-    }
     if manifest.status == Status::Tripped && !args.after_trip {
         let trip = manifest.trip.map(|trip| trip.to_string()).unwrap_or_default();
         let help = "find the cause; then say --after-trip";
         return Err(Failure::usage(miette::miette!(help = help, "the run ended with a safety trip: {trip}")));
     }
     let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
+    if folder.manifest().status == Status::Complete {
+        let is_finished = folder.is_finished();
+        if !is_finished {
+            folder.rebuild().map_err(Failure::dataset)?;
+        }
+        let told = if is_finished { "nothing to do" } else { "its tables were made anew" };
+        summary::tell(&format!("{} is complete: {told}\n", args.run.display()))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     folder.go_on(session(args.session.durability)).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
 }

@@ -60,7 +60,10 @@ pub fn carry_out(
     progress.end();
     let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
-    let shown = show(&summary::ended(folder, virtual_time));
+    let shown = show(&match &finished {
+        Ok(()) => summary::ended(folder, virtual_time),
+        Err(_) => summary::unfinished(folder),
+    });
     match ending {
         Ending { halt: Some(Halt::Cancelled), unparked: None, .. } => {
             finished.map_err(Failure::dataset)?;

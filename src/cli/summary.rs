@@ -50,6 +50,15 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     text
 }
 
+/// What is safe of a run whose tables couldn't be written.
+pub fn unfinished(folder: &RunFolder) -> String {
+    let (manifest, path) = (folder.manifest(), folder.path().display());
+    format!(
+        "not finished: {} of {} presses, safe in the journal of {path}\nto go on: palpate resume {path}\n",
+        manifest.presses_done, manifest.facts.presses_planned
+    )
+}
+
 /// The run's own evaluation with each solver its recipe names.
 pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Result<Vec<Evaluation>, Failure> {
     if solvers.is_empty() {

@@ -6,7 +6,7 @@ use super::views::{PRESSES, presses_header, presses_line, replace, write};
 use super::{Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, RunFacts, Session};
 use crate::quantity::ArrayLayout;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// How many names are tried for a new folder: `name`, `name-2`, ...
@@ -73,7 +73,7 @@ impl RunFolder {
         fs::create_dir_all(parent).map_err(DatasetError::io("making", parent))?;
         let name = facts.recipe.clone();
         facts.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
-        let draft = parent.join(format!(".{name}.{}.new", std::process::id()));
+        let draft = new_draft(parent, &name)?;
         let made = fill(&draft, origins, &facts, &session, layout).and_then(|lock| {
             let path = publish(&draft, out, parent, &name)?;
             sync_folder(parent)?;
@@ -141,14 +141,15 @@ impl RunFolder {
         Table::read_run(&path.join(PRESSES))
     }
 
-    /// Ends a session: the journal says how, and tables and manifest are as they are to stay.
+    /// Ends a session: tables are as they are to stay, then the journal says how it ended, then the manifest. Where one
+    /// fails the run stays as it is when a program is killed: unfinished.
     ///
     /// # Errors
     /// The operating system's.
     pub fn finish(&mut self, end: End) -> Result<(), DatasetError> {
-        // a disk that is full may have room again for the rest; which error is told makes no difference
-        let recorded = self.record(&Record::End(end));
-        recorded.and(self.rebuild())
+        self.write_views()?;
+        self.record(&Record::End(end))?;
+        self.vouch()
     }
 
     /// Makes tables and manifest anew from the journal.
@@ -157,8 +158,15 @@ impl RunFolder {
     /// The operating system's.
     pub fn rebuild(&mut self) -> Result<(), DatasetError> {
         self.write_views()?;
-        self.known.manifest.files = fingerprints(&self.path, &self.known.manifest.facts)?;
-        self.write_manifest()
+        self.vouch()
+    }
+
+    /// Whether the manifest on disk is that of the journal, and vouches for the files.
+    pub fn is_finished(&self) -> bool {
+        let told = Self::read_manifest(&self.path);
+        told.is_ok_and(|told| {
+            !told.files.is_empty() && told == Manifest { files: told.files.clone(), ..self.manifest().clone() }
+        })
     }
 
     /// What the run is and how far it has come.
@@ -199,6 +207,12 @@ impl RunFolder {
 
     fn write_views(&self) -> Result<(), DatasetError> {
         write(&self.path, &self.layout, &|| self.contacts())
+    }
+
+    /// Says in the manifest what the files are by now.
+    fn vouch(&mut self) -> Result<(), DatasetError> {
+        self.known.manifest.files = fingerprints(&self.path, &self.known.manifest.facts)?;
+        self.write_manifest()
     }
 
     fn write_manifest(&self) -> Result<(), DatasetError> {
@@ -286,6 +300,21 @@ fn open_presses(folder: &Path) -> Result<File, DatasetError> {
     OpenOptions::new().append(true).create(true).open(&path).map_err(DatasetError::io("opening", path))
 }
 
+/// An empty folder beside the one to be, under a name that nobody takes for a run's. One that a program was killed over stays
+/// as it is: another may be at work in it.
+fn new_draft(parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
+    let process = std::process::id();
+    for number in 1..=NAMES_MAX {
+        let draft = parent.join(format!(".{name}.{process}-{number}.new"));
+        match fs::create_dir(&draft) {
+            Ok(()) => return Ok(draft),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(DatasetError::io("making", draft)(error)),
+        }
+    }
+    Err(DatasetError::Exists { path: parent.join(format!(".{name}.{process}.new")) })
+}
+
 /// Everything a run folder holds before its first press; it is held by this program from the beginning.
 fn fill(
     draft: &Path,
@@ -294,7 +323,6 @@ fn fill(
     session: &Session,
     layout: &ArrayLayout,
 ) -> Result<File, DatasetError> {
-    fs::create_dir(draft).map_err(DatasetError::io("making", draft))?;
     let lock = hold(draft)?;
     let mut manifest = Manifest::default();
     let mut journal = Journal::create(&draft.join(JOURNAL))?;

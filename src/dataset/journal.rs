@@ -91,7 +91,8 @@ impl Journal {
             accept(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
         }
         let file = OpenOptions::new().append(true).open(path).map_err(failed(path))?;
-        file.set_len(records.offset).map_err(failed(path))?;
+        // a record that was never acknowledged may stand here and not be on the disk yet: what is built on it must be
+        file.set_len(records.offset).and_then(|()| file.sync_data()).map_err(failed(path))?;
         Ok(Journal::at_end(file, path, records.next, records.offset))
     }
 
