@@ -31,8 +31,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     }
     let flagged = manifest.rows_flagged;
     if flagged > 0 {
-        let _ =
-            writeln!(text, "flagged: {flagged} rows missed their force; they are kept, and left out of evaluations");
+        let _ = writeln!(text, "flagged: {flagged} rows; they are kept, and left out of evaluations");
     }
     match (manifest.status, manifest.presses_done) {
         (Status::Complete, _) => {}

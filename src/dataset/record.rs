@@ -141,6 +141,10 @@ pub struct Row {
 pub enum Flag {
     /// The force in the window missed the set force by more than the tolerance.
     OutOfTolerance,
+    /// An output stood at the end of its range at some time in the window: the load may have been larger.
+    Saturated,
+    /// The outputs weren't read through the window, or no unit has moved where the load was another.
+    Stale,
 }
 
 /// One row of `scene.csv`.
@@ -159,6 +163,8 @@ impl Flag {
     pub fn name(self) -> &'static str {
         match self {
             Flag::OutOfTolerance => "out-of-tolerance",
+            Flag::Saturated => "saturated",
+            Flag::Stale => "stale",
         }
     }
 }

@@ -84,6 +84,8 @@ pub struct ArraySpec {
     pub link: Link,
     /// Where its units are, in channel order.
     pub layout: ArrayLayout,
+    /// The largest output it can tell, either way, V; none: not known.
+    pub range_v: Option<f64>,
 }
 
 impl RigSpec {

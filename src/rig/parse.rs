@@ -7,6 +7,8 @@ use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
 use crate::wire::Link;
 
+/// Largest output of any array, in its own unit.
+const OUTPUT_RANGE_V: Bounds = Bounds::above(0.0, 1e6, "V");
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
@@ -133,9 +135,14 @@ fn read_array(mut table: Table, beside: Beside) -> Option<ArraySpec> {
         };
         problem.into_iter().for_each(|problem| table.complain(problem));
     }
+    let range_v = table.number("range_v", OUTPUT_RANGE_V);
     table.finish();
     let (driver, link) = driver?;
-    Some(ArraySpec { driver, link, layout: layout? })
+    let range_v = range_v.or(match &driver {
+        ArrayDriver::Daqmx(inputs) => Some(inputs.range_v),
+        _ => None,
+    });
+    Some(ArraySpec { driver, link, layout: layout?, range_v })
 }
 
 fn read_limits(mut table: Table) -> Option<Limits> {

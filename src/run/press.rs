@@ -78,7 +78,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                     Event::Dwelt
                 }
                 Command::Sample(seconds) => {
-                    let window = self.hand.sample(seconds).await?;
+                    let window = self.hand.sample(seconds, self.conditions.spec.array.range_v).await?;
                     let force_n = window.force_n;
                     levels.push(Held { window, z_mm: self.hand.z_mm, truth: self.truth() });
                     Event::Sampled { force_n }
@@ -142,11 +142,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
     }
 
-    fn row(&self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> Row {
+    fn row(&mut self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> Row {
         let Held { window, z_mm, .. } = held;
         let force_set_n = entry.task.levels[level].force_set_n;
-        let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
         let in_contact = force_set_n > 0.0;
+        let flags = self.flags(entry, level, held);
         Row {
             press: entry.press,
             level: level as u64,
@@ -158,10 +158,26 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             depth_mm: touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm),
             t_s: self.conditions.clock.at_s(window.began),
             outputs: window.outputs.clone(),
-            flags: if missed { vec![Flag::OutOfTolerance] } else { Vec::new() },
+            flags,
             z_mm: self.hand.frame.to_stage(entry.place, *z_mm).z_mm,
         }
         .rounded()
+    }
+
+    /// What is wrong with a level that was held.
+    fn flags(&mut self, entry: &Entry, level: usize, held: &Held) -> Vec<Flag> {
+        let (window, force_set_n) = (&held.window, entry.task.levels[level].force_set_n);
+        let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
+        let felt = (entry.place, force_set_n);
+        // twice the same load may read twice the same
+        let before = self.felt.as_ref().filter(|(load, _)| *load != felt).map(|(_, outputs)| outputs.as_slice());
+        let frozen = force_set_n > 0.0 && window.is_frozen(before);
+        if force_set_n > 0.0 {
+            self.felt = Some((felt, window.outputs.clone()));
+        }
+        let all =
+            [(Flag::OutOfTolerance, missed), (Flag::Saturated, window.saturated), (Flag::Stale, window.late || frozen)];
+        all.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect()
     }
 
     fn truth(&self) -> Option<RowTruth> {

@@ -209,7 +209,7 @@ async fn contact_on_the_way_stops_it() {
 #[tokio::test(start_paused = true)]
 async fn a_window_counts_from_the_outputs_in_air() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
-    let window = hand(&told, &cancel, (0.5, 0.5)).sample(0.1).await.unwrap();
+    let window = hand(&told, &cancel, (0.5, 0.5)).sample(0.1, None).await.unwrap();
     assert!((window.outputs[0] - 0.15).abs() < 1e-12 && (window.outputs[1] - 0.05).abs() < 1e-12);
     assert!((window.force_n - 0.5).abs() < 1e-12);
 }

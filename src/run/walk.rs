@@ -6,6 +6,7 @@ use super::{Cancel, Halt};
 use crate::control::{Map, Permit, Reaction};
 use crate::dataset::{Contact, End, Ledger, Left, Record, Retouch, Status};
 use crate::device::{Identity, LoadCell, SensorArray, Stage};
+use crate::quantity::Place;
 use crate::recipe::{Entry, Plan};
 use crate::rig::{OpenRig, RigSpec};
 use std::collections::VecDeque;
@@ -78,7 +79,7 @@ pub async fn walk_on(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listen
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
             let map = Map::new(spec.frame.uncertainty_mm);
-            let mut walker = Walker { hand, permit, map, reaction, conditions, pressing: None, left: None };
+            let mut walker = Walker { hand, permit, map, reaction, conditions, pressing: None, left: None, felt: None };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
             ending.unparked = walker.hand.withdraw(spec.clear_mm()).await.err();
             pressing = walker.pressing;
@@ -142,6 +143,8 @@ pub(super) struct Walker<'a, S, C, A> {
     pub pressing: Option<u64>,
     /// How the last contact was left, where nothing has come between.
     pub left: Option<Left>,
+    /// The last contact that the array was sampled in: where and how hard, and what it said, V.
+    pub felt: Option<((Place, f64), Vec<f64>)>,
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {

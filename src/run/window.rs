@@ -1,6 +1,7 @@
 use super::Halt;
 use super::hand::Hand;
-use crate::device::{LoadCell, SensorArray, Stage};
+use crate::control::STALE_S;
+use crate::device::{DeviceError, LoadCell, Problem, SensorArray, Stage};
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
@@ -9,6 +10,9 @@ use tokio::time::{Instant, sleep_until};
 const READINGS_LEAST: u32 = 2;
 /// The outputs are read no more often than that: what taxels do in a window is slower.
 const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
+
+/// An output this near to the end of its range may be beyond it, as a share of the range.
+const FULL_SCALE: f64 = 0.999;
 
 /// What a window came to.
 #[derive(Clone, Debug)]
@@ -19,11 +23,23 @@ pub(super) struct Window {
     pub force_n: f64,
     /// Mean outputs, less those in air, V.
     pub outputs: Vec<f64>,
+    /// Whether an output stood at the end of its range.
+    pub saturated: bool,
+    /// Whether the outputs kept the window waiting for longer than a reading may be old.
+    pub late: bool,
+}
+
+impl Window {
+    /// Whether the array can't have felt this contact: no unit has moved since it was in air, or since another contact.
+    pub fn is_frozen(&self, before: Option<&[f64]>) -> bool {
+        self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
+    }
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Samples force and outputs together for so long, z at rest.
-    pub async fn sample(&mut self, seconds: f64) -> Result<Window, Halt> {
+    /// Samples force and outputs together for so long, z at rest. An output that is no number is the array's failure; one at
+    /// the end of the array's range, `range_v`, is noted.
+    pub async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
         let until = began + Duration::from_secs_f64(seconds);
@@ -32,6 +48,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
         let mut sums = vec![0.0; self.array.units()];
         let mut now = sums.clone();
+        let (mut saturated, mut late) = (false, false);
         // each as fast as it goes: neither waits for the other
         let (gauge, array) = (&mut self.cell, &mut self.array);
         let over = Notify::new();
@@ -53,7 +70,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             let mut readings = 0;
             while Instant::now() < until || readings < READINGS_LEAST {
                 let next = Instant::now() + OUTPUTS_EVERY;
+                let asked = Instant::now();
                 array.read(&mut now).await?;
+                late |= asked.elapsed().as_secs_f64() > STALE_S;
+                saturated |= is_saturated(&now, range_v)?;
                 sums.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output);
                 readings += 1;
                 tokio::select! {
@@ -70,6 +90,40 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             probe.close_window();
         }
         let outputs = sums.iter().zip(&self.air).map(|(sum, air)| sum / count - air).collect();
-        Ok(Window { began, force_n, outputs })
+        Ok(Window { began, force_n, outputs, saturated, late })
+    }
+}
+
+/// Whether any output stands at the end of the range.
+fn is_saturated(outputs: &[f64], range_v: Option<f64>) -> Result<bool, DeviceError> {
+    if let Some((unit, output)) = (1..).zip(outputs).find(|(_, output)| !output.is_finite()) {
+        let (answer, expected) = (format!("{output} from unit {unit}"), "a number from every unit".to_owned());
+        let (device, doing) = ("array".to_owned(), "sampling the outputs".to_owned());
+        return Err(DeviceError { device, doing, problem: Problem::Misfit { answer, expected } });
+    }
+    Ok(range_v.is_some_and(|range_v| outputs.iter().any(|output| output.abs() >= FULL_SCALE * range_v)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_at_the_end_of_its_range_is_noted_and_one_that_is_no_number_is_refused() {
+        assert!(is_saturated(&[0.1, -9.995], Some(10.0)).unwrap());
+        assert!(!is_saturated(&[0.1, -9.9], Some(10.0)).unwrap() && !is_saturated(&[99.0], None).unwrap());
+        for output in [f64::NAN, f64::INFINITY] {
+            let told = is_saturated(&[0.1, output], None).unwrap_err().to_string();
+            assert!(told.contains("from unit 2"), "{told}");
+        }
+    }
+
+    #[test]
+    fn outputs_that_no_contact_moves_are_frozen() {
+        let window =
+            |outputs: Vec<f64>| Window { began: Instant::now(), force_n: 1.0, outputs, saturated: false, late: false };
+        assert!(window(vec![0.0, 0.0]).is_frozen(None), "as in air");
+        assert!(window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1])), "as in the contact before");
+        assert!(!window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1001])) && !window(vec![0.0, 0.1]).is_frozen(None));
     }
 }
