@@ -113,6 +113,53 @@ fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
 }
 
 #[test]
+fn a_run_does_not_go_on_where_the_surface_has_moved() {
+    let bench = half_done();
+    let rig = bench.read("run/rig.toml");
+    for (moved_mm, goes_on) in [("0.03", true), ("-0.1", false), ("0.1", false)] {
+        let bench = half_done();
+        bench.write(
+            "run/rig.toml",
+            &exchanged(&rig, "[scene]", &format!("[scene]\nmounting = {{ z_mm = {moved_mm} }}\n")),
+        );
+        if goes_on {
+            let told = bench.palpate_ends(0, "resume run");
+            assert!(told.err.matches("touched again at ").count() == 2, "both places: {}", told.err);
+            continue;
+        }
+        let told = bench.palpate_ends(4, "resume run");
+        assert!(told.running().contains("surface-moved: ") && told.running().contains("limit 0.05 mm"), "{}", told.err);
+        assert!(told.running().contains("was the specimen or the rig touched since?"), "{}", told.err);
+        // put back, it goes on when a person says so
+        bench.write("run/rig.toml", &rig);
+        bench.palpate_ends(2, "resume run");
+        bench.palpate_ends(0, "resume run --after-trip");
+    }
+}
+
+#[test]
+fn a_run_does_not_go_on_with_another_device() {
+    let bench = half_done();
+    let rig = bench.read("run/rig.toml");
+    bench.write("run/rig.toml", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
+    let told = bench.palpate_ends(3, "resume run");
+    let expected = "load_cell: identifying it, to go on with the run: it was \"generic RS485";
+    assert!(told.running().contains(expected), "{}", told.err);
+    assert_eq!(bench.manifest("run")["status"], "failed");
+    bench.write("run/rig.toml", &rig);
+    bench.palpate_ends(0, "resume run");
+}
+
+/// A run that a power cut ended after a staircase and a point of its grid.
+fn half_done() -> Bench {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let journal = bench.read("run/journal.log");
+    bench.write("run/journal.log", &journal.lines().take(4 + 2).map(|line| line.to_owned() + "\n").collect::<String>());
+    bench
+}
+
+#[test]
 fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
