@@ -60,6 +60,25 @@ fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
 }
 
 #[test]
+fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
+    let bench = whole();
+    let (journal, recipe, rig) =
+        (bench.read("run/journal.log"), bench.read("run/recipe.toml"), bench.read("run/rig.toml"));
+    let lines: Vec<&str> = journal.lines().collect();
+    bench.write("run/journal.log", &(lines[..lines.len() - 2].join("\n") + "\n"));
+    bench.write("run/recipe.toml", &exchanged(&recipe, "force_n = 1.0", "force_n = 0.9"));
+    let told = bench.palpate_ends(2, "resume run");
+    assert!(told.running().contains("recipe.toml isn't the one that the run began with"), "{}", told.err);
+    bench.write("run/recipe.toml", &recipe);
+    bench.write("run/rig.toml", &(rig + "# on another port now\n"));
+    bench.palpate_ends(0, "resume run");
+    bench.palpate_ends(0, "verify run");
+    let manifest = bench.manifest("run");
+    let sha256 = |session: usize, text: usize| manifest["sessions"][session]["texts"][text]["sha256"].as_str();
+    assert!(sha256(0, 0).is_some() && sha256(0, 0) == sha256(1, 0) && sha256(0, 1) != sha256(1, 1), "{manifest}");
+}
+
+#[test]
 fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
     let bench = whole();
     let journal = bench.read("run/journal.log");

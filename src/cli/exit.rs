@@ -54,6 +54,7 @@ impl Failure {
             | DatasetError::NoFolder { .. }
             | DatasetError::NoRun { .. }
             | DatasetError::Held { .. }
+            | DatasetError::Changed { .. }
             | DatasetError::Manifest { .. }
             | DatasetError::Journal(JournalError::Damaged { .. }) => USAGE,
             DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,

@@ -10,6 +10,7 @@ pub fn session(durability: Durability) -> Session {
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         started: now(),
         durability,
+        texts: Vec::new(),
     }
 }
 

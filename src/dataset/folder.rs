@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 /// How many names are tried for a new folder: `name`, `name-2`, ...
 const NAMES_MAX: usize = 100_000;
 
+const RIG: &str = "rig.toml";
 pub(super) const JOURNAL: &str = "journal.log";
 pub(super) const MANIFEST: &str = "manifest.json";
 /// Whoever holds it locked is the run's one writer; it stays empty.
@@ -56,8 +57,8 @@ impl RunFolder {
     pub fn create(
         out: Option<&Path>,
         origins: &Origins,
-        mut facts: RunFacts,
-        session: Session,
+        facts: RunFacts,
+        mut session: Session,
         layout: &ArrayLayout,
     ) -> Result<RunFolder, DatasetError> {
         let parent = match out {
@@ -72,7 +73,7 @@ impl RunFolder {
         }
         fs::create_dir_all(parent).map_err(DatasetError::io("making", parent))?;
         let name = facts.recipe.clone();
-        facts.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
+        session.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
         let draft = new_draft(parent, &name)?;
         let made = fill(&draft, origins, &facts, &session, layout).and_then(|lock| {
             let path = publish(&draft, out, parent, &name)?;
@@ -99,8 +100,17 @@ impl RunFolder {
     /// Begins to go on with a run: its views are made anew, whatever a power cut left of them.
     ///
     /// # Errors
-    /// The operating system's.
-    pub fn go_on(&mut self, session: Session) -> Result<(), DatasetError> {
+    /// A text that isn't the one the run began with (the rig may be another: a link may have got another name), or the
+    /// operating system's.
+    pub fn go_on(&mut self, mut session: Session) -> Result<(), DatasetError> {
+        for before in self.known.manifest.texts() {
+            let (name, path) = (before.name.as_str(), self.path.join(&before.name));
+            let now = Fingerprint::of_file(&self.path, name).map_err(DatasetError::io("reading", &path))?;
+            if now != *before && name != RIG {
+                return Err(DatasetError::Changed { path });
+            }
+            session.texts.push(now);
+        }
         self.journal.keep_for(session.durability);
         self.record(&Record::Session(session))?;
         self.write_views()?;
@@ -211,7 +221,7 @@ impl RunFolder {
 
     /// Says in the manifest what the files are by now.
     fn vouch(&mut self) -> Result<(), DatasetError> {
-        self.known.manifest.files = fingerprints(&self.path, &self.known.manifest.facts)?;
+        self.known.manifest.files = fingerprints(&self.path, self.known.manifest.texts())?;
         self.write_manifest()
     }
 
@@ -271,7 +281,7 @@ impl Ledger for RunFolder {
 impl Origins {
     /// All texts with the names of their files.
     fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
-        let own = [("recipe.toml", self.recipe.as_str()), ("rig.toml", self.rig.as_str())];
+        let own = [("recipe.toml", self.recipe.as_str()), (RIG, self.rig.as_str())];
         own.into_iter().chain(self.maps.iter().map(|(name, text)| (name.as_str(), text.as_str())))
     }
 }

@@ -88,6 +88,11 @@ impl Manifest {
         }
     }
 
+    /// The texts that the run went by most lately.
+    pub(super) fn texts(&self) -> &[Fingerprint] {
+        self.sessions.last().map_or(&[], |session| &session.texts)
+    }
+
     /// Reads a manifest.
     ///
     /// # Errors

@@ -83,6 +83,13 @@ pub enum DatasetError {
         /// The folder.
         path: PathBuf,
     },
+    /// A text that a run goes by isn't the one it began with.
+    #[error("{} isn't the one that the run began with", path.display())]
+    #[diagnostic(help("put it back, or begin a new run: what is measured would be of two plans"))]
+    Changed {
+        /// The file.
+        path: PathBuf,
+    },
     /// A manifest that can't be understood.
     #[error("{}{at}: {problem}", path.display())]
     #[diagnostic(help("`palpate rebuild` writes it anew from the run's journal"))]

@@ -26,12 +26,10 @@ pub struct RunFacts {
     pub presses_max: Option<usize>,
     /// Whether our emulators were at the far ends of the links.
     pub simulated: bool,
-    /// The texts it was made from: recipe, rig and register maps.
-    pub texts: Vec<Fingerprint>,
 }
 
 impl RunFacts {
-    /// The facts of a plan; the texts are added by the folder that keeps them.
+    /// The facts of a plan.
     pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
         RunFacts {
             recipe: plan.name.clone(),
@@ -59,6 +57,9 @@ pub struct Session {
     pub started: String,
     /// What an acknowledged press survives.
     pub durability: Durability,
+    /// The texts it goes by: recipe, rig and register maps. The folder that keeps them adds this.
+    #[serde(default)]
+    pub texts: Vec<Fingerprint>,
 }
 
 /// How a program ended that could still say so.

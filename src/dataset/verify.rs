@@ -1,6 +1,6 @@
 use super::folder::{JOURNAL, MANIFEST, is_run};
 use super::views::TABLES;
-use super::{DatasetError, Fingerprint, Journal, JournalError, Manifest, RunFacts, RunFolder};
+use super::{DatasetError, Fingerprint, Journal, JournalError, Manifest, RunFolder};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -42,7 +42,7 @@ pub fn verify(path: &Path) -> Result<Verified, DatasetError> {
         Err(DatasetError::Journal(JournalError::Damaged { .. })) => return Ok(verified), // told already
         Err(error) => return Err(error),
     };
-    verified.hold(path, &told.facts.texts)?;
+    verified.hold(path, told.texts())?;
     let manifest = match Manifest::read(&path.join(MANIFEST)) {
         Ok(manifest) => manifest,
         Err(error) => {
@@ -54,7 +54,7 @@ pub fn verify(path: &Path) -> Result<Verified, DatasetError> {
         return Ok(verified);
     }
     verified.has_ended = true;
-    let texts = |file: &&Fingerprint| !told.facts.texts.iter().any(|text| text.name == file.name);
+    let texts = |file: &&Fingerprint| !told.texts().iter().any(|text| text.name == file.name);
     let files: Vec<Fingerprint> = manifest.files.iter().filter(texts).cloned().collect();
     verified.hold(path, &files)?;
     if (Manifest { files: manifest.files.clone(), ..told }) != manifest {
@@ -83,7 +83,7 @@ impl Fingerprint {
     }
 
     /// The fingerprint of a file, read piece by piece.
-    fn of_file(folder: &Path, name: &str) -> io::Result<Fingerprint> {
+    pub(super) fn of_file(folder: &Path, name: &str) -> io::Result<Fingerprint> {
         let mut file = File::open(folder.join(name))?;
         let (mut hasher, mut bytes, mut chunk) = (Sha256::new(), 0, vec![0; CHUNK_BYTES]);
         loop {
@@ -117,8 +117,8 @@ impl Fingerprint {
 }
 
 /// The fingerprints of all files of a run but its manifest.
-pub(super) fn fingerprints(folder: &Path, facts: &RunFacts) -> Result<Vec<Fingerprint>, DatasetError> {
-    let texts = facts.texts.iter().map(|text| text.name.as_str());
+pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<Fingerprint>, DatasetError> {
+    let texts = texts.iter().map(|text| text.name.as_str());
     let mut found = Vec::new();
     for name in texts.chain([JOURNAL]).chain(TABLES).filter(|name| is_plain(name)) {
         match Fingerprint::of_file(folder, name) {
