@@ -99,4 +99,6 @@ pub enum Owed {
     At(f64),
     /// These bytes, now.
     Ready(Vec<u8>),
+    /// Nothing any more: the device hung up, and the link is closed.
+    HungUp,
 }

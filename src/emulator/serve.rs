@@ -26,7 +26,7 @@ const OWED_MOST: Duration = Duration::from_secs(3600);
 /// Nothing is locked while this waits, so other links and other devices go on meanwhile.
 ///
 /// # Errors
-/// What the stream reports. That the client has gone while an answer was due is one of these.
+/// What the stream reports, and a device that hung up. That the client has gone while an answer was due is one of these.
 pub async fn serve<S, I>(stream: S, instrument: Shared<I>, scene: Shared<Scene>, origin: Instant) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -140,6 +140,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
                         send(stream, &reply).await?;
                     }
                 }
+                Owed::HungUp => return Err(io::ErrorKind::ConnectionReset.into()),
             }
         }
     }

@@ -19,7 +19,7 @@ fn ask<I: Instrument>(device: &mut I, scene: &mut Scene, now_s: f64, line: &str)
     let mut at_s = now_s;
     loop {
         match device.owed(scene, at_s) {
-            Owed::Nothing => break,
+            Owed::Nothing | Owed::HungUp => break,
             Owed::At(due_s) => at_s = due_s,
             Owed::Ready(owed) => reply.extend(owed),
         }

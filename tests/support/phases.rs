@@ -1,0 +1,192 @@
+//! What a press is at, told from what really happens: where the axes are and go, whether there is contact, who is asked.
+
+use super::walks::Worst;
+use palpate::quantity::{Axis, Frame};
+use palpate::scene::{Device, Scene};
+use std::sync::{Arc, Mutex};
+use tokio::time::Instant;
+
+/// How long after the array was asked a window still counts as open, s: it is asked every 5 ms, and takes 1 to 2 over it.
+const WINDOW_S: f64 = 0.02;
+
+/// Rest in contact that no look at the force takes, s: it dwells.
+const LOOK_MOST_S: f64 = 0.15;
+
+/// Slower than this is at rest, mm/s.
+const REST_MM_S: f64 = 1e-9;
+
+/// What a press is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Phase {
+    /// From place to place, from rest in the clear.
+    Travel,
+    /// Looking at the force in air.
+    Air,
+    /// Toward the specimen.
+    Approach,
+    /// From the first contact to the first rest in it, and the look at the force there.
+    Touch,
+    /// Steps in contact, and looks at the force between them.
+    Correction,
+    /// At rest in contact until the window is due.
+    Dwell,
+    /// Force and outputs are sampled.
+    Window,
+    /// Out of the contact, and the look whether it is over.
+    Withdrawal,
+    /// Away sideways while z still withdraws, or has.
+    Departure,
+}
+
+impl Phase {
+    pub const ALL: [Phase; 9] = [
+        Phase::Travel,
+        Phase::Air,
+        Phase::Approach,
+        Phase::Touch,
+        Phase::Correction,
+        Phase::Dwell,
+        Phase::Window,
+        Phase::Withdrawal,
+        Phase::Departure,
+    ];
+}
+
+/// Watches a scene during a walk: the phase at each message, and the worst of what really happens.
+pub struct Watcher {
+    scene: Arc<Mutex<Scene>>,
+    frame: Frame,
+    origin: Instant,
+    /// The phase at each message of a press; none outside of one.
+    pub phases: Vec<Option<Phase>>,
+    pressing: bool,
+    /// Where z was when there was contact first, mm.
+    touched_mm: Option<f64>,
+    /// Came to rest in contact, and moved on.
+    stepped: bool,
+    /// Since when it rests, and whether in contact.
+    rest: Option<(f64, bool)>,
+    array_asked_s: f64,
+    /// The scene as it was when a motion last began or changed, nothing seen of it yet.
+    left: Option<Scene>,
+    worst: Worst,
+}
+
+impl Watcher {
+    /// A watcher of a scene whose time begins now.
+    pub fn new(scene: Arc<Mutex<Scene>>, frame: Frame) -> Watcher {
+        Watcher {
+            scene,
+            frame,
+            origin: Instant::now(),
+            phases: Vec::new(),
+            pressing: false,
+            touched_mm: None,
+            stepped: false,
+            rest: None,
+            array_asked_s: f64::NEG_INFINITY,
+            left: None,
+            worst: Worst::default(),
+        }
+    }
+
+    /// A press begins, whose phases are told or not.
+    pub fn begins(&mut self, told: bool) {
+        (self.pressing, self.touched_mm, self.stepped, self.rest) = (told, None, false, None);
+    }
+
+    /// A device has a message.
+    pub fn hears(&mut self, device: Device) {
+        let now_s = self.now_s();
+        if device == Device::Array {
+            self.array_asked_s = now_s;
+        }
+        let phase = self.phase(now_s);
+        self.phases.push(phase.filter(|_| self.pressing));
+    }
+
+    /// The stage acts on a message, or by itself.
+    pub fn acts<R>(&mut self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut Scene) -> R) -> R {
+        let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
+        let before = motions(scene);
+        let acted = act(scene);
+        if self.left.is_none() || motions(scene) != before {
+            self.look(now_s);
+            let mut left = scene.clone();
+            left.take_truth(now_s);
+            self.left = Some(left);
+        }
+        acted
+    }
+
+    /// The worst until all is at rest, whatever comes of it.
+    pub fn worst(&mut self) -> Worst {
+        let now_s = self.now_s();
+        self.look(now_s);
+        let rest = self.scene().run_out(now_s);
+        self.worst.take(rest);
+        self.worst
+    }
+
+    /// Where z is in the specimen frame, mm, and whether every axis stands.
+    pub fn z_mm_and_rest(&self) -> (f64, bool) {
+        let now_s = self.now_s();
+        let mut scene = self.scene();
+        let stands = Axis::ALL.iter().all(|&axis| scene.axis(axis, now_s).1.abs() < REST_MM_S);
+        let stays = Axis::ALL.iter().all(|&axis| !scene.motion(axis).moving(now_s));
+        (self.frame.z_from_stage(scene.axis(Axis::Z, now_s).0), stands && stays)
+    }
+
+    fn phase(&mut self, now_s: f64) -> Option<Phase> {
+        let (speeds, force_n, z_mm, target_mm) = {
+            let mut scene = self.scene();
+            let speeds = Axis::ALL.map(|axis| scene.axis(axis, now_s).1);
+            let [z_mm, target_mm] =
+                [scene.axis(Axis::Z, now_s).0, scene.motion(Axis::Z).end_mm()].map(|mm| self.frame.z_from_stage(mm));
+            (speeds, scene.true_force_n(now_s), z_mm, target_mm)
+        };
+        let [sideways, z] = [speeds[0].abs().max(speeds[1].abs()), speeds[2] * self.frame.down.sign()];
+        let in_contact = force_n > 0.0;
+        if in_contact && self.touched_mm.is_none() {
+            self.touched_mm = Some(z_mm);
+        }
+        if sideways > REST_MM_S {
+            return Some(if self.touched_mm.is_some() { Phase::Departure } else { Phase::Travel });
+        }
+        if z.abs() > REST_MM_S {
+            self.stepped |= self.rest.is_some_and(|(_, in_contact)| in_contact);
+            self.rest = None;
+            let leaves = z < 0.0 && self.touched_mm.is_some_and(|touched_mm| target_mm < touched_mm);
+            return Some(match (in_contact, self.stepped) {
+                _ if leaves => Phase::Withdrawal,
+                (false, _) => Phase::Approach,
+                (true, false) => Phase::Touch,
+                (true, true) => Phase::Correction,
+            });
+        }
+        let (since_s, _) = *self.rest.get_or_insert((now_s, in_contact));
+        Some(match in_contact {
+            _ if now_s - self.array_asked_s < WINDOW_S => Phase::Window,
+            true if now_s - since_s > LOOK_MOST_S => Phase::Dwell,
+            true if !self.stepped => Phase::Touch,
+            true => Phase::Correction,
+            false if self.touched_mm.is_some() => Phase::Withdrawal,
+            false => Phase::Air,
+        })
+    }
+
+    /// What has happened since the last motion began or changed.
+    fn look(&mut self, now_s: f64) {
+        if let Some(mut scene) = self.left.take() {
+            self.worst.take(scene.take_truth(now_s));
+        }
+    }
+
+    fn scene(&self) -> std::sync::MutexGuard<'_, Scene> {
+        self.scene.lock().expect("a scene that lives")
+    }
+
+    fn now_s(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64()
+    }
+}
