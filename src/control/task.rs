@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Which way a level is reached: the sensor has hysteresis, so a level reached from the wrong side is another measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,8 +50,8 @@ pub struct Level {
 /// What one contact is to measure, in this order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
-    /// The levels, as they are held.
-    pub levels: Vec<Level>,
+    /// The levels, as they are held; presses that measure the same share them.
+    pub levels: Arc<[Level]>,
     /// Largest allowed difference of the force in the window from the set one, N.
     pub force_tolerance_n: f64,
     /// Dwell at each level before its window, s.
@@ -65,12 +66,12 @@ pub struct Task {
 
 impl Task {
     /// The levels of one plain press.
-    pub fn press(force_n: f64) -> Vec<Level> {
-        vec![Level { force_set_n: force_n, branch: Branch::Loading }]
+    pub fn press(force_n: f64) -> Arc<[Level]> {
+        Arc::new([Level { force_set_n: force_n, branch: Branch::Loading }])
     }
 
     /// The levels of a staircase: 0, step, ..., top, ..., step, 0.
-    pub fn staircase(to_n: f64, step_n: f64) -> Vec<Level> {
+    pub fn staircase(to_n: f64, step_n: f64) -> Arc<[Level]> {
         let steps = (to_n / step_n).round().max(1.0) as usize;
         let force_n = |i: usize| to_n * i as f64 / steps as f64;
         let up = (0..=steps).map(|i| Level { force_set_n: force_n(i), branch: Branch::Loading });

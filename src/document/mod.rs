@@ -16,6 +16,9 @@ use toml::de::DeTable;
 /// Longest text that is read as a recipe or a rig, bytes: a hundred times the longest list a person would write by hand.
 pub const TEXT_MAX_BYTES: usize = 4 << 20;
 
+/// Most problems of a text that are told: who has more corrects these first.
+pub const PROBLEMS_MAX: usize = 100;
+
 /// Reads a TOML text with `read`, which asks a root [`Table`] for what it needs. Keys nobody asked for are problems too.
 ///
 /// `name` is the file's name as it stands in messages.

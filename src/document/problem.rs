@@ -1,3 +1,4 @@
+use super::PROBLEMS_MAX;
 use miette::{Diagnostic, LabeledSpan, NamedSource, Report, Severity, SourceCode};
 use std::cell::RefCell;
 use std::ops::Range;
@@ -36,9 +37,14 @@ pub struct Problems {
 }
 
 impl Problems {
-    /// Problems of a text, put in the order of their places.
+    /// Problems of a text, put in the order of their places: the first [`PROBLEMS_MAX`], and whether there are more.
     pub fn new(name: &str, text: &str, mut problems: Vec<Problem>) -> Self {
         problems.sort_by_key(|problem| problem.span.start);
+        if problems.len() > PROBLEMS_MAX {
+            let more = Problem::new(problems[PROBLEMS_MAX].span.clone(), "there is more than this wrong");
+            problems.truncate(PROBLEMS_MAX);
+            problems.push(more);
+        }
         let text: Arc<str> = text.into();
         let locate = |problem| Located { source: NamedSource::new(name, text.clone()), text: text.clone(), problem };
         Problems { name: name.to_owned(), located: problems.into_iter().map(locate).collect() }
@@ -119,8 +125,12 @@ impl Diagnostic for Located {
 pub(super) struct Collector(RefCell<Vec<Problem>>);
 
 impl Collector {
+    /// Keeps a problem, unless there are more already than are told.
     pub fn add(&self, problem: Problem) {
-        self.0.borrow_mut().push(problem);
+        let mut problems = self.0.borrow_mut();
+        if problems.len() <= PROBLEMS_MAX {
+            problems.push(problem);
+        }
     }
 
     pub fn is_empty(&self) -> bool {

@@ -15,11 +15,15 @@ use crate::document::Span;
 use crate::quantity::{Place, Range};
 use serde::{Deserialize, Serialize};
 
-/// Most presses one recipe may come to. A night of 10 hours holds some 20,000.
+/// Most presses one recipe may come to unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
+/// 20,000.
 pub const PRESSES_MAX: usize = 100_000;
 
-/// Most entries a plan has: the recipe's presses, and those that teach.
-pub const ENTRIES_MAX: usize = PRESSES_MAX + teach::TEACHES;
+/// Most presses that can be allowed: their plan takes some 2 GB.
+pub const PRESSES_CEILING: usize = 10_000_000;
+
+/// Most entries any plan has: the recipe's presses, and those that teach.
+pub const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
 
 /// A recipe, understood but not yet held against a rig.
 #[derive(Clone, Debug)]
@@ -30,6 +34,8 @@ pub struct Recipe {
     pub steps: Vec<Step>,
     /// Solvers to evaluate the run with when it is done; empty: no evaluation.
     pub solvers: Vec<String>,
+    /// Most presses that it may come to.
+    pub presses_max: usize,
     pub(super) file: String,
     pub(super) text: String,
 }
@@ -40,6 +46,12 @@ impl Recipe {
     pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
         self.steps.iter_mut().for_each(|step| step.manner.strategy = strategy);
         self
+    }
+
+    /// The recipe with so many presses allowed, at most [`PRESSES_CEILING`].
+    #[must_use]
+    pub fn with_presses_max(self, presses_max: usize) -> Recipe {
+        Recipe { presses_max: presses_max.min(PRESSES_CEILING), ..self }
     }
 }
 

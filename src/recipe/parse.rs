@@ -1,4 +1,4 @@
-use super::{Load, Manner, Order, Phase, Places, Recipe, Step, UnitChoice};
+use super::{Load, Manner, Order, PRESSES_CEILING, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::control::Strategy;
 use crate::document::{self, Bounds, Problem, Problems, Table};
 use crate::quantity::Place;
@@ -63,7 +63,8 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
                 }
             }
         }
-        Some(Recipe { name: name?.to_owned(), steps: steps?, solvers, file: file.to_owned(), text: text.to_owned() })
+        let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
+        Some(Recipe { name, steps: steps?, solvers, presses_max: PRESSES_MAX, file, text })
     })
 }
 
@@ -178,7 +179,7 @@ fn read_list(step: &mut Table) -> Option<Places> {
 
 fn read_random(step: &mut Table) -> (Option<Places>, Option<Load>) {
     let Some(mut random) = step.table("random") else { return (None, None) };
-    let count = random.require_integer("count", 1, super::PRESSES_MAX as u64);
+    let count = random.require_integer("count", 1, PRESSES_CEILING as u64);
     let x_mm = random.require_range("x_mm", PLACE);
     let y_mm = random.require_range("y_mm", PLACE);
     let force = random.range("force_n", FORCE).map(Load::RandomForce);
@@ -317,7 +318,7 @@ mod tests {
             ["r.toml:4:22: `places_mm` is empty: nothing to press"]
         );
         let none = step("random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.1, 1] }");
-        assert_eq!(none, ["r.toml:4:20: `count` must be 1 to 100000"]);
+        assert_eq!(none, ["r.toml:4:20: `count` must be 1 to 10000000"]);
         assert_eq!(problems("name = \"r\"\n"), ["r.toml:1:1: there is no [[step]]: nothing to press"]);
     }
 

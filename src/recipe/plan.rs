@@ -1,9 +1,10 @@
 use super::teach::teach;
-use super::{Load, Order, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
-use crate::control::Task;
-use crate::document::{Problem, Problems, Span};
+use super::{Load, Order, PRESSES_CEILING, Phase, Places, Recipe, Step, UnitChoice};
+use crate::control::{Level, Task};
+use crate::document::{PROBLEMS_MAX, Problem, Problems, Span};
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, stream};
 use rand::RngExt;
+use std::sync::Arc;
 
 /// The presses a recipe comes to on one rig with one seed.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,11 +58,9 @@ impl Plan {
         let mut presses = 0;
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground.limits, &mut problems);
-            let count = step.places.count(ground.layout).saturating_mul(step.load.repeats());
-            let together = count.saturating_add(presses);
-            if together > PRESSES_MAX {
-                let told = format!("the plan comes to {together} presses, over {PRESSES_MAX}");
-                problems.push(Problem::new(step.places_span.clone(), told).help("split the recipe"));
+            // counted before any is made
+            if step.count(ground.layout).saturating_add(presses) > recipe.presses_max {
+                problems.push(recipe.too_long(step, ground.layout));
                 break;
             }
             let places = step.places(ground.layout, seed, index, &mut problems);
@@ -69,11 +68,13 @@ impl Plan {
             let mut entries = step.entries(&places, seed, index);
             entries.iter_mut().zip(presses as u64..).for_each(|(entry, press)| entry.press = press);
             presses += entries.len();
-            steps.push(step.visited(&entries));
+            steps.push(step.visited(entries));
         }
         if problems.is_empty() {
             teach(&mut steps, presses, ground.limits);
-            Ok(Plan { name: recipe.name.clone(), seed, entries: steps.concat() })
+            let mut entries = Vec::with_capacity(steps.iter().map(Vec::len).sum());
+            steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
+            Ok(Plan { name: recipe.name.clone(), seed, entries })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
         }
@@ -95,6 +96,20 @@ impl Plan {
     }
 }
 
+impl Recipe {
+    /// It comes to more presses than are allowed, and this step is the first that is over.
+    fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
+        let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
+        let told = format!("the plan comes to {presses} presses, over {}", self.presses_max);
+        let help = if presses > PRESSES_CEILING {
+            format!("split the recipe: no plan may have more than {PRESSES_CEILING}")
+        } else {
+            format!("split the recipe, or allow as many with --presses-max {presses}")
+        };
+        Problem::new(step.places_span.clone(), told).help(help)
+    }
+}
+
 impl Places {
     fn count(&self, layout: &ArrayLayout) -> usize {
         match self {
@@ -110,6 +125,11 @@ impl Places {
 }
 
 impl Step {
+    /// How many presses it comes to.
+    fn count(&self, layout: &ArrayLayout) -> usize {
+        self.places.count(layout).saturating_mul(self.load.repeats())
+    }
+
     /// The step's places, each with where it stands in the text.
     fn places(&self, layout: &ArrayLayout, seed: u64, index: usize, problems: &mut Vec<Problem>) -> Vec<(Place, Span)> {
         let here = |place: Place| (place, self.places_span.clone());
@@ -143,23 +163,29 @@ impl Step {
     }
 
     /// The step's entries in the order their places are visited; those of one place stay together.
-    fn visited(&self, entries: &[Entry]) -> Vec<Entry> {
-        let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats()).collect();
-        let order = match &self.places {
-            Places::Grid { x_mm, y_mm, spacing_mm, order } => {
-                order.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm))
+    fn visited(&self, entries: Vec<Entry>) -> Vec<Entry> {
+        match &self.places {
+            Places::Grid { x_mm, y_mm, spacing_mm, order: Order::Interleaved } => {
+                let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats()).collect();
+                let order = Order::Interleaved.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm));
+                order.into_iter().flat_map(|place| by_place[place]).cloned().collect()
             }
-            _ => Order::Raster.visits(by_place.len(), 1),
-        };
-        order.into_iter().flat_map(|place| by_place[place]).cloned().collect()
+            _ => entries, // as they are numbered
+        }
     }
 
     /// The step's entries in the order of their numbers, which they don't have yet.
     fn entries(&self, places: &[(Place, Span)], seed: u64, index: usize) -> Vec<Entry> {
         let mut rng = stream(seed, index as u64, "plan forces");
-        let mut entries = Vec::new();
+        let mut entries = Vec::with_capacity(places.len() * self.load.repeats());
+        // one for all: a staircase may have thousands
+        let same = match &self.load {
+            Load::Force(force_n) => Task::press(*force_n),
+            Load::RandomForce(_) => Arc::default(),
+            Load::Staircase { to_n, step_n, .. } => Task::staircase(*to_n, *step_n),
+        };
         for (place, _) in places {
-            let entry = |levels, rest_after_s| Entry {
+            let entry = |levels: Arc<[Level]>, rest_after_s| Entry {
                 press: 0,
                 phase: self.phase,
                 place: *place,
@@ -174,15 +200,15 @@ impl Step {
                 rest_after_s,
             };
             match &self.load {
-                Load::Force(force_n) => entries.push(entry(Task::press(*force_n), 0.0)),
+                Load::Force(_) => entries.push(entry(same.clone(), 0.0)),
                 Load::RandomForce(range) => {
                     let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
                     entries.push(entry(Task::press(force_n), 0.0));
                 }
-                Load::Staircase { to_n, step_n, repeats, rest_s } => {
+                Load::Staircase { repeats, rest_s, .. } => {
                     for repeat in 1..=*repeats {
                         let rest_after_s = if repeat < *repeats { *rest_s } else { 0.0 };
-                        entries.push(entry(Task::staircase(*to_n, *step_n), rest_after_s));
+                        entries.push(entry(same.clone(), rest_after_s));
                     }
                 }
             }
@@ -224,6 +250,9 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
         };
         if told.as_ref() == Some(span) {
             continue;
+        }
+        if problems.len() > PROBLEMS_MAX {
+            break; // more than are told
         }
         let (travel, name) = (ground.travel.along(axis), axis.name());
         let message = format!(

@@ -1,10 +1,15 @@
 //! The plans that recipes come to.
 
-use super::{Ground, Phase, Plan, parse};
+use super::{Ground, PRESSES_CEILING, PRESSES_MAX, Phase, Plan, Recipe, parse};
 use crate::control::Strategy;
+use crate::document::Problems;
 use crate::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Travel};
 
 fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
+    plan_with(steps, seed, |recipe| recipe).map_err(|p| p.lines())
+}
+
+fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Result<Plan, Problems> {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
     let frame = Frame {
         origin: Place::default(),
@@ -16,8 +21,8 @@ fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout };
-    let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}")).map_err(|p| p.lines())?;
-    Plan::new(&recipe, &ground, seed).map_err(|p| p.lines())
+    let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}"))?;
+    Plan::new(&change(recipe), &ground, seed)
 }
 
 #[test]
@@ -162,4 +167,35 @@ fn what_the_rig_cannot_or_must_not_do_has_no_plan() {
     // more points than can be counted
     let most = format!("r.toml:5:8: the plan comes to {} presses, over 100000", usize::MAX);
     assert_eq!(plan(&text.replace("0.01", "1e-310"), 1).unwrap_err(), [most]);
+}
+
+#[test]
+fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
+    let random = |count: usize| {
+        format!(
+            "[[step]]\nphase = \"test\"\nforce_n = 1.0\nlist = {{ places_mm = [[0, 0]] }}\n\
+             [[step]]\nphase = \"test\"\nforce_n = 1.0\nrandom = {{ count = {count}, x_mm = [0, 1], y_mm = [0, 1] }}\n"
+        )
+    };
+    let allowed = |count, presses_max| plan_with(&random(count), 1, |recipe| recipe.with_presses_max(presses_max));
+    let told = |count, presses_max| {
+        let problems = allowed(count, presses_max).unwrap_err();
+        problems.into_reports().map(|report| (report.to_string(), report.help().unwrap().to_string())).next().unwrap()
+    };
+    assert_eq!(plan_with(&random(PRESSES_MAX - 1), 1, |recipe| recipe).unwrap().entries.len(), PRESSES_MAX);
+    assert_eq!(
+        plan(&random(PRESSES_MAX), 1).unwrap_err(),
+        ["r.toml:9:10: the plan comes to 100001 presses, over 100000"]
+    );
+    // the hint names what makes it pass
+    let help = "split the recipe, or allow as many with --presses-max 100001";
+    assert_eq!(told(PRESSES_MAX, PRESSES_MAX), ("the plan comes to 100001 presses, over 100000".into(), help.into()));
+    assert_eq!(allowed(PRESSES_MAX, 100_001).unwrap().entries.len(), 100_001);
+    assert_eq!(told(9, 9).1, "split the recipe, or allow as many with --presses-max 10");
+    // and nothing what is over the ceiling
+    let help = "split the recipe: no plan may have more than 10000000";
+    for presses_max in [PRESSES_MAX, PRESSES_CEILING, usize::MAX] {
+        let over = format!("the plan comes to 10000001 presses, over {}", presses_max.min(PRESSES_CEILING));
+        assert_eq!(told(PRESSES_CEILING, presses_max), (over, help.into()));
+    }
 }

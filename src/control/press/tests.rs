@@ -1,6 +1,7 @@
 use super::*;
 use crate::control::{Lesson, Map, Permit, Timing, Zero};
 use crate::quantity::{Limits, Place};
+use std::sync::Arc;
 
 const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
 
@@ -22,7 +23,7 @@ struct Walk {
 
 /// What a press is made with.
 struct Bench {
-    levels: Vec<Level>,
+    levels: Arc<[Level]>,
     strategy: Strategy,
     tolerance_n: f64,
     map: Map,
@@ -30,7 +31,7 @@ struct Bench {
     air: Air,
 }
 
-fn bench(levels: Vec<Level>, surface_mm: f64) -> Bench {
+fn bench(levels: Arc<[Level]>, surface_mm: f64) -> Bench {
     let air = Air { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
     let map = Map::new(0.3);
     Bench { levels, strategy: Strategy::Guarded, tolerance_n: 0.05, map, surface_mm, air }
