@@ -3,7 +3,11 @@
 //!
 //! 100,000 inputs each by default; `PALPATE_FUZZ=10000000 cargo test --release --test fuzz -- --nocapture` for as many.
 
+#[path = "support/mutation.rs"]
+mod mutation;
+
 use cap::Cap;
+use mutation::{INPUT_MOST, mutated};
 use palpate::device::{Reins, Stage};
 use palpate::driver::grbl::parse_report;
 use palpate::driver::modbus::{Client, Function, Profile, Transport};
@@ -11,10 +15,9 @@ use palpate::driver::process::answer_in;
 use palpate::driver::xps::parse_answer;
 use palpate::driver::{AnyStage, Esp301};
 use palpate::emulator::{INBOX_MOST, Instrument};
-use palpate::quantity::{Axis, Stream, stream};
+use palpate::quantity::{Axis, stream};
 use palpate::rig;
 use palpate::wire::Connector;
-use rand::RngExt;
 use std::alloc::System;
 use std::hint::black_box;
 use std::sync::{Arc, Mutex};
@@ -32,9 +35,6 @@ const HELD_MOST: usize = 1 << 20;
 
 /// Most that the process may ever hold, bytes: an emulated rig, and a message in hand.
 const EVER_HELD_MOST: usize = 16 << 20;
-
-/// Longest input, bytes.
-const INPUT_MOST: usize = 512;
 
 /// What real devices say and are told (PROTOCOLS).
 const ESP301_ANSWERS: &[&str] = &[
@@ -112,84 +112,6 @@ const TCP: &[&[u8]] = &[
     &[0, 2, 0, 0, 0, 3, 1, 0x83, 2],
     &[0, 0, 0, 0, 0, 11, 1, 0x10, 0, 0, 0, 2, 4, 0, 0, 0, 0],
 ];
-
-/// What grammars are made of, to be put where it doesn't belong.
-const TOKENS: &[&str] = &[
-    "-",
-    "+",
-    ".",
-    ",",
-    ";",
-    "|",
-    ":",
-    "<",
-    ">",
-    "{",
-    "}",
-    "[",
-    "]",
-    "\"",
-    "(",
-    ")",
-    "*",
-    "?",
-    "\r",
-    "\n",
-    "0",
-    "9",
-    "1e999",
-    "nan",
-    "inf",
-    "-0",
-    "99999999999999999999",
-    "EndOfAPI",
-    "MPos:",
-    "$",
-    "id",
-    "\\u0000",
-    "\u{fffd}",
-    "\0",
-    " ",
-];
-
-/// A message after some mutations that keep most of its grammar, now and then bytes without any.
-fn mutated(seeds: &[&[u8]], rng: &mut Stream, into: &mut Vec<u8>) {
-    into.clear();
-    if rng.random_bool(0.02) {
-        let length = rng.random_range(0..INPUT_MOST);
-        into.extend((0..length).map(|_| rng.random::<u8>()));
-        return;
-    }
-    into.extend_from_slice(seeds[rng.random_range(0..seeds.len())]);
-    for _ in 0..rng.random_range(0..5) {
-        let (length, other) = (into.len(), seeds[rng.random_range(0..seeds.len())]);
-        let at = rng.random_range(0..=length);
-        match rng.random_range(0..8) {
-            0 if length > 0 => into[at % length] ^= 1 << rng.random_range(0..8),
-            1 if length > 0 => into[at % length] = b'0' + rng.random_range(0..10u8),
-            2 => into.truncate(at),
-            3 => {
-                let token = TOKENS[rng.random_range(0..TOKENS.len())].as_bytes();
-                into.splice(at..at, token.iter().copied());
-            }
-            4 => {
-                let from = rng.random_range(0..=other.len());
-                into.extend_from_slice(&other[from..]);
-            }
-            5 => {
-                let to = rng.random_range(at..=length);
-                into.drain(at..to);
-            }
-            6 => {
-                let part: Vec<u8> = into[at..].to_vec();
-                into.extend(part);
-            }
-            _ if length > 0 => into[at % length] = rng.random(),
-            _ => {}
-        }
-        into.truncate(INPUT_MOST);
-    }
-}
 
 /// Every second frame with the check sum that belongs to it: what has none gets no further.
 fn sealed(frame: &[u8], nth: &mut usize) -> Vec<u8> {

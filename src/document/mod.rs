@@ -12,12 +12,18 @@ pub(crate) use table::{all, with_nearest};
 
 use problem::Collector;
 use toml::de::DeTable;
+use toml_parser::Source;
+use toml_parser::lexer::TokenKind;
 
 /// Longest text that is read as a recipe or a rig, bytes: a hundred times the longest list a person would write by hand.
 pub const TEXT_MAX_BYTES: usize = 4 << 20;
 
 /// Most problems of a text that are told: who has more corrects these first.
 pub const PROBLEMS_MAX: usize = 100;
+
+/// How deep brackets may be open within each other: no recipe or rig needs five. The parser follows those that are never closed
+/// down until its stack ends.
+const DEPTH_MAX: usize = 32;
 
 /// Reads a TOML text with `read`, which asks a root [`Table`] for what it needs. Keys nobody asked for are problems too.
 ///
@@ -30,6 +36,11 @@ pub fn read<T>(name: &str, text: &str, read: impl FnOnce(&mut Table) -> Option<T
     if text.len() > TEXT_MAX_BYTES {
         collector.add(Problem::new(0..0, format!("the text is {} bytes long, over {TEXT_MAX_BYTES}", text.len())));
         return Err(collector.into_problems(name, ""));
+    }
+    if let Some(at) = too_deep(text) {
+        let problem = Problem::new(at..at + 1, format!("not TOML: over {DEPTH_MAX} brackets are open here"));
+        collector.add(problem.help("close each `[` and `{`"));
+        return Err(collector.into_problems(name, text));
     }
     let (root, errors) = DeTable::parse_recoverable(text);
     for error in &errors {
@@ -46,6 +57,21 @@ pub fn read<T>(name: &str, text: &str, read: impl FnOnce(&mut Table) -> Option<T
         Some(value) if collector.is_empty() => Ok(value),
         _ => Err(collector.into_problems(name, text)),
     }
+}
+
+/// Where the first bracket opens that is too deep within others.
+fn too_deep(text: &str) -> Option<usize> {
+    let mut depth = 0usize;
+    let mut tokens = Source::new(text).lex();
+    let token = tokens.find(|token| {
+        match token.kind() {
+            TokenKind::LeftSquareBracket | TokenKind::LeftCurlyBracket => depth += 1,
+            TokenKind::RightSquareBracket | TokenKind::RightCurlyBracket => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        depth > DEPTH_MAX
+    });
+    token.map(|token| token.span().start())
 }
 
 #[cfg(test)]
@@ -94,6 +120,51 @@ mod tests {
                 "test.toml:2:5: `x` is not a finite number",
             ]
         );
+    }
+
+    #[test]
+    fn brackets_that_are_never_closed_dont_end_the_stack() {
+        for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[["] {
+            let told = messages(&open.repeat(100_000), |_| Some(()));
+            assert!(told[0].contains("not TOML"), "{open:?}: {}", told[0]);
+        }
+        let brackets = |depth: usize| format!("x = {}{}\n", "[".repeat(depth), "]".repeat(depth));
+        let told = |text: &str| messages(text, |table| table.has("x").then(|| table.leave_the_rest()));
+        assert_eq!(told(&brackets(DEPTH_MAX)), [""; 0]);
+        assert_eq!(told(&brackets(DEPTH_MAX + 1)), ["test.toml:1:37: not TOML: over 32 brackets are open here"]);
+        // none of these is open
+        assert_eq!(told(&format!("x = \"{0}\" # {0}\ny = '{0}'\n", "[{".repeat(99))), [""; 0]);
+    }
+
+    #[test]
+    fn a_problem_far_along_a_line_is_told_without_it_and_what_is_quoted_moves_no_cursor() {
+        let far = |name: &str| {
+            let text = format!("a = [{}\"{name}\"]\n", "0, ".repeat(30_000));
+            let problems = read("t.toml", &text, |table| {
+                table.integers("a", 0, 1);
+                Some(())
+            });
+            problems.unwrap_err().into_reports().map(|report| format!("{report:?}")).collect::<String>()
+        };
+        let told = far("x");
+        assert!(told.len() < 1000 && told.contains("t.toml:1:"), "{told}");
+        let told = messages("\"a\\u001b[2J\" = 1\n", |_| Some(()));
+        assert_eq!(told, ["test.toml:1:1: unknown key `a\\u{1b}[2J`"]);
+        let problem = Problem::new(0..1, "told").help("a\tb");
+        assert_eq!(problem.help.as_deref(), Some("a\\tb"));
+        let report = Problems::new("t", "a\u{1b}[2J = 1\u{9b}2J", vec![problem]).into_reports().next().unwrap();
+        let shown = format!("{report:?}");
+        assert!(shown.contains("a?[2J = 1??2J"), "{shown}");
+    }
+
+    #[test]
+    fn no_more_problems_are_told_than_a_person_reads() {
+        let told = messages(&"a.b = 1\n".repeat(5000).replace("a.b", "\"\"\"x"), |_| Some(()));
+        assert!(told.len() <= PROBLEMS_MAX + 1, "{}", told.len());
+        let keys: String = (0..5000).map(|i| format!("k{i} = 1\n")).collect();
+        let told = messages(&keys, |_| Some(()));
+        assert_eq!(told.len(), PROBLEMS_MAX + 1);
+        assert_eq!(told[PROBLEMS_MAX], "test.toml:101:1: there is more than this wrong");
     }
 
     #[test]

@@ -4,6 +4,9 @@ use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::Arc;
 
+/// Longest stretch of a text that is shown with a problem, bytes. Beyond 65,535 columns the one who draws it gives up.
+const SHOWN_MAX_BYTES: usize = 8192;
+
 /// One thing that is wrong with a text, and where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
@@ -18,13 +21,13 @@ pub struct Problem {
 impl Problem {
     /// A problem at a place.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
-        Problem { span, message: message.into(), help: None }
+        Problem { span, message: printable(message.into()), help: None }
     }
 
     /// The same, with what to write instead.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(help.into());
+        self.help = Some(printable(help.into()));
         self
     }
 }
@@ -45,7 +48,7 @@ impl Problems {
             problems.truncate(PROBLEMS_MAX);
             problems.push(more);
         }
-        let text: Arc<str> = text.into();
+        let text: Arc<str> = shown(text).into();
         let locate = |problem| Located { source: NamedSource::new(name, text.clone()), text: text.clone(), problem };
         Problems { name: name.to_owned(), located: problems.into_iter().map(locate).collect() }
     }
@@ -87,6 +90,15 @@ struct Located {
 }
 
 impl Located {
+    /// Whether the lines that it is about are few and short enough to be shown: the rest of them would hide it.
+    fn is_shown(&self) -> bool {
+        let Range { start, end } = self.problem.span;
+        let (start, end) = (start.min(self.text.len()), end.min(self.text.len()));
+        let from = self.text[..start].rfind('\n').unwrap_or(0);
+        let to = self.text[end..].find('\n').map_or(self.text.len(), |way| end + way);
+        to.saturating_sub(from) <= SHOWN_MAX_BYTES
+    }
+
     fn line_and_column(&self) -> (usize, usize) {
         let before = &self.text[..self.problem.span.start.min(self.text.len())];
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
@@ -96,6 +108,10 @@ impl Located {
 
 impl std::fmt::Display for Located {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if !self.is_shown() {
+            let (line, column) = self.line_and_column();
+            write!(f, "{}:{line}:{column}: ", self.source.name())?;
+        }
         f.write_str(&self.problem.message)
     }
 }
@@ -112,12 +128,34 @@ impl Diagnostic for Located {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        Some(&self.source)
+        self.is_shown().then_some(&self.source as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(None, self.problem.span.clone()))))
+        let label = LabeledSpan::new_with_span(None, self.problem.span.clone());
+        self.is_shown().then(|| Box::new(std::iter::once(label)) as Box<dyn Iterator<Item = LabeledSpan>>)
     }
+}
+
+/// A text that a terminal writes and doesn't act on.
+fn printable(text: String) -> String {
+    if !text.contains(char::is_control) {
+        return text;
+    }
+    text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() }).collect()
+}
+
+/// The same of a text that is shown, in which every place stays where it is.
+fn shown(text: &str) -> String {
+    let kept = |c: char| !c.is_control() || matches!(c, '\n' | '\r' | '\t');
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        match kept(c) {
+            true => shown.push(c),
+            false => (0..c.len_utf8()).for_each(|_| shown.push('?')),
+        }
+    }
+    shown
 }
 
 /// Where problems gather while a text is read.
