@@ -42,7 +42,7 @@ const PROGRESS: usize = 100_000;
 const TEACHES: usize = 5;
 
 /// How many problems of an input are drawn as a person sees them, and how much each may take, bytes: its lines, twice over.
-const DRAWN: usize = 3;
+const DRAWN: usize = 2;
 const DRAWN_MOST: usize = TEXT_MOST + (64 << 10);
 
 /// A name of a file in messages, that no mutation writes.
@@ -56,7 +56,7 @@ const SMALL: &str = "name = \"small\"\n[[step]]\nphase = \"characterisation\"\nu
 #[test]
 fn recipes() {
     let (spec, seeds) = (sim_rig(), texts_in("recipes", "toml"));
-    fuzz("recipes", 1500, &seeds, |input| {
+    fuzz("recipes", 1000, &seeds, |input| {
         let text = String::from_utf8_lossy(input);
         match recipe::parse(FILE, &text).and_then(|recipe| Plan::new(&recipe, &spec.ground(), 1)) {
             Ok(plan) => check_plan(&plan, &spec),
@@ -69,7 +69,7 @@ fn recipes() {
 fn rigs() {
     let seeds = texts_in("rigs", "toml");
     let map = fs::read_to_string(root().join("profiles/generic-rs485.toml")).expect("a shipped map");
-    fuzz("rigs", 3000, &seeds, |input| {
+    fuzz("rigs", 1000, &seeds, |input| {
         let text = String::from_utf8_lossy(input);
         match rig::parse(FILE, &text, &|_| Ok(map.clone())) {
             Ok(spec) => _ = spec.simulated().emulators(1).is_ok(),
@@ -82,7 +82,7 @@ fn rigs() {
 fn register_maps() {
     let seeds = texts_in("profiles", "toml");
     let rig = SIM_RIG.replace("generic-rs485", "own.toml");
-    fuzz("register maps", 5000, &seeds, |input| {
+    fuzz("register maps", 1000, &seeds, |input| {
         let text = String::from_utf8_lossy(input);
         if let Err(problems) = rig::parse(FILE, &rig, &|_| Ok(text.to_string())) {
             check_problems(problems, &rig);

@@ -59,17 +59,19 @@ pub fn read<T>(name: &str, text: &str, read: impl FnOnce(&mut Table) -> Option<T
     }
 }
 
-/// Where the first bracket opens that is too deep within others.
+/// Where the first bracket opens that is too deep within others. One of the other kind closes nothing.
 fn too_deep(text: &str) -> Option<usize> {
-    let mut depth = 0usize;
+    let mut open = Vec::with_capacity(DEPTH_MAX + 1);
     let mut tokens = Source::new(text).lex();
     let token = tokens.find(|token| {
-        match token.kind() {
-            TokenKind::LeftSquareBracket | TokenKind::LeftCurlyBracket => depth += 1,
-            TokenKind::RightSquareBracket | TokenKind::RightCurlyBracket => depth = depth.saturating_sub(1),
+        let kind = token.kind();
+        match kind {
+            TokenKind::LeftSquareBracket | TokenKind::LeftCurlyBracket => open.push(kind),
+            TokenKind::RightSquareBracket => _ = open.pop_if(|last| *last == TokenKind::LeftSquareBracket),
+            TokenKind::RightCurlyBracket => _ = open.pop_if(|last| *last == TokenKind::LeftCurlyBracket),
             _ => {}
         }
-        depth > DEPTH_MAX
+        open.len() > DEPTH_MAX
     });
     token.map(|token| token.span().start())
 }
@@ -124,7 +126,7 @@ mod tests {
 
     #[test]
     fn brackets_that_are_never_closed_dont_end_the_stack() {
-        for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[["] {
+        for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[[", "d = { f [l]]\n", "d = { [ } ]\n"] {
             let told = messages(&open.repeat(100_000), |_| Some(()));
             assert!(told[0].contains("not TOML"), "{open:?}: {}", told[0]);
         }
@@ -164,7 +166,7 @@ mod tests {
         let keys: String = (0..5000).map(|i| format!("k{i} = 1\n")).collect();
         let told = messages(&keys, |_| Some(()));
         assert_eq!(told.len(), PROBLEMS_MAX + 1);
-        assert_eq!(told[PROBLEMS_MAX], "test.toml:101:1: there is more than this wrong");
+        assert!(told[PROBLEMS_MAX].ends_with("there is more than this wrong"), "{}", told[PROBLEMS_MAX]);
     }
 
     #[test]

@@ -57,7 +57,7 @@ impl Bench {
         let mut at_s = now_s;
         loop {
             match self.grbl.owed(&mut self.scene, at_s) {
-                Owed::Nothing => break,
+                Owed::Nothing | Owed::HungUp => break,
                 Owed::At(next_s) => at_s = next_s.max(at_s),
                 Owed::Ready(owed) => {
                     reply += &String::from_utf8(owed).expect("ASCII");
