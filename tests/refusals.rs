@@ -199,3 +199,23 @@ fn assert_refused(bench: &Bench, words: &str, parts: &[&str]) -> Told {
     assert!(!bench.has("runs") && !bench.has("there"), "palpate {words} left a folder");
     told
 }
+
+#[test]
+fn a_million_presses_are_refused_by_a_limit_that_can_be_raised_by_its_name() {
+    let step = "random = { count = 1000000, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }";
+    let text = format!("name = \"million\"\n[[step]]\nphase = \"test\"\n{step}\n");
+    let bench = Bench::with([("r.toml", text.as_str())]);
+    for words in ["check r.toml", "run r.toml --out run"] {
+        let told = bench.palpate_ends(2, words);
+        assert!(
+            told.err.contains("r.toml:4:") && told.running().contains("1000000 presses, over 100000"),
+            "{}",
+            told.err
+        );
+        assert!(told.running().contains("--presses-max 1000000"), "{}", told.err);
+    }
+    assert!(!bench.has("run"));
+    let told = bench.palpate_ends(0, "check r.toml --presses-max 1000000");
+    assert!(told.out.contains("1000000"), "{}", told.out);
+    bench.palpate_ends(2, "check r.toml --presses-max 10000001");
+}

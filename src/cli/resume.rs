@@ -38,6 +38,7 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
         simulate: facts.simulated,
         seed: facts.seed,
         strategy: facts.strategy,
+        presses_max: facts.presses_max,
     };
     let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
     let plan = sources.plan(facts.seed)?;

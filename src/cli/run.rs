@@ -43,6 +43,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Failure> {
     let facts = RunFacts {
         sensor: args.sensor.clone(),
         strategy: args.rig.strategy,
+        presses_max: args.rig.presses_max,
         ..RunFacts::new(&plan, sources.rig.is_simulated())
     };
     let session = session(args.session.durability);

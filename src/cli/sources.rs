@@ -2,7 +2,7 @@ use super::exit::Failure;
 use crate::control::Strategy;
 use crate::dataset::Origins;
 use crate::document::TEXT_MAX_BYTES;
-use crate::recipe::{self, Plan, Recipe};
+use crate::recipe::{self, PRESSES_CEILING, Plan, Recipe};
 use crate::rig::{self, MappedDevice, RigSpec, SIM_RIG};
 use std::fs::File;
 use std::io::{self, Read};
@@ -36,6 +36,9 @@ pub struct RigArgs {
     /// How every press finds its force, whatever the recipe says: guarded, velocity or map
     #[arg(long, value_name = "NAME", value_parser = strategy)]
     pub strategy: Option<Strategy>,
+    /// The most presses that a plan may have
+    #[arg(long, value_name = "N", value_parser = presses_max)]
+    pub presses_max: Option<usize>,
 }
 
 /// The rig that is looked at, without a recipe.
@@ -75,6 +78,10 @@ impl Sources {
         };
         let recipe = match rig.strategy {
             Some(strategy) => recipe.with_strategy(strategy),
+            None => recipe,
+        };
+        let recipe = match rig.presses_max {
+            Some(presses_max) => recipe.with_presses_max(presses_max),
             None => recipe,
         };
         let spec = as_asked(spec, rig.simulate, rig.seed)?;
@@ -130,6 +137,11 @@ fn strategy(name: &str) -> Result<Strategy, String> {
     let names = || Strategy::ALL.map(Strategy::name).join(", ");
     let named = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name);
     named.ok_or_else(|| format!("expected one of {}", names()))
+}
+
+fn presses_max(text: &str) -> Result<usize, String> {
+    let within = |most: &usize| (1..=PRESSES_CEILING).contains(most);
+    text.parse().ok().filter(within).ok_or_else(|| format!("expected a whole number, 1 to {PRESSES_CEILING}"))
 }
 
 fn own_map(device: &MappedDevice) -> Option<(String, String)> {
