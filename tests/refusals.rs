@@ -132,7 +132,7 @@ fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
         (
             "elastomer = { depth_mm = 5.0 }",
             "elastomer = { depth_mm = 5.0, bonded_poisson_ratio = 0.5 }",
-            &["`bonded_poisson_ratio` is 0.5, must be 0 to 0.4999", "rig.toml:34:54"],
+            &["`bonded_poisson_ratio` is 0.5, must be 0 to 0.4999", "rig.toml:35:54"],
         ),
         (
             "hysteresis = {",
@@ -179,7 +179,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
         ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
-        ("resume none", ["none", "manifest.json"]),
+        ("resume none", ["none", "journal.log"]),
         ("evaluate none", ["none", "manifest.json"]),
         ("emulate none.toml", ["none.toml", "name a file that is there"]),
     ] {

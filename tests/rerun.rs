@@ -128,7 +128,7 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
             continue;
         }
         let told = bench.palpate_ends(4, "resume run");
-        assert!(told.running().contains("surface-moved: ") && told.running().contains("limit 0.05 mm"), "{}", told.err);
+        assert!(told.running().contains("surface-moved: ") && told.running().contains("limit 0.0500 mm"), "{}", told.err);
         assert!(told.running().contains("was the specimen or the rig touched since?"), "{}", told.err);
         // put back, it goes on when a person says so
         bench.write("run/rig.toml", &rig);
@@ -143,7 +143,7 @@ fn a_run_does_not_go_on_with_another_device() {
     let rig = bench.read("run/rig.toml");
     bench.write("run/rig.toml", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
     let told = bench.palpate_ends(3, "resume run");
-    let expected = "load_cell: identifying it, to go on with the run: it was \"generic RS485";
+    let expected = "load_cell: while identifying it, to go on with the run: it was \"generic RS485";
     assert!(told.running().contains(expected), "{}", told.err);
     assert_eq!(bench.manifest("run")["status"], "failed");
     bench.write("run/rig.toml", &rig);

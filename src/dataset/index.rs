@@ -1,5 +1,5 @@
 use super::{Contact, DatasetError, JournalError, Record, Records};
-use crate::recipe::ENTRIES_MAX;
+use crate::recipe::{ENTRIES_MAX, PRESSES_MAX};
 use std::slice::Iter;
 
 /// Where no contact stands.
@@ -21,9 +21,9 @@ pub struct Contacts<'a> {
 }
 
 impl Index {
-    /// An empty index for so many entries.
+    /// An empty index for so many entries. A plan that was allowed more than is usual makes it grow.
     pub fn with_room(entries: u64) -> Index {
-        Index { offsets: vec![NOWHERE; entries.min(ENTRIES_MAX as u64) as usize], done: 0 }
+        Index { offsets: vec![NOWHERE; entries.min(PRESSES_MAX as u64) as usize], done: 0 }
     }
 
     /// Keeps where an entry's contact begins.

@@ -224,74 +224,74 @@ mod tests {
         for (found, told) in [
             (
                 elastomer("depth_mm = 5.0, bonded_poisson_ratio = 0.5"),
-                vec!["34:54: `bonded_poisson_ratio` is 0.5, must be 0 to 0.4999"],
+                vec!["35:54: `bonded_poisson_ratio` is 0.5, must be 0 to 0.4999"],
             ),
             (
                 elastomer("bonded_poisson_ratio = -0.1"),
                 vec![
-                    "34:13: `depth_mm` is missing in `scene.elastomer`: a number in mm, over 0, at most 1000",
-                    "34:38: `bonded_poisson_ratio` is -0.1, must be 0 to 0.4999",
+                    "35:13: `depth_mm` is missing in `scene.elastomer`: a number in mm, over 0, at most 1000",
+                    "35:38: `bonded_poisson_ratio` is -0.1, must be 0 to 0.4999",
                 ],
             ),
             (
                 changed(ELASTOMER, "indenter = { radius_mm = 0.5 }"),
-                vec!["34:12: `indenter` without `elastomer`: the taxels read nothing"],
+                vec!["35:12: `indenter` without `elastomer`: the taxels read nothing"],
             ),
             (
                 changed(ELASTOMER, "taxels = { radius_mm = 0.5 }"),
-                vec!["34:10: `taxels` without `elastomer`: the taxels read nothing"],
+                vec!["35:10: `taxels` without `elastomer`: the taxels read nothing"],
             ),
             (
                 with("indenter = { radius_mm = 10.1 }"),
-                vec!["35:26: `radius_mm` is 10.1, over 2 times the elastomer's 5 mm"],
+                vec!["36:26: `radius_mm` is 10.1, over 2 times the elastomer's 5 mm"],
             ),
             (
                 with("taxels = { radius_mm = 11.0 }"),
-                vec!["35:24: `radius_mm` is 11, over 2 times the elastomer's 5 mm"],
+                vec!["36:24: `radius_mm` is 11, over 2 times the elastomer's 5 mm"],
             ),
-            (with("taxels = { gain_percent = 20.0 }"), vec!["35:12: unknown key `gain_percent` in `scene.taxels`"]),
+            (with("taxels = { gain_percent = 20.0 }"), vec!["36:12: unknown key `gain_percent` in `scene.taxels`"]),
             (
                 with("taxels = { gain_spread_percent = 91.0, place_spread_mm = -0.1, depth_spread_percent = 31.0 }"),
                 vec![
-                    "35:34: `gain_spread_percent` is 91, must be 0 to 90 %",
-                    "35:58: `place_spread_mm` is -0.1, must be 0 to 10 mm",
-                    "35:87: `depth_spread_percent` is 31, must be 0 to 30 %",
+                    "36:34: `gain_spread_percent` is 91, must be 0 to 90 %",
+                    "36:58: `place_spread_mm` is -0.1, must be 0 to 10 mm",
+                    "36:87: `depth_spread_percent` is 31, must be 0 to 30 %",
                 ],
             ),
             (
                 changed("taxel_noise = {", "taxel_noise = { of = \"readings\", floor = -0.001,"),
                 vec![
-                    "39:22: `of` is \"readings\", expected one of full-scale, reading",
-                    "39:42: `floor` is -0.001, must be 0 to 1000",
+                    "40:22: `of` is \"readings\", expected one of full-scale, reading",
+                    "40:42: `floor` is -0.001, must be 0 to 1000",
                 ],
             ),
-            (changed(", 3.97]", "]"), vec!["39:41: `repeatability_percent` has 8 values for 9 units"]),
+            (changed(", 3.97]", "]"), vec!["40:41: `repeatability_percent` has 8 values for 9 units"]),
             (
                 changed("repeatability_percent", "repeatabilty_percent"),
                 vec![
-                    "39:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list, one % a unit",
-                    "39:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`",
+                    "40:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list, one % a unit",
+                    "40:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`",
                 ],
             ),
             (
                 with("converter = { bits = 0 }"),
                 vec![
-                    "35:13: `range` is missing in `scene.converter`: a number, over 0, at most 1000",
-                    "35:22: `bits` must be 1 to 32",
+                    "36:13: `range` is missing in `scene.converter`: a number, over 0, at most 1000",
+                    "36:22: `bits` must be 1 to 32",
                 ],
             ),
-            (with_fault("unit = 10\nkind = \"dead\""), vec!["43:8: there is no unit 10: the rig's array has 9"]),
+            (with_fault("unit = 10\nkind = \"dead\""), vec!["44:8: there is no unit 10: the rig's array has 9"]),
             (
                 with_fault("unit = 5\nkind = \"stuck\""),
-                vec!["42:1: `reading` is missing in `scene.taxel_fault`: a number, -1000 to 1000"],
+                vec!["43:1: `reading` is missing in `scene.taxel_fault`: a number, -1000 to 1000"],
             ),
             (
                 with_fault("unit = 5\nkind = \"dead\"\nreading = 1.0"),
-                vec!["45:1: unknown key `reading` in `scene.taxel_fault`"],
+                vec!["46:1: unknown key `reading` in `scene.taxel_fault`"],
             ),
             (
                 with_fault("unit = 5\nkind = \"deaf\""),
-                vec!["44:8: `kind` is \"deaf\", expected one of dead, stuck, clipped, drifted"],
+                vec!["45:8: `kind` is \"deaf\", expected one of dead, stuck, clipped, drifted"],
             ),
         ] {
             let told: Vec<String> = told.into_iter().map(|line| format!("rig.toml:{line}")).collect();
