@@ -180,7 +180,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
         ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
         ("resume none", ["none", "journal.log"]),
-        ("evaluate none", ["none", "manifest.json"]),
+        ("evaluate none", ["none", "journal.log"]),
         ("emulate none.toml", ["none.toml", "name a file that is there"]),
     ] {
         assert_refused(&bench, words, &parts);
