@@ -128,7 +128,11 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
             continue;
         }
         let told = bench.palpate_ends(4, "resume run");
-        assert!(told.running().contains("surface-moved: ") && told.running().contains("limit 0.0500 mm"), "{}", told.err);
+        assert!(
+            told.running().contains("surface-moved: ") && told.running().contains("limit 0.0500 mm"),
+            "{}",
+            told.err
+        );
         assert!(told.running().contains("was the specimen or the rig touched since?"), "{}", told.err);
         // put back, it goes on when a person says so
         bench.write("run/rig.toml", &rig);

@@ -75,12 +75,10 @@ impl RunFolder {
         let name = facts.recipe.clone();
         session.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
         let draft = new_draft(parent, &name)?;
-        let made = fill(&draft, origins, &facts, &session, layout).and_then(|lock| {
-            let path = publish(&draft, out, parent, &name)?;
-            sync_folder(parent)?;
-            Ok((lock, path))
-        });
-        let (lock, path) = made.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
+        let made = fill(&draft, origins, facts, &session, layout).and_then(|()| publish(&draft, out, parent, &name));
+        let path = made.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
+        sync_folder(parent)?;
+        let lock = hold(&path)?; // not sooner: some systems rename no folder in which a file is open
         let mut folder = Self::attach(path, lock, layout)?;
         folder.journal.keep_for(session.durability);
         folder.presses = Some(open_presses(&folder.path)?);
@@ -325,18 +323,17 @@ fn new_draft(parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
     Err(DatasetError::Exists { path: parent.join(format!(".{name}.{process}.new")) })
 }
 
-/// Everything a run folder holds before its first press; it is held by this program from the beginning.
+/// Everything a run folder holds before its first press.
 fn fill(
     draft: &Path,
     origins: &Origins,
-    facts: &RunFacts,
+    facts: RunFacts,
     session: &Session,
     layout: &ArrayLayout,
-) -> Result<File, DatasetError> {
-    let lock = hold(draft)?;
+) -> Result<(), DatasetError> {
     let mut manifest = Manifest::default();
     let mut journal = Journal::create(&draft.join(JOURNAL))?;
-    for record in [Record::Run(facts.clone()), Record::Session(session.clone())] {
+    for record in [Record::Run(facts), Record::Session(session.clone())] {
         journal.append(&record)?;
         manifest.take_in(&record);
     }
@@ -350,8 +347,7 @@ fn fill(
         };
         write(text).map_err(DatasetError::io("writing", &path))?;
     }
-    sync_folder(draft)?;
-    Ok(lock)
+    sync_folder(draft)
 }
 
 /// Renames the draft to its place. A folder with something in it is never replaced: the system refuses.

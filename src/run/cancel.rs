@@ -1,3 +1,4 @@
+use super::Halt;
 use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::sleep;
@@ -42,6 +43,12 @@ impl Cancel {
     /// Whether a stop was asked for.
     pub fn asked(&self) -> bool {
         *self.sender.borrow() == Word::Stop
+    }
+
+    /// # Errors
+    /// A stop was asked for.
+    pub(super) fn check(&self) -> Result<(), Halt> {
+        if self.asked() { Err(Halt::Cancelled) } else { Ok(()) }
     }
 
     /// Whether a pause was asked for.

@@ -58,9 +58,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 
     /// Waits for the cell's next conversion to be due.
     pub async fn due(&mut self) -> Result<(), Halt> {
-        if self.cancel.asked() {
-            return Err(Halt::Cancelled);
-        }
+        self.cancel.check()?;
         let now = Instant::now();
         if self.next > now {
             sleep_until(self.next).await;

@@ -14,8 +14,8 @@ pub(super) struct Past {
     pub first_zero_n: Option<f64>,
     /// Time that has passed in the run, s.
     pub elapsed_s: f64,
-    /// How the last contact was left.
-    pub left: Option<Left>,
+    /// The entry that was made last, and how it was left.
+    pub last: Option<(u64, Option<Left>)>,
     /// What the devices said they were.
     pub devices: Vec<Identity>,
     /// Places that were touched.
@@ -39,7 +39,7 @@ impl Past {
             map: Map::new(uncertainty_mm),
             first_zero_n: None,
             elapsed_s: 0.0,
-            left: None,
+            last: None,
             devices: Vec::new(),
             known: Vec::new(),
         };
@@ -74,7 +74,7 @@ impl Past {
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
             Record::Devices(devices) => self.devices.clone_from(devices),
             Record::Contact(contact) => {
-                self.left = contact.left;
+                self.last = Some((contact.press, contact.left));
                 contact.lesson.iter().for_each(|lesson| self.learn(lesson));
             }
             _ => {}
@@ -138,7 +138,7 @@ mod tests {
         lessons.iter().for_each(|lesson| map.learn(lesson));
         assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
         assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");
-        assert_eq!(past.left.map(|left| left.z_mm), Some(-4.2), "the last contact's");
+        assert_eq!(past.last.and_then(|(_, left)| left).map(|left| left.z_mm), Some(-4.2), "the last contact's");
         let landmarks: Vec<Place> = past.landmarks().iter().map(|known| known.place).collect();
         assert_eq!(
             landmarks,

@@ -77,9 +77,7 @@ pub(super) async fn at_home<'a>(
         prepared = stage.prepare(&stage_use, &reins) => prepared,
         () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
     };
-    if cancel.asked() {
-        return Err(Halt::Cancelled);
-    }
+    cancel.check()?;
     let zero = Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None };
     let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, zero), cancel, shown);
     let parts = Instruments { stage, load_cell: gauge, array };

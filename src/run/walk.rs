@@ -11,6 +11,7 @@ use crate::recipe::{Entry, Plan};
 use crate::rig::{OpenRig, RigSpec};
 use std::collections::VecDeque;
 use std::time::Duration;
+use tokio::time::Instant;
 
 /// What is to be done: a plan on a rig, recorded in a ledger.
 pub struct Errand<'a> {
@@ -166,8 +167,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let Some(first) = left.front() else { return Ok(()) };
         self.touch_again(&past.landmarks(), first.place, ledger, listener).await?;
         self.map = past.map;
-        if let Some(before) = past.left {
-            self.go_back(first.place, before).await?;
+        if let Some((last, how)) = past.last {
+            if let Some(how) = how {
+                self.go_back(first.place, how).await?;
+            }
+            // how much of it had passed isn't known
+            let owed = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
+            self.rest_until(Instant::now() + Duration::from_secs_f64(owed), listener).await?;
         }
         self.presses(left, ledger, listener).await
     }
@@ -190,30 +196,40 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             self.pressing = None;
             record.contact().into_iter().for_each(|contact| listener.recorded(contact));
             let Some(next) = next else { break };
-            if entry.rest_after_s > 0.0 {
-                listener.rests(entry.rest_after_s);
-                self.conditions.cancel.sleep(Duration::from_secs_f64(entry.rest_after_s)).await;
-            }
-            if self.conditions.cancel.asked() {
-                return Err(Halt::Cancelled);
-            }
+            let rested = Instant::now() + Duration::from_secs_f64(entry.rest_after_s);
+            self.rest_until(rested, listener).await?;
             if self.conditions.cancel.pausing() {
-                self.hand.withdraw(self.conditions.spec.clear_mm()).await?;
-                if !listener.paused() {
-                    return Err(Halt::Cancelled);
-                }
-                self.conditions.cancel.while_pausing().await;
-                if self.conditions.cancel.asked() {
-                    return Err(Halt::Cancelled);
-                }
-                let zero = take_zero(&mut self.hand, &self.conditions).await?;
-                self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
-                ledger.record(&zero)?;
-                if let Some(before) = self.left.take() {
-                    self.go_back(next, before).await?;
-                }
+                self.pause(next, ledger, listener).await?;
+                self.rest_until(rested, listener).await?;
             }
         }
         Ok(())
+    }
+
+    /// Parked until a person goes on; then a new zero, and back to where the last contact was left.
+    async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
+        self.hand.withdraw(self.conditions.spec.clear_mm()).await?;
+        if !listener.paused() {
+            return Err(Halt::Cancelled);
+        }
+        self.conditions.cancel.while_pausing().await;
+        self.conditions.cancel.check()?;
+        let zero = take_zero(&mut self.hand, &self.conditions).await?;
+        self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
+        ledger.record(&zero)?;
+        match self.left.take() {
+            Some(before) => self.go_back(next, before).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Rests in air, but no longer than until a pause or a stop is asked for.
+    async fn rest_until(&mut self, rested: Instant, listener: &mut dyn Listener) -> Result<(), Halt> {
+        let rest = rested.saturating_duration_since(Instant::now());
+        if !rest.is_zero() {
+            listener.rests(rest.as_secs_f64());
+            self.conditions.cancel.sleep(rest).await;
+        }
+        self.conditions.cancel.check()
     }
 }
