@@ -12,9 +12,9 @@ Examples:
   palpate resume runs/paper
   palpate resume runs/paper-3 --after-trip
 
-The devices are identified again, and three places touched again: the run goes on only if
-they are where they were. A staircase that was interrupted is repeated whole. A complete
-run is left alone.";
+The devices are identified again, and three places touched again: the run goes
+on only if they are where they were. A staircase that was interrupted is
+repeated whole. A complete run is left alone.";
 
 /// Go on with a run that was stopped
 #[derive(Debug, clap::Args)]

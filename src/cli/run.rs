@@ -14,8 +14,8 @@ Examples:
   palpate run recipes/bench.toml --strategy guarded
   palpate run recipes/paper.toml --rig rigs/esp301.toml --simulate
 
-Ctrl-C finishes the press under way and pauses, a second one stops at once; both park
-the stage and keep what was measured. `palpate resume RUN` goes on.";
+Ctrl-C finishes the press under way and pauses, a second one stops at once;
+both park the stage and keep what was measured. `palpate resume RUN` goes on.";
 
 /// Carry out a recipe on a rig and keep every press
 #[derive(Debug, clap::Args)]

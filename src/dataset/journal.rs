@@ -55,7 +55,7 @@ pub enum JournalError {
         problem: String,
     },
     /// It couldn't be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("keeping {}: {why}", path.display())]
     #[diagnostic(help(
         "make room or set the permissions right, then `palpate resume` the run: what was acknowledged is safe"
     ))]
@@ -63,7 +63,7 @@ pub enum JournalError {
         /// The journal.
         path: PathBuf,
         /// What came back.
-        source: io::Error,
+        why: io::Error,
     },
 }
 
@@ -224,7 +224,7 @@ impl Iterator for Records {
 
 fn failed(path: &Path) -> impl FnOnce(io::Error) -> JournalError {
     let path = path.to_owned();
-    move |source| JournalError::Io { path, source }
+    move |why| JournalError::Io { path, why }
 }
 
 /// A line's sequence number and record.

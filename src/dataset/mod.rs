@@ -39,7 +39,7 @@ use thiserror::Error;
 #[derive(Debug, Error, Diagnostic)]
 pub enum DatasetError {
     /// The operating system refused.
-    #[error("{doing} {}: {source}", path.display())]
+    #[error("{doing} {}: {why}", path.display())]
     #[diagnostic(help(
         "make room or set the permissions right, then `palpate resume` the run: what was acknowledged is safe"
     ))]
@@ -49,7 +49,7 @@ pub enum DatasetError {
         /// To which file or folder.
         path: PathBuf,
         /// What came back.
-        source: std::io::Error,
+        why: std::io::Error,
     },
     /// The journal is damaged, or can't be read or written.
     #[error(transparent)]
@@ -106,6 +106,6 @@ pub enum DatasetError {
 impl DatasetError {
     pub(crate) fn io(doing: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> DatasetError {
         let path = path.into();
-        move |source| DatasetError::Io { doing, path, source }
+        move |why| DatasetError::Io { doing, path, why }
     }
 }
