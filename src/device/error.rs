@@ -19,6 +19,9 @@ pub enum Problem {
     /// The link failed or stayed silent.
     #[error("{0}")]
     Link(String),
+    /// The link isn't this program's to use.
+    #[error("{0}")]
+    Claim(String),
     /// An answer that isn't one.
     #[error("it answered {answer:?}, expected {expected}")]
     Misfit {
@@ -49,6 +52,9 @@ impl Diagnostic for DeviceError {
         Some(Box::new(match self.problem {
             Problem::Link(_) => {
                 "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports"
+            }
+            Problem::Claim(_) => {
+                "one program at a time drives an instrument: it locks a file in the temporary folder meanwhile"
             }
             Problem::Misfit { .. } => {
                 "check that the driver in the rig file fits the device, and that no other program talks to it"

@@ -12,7 +12,7 @@ use crate::driver::{AnyArray, AnyLoadCell, AnyStage, Esp301};
 use crate::emulator::{self, Instrument, Shared};
 use crate::scene::Scene;
 use crate::wire::daqmx::{DaqmxLibrary, Functions};
-use crate::wire::{Connector, Link};
+use crate::wire::{Claims, Connector, Link};
 use std::sync::Arc;
 use tokio::io::duplex;
 use tokio::sync::Mutex;
@@ -29,16 +29,20 @@ pub struct OpenRig {
     pub stage_use: StageUse,
     /// The truth behind a simulated rig.
     pub probe: Option<SceneProbe>,
+    /// The real links: this program's alone as long as the drivers live.
+    pub claims: Claims,
 }
 
 /// Opens the links of one role, as many as its driver needs.
 type Dial<'a> = &'a dyn Fn() -> Connector;
 
 impl RigSpec {
-    /// Puts the drivers on their links; in a simulated rig our emulators are at the far ends, in a scene of this seed.
+    /// Puts the drivers on their links; in a simulated rig our emulators are at the far ends, in a scene of this seed. Real
+    /// links are held for this program alone.
     ///
     /// # Errors
-    /// A simulated link to a device there is no emulator for, or NI's library where there is none.
+    /// A real link that another program holds, a simulated one to a device there is no emulator for, or NI's library where
+    /// there is none.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -46,13 +50,14 @@ impl RigSpec {
         if self.is_simulated() {
             return self.open_on(self.emulators(seed)?);
         }
+        let claims = self.claims()?;
         let real = |link: &Link| {
             let link = link.clone();
             move || Connector::Real(link.clone())
         };
         let (stage, load_cell, array) = (real(&self.stage.link), real(&self.load_cell.link), real(&self.array.link));
         let functions = self.daqmx_library()?;
-        self.wired([&stage, &load_cell, &array], functions, None, Instant::now())
+        Ok(OpenRig { claims, ..self.wired([&stage, &load_cell, &array], functions, None, Instant::now())? })
     }
 
     /// Puts the drivers on links in memory with these devices at the far ends; their scene's time begins now.
@@ -94,7 +99,36 @@ impl RigSpec {
             speed_mm_s: self.stage.speed_mm_s,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
         };
-        Ok(OpenRig { instruments, stage_use, probe })
+        Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
+    }
+
+    /// Takes the real links for this program alone: each once, whichever roles share it.
+    fn claims(&self) -> Result<Claims, DeviceError> {
+        let mut claims = Claims::default();
+        let cell_inputs = match &self.load_cell.driver {
+            LoadCellDriver::Daqmx { inputs, .. } => Some(inputs),
+            _ => None,
+        };
+        let array_inputs = match &self.array.driver {
+            ArrayDriver::Daqmx(inputs) => Some(inputs),
+            _ => None,
+        };
+        for (role, link, inputs) in [
+            ("stage", &self.stage.link, None),
+            ("load cell", &self.load_cell.link, cell_inputs),
+            ("array", &self.array.link, array_inputs),
+        ] {
+            let taken = match (link, inputs) {
+                (Link::Daqmx(_), Some(inputs)) => claims.take_ni(&inputs.physical),
+                _ => claims.take(link),
+            };
+            taken.map_err(|error| DeviceError {
+                device: role.to_owned(),
+                doing: "opening its link".to_owned(),
+                problem: Problem::Claim(error.to_string()),
+            })?;
+        }
+        Ok(claims)
     }
 
     fn uses_daqmx(&self) -> bool {

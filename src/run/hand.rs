@@ -3,6 +3,7 @@ use crate::control::{AIR_READINGS, Air, Rule, Timing, Trip, Watch, check_sound};
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{ForceReading, Frame, Place};
 use crate::rig::SceneProbe;
+use crate::wire::Claims;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -20,6 +21,8 @@ pub(super) struct Hand<'a, S, C, A> {
     /// Where the indenter is: specimen frame, read back.
     pub place: Place,
     pub z_mm: f64,
+    /// Nobody else drives the instruments while this does.
+    _claims: Claims,
 }
 
 /// The load cell under its watch, read no faster than it converts.
@@ -198,9 +201,11 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         usage: StageUse,
         timing: Timing,
         probe: Option<SceneProbe>,
+        claims: Claims,
     ) -> Self {
         let Instruments { stage, load_cell: cell, array } = instruments;
         let air = vec![0.0; array.units()];
-        Hand { stage, cell, array, frame, usage, timing, probe, air, place: Place::default(), z_mm: 0.0 }
+        let (place, z_mm) = (Place::default(), 0.0);
+        Hand { stage, cell, array, frame, usage, timing, probe, air, place, z_mm, _claims: claims }
     }
 }

@@ -64,7 +64,7 @@ pub(super) async fn at_home<'a>(
     (Hand<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Result<Identity, DeviceError>),
     Halt,
 > {
-    let OpenRig { instruments, stage_use, probe } = rig;
+    let OpenRig { instruments, stage_use, probe, claims } = rig;
     let Instruments { mut stage, load_cell, array } = instruments;
     let reins = Reins::default();
     let told_to_stop = async {
@@ -81,7 +81,7 @@ pub(super) async fn at_home<'a>(
     let zero = Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None };
     let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, zero), cancel, shown);
     let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe);
+    let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims);
     if prepared.is_ok() {
         // an axis that was homed before may stand anywhere: out of contact first
         hand.withdraw(spec.clear_mm()).await?;

@@ -2,14 +2,17 @@
 //!
 //! A [`Link`] is where an instrument is, as a rig file says it. A [`Connector`] opens it, as often as need be, and gives a
 //! [`ByteStream`]; a driver can't tell a serial port from a socket from an emulator in memory. [`LineExchange`] is one request
-//! at a time over a line protocol: each with a deadline, a stop that needn't wait, and resynchronisation after a misfit.
+//! at a time over a line protocol: each with a deadline, a stop that needn't wait, and resynchronisation after a misfit. [`Claims`]
+//! keep a real link for one program.
 
+mod claim;
 mod connect;
 pub mod daqmx;
 mod line;
 mod lines;
 mod link;
 
+pub use claim::{ClaimError, Claims};
 pub use connect::{ByteStream, Connector, Duplex};
 pub use line::{LineExchange, Urgent};
 pub use lines::{Lines, WireError, silent};

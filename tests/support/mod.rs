@@ -206,6 +206,11 @@ impl Live {
         while !next(&self.err).unwrap_or_else(|| panic!("it ended before it said {words:?}")).contains(words) {}
     }
 
+    /// Its process number.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Sends a signal: `INT`, `TERM`, `KILL`.
     #[cfg(unix)]
     pub fn signal(&self, name: &str) {

@@ -1,0 +1,361 @@
+//! One owner of a real link: two programs that drive one stage would each move it under the other's press.
+//!
+//! The owner holds a lock on a file in the temporary folder, which the system gives free when the owner ends, however it
+//! does. The file stays: whoever removed it would take the lock away from a program that has just opened it.
+
+use super::Link;
+use sha2::{Digest, Sha256};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, Write};
+use std::net::IpAddr;
+use std::path::{Path, PathBuf};
+
+/// How often a lock file is opened anew that was removed or exchanged meanwhile, as those who clean temporary folders do.
+const TRIES: usize = 10;
+
+/// No process number is longer, in bytes.
+const NUMBER_MOST: u64 = 10;
+
+/// The real links that a rig has for itself, until this is dropped.
+#[derive(Debug, Default)]
+pub struct Claims {
+    claims: Vec<Claim>,
+}
+
+/// Why a link can't be had.
+#[derive(Debug, thiserror::Error)]
+pub enum ClaimError {
+    /// Another program has it.
+    #[error("{link} is held by another palpate{}: end it, or wait for it", of_process(*.process))]
+    Held {
+        /// The link, as a person knows it.
+        link: String,
+        /// The number of the process that has it, where that can be told.
+        process: Option<u32>,
+    },
+    /// Nobody can tell who has it.
+    #[error("nobody can tell whether {link} is in use: its lock file {} can't be had: {source}; TMPDIR can name another folder for it", .path.display())]
+    Lock {
+        /// The link, as a person knows it.
+        link: String,
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+/// One link.
+#[derive(Debug)]
+struct Claim {
+    identity: String,
+    /// Dies with its owner, however that ends.
+    _lock: File,
+}
+
+impl Claims {
+    /// Takes a link, if it is a real one; one that is taken already, for another role of the same rig, stays so. NI's devices
+    /// are taken by [`Claims::take_ni`].
+    ///
+    /// # Errors
+    /// Another program has it, or there can be no lock file.
+    pub fn take(&mut self, link: &Link) -> Result<(), ClaimError> {
+        match identity(link) {
+            Some(identity) => self.take_in(&std::env::temp_dir(), identity, told(link)),
+            None => Ok(()),
+        }
+    }
+
+    /// Takes the NI devices that some physical channels belong to, such as `Dev1/ai0:8`.
+    ///
+    /// # Errors
+    /// Another program has one, or there can be no lock file.
+    pub fn take_ni(&mut self, physical: &str) -> Result<(), ClaimError> {
+        for device in ni_devices(physical) {
+            self.take_in(&std::env::temp_dir(), format!("daqmx {}", device.to_lowercase()), format!("daqmx {device}"))?;
+        }
+        Ok(())
+    }
+
+    fn take_in(&mut self, folder: &Path, identity: String, told: String) -> Result<(), ClaimError> {
+        if self.claims.iter().any(|claim| claim.identity == identity) {
+            return Ok(());
+        }
+        let path = folder.join(format!("palpate-link-{:x}.lock", Sha256::digest(&identity)));
+        match lock(&path) {
+            Ok(Lock::Taken(file)) => self.claims.push(Claim { identity, _lock: file }),
+            Ok(Lock::Held(process)) => return Err(ClaimError::Held { link: told, process }),
+            Err(source) => return Err(ClaimError::Lock { link: told, path, source }),
+        }
+        Ok(())
+    }
+}
+
+/// What is one for every name of one link; none for a link that isn't real, or that isn't what programs contend for.
+fn identity(link: &Link) -> Option<String> {
+    match link {
+        Link::Sim | Link::Daqmx(_) => None,
+        Link::Serial { port, .. } => Some(format!("serial {}", serial_identity(port))),
+        Link::Tcp { host, port } => {
+            // an address may be written in several ways
+            let host = host.parse::<IpAddr>().map_or_else(|_| host.to_lowercase(), |address| address.to_string());
+            Some(format!("tcp {host} {port}"))
+        }
+        // a script in this folder isn't the script of the same name in another one
+        Link::Process(command) => {
+            let words = command.iter().map(|word| real_path(word).unwrap_or_else(|| word.clone()));
+            Some(format!("process {:?}", words.collect::<Vec<_>>()))
+        }
+    }
+}
+
+fn serial_identity(port: &str) -> String {
+    let path = real_path(port).unwrap_or_else(|| port.to_owned());
+    match path.strip_prefix("/dev/tty.") {
+        Some(name) if cfg!(target_os = "macos") => format!("/dev/cu.{name}"), // both are one line
+        _ if cfg!(windows) => path.to_uppercase(),
+        _ => path,
+    }
+}
+
+/// The file behind all links to it.
+fn real_path(path: &str) -> Option<String> {
+    Some(fs::canonicalize(path).ok()?.to_string_lossy().into_owned())
+}
+
+fn ni_devices(physical: &str) -> impl Iterator<Item = &str> {
+    physical.split(',').map(|channel| {
+        let channel = channel.trim().trim_start_matches('/');
+        channel.split_once('/').map_or(channel, |(device, _)| device)
+    })
+}
+
+/// A link as a person knows it: how fast it is has no part in whose it is.
+fn told(link: &Link) -> String {
+    let text = link.to_string();
+    text.split_once('?').map_or(text.clone(), |(place, _)| place.to_owned())
+}
+
+fn of_process(process: Option<u32>) -> String {
+    process.map(|number| format!(" (process {number})")).unwrap_or_default()
+}
+
+/// What became of a lock.
+#[derive(Debug)]
+enum Lock {
+    Taken(File),
+    /// By another one, and its process number.
+    Held(Option<u32>),
+}
+
+fn lock(path: &Path) -> io::Result<Lock> {
+    for _ in 0..TRIES {
+        let Some(mut file) = open(path)? else { continue };
+        match file.try_lock() {
+            Ok(()) if is_at(&file, path)? => {
+                // only for others to read; a file of another user's that can't be written is locked all the same
+                let _ = sign(&mut file);
+                return Ok(Lock::Taken(file));
+            }
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Ok(Lock::Held(signed(&mut file))),
+            Err(TryLockError::Error(error)) => return Err(error),
+        }
+    }
+    Err(io::Error::other("it is exchanged again and again"))
+}
+
+/// Opens a lock file, or makes it; none if somebody else made or removed it meanwhile. Temporary folders are everyone's: an
+/// existing file isn't opened as one to be made, which Linux refuses for a file of another user's, and nothing is followed.
+fn open(path: &Path) -> io::Result<Option<File>> {
+    let opened = match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => make(path),
+        Err(error) => Err(error),
+        Ok(found) if !found.is_file() => Err(io::Error::other("something that isn't a file is in its place")),
+        Ok(_) => match OpenOptions::new().read(true).write(true).open(path) {
+            // made by another user, who has just begun to make it everyone's, or can't: enough for a lock
+            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => File::open(path),
+            opened => opened,
+        },
+    };
+    match opened {
+        Ok(file) => Ok(Some(file)),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(None),
+        Err(error) if error.kind() == io::ErrorKind::NotFound && path.parent().is_some_and(Path::is_dir) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Makes a lock file that every user may open, whatever this one's files are like.
+fn make(path: &Path) -> io::Result<File> {
+    let file = OpenOptions::new().read(true).write(true).create_new(true).open(path)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.set_permissions(fs::Permissions::from_mode(0o666))?;
+    }
+    Ok(file)
+}
+
+/// Whether the file that was opened is the one that is there: not removed since, and neither a link to another file nor
+/// another name of one, which would be written into.
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let opened = file.metadata()?;
+    if opened.nlink() > 1 {
+        return Err(io::Error::other("another file's second name is in its place"));
+    }
+    let is_it = |there: fs::Metadata| (there.dev(), there.ino()) == (opened.dev(), opened.ino());
+    Ok(fs::symlink_metadata(path).is_ok_and(is_it))
+}
+
+/// An open file can't be removed here.
+#[cfg(not(unix))]
+fn is_at(_: &File, _: &Path) -> io::Result<bool> {
+    Ok(true)
+}
+
+fn sign(file: &mut File) -> io::Result<()> {
+    file.set_len(0)?;
+    file.rewind()?;
+    file.write_all(std::process::id().to_string().as_bytes())
+}
+
+/// Who signed; none where nobody has yet, or where a locked file can't be read.
+fn signed(file: &mut File) -> Option<u32> {
+    let mut text = String::new();
+    file.take(NUMBER_MOST).read_to_string(&mut text).ok()?;
+    text.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tcp(host: &str, port: u16) -> Link {
+        Link::Tcp { host: host.to_owned(), port }
+    }
+
+    fn serial(port: &str) -> Link {
+        Link::parse(&format!("serial://{port}?baud=9600")).unwrap()
+    }
+
+    fn process(words: &[&str]) -> Link {
+        Link::Process(words.iter().map(|word| (*word).to_owned()).collect())
+    }
+
+    fn taken(folder: &Path, link: &Link) -> Result<Claims, ClaimError> {
+        let mut claims = Claims::default();
+        claims.take_in(folder, identity(link).unwrap(), told(link))?;
+        Ok(claims)
+    }
+
+    #[test]
+    fn a_link_has_one_owner_until_that_is_dropped() {
+        let folder = tempfile::tempdir().unwrap();
+        let (link, other) = (serial("/dev/nothing0"), serial("/dev/nothing1"));
+        for _ in 0..2 {
+            let owner = taken(folder.path(), &link).unwrap();
+            let told = taken(folder.path(), &link).unwrap_err().to_string();
+            // windows lets nobody read a locked file
+            let process = if cfg!(windows) { String::new() } else { of_process(Some(std::process::id())) };
+            let expected =
+                format!("serial:///dev/nothing0 is held by another palpate{process}: end it, or wait for it");
+            assert_eq!(told, expected);
+            taken(folder.path(), &other).unwrap();
+            drop(owner);
+        }
+    }
+
+    #[test]
+    fn roles_of_one_rig_share_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut claims = taken(folder.path(), &tcp("xps", 5001)).unwrap();
+        for link in [tcp("XPS", 5001), tcp("xps", 5002)] {
+            claims.take_in(folder.path(), identity(&link).unwrap(), told(&link)).unwrap();
+        }
+        assert_eq!(claims.claims.len(), 2);
+    }
+
+    #[test]
+    fn what_is_not_real_has_no_owner() {
+        for link in [Link::Sim, Link::Daqmx(None)] {
+            assert_eq!(identity(&link), None);
+            Claims::default().take(&link).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_link_is_one_however_it_is_written() {
+        let same = |one: &Link, other: &Link| identity(one) == identity(other);
+        assert!(same(&tcp("Stage.Local", 1), &tcp("stage.local", 1)) && !same(&tcp("a", 1), &tcp("a", 2)));
+        assert!(same(&tcp("::1", 1), &tcp("0:0:0:0:0:0:0:1", 1)));
+        assert!(same(&serial("COM3"), &Link::parse("serial://COM3?baud=1200&parity=even").unwrap()));
+        assert!(!same(&process(&["a b"]), &process(&["a", "b"])));
+        assert_eq!(ni_devices("Dev1/ai0:3, /cDAQ1Mod2/ai1").collect::<Vec<_>>(), ["Dev1", "cDAQ1Mod2"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_port_is_one_by_whichever_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let (device, by_id) = (folder.path().join("ttyUSB0"), folder.path().join("usb-stage"));
+        File::create(&device).unwrap();
+        std::os::unix::fs::symlink(&device, &by_id).unwrap();
+        let [device, by_id] = [device, by_id].map(|path| path.display().to_string());
+        assert_eq!(identity(&serial(&device)), identity(&serial(&by_id)));
+        assert_eq!(identity(&process(&["python3", &device])), identity(&process(&["python3", &by_id])));
+    }
+
+    #[test]
+    fn without_a_temporary_folder_it_is_told_which_and_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("missing");
+        let told = taken(&missing, &tcp("stage", 1)).unwrap_err().to_string();
+        assert!(told.contains(&missing.display().to_string()) && told.contains("TMPDIR"), "{told}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_lock_file_is_everyones_and_nothing_else_is_written() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        drop(taken(folder.path(), &tcp("stage", 1)).unwrap());
+        let path = fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o666);
+
+        // a handle that only reads holds it as well as one that writes
+        let held = File::open(&path).unwrap();
+        held.try_lock().unwrap();
+        taken(folder.path(), &tcp("stage", 1)).unwrap_err();
+        drop(held);
+
+        let precious = folder.path().join("precious");
+        let tricks: [&dyn Fn(); 3] =
+            [&|| symlink(&precious, &path).unwrap(), &|| fs::hard_link(&precious, &path).unwrap(), &|| {
+                fs::create_dir(&path).unwrap()
+            }];
+        for trick in tricks {
+            fs::write(&precious, "precious").unwrap();
+            fs::remove_file(&path).unwrap();
+            trick();
+            let told = taken(folder.path(), &tcp("stage", 1)).unwrap_err().to_string();
+            assert!(told.contains("in its place"), "{told}");
+            assert_eq!(fs::read_to_string(&precious).unwrap(), "precious");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_lock_of_a_file_that_was_removed_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        let opened = open(&path).unwrap().unwrap();
+        fs::remove_file(&path).unwrap();
+        assert!(!is_at(&opened, &path).unwrap());
+        File::create(&path).unwrap();
+        assert!(!is_at(&opened, &path).unwrap());
+        assert!(matches!(lock(&path).unwrap(), Lock::Taken(_)));
+    }
+}
