@@ -8,17 +8,21 @@ use std::io::{self, IsTerminal};
 use std::thread;
 use tokio::runtime::Builder;
 
+/// SIGHUP, the first signal, in a mask of signals.
+#[cfg(unix)]
+const HANGUP_BIT: u64 = 1;
+
 /// What the first Ctrl-C asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum First {
     /// A stop.
     Stop,
-    /// A pause when the press under way is recorded; the second one asks for the stop.
+    /// A pause when the press under way is recorded; another one before the pause is over asks for the stop.
     Pause,
 }
 
-/// Listens for Ctrl-C and, on Unix, a polite end and a closed terminal, which are a stop at once. `told` is said when a stop is
-/// asked for.
+/// Listens for Ctrl-C and, on Unix, a polite end and a closed terminal, which are a stop at once; under `nohup` a closed terminal
+/// is none. `told` is said when a stop is asked for.
 ///
 /// They are heard on a thread of their own, so that a simulated run needs no I/O driver: asking the system for events between
 /// any two instants would be its largest cost.
@@ -32,10 +36,9 @@ pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure>
     };
     let listen = async move {
         let mut signals = signals;
-        let mut is_first = first == First::Pause;
         while let Some(is_gentle) = signals.next().await {
-            let is_pause = is_gentle && is_first && !asked.pausing();
-            is_first = false;
+            // a run that went on after a pause may be paused again
+            let is_pause = is_gentle && first == First::Pause && !asked.pausing() && !asked.asked();
             if is_pause {
                 asked.pause();
                 say(&format!("\nthis press is finished first, then {}; Ctrl-C again stops at once", then()));
@@ -81,7 +84,8 @@ fn say(text: &str) {
 struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
-    hangup: tokio::signal::unix::Signal,
+    /// None where whoever started the program wants it to outlive its terminal, as `nohup` does.
+    hangup: Option<tokio::signal::unix::Signal>,
 }
 
 #[cfg(unix)]
@@ -91,7 +95,7 @@ impl Signals {
         Ok(Signals {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
-            hangup: signal(SignalKind::hangup())?,
+            hangup: if ignores_hangup() { None } else { Some(signal(SignalKind::hangup())?) },
         })
     }
 
@@ -100,9 +104,26 @@ impl Signals {
         tokio::select! {
             heard = self.interrupt.recv() => heard.map(|()| true),
             heard = self.terminate.recv() => heard.map(|()| false),
-            heard = self.hangup.recv() => heard.map(|()| false),
+            heard = heard(&mut self.hangup) => heard.map(|()| false),
         }
     }
+}
+
+/// The next of a signal that may be one that never comes.
+#[cfg(unix)]
+async fn heard(signal: &mut Option<tokio::signal::unix::Signal>) -> Option<()> {
+    match signal {
+        Some(signal) => signal.recv().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Whether the program was started with hangups ignored. Linux tells it in a file; where it isn't there, they are heeded.
+#[cfg(unix)]
+fn ignores_hangup() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    ignored.is_some_and(|signals| signals & HANGUP_BIT != 0)
 }
 
 #[cfg(windows)]

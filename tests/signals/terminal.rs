@@ -1,0 +1,109 @@
+//! A terminal of a test's own: a person who reads, presses Enter and goes away.
+
+use serialport::{SerialPort, TTYPort};
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Read, Write};
+use std::process::{Child, Command, Stdio};
+use std::sync::Mutex;
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
+
+/// Longest wait for a program to say or do the next thing: many times what any takes, and an end for one that hangs.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Held while a program is started, and while a terminal is one that it would inherit.
+static STARTING: Mutex<()> = Mutex::new(());
+
+/// The end where the person is. Programs are at the far one.
+pub struct Terminal {
+    near: TTYPort,
+    far: String,
+    /// What has been written on it and wasn't looked for yet.
+    seen: String,
+}
+
+impl Terminal {
+    /// A terminal that nobody is at.
+    pub fn open() -> Terminal {
+        let _alone = STARTING.lock().expect("not poisoned");
+        let (near, far) = TTYPort::pair().expect("a pseudo-terminal");
+        // the clone isn't inherited by programs: a terminal is closed only when nobody has its near end
+        let mut clone = near.try_clone_native().expect("a handle");
+        clone.set_timeout(PATIENCE).expect("a deadline");
+        Terminal { near: clone, far: far.name().expect("a path"), seen: String::new() }
+    }
+
+    /// For a program's standard input, output or error.
+    pub fn far(&self) -> File {
+        OpenOptions::new().read(true).write(true).open(&self.far).expect("the far end opens")
+    }
+
+    /// Reads until some words have been written, and forgets what came before them.
+    pub fn until(&mut self, words: &str) {
+        loop {
+            if let Some(at) = self.seen.find(words) {
+                self.seen.drain(..at + words.len());
+                return;
+            }
+            assert!(self.read(), "it ended before it said {words:?}: {}", self.seen);
+        }
+    }
+
+    /// Reads until all programs have left, and gives what they said.
+    pub fn until_end(mut self) -> String {
+        while self.read() {}
+        self.seen
+    }
+
+    pub fn enter(&mut self) {
+        self.near.write_all(b"\n").expect("writes");
+    }
+
+    /// The person goes away.
+    pub fn close(self) {}
+
+    /// Whether there was something, before everybody left.
+    fn read(&mut self) -> bool {
+        let mut bytes = [0; 4096];
+        match self.near.read(&mut bytes) {
+            Ok(0) => false,
+            Ok(count) => {
+                self.seen += &String::from_utf8_lossy(&bytes[..count]);
+                true
+            }
+            Err(error) if error.kind() == ErrorKind::TimedOut => {
+                panic!("nothing within {} s: {}", PATIENCE.as_secs(), self.seen)
+            }
+            Err(_) => false, // how Linux tells that nobody is there
+        }
+    }
+}
+
+/// Starts a program.
+pub fn spawned(command: &mut Command) -> Child {
+    let _alone = STARTING.lock().expect("not poisoned");
+    command.spawn().expect("the program starts")
+}
+
+/// Sends a signal: `INT`, `TERM`.
+pub fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").arg(format!("-{name}")).arg(child.id().to_string()).status();
+    assert!(sent.expect("kill starts").success(), "kill -{name}");
+}
+
+/// How a program ends.
+pub fn wait(mut child: Child) -> Option<i32> {
+    let number = child.id();
+    let (sender, receiver) = channel();
+    // left behind if the program hangs
+    thread::spawn(move || sender.send(child.wait()));
+    let status = receiver.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("process {number} doesn't end"));
+    status.expect("it can be waited for").code()
+}
+
+/// Whether there is a `setsid` that gives a program a controlling terminal.
+pub fn has_ctty() -> bool {
+    let help = Command::new("setsid").arg("--help").stderr(Stdio::null()).output();
+    help.is_ok_and(|help| String::from_utf8_lossy(&help.stdout).contains("--ctty"))
+}
