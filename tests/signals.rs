@@ -11,7 +11,7 @@ use palpate::dataset::{Contact, Journal, Record};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use support::python::skipped;
 use support::rows::{json, numbered, table};
 use support::{Bench, Live, Told};
@@ -35,9 +35,12 @@ const STAIRCASES: u64 = 2;
 const LEVELS: u64 = 5;
 const PRESSES: u64 = 11;
 
+/// How often one run is paused.
+const PAUSES: usize = 3;
+
 /// A staircase takes a second or two at this pace: a signal that is sent when it begins comes in the middle of it.
 const RUN: &str = "run r.toml --json --out run --pace 5";
-/// For a signal that asks for the end of a press.
+/// For a run whose presses needn't be long.
 const RUN_FAST: &str = "run r.toml --json --out run --pace 15";
 
 const CANCELLED: Option<i32> = Some(130);
@@ -48,7 +51,7 @@ const FINISHED_FIRST: &str = "this press is finished first";
 #[test]
 fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
     let bench = Bench::with([("r.toml", RECIPE)]);
-    let live = Live::start(bench.command(RUN_FAST));
+    let live = Live::start(bench.command(RUN));
     live.until_told(": from press 1 of 11");
     live.signal("INT");
     let told = live.end();
@@ -91,22 +94,24 @@ fn a_signal_before_the_first_press_stops_there() {
     assert_stopped_at_once(&bench, live.end());
 }
 
-/// Its readers are gone: what it says can't be written any more, and neither that nor its rows may change how it ends.
 #[test]
 fn a_run_that_nobody_hears_stops_as_any_other() {
     for (name, presses) in [("TERM", 0), ("INT", 1)] {
         let bench = Bench::with([("r.toml", RECIPE)]);
-        let mut command = bench.command(RUN_FAST);
-        let mut child = spawned(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
-        let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-        let is_begun = |line: Result<String, _>| line.expect("a line").contains(": from press 1 of 11");
-        assert!(lines.any(is_begun), "it ended before its first press");
-        drop((lines, child.stdout.take()));
+        let child = unheard(&bench);
         signal(&child, name);
         assert_eq!(wait(child), CANCELLED, "{name}");
         assert_stopped_with(&bench, presses);
         assert_finished_by_resume(&bench, "");
     }
+}
+
+#[test]
+fn a_run_that_nobody_hears_is_finished_as_any_other() {
+    let bench = Bench::with([("r.toml", RECIPE)]);
+    assert_eq!(wait(unheard(&bench)), Some(0));
+    assert_eq!(bench.manifest("run")["status"], "complete");
+    assert_eq!(numbered(&table(&bench, "run")), plan());
 }
 
 #[test]
@@ -165,20 +170,28 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
 #[test]
 fn a_pause_may_be_made_again_and_again() {
     let bench = Bench::with([("r.toml", RECIPE)]);
-    let (mut terminal, child) = attended(&bench);
-    terminal.until("characterisation");
-    for presses in 1..=3 {
+    let mut terminal = Terminal::open();
+    let mut command = bench.command(RUN_FAST);
+    command.stdin(terminal.far()).stderr(terminal.far());
+    let mut child = spawned(command.stdout(Stdio::piped()));
+    drop(command); // it is at the terminal too
+    let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
+    let (mut acknowledged, mut presses) = (Vec::new(), 0);
+    for _ in 0..PAUSES {
+        // a press that was made since the last pause: the run is under way again
+        while numbered(&acknowledged).last().is_none_or(|(press, _)| *press < presses) {
+            acknowledged.push(json(&lines.next().expect("another row").expect("a line")));
+        }
         signal(&child, "INT");
-        terminal.until(FINISHED_FIRST);
-        terminal.until(&format!("paused after {presses} of 11 presses"));
+        terminal.until("paused after ");
+        presses = terminal.until(" of ").parse().expect("a number");
         terminal.enter();
-        // the force of the next press is told only when that is under way
-        terminal.until(" N");
     }
     let seen = terminal.until_end();
     assert_eq!(wait(child), Some(0), "{seen}");
-    assert_eq!(zeros(&bench), 4);
-    assert_eq!(numbered(&rows(&bench.read("rows"))), plan(), "each row once");
+    assert_eq!(zeros(&bench), 1 + PAUSES);
+    acknowledged.extend(lines.map(|line| json(&line.expect("a line"))));
+    assert_eq!(numbered(&acknowledged), plan(), "each row once");
 }
 
 #[test]
@@ -204,10 +217,21 @@ fn a_pause_is_ended_by_a_second_interrupt_or_by_a_terminal_that_is_gone() {
     }
 }
 
+/// A run in its first press whose readers are gone: neither what it says nor its rows can be written any more.
+fn unheard(bench: &Bench) -> Child {
+    let mut command = bench.command(RUN);
+    let mut child = spawned(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+    let is_begun = |line: Result<String, _>| line.expect("a line").contains(": from press 1 of 11");
+    assert!(lines.any(is_begun), "it ended before its first press");
+    drop((lines, child.stdout.take()));
+    child
+}
+
 /// A run whose terminal this is; its rows go into a file.
-fn attended(bench: &Bench) -> (Terminal, std::process::Child) {
+fn attended(bench: &Bench) -> (Terminal, Child) {
     let terminal = Terminal::open();
-    let mut command = bench.command(RUN_FAST);
+    let mut command = bench.command(RUN);
     command.stdin(terminal.far()).stderr(terminal.far());
     let child = spawned(command.stdout(File::create(bench.path("rows")).expect("a file")));
     (terminal, child)

@@ -39,12 +39,13 @@ impl Terminal {
         OpenOptions::new().read(true).write(true).open(&self.far).expect("the far end opens")
     }
 
-    /// Reads until some words have been written, and forgets what came before them.
-    pub fn until(&mut self, words: &str) {
+    /// Reads until some words have been written, forgets all up to there, and gives what came before them.
+    pub fn until(&mut self, words: &str) -> String {
         loop {
-            if let Some(at) = self.seen.find(words) {
-                self.seen.drain(..at + words.len());
-                return;
+            if let Some((before, behind)) = self.seen.split_once(words) {
+                let before = before.to_owned();
+                self.seen = behind.to_owned();
+                return before;
             }
             assert!(self.read(), "it ended before it said {words:?}: {}", self.seen);
         }
