@@ -59,7 +59,7 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
     while registers(&array, 8) < 0.5 {
         assert!(began.elapsed() < 4 * PATIENCE, "no contact yet");
     }
-    live.signal("INT");
+    live.signal("TERM"); // a Ctrl-C would wait for the end of the press
     let told = live.end();
     assert_eq!(told.code, Some(130), "{}\n{}", told.out, told.err);
     assert_eq!(bench.manifest("stopped")["status"], "stopped");

@@ -153,6 +153,7 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
     let bench = Bench::with([("r.toml", RECIPE)]);
     let (mut terminal, child) = attended(&bench);
     terminal.until("characterisation");
+    terminal.enter(); // before there is a pause that it could end
     signal(&child, "INT");
     terminal.until(&format!("{FINISHED_FIRST}, then the run pauses"));
     terminal.until("paused after 1 of 11 presses, parked: Enter goes on, Ctrl-C ends");

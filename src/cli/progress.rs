@@ -1,4 +1,4 @@
-use super::signals::{go_on_at_enter, is_attended};
+use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use crate::dataset::{Contact, Retouch};
 use crate::device::Identity;
 use crate::recipe::{Entry, Phase, Plan};
@@ -130,6 +130,7 @@ impl Listener for Progress {
     fn paused(&mut self) -> bool {
         let is_attended = is_attended();
         if is_attended {
+            forget_typed();
             self.line(&format!(
                 "paused after {} of {} presses, parked: Enter goes on, Ctrl-C ends",
                 self.done, self.planned

@@ -6,11 +6,21 @@ use crate::run::Cancel;
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, IsTerminal};
 use std::thread;
+#[cfg(unix)]
+use std::time::Duration;
 use tokio::runtime::Builder;
+#[cfg(unix)]
+use tokio::time::timeout;
 
 /// SIGHUP, the first signal, in a mask of signals.
 #[cfg(unix)]
 const HANGUP_BIT: u64 = 1;
+
+/// A terminal from which nothing comes for so long has nothing more of what was typed before.
+#[cfg(unix)]
+const STILL: Duration = Duration::from_millis(50);
+#[cfg(unix)]
+const TYPED_BYTES: usize = 256;
 
 /// What the first Ctrl-C asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +67,36 @@ pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure>
 /// Whether a person is there who can end a pause: at a terminal that is read and written.
 pub fn is_attended() -> bool {
     io::stdin().is_terminal() && io::stderr().is_terminal()
+}
+
+/// Forgets what was typed before a pause: an Enter from then isn't the word of a person who has their hands in the rig.
+pub fn forget_typed() {
+    // on a thread of its own, since a runtime doesn't run in another one; what can't be read can't be forgotten
+    drop(thread::spawn(read_away).join());
+}
+
+#[cfg(unix)]
+fn read_away() -> io::Result<()> {
+    use tokio::net::unix::pipe;
+    Builder::new_current_thread().enable_all().build()?.block_on(async {
+        // opened anew, so that it is this handle alone whose reads don't wait
+        let typed = pipe::OpenOptions::new().unchecked(true).open_receiver("/dev/stdin")?;
+        let mut bytes = [0; TYPED_BYTES];
+        while let Ok(readable) = timeout(STILL, typed.readable()).await {
+            readable?;
+            match typed.try_read(&mut bytes) {
+                Ok(0) => break,
+                Err(error) if error.kind() != io::ErrorKind::WouldBlock => return Err(error),
+                _ => {}
+            }
+        }
+        Ok(())
+    })
+}
+
+#[cfg(not(unix))]
+fn read_away() -> io::Result<()> {
+    Err(io::ErrorKind::Unsupported.into())
 }
 
 /// Goes on with a paused run when the person says Enter. Where the terminal is gone, that is a stop.
