@@ -5,6 +5,7 @@ use super::{Cancel, Halt};
 use crate::control::{Permit, Rule, Timing, Watch, Zero};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Travel};
+use crate::wire::Claims;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
