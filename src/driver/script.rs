@@ -4,7 +4,8 @@ use crate::device::StageUse;
 use crate::quantity::{Range, Travel};
 use crate::wire::Connector;
 use std::sync::Mutex;
-use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
+use tokio::sync::mpsc::unbounded_channel;
 use tokio::task::JoinHandle;
 
 /// What is sent and what comes back, in this order.
@@ -16,19 +17,45 @@ pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
     let near = Mutex::new(Some(near));
     let dial = move || near.lock().unwrap().take().expect("the link is opened once");
     let device = tokio::spawn(async move {
-        let shown = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        for (sent, answered) in script {
-            let mut came = vec![0; sent.len()];
-            let read = far.read_exact(&mut came).await;
-            assert!(read.is_ok(), "{:?} was never sent whole: {:?}", shown(sent), shown(&came));
-            assert_eq!(shown(&came), shown(sent));
-            far.write_all(answered).await.unwrap();
-        }
+        play(&mut far, script).await;
         let mut rest = Vec::new();
         far.read_to_end(&mut rest).await.unwrap();
         assert_eq!(shown(&rest), "", "sent beyond the script");
     });
     (Connector::Memory(Box::new(dial)), device)
+}
+
+/// A link whose far end goes through a script of its own each time the link is opened, and then closes it. The task fails as
+/// that of [`scripted`] does, or where the link is opened more or less often.
+pub fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>) {
+    let (ends, mut opened) = unbounded_channel();
+    let dial = move || {
+        let (near, far) = duplex(4096);
+        ends.send(far).expect("the link is opened no more often");
+        near
+    };
+    let device = tokio::spawn(async move {
+        for script in scripts {
+            let mut far = opened.recv().await.expect("the link is opened as often");
+            play(&mut far, script).await;
+        }
+        assert!(opened.recv().await.is_none(), "the link is opened no more often");
+    });
+    (Connector::Memory(Box::new(dial)), device)
+}
+
+async fn play(far: &mut DuplexStream, script: Script) {
+    for (sent, answered) in script {
+        let mut came = vec![0; sent.len()];
+        let read = far.read_exact(&mut came).await;
+        assert!(read.is_ok(), "{:?} was never sent whole: {:?}", shown(sent), shown(&came));
+        assert_eq!(shown(&came), shown(sent));
+        far.write_all(answered).await.unwrap();
+    }
+}
+
+fn shown(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
 }
 
 /// A link that nobody may open.

@@ -1,10 +1,12 @@
-use super::in_step::InStep;
+use super::line::Line;
 use super::profile::{Function, Probe, Profile, Register, Transport};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{ByteStream, Connector};
+use std::io::ErrorKind;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
 use tokio::time::{Instant, sleep_until, timeout};
+use tokio_modbus::Error;
 use tokio_modbus::client::{Context, Reader, rtu, tcp};
 use tokio_modbus::slave::Slave;
 
@@ -83,6 +85,10 @@ impl Client {
                 // be it that the device doesn't know the function and says so
                 match timeout(self.deadline, read(&mut context, function.other(), address, count)).await {
                     Ok(Ok(_)) => self.doubtful = false,
+                    Ok(Err(Error::Transport(error))) if error.kind() == ErrorKind::UnexpectedEof => {
+                        last = error.to_string();
+                        continue;
+                    }
                     _ => {
                         last = "its answers are out of step".to_owned();
                         continue;
@@ -154,9 +160,10 @@ impl Client {
         }
         self.opened_before = true;
         let slave = Slave(self.unit_id);
+        let line = Line::new(stream, self.transport);
         Ok(match self.transport {
-            Transport::Rtu => rtu::attach_slave(InStep(stream), slave),
-            Transport::Tcp => tcp::attach_slave(stream, slave),
+            Transport::Rtu => rtu::attach_slave(line, slave),
+            Transport::Tcp => tcp::attach_slave(line, slave),
         })
     }
 }

@@ -2,7 +2,7 @@
 
 mod array;
 mod client;
-mod in_step;
+mod line;
 mod load_cell;
 mod number;
 mod profile;

@@ -1,6 +1,6 @@
 use super::*;
 use crate::device::LoadCell;
-use crate::driver::script::scripted;
+use crate::driver::script::{Script, closing, scripted};
 use tokio::time::Instant;
 
 #[tokio::test(start_paused = true)]
@@ -50,4 +50,28 @@ async fn a_float_decoded_in_the_wrong_word_order_is_beyond_any_range() {
     assert!(told.contains("expected a force within 1000 N"), "{told}");
     drop(cell);
     device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_link_that_the_far_end_closes_is_told_as_that() {
+    const TCP: &[u8] = b"\0\0\0\0\0\x06\x01\x03\0\x08\0\x01";
+    const RTU: &[u8] = b"\x01\x03\x00\x08\x00\x01\x05\xC8";
+    // a line that was opened again is asked with the other function first
+    const RTU_DOUBTED: &[u8] = b"\x01\x04\x00\x08\x00\x01\xB0\x08";
+    for (transport, scripts) in [
+        (Transport::Tcp, [&[(TCP, b"" as &[u8])], &[(TCP, b"\0\0\0\0\0")], &[(TCP, b"\0\0\0\0\0\x05\x01\x03\x02\0")]]),
+        (Transport::Rtu, [&[(RTU, b"")], &[(RTU_DOUBTED, b"\x01\x04")], &[(RTU_DOUBTED, b"")]]),
+    ] {
+        let scripts: &'static [Script] = Vec::leak(scripts.map(|script| script as Script).to_vec());
+        let (link, device) = closing(scripts);
+        let profile = Profile::shipped("generic-rs485").unwrap();
+        let mut cell = ModbusLoadCell::new(link, transport, profile, "script", 200.0, Instant::now()).unwrap();
+        let told = cell.prepare().await.unwrap_err().to_string();
+        assert!(
+            told.ends_with("while reading its decimals: the far end closed the link, 3 times"),
+            "{transport:?}: {told}"
+        );
+        drop(cell);
+        device.await.unwrap();
+    }
 }
