@@ -1,5 +1,20 @@
 use super::table::{MAX_COLUMNS, TableError};
+use crate::document::printable;
 use csv::StringRecord;
+
+/// As much of a cell as a message quotes, characters.
+const QUOTED: usize = 40;
+
+/// What a message quotes of a cell or a column's name: not all of a long one, and nothing that a terminal would act on.
+pub(super) fn quoted(cell: &str) -> String {
+    start_of(cell, QUOTED)
+}
+
+/// The first characters of a text from outside, so that a terminal only writes them.
+pub(super) fn start_of(text: &str, most: usize) -> String {
+    let start = text.char_indices().nth(most).map_or(text, |(end, _)| &text[..end]);
+    printable(start.to_owned()) + if start.len() < text.len() { "..." } else { "" }
+}
 
 /// A header, and all that a message about it needs.
 pub(super) struct Header<'a> {
@@ -22,16 +37,15 @@ impl Header<'_> {
         if names.len() > MAX_COLUMNS {
             return Err(TableError::TooLarge {
                 file: self.file.to_owned(),
+                line: Some(self.line),
                 limit: MAX_COLUMNS as u64,
                 what: "columns",
             });
         }
         match names.iter().enumerate().find(is_repeated) {
-            Some((_, name)) => Err(TableError::DuplicateColumn {
-                file: self.file.to_owned(),
-                line: self.line,
-                column: name.to_owned(),
-            }),
+            Some((_, name)) => {
+                Err(TableError::DuplicateColumn { file: self.file.to_owned(), line: self.line, column: quoted(name) })
+            }
             None => Ok(()),
         }
     }
@@ -65,11 +79,9 @@ impl Header<'_> {
         let names: Vec<&str> = self.names.iter().filter(numbered).collect();
         match names.iter().find(|name| name.starts_with("out_0")) {
             // Numbered from 0 or padded: no gap, but no output either.
-            Some(name) => Err(TableError::OutputNumber {
-                file: self.file.to_owned(),
-                line: self.line,
-                column: (*name).to_owned(),
-            }),
+            Some(name) => {
+                Err(TableError::OutputNumber { file: self.file.to_owned(), line: self.line, column: quoted(name) })
+            }
             // Without a gap, as many numbers as columns: the first that isn't among 1..=count is then missed by name.
             None => Ok(names.len()),
         }
@@ -87,7 +99,9 @@ impl Header<'_> {
         let unknown = self.names.iter().filter(|name| !name.is_empty() && !is_known(name));
         let scored = unknown.map(|name| (strsim::jaro_winkler(column, &name.to_lowercase()), name));
         match scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(similarity, _)| *similarity > NEAR) {
-            Some((_, name)) => format!("`{name}` is there: rename it to `{column}` if that is what it holds"),
+            Some((_, name)) => {
+                format!("`{}` is there: rename it to `{column}` if that is what it holds", quoted(name))
+            }
             None => self.help.to_owned(),
         }
     }

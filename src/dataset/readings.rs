@@ -4,7 +4,7 @@
 //! object a line, `{"outputs": [0.1, 0.2]}`, or the bare array. `id` and `t_s` are kept with the reading; all else is passed
 //! over, and so are blank lines.
 
-use super::header::Header;
+use super::header::{Header, quoted, start_of};
 use super::table::TableError;
 use csv::{ByteRecord, StringRecord};
 use miette::Diagnostic;
@@ -17,8 +17,8 @@ use std::str::FromStr;
 pub const MAX_LINE_BYTES: usize = 256 << 10;
 /// How much is read at once, bytes.
 const BUFFER_BYTES: usize = 64 << 10;
-/// As much of a cell as a message quotes, characters.
-const QUOTED: usize = 40;
+/// As much of what is said of a JSON line as a message repeats, characters: it quotes the line.
+const REASON: usize = 120;
 
 const HELP: &str = "needed are out_1, out_2, ... without a gap; a first line of numbers alone needs no header";
 
@@ -170,7 +170,7 @@ impl<R: Read> Readings<R> {
         let object = read.map_err(|error| {
             let told = error.to_string();
             let reason = told.rsplit_once(" at line ").map_or(told.as_str(), |(reason, _)| reason);
-            wrong(error.column(), reason.to_owned())
+            wrong(error.column(), start_of(reason, REASON))
         })?;
         for (key, value) in [("id", &object.id), ("t_s", &object.t_s)] {
             if !matches!(value, None | Some(Value::Number(_) | Value::String(_))) {
@@ -268,21 +268,21 @@ impl Columns {
             _ if found == expected => Ok(()),
             None => Err(ReadingError::Units { file: file(), line, found, expected }),
             Some(names) => {
-                let column = names.get(found.min(expected).saturating_sub(1)).unwrap_or_default().to_owned();
+                let column = quoted(names.get(found.min(expected).saturating_sub(1)).unwrap_or_default());
                 Err(TableError::Ragged { file: file(), line, column, expected, found }.into())
             }
         }
     }
 
     fn wrong(&self, file: &str, line: u64, column: usize, cells: &ByteRecord) -> ReadingError {
-        let name = self.names.as_ref().and_then(|names| names.get(column)).map(str::to_owned);
+        let name = self.names.as_ref().and_then(|names| names.get(column)).map(quoted);
         let found = String::from_utf8_lossy(cells.get(column).unwrap_or_default());
         let cell = TableError::Cell {
             file: file.to_owned(),
             line,
             column: name.unwrap_or_else(|| format!("out_{}", column + 1)),
             expected: "a number",
-            found: found.trim().chars().take(QUOTED).collect(),
+            found: quoted(found.trim()),
         };
         cell.into()
     }
@@ -424,6 +424,20 @@ mod tests {
             let told = told.unwrap_or_default();
             let text = &text[..text.len().min(60)];
             assert!(found.len() == before && told.starts_with(expected), "{text:?} gives {found:?} {told}");
+        }
+    }
+
+    #[test]
+    fn what_is_quoted_is_short_and_moves_no_cursor() {
+        let long = "\u{1b}[2J".repeat(100);
+        for (text, expected) in [
+            (format!("1,{long}\n"), "`out_1` is missing".to_owned()),
+            (format!("1,2\n1,{long}\n"), format!("found `{}...`", "\\u{1b}[2J".repeat(10))),
+            (format!("[1,2]\n[1,\"{}\"]\n", "\\u001b[2J".repeat(100)), "line 2, column ".to_owned()),
+        ] {
+            let told = readings(&text, None).1.unwrap_or_default();
+            let is_plain = told.len() < 300 && !told.contains(char::is_control);
+            assert!(told.contains(&expected) && is_plain, "{text:?} gives {told:?}");
         }
     }
 

@@ -5,7 +5,7 @@
 //! those that aren't known are ignored. A byte-order mark and either kind of line end are tolerated. What a table without
 //! `force_n` is worth is for [`calibration`](super::calibration) to say.
 
-use super::header::Header;
+use super::header::{Header, quoted};
 use crate::quantity::Place;
 use csv::StringRecord;
 use miette::Diagnostic;
@@ -74,9 +74,9 @@ pub enum TableError {
     #[error("{file}: can't be read")]
     Unreadable { file: String, source: io::Error },
     /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
-    #[error("{file}: more than {limit} {what}")]
+    #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
     #[diagnostic(help("leave out columns that aren't needed, or average repeated presses first"))]
-    TooLarge { file: String, limit: u64, what: &'static str },
+    TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
     /// Not text.
     #[error("{file}, line {line}: not UTF-8 text")]
     #[diagnostic(help("save the table as CSV in UTF-8"))]
@@ -145,7 +145,8 @@ impl Table {
         let (mut rows, mut record) = (Vec::new(), StringRecord::new());
         while records.next(&mut record)? {
             if rows.len() == MAX_ROWS {
-                return Err(TableError::TooLarge { file: file.to_owned(), limit: MAX_ROWS as u64, what: "rows" });
+                let (file, line) = (file.to_owned(), Some(records.line));
+                return Err(TableError::TooLarge { file, line, limit: MAX_ROWS as u64, what: "rows" });
             }
             rows.push(columns.row(&Cells { file, line: records.line, header: &header, record: &record })?);
         }
@@ -237,7 +238,7 @@ impl<'a> Cells<'a> {
             return Ok(());
         }
         let last = found.min(expected).saturating_sub(1);
-        let column = self.header.get(last).unwrap_or_default().to_owned();
+        let column = quoted(self.header.get(last).unwrap_or_default());
         Err(TableError::Ragged { file: self.file.to_owned(), line: self.line, column, expected, found })
     }
 
@@ -258,9 +259,9 @@ impl<'a> Cells<'a> {
         TableError::Cell {
             file: self.file.to_owned(),
             line: self.line,
-            column: self.header.get(column).unwrap_or_default().to_owned(),
+            column: quoted(self.header.get(column).unwrap_or_default()),
             expected,
-            found: self.text(column).to_owned(),
+            found: quoted(self.text(column)),
         }
     }
 }
@@ -288,7 +289,7 @@ impl<'a, R: Read> Records<'a, R> {
         self.line = lines.of_record(end, record);
         let file = || self.file.to_owned();
         if lines.taken > MAX_TABLE_BYTES {
-            return Err(TableError::TooLarge { file: file(), limit: MAX_TABLE_BYTES, what: "bytes" });
+            return Err(TableError::TooLarge { file: file(), line: None, limit: MAX_TABLE_BYTES, what: "bytes" });
         }
         read.map_err(|error| match error.into_kind() {
             csv::ErrorKind::Utf8 { .. } => TableError::NotText { file: file(), line: self.line },
@@ -412,6 +413,37 @@ mod tests {
         ] {
             let refusal = refusal(text);
             assert!(refusal.contains(expected), "{text:?} gives: {refusal}");
+        }
+    }
+
+    #[test]
+    fn what_is_quoted_is_short_and_moves_no_cursor() {
+        let long = "\u{1b}[2J".repeat(20);
+        let shown = "\\u{1b}[2J".repeat(10) + "...";
+        for (text, expected) in [
+            (
+                format!("x_mm,y_mm,out_1\n1,{long},3\n"),
+                format!("line 2, column `y_mm`: expected a finite number, found `{shown}`;"),
+            ),
+            (
+                format!("x_mm,y_mm,{long},out_1,{long}\n"),
+                format!("line 1: column `{shown}` stands in the header twice"),
+            ),
+            (
+                format!("x_mm,y_mm,out_1,{long}\n1,2,3\n1,2,3,4,5\n"),
+                "line 2: 3 cells where the header has 4".to_owned(),
+            ),
+            (format!("x_mm,y_mm,out_1,{long}\n1,2,3,4,5\n"), format!("(up to column `{shown}`)")),
+            ("x_mm,y_mm,out_0\u{7}\n".to_owned(), "column `out_1` is missing".to_owned()),
+            (
+                format!("x_mm,y_mm,out_1,out_0{}\n", "1".repeat(40)),
+                format!("column `out_0{}...` doesn't", "1".repeat(35)),
+            ),
+            ("x\u{9b}mm,y_mm,out_1\n".to_owned(), "column `x_mm` is missing; `x\\u{9b}mm` is there".to_owned()),
+            (format!("\n{}\n", ",x".repeat(MAX_COLUMNS)), "a.csv, line 2: more than 4096 columns".to_owned()),
+        ] {
+            let refusal = refusal(&text);
+            assert!(refusal.contains(&expected) && !refusal.contains(char::is_control), "{text:?} gives: {refusal:?}");
         }
     }
 

@@ -6,6 +6,7 @@
 mod problem;
 mod table;
 
+pub(crate) use problem::printable;
 pub use problem::{Problem, Problems};
 pub use table::{Bounds, Span, Table};
 pub(crate) use table::{all, with_nearest};

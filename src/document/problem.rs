@@ -138,7 +138,7 @@ impl Diagnostic for Located {
 }
 
 /// A text that a terminal writes and doesn't act on.
-fn printable(text: String) -> String {
+pub(crate) fn printable(text: String) -> String {
     if !text.contains(char::is_control) {
         return text;
     }
