@@ -4,39 +4,30 @@
 //! Few inputs by default; `PALPATE_FUZZ_FILES=1000000 cargo test --release --test fuzz_files recipes -- --nocapture` for so
 //! many of one target.
 
+#[path = "fuzz_files/feeding.rs"]
+mod feeding;
 #[path = "support/mutation.rs"]
 mod mutation;
+#[path = "fuzz_files/seeds.rs"]
+mod seeds;
 
 use cap::Cap;
-use cpu_time::ThreadTime;
+use feeding::{fuzz, fuzz_file, resealed};
 use mutation::{TEXT_MOST, rewritten};
 use palpate::dataset::readings::{Format, ReadingError, Readings};
 use palpate::dataset::table::{Table, TableError};
-use palpate::dataset::{Journal, Manifest, Origins, RunFolder};
+use palpate::dataset::{Journal, Manifest};
 use palpate::document::Problems;
-use palpate::quantity::{Axis, Stream, stream};
+use palpate::quantity::Axis;
 use palpate::recipe::{self, PRESSES_MAX, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Errand, Listener, walk};
-use rand::RngExt;
+use seeds::{root, run, sim_rig, texts_in};
 use std::alloc::System;
-use std::fmt::Write;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
-use std::time::Instant as Wall;
+use std::path::Path;
 
 #[global_allocator]
 static HEAP: Cap<System> = Cap::new(System, usize::MAX);
-
-/// Most that the process may ever hold, bytes: the targets beside each other, each with the plan of 100,000 presses.
-const EVER_HELD_MOST: usize = 192 << 20;
-
-/// Longest that one input may take of the processor, s: that plan, some times over.
-const INPUT_S_MOST: f64 = if cfg!(debug_assertions) { 20.0 } else { 2.0 };
-
-/// After how many inputs it is told how far it has come.
-const PROGRESS: usize = 100_000;
 
 /// Presses that teach at most.
 const TEACHES: usize = 5;
@@ -47,11 +38,6 @@ const DRAWN_MOST: usize = TEXT_MOST + (64 << 10);
 
 /// A name of a file in messages, that no mutation writes.
 const FILE: &str = "outside";
-
-/// A small run, whose files are what is mutated.
-const SMALL: &str = "name = \"small\"\n[[step]]\nphase = \"characterisation\"\nunits = [5]\n\
-                     staircase = { to_n = 1.0, step_n = 1.0, repeats = 1 }\n[[step]]\nphase = \"test\"\n\
-                     random = { count = 2, x_mm = [-2, 2], y_mm = [-2, 2], force_n = [0.5, 1] }\n";
 
 #[test]
 fn recipes() {
@@ -130,7 +116,6 @@ fn readings() {
                 }
                 Ok(None) => return,
                 Err(ReadingError::Cells(TableError::NoRows { .. })) if nth_reading == 0 => return,
-                Err(ReadingError::Cells(TableError::TooLarge { .. })) => return,
                 Err(error) => return check_line(&error.to_string(), FILE, input),
             }
         }
@@ -170,9 +155,9 @@ fn journals() {
 fn manifests() {
     let seeds = [run().manifest.clone()];
     fuzz("manifests", 20_000, &seeds, |input| {
-        let Ok(manifest) = serde_json::from_str::<Manifest>(&String::from_utf8_lossy(input)) else { return };
+        let Ok(manifest) = Manifest::parse(&String::from_utf8_lossy(input)) else { return };
         let text = serde_json::to_string(&manifest).expect("text and numbers");
-        assert_eq!(serde_json::from_str::<Manifest>(&text).expect("what was written"), manifest);
+        assert_eq!(Manifest::parse(&text).expect("what was written"), manifest);
     });
 }
 
@@ -222,170 +207,22 @@ fn check_table(table: Result<Table, TableError>, path: &Path, input: &[u8]) {
                 |outputs: &[f64]| outputs.len() == table.units && outputs.iter().all(|output| output.is_finite());
             assert!(table.rows.iter().all(|row| sound(&row.outputs) && row.place.x_mm.is_finite()));
         }
-        Err(error @ (TableError::TooLarge { .. } | TableError::NoRows { .. })) => {
+        Err(error @ (TableError::TooLarge { line: None, .. } | TableError::NoRows { .. })) => {
             assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");
         }
         Err(error) => check_line(&error.to_string(), &path.display().to_string(), input),
     }
 }
 
-/// A message that names a file and a line of it.
+/// A message that names a file and a line of it, and on which a terminal doesn't act.
 fn check_line(told: &str, file: &str, input: &[u8]) {
     let line = told.strip_prefix(file).and_then(|rest| rest.strip_prefix(", line "));
     let line = line.and_then(|rest| rest.split([',', ':']).next()).and_then(|line| line.parse::<usize>().ok());
     assert!(line.is_some_and(|line| (1..=lines(input)).contains(&line)), "{told:?} of {} lines", lines(input));
+    assert!(!told.contains(char::is_control), "control characters in {told:?}");
 }
 
 /// How many lines there can be, whatever ends them.
 fn lines(input: &[u8]) -> usize {
     1 + input.iter().filter(|&&byte| byte == b'\n' || byte == b'\r').count()
-}
-
-// ---- feeding -------------------------------------------------------------------------------------------------------
-
-/// Feeds a reader, and says how much, how fast, and what took longest.
-fn fuzz(name: &str, inputs: usize, seeds: &[Vec<u8>], read: impl FnMut(&[u8])) {
-    fuzz_with(name, inputs, seeds, rewritten, read);
-}
-
-/// The same with a reader of a file.
-fn fuzz_file(
-    name: &str,
-    inputs: usize,
-    seeds: &[Vec<u8>],
-    mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
-    mut read: impl FnMut(&Path, &[u8]),
-) {
-    let home = tempfile::tempdir().expect("a folder");
-    let path = home.path().join(FILE);
-    fuzz_with(name, inputs, seeds, mutate, |input| {
-        let _ = fs::remove_file(&path); // a new file is written faster than one that is cut off first
-        fs::write(&path, input).expect("a file");
-        read(&path, input);
-    });
-}
-
-fn fuzz_with(
-    name: &str,
-    inputs: usize,
-    seeds: &[Vec<u8>],
-    mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
-    mut read: impl FnMut(&[u8]),
-) {
-    let asked = std::env::var("PALPATE_FUZZ_FILES").ok().and_then(|inputs| inputs.parse().ok());
-    let inputs = asked.unwrap_or(if cfg!(debug_assertions) { inputs / 20 } else { inputs });
-    let (mut rng, mut input, mut longest_s) = (stream(1, 0, name), Vec::new(), 0.0f64);
-    let began = Wall::now();
-    for n in 0..inputs {
-        if n > 0 && n.is_multiple_of(PROGRESS) {
-            println!("{name}: {n} inputs so far, the longest {longest_s:.3} s, {} bytes", HEAP.max_allocated());
-        }
-        mutate(seeds, &mut rng, &mut input);
-        let started = ThreadTime::now();
-        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| read(&input)));
-        let took_s = started.elapsed().as_secs_f64();
-        longest_s = longest_s.max(took_s);
-        let wrong = match done {
-            Err(_) => "it panicked".to_owned(),
-            Ok(()) if took_s > INPUT_S_MOST => format!("it took {took_s:.1} s"),
-            Ok(()) if HEAP.max_allocated() > EVER_HELD_MOST => format!("it held {} bytes", HEAP.max_allocated()),
-            Ok(()) => continue,
-        };
-        panic!("{name}: input {n}: {wrong}:\n{}", excerpt(&input));
-    }
-    let (took_s, held) = (began.elapsed().as_secs_f64(), HEAP.max_allocated());
-    let rate = inputs as f64 / took_s;
-    println!(
-        "{name}: {inputs} inputs in {took_s:.1} s, {rate:.0} a second, the longest {longest_s:.3} s, {held} bytes"
-    );
-}
-
-/// As much of an input as a person looks at.
-fn excerpt(input: &[u8]) -> String {
-    let text = String::from_utf8_lossy(input);
-    let shown: String = text.chars().take(4000).collect();
-    if shown.len() < text.len() { format!("{shown}... ({} bytes)", input.len()) } else { shown }
-}
-
-/// A journal after some mutations, the check sums and the numbers of most of its lines put right: what has none gets no
-/// further.
-fn resealed(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
-    rewritten(seeds, rng, into);
-    if rng.random_bool(0.2) {
-        return;
-    }
-    let renumbers = rng.random_bool(0.7);
-    let mut sealed = Vec::with_capacity(into.len());
-    let mut sequence = 0u64;
-    for line in into.split_inclusive(|&byte| byte == b'\n') {
-        let text = String::from_utf8_lossy(line);
-        let mut parts = text.trim_end_matches('\n').splitn(3, ' ');
-        let (Some(number), Some(_), Some(json)) = (parts.next(), parts.next(), parts.next()) else {
-            sealed.extend_from_slice(line);
-            continue;
-        };
-        let number = if renumbers { sequence } else { number.parse().unwrap_or(sequence) };
-        let mut hasher = crc32fast::Hasher::new();
-        hasher.update(&number.to_le_bytes());
-        hasher.update(json.as_bytes());
-        let mut line = String::new();
-        let _ = writeln!(line, "{number} {:08x} {json}", hasher.finalize());
-        sealed.extend_from_slice(line.as_bytes());
-        sequence += 1;
-    }
-    *into = sealed;
-}
-
-// ---- what is mutated -----------------------------------------------------------------------------------------------
-
-/// The files of a run.
-struct Run {
-    journal: Vec<u8>,
-    presses: Vec<u8>,
-    manifest: Vec<u8>,
-}
-
-/// A small run as it stands on the disk.
-fn run() -> &'static Run {
-    static RUN: OnceLock<Run> = OnceLock::new();
-    RUN.get_or_init(|| {
-        let spec = sim_rig();
-        let home = tempfile::tempdir().expect("a folder");
-        let recipe = recipe::parse("small.toml", SMALL).expect("a recipe");
-        let plan = Plan::new(&recipe, &spec.ground(), 1).expect("a plan");
-        let origins = Origins { recipe: SMALL.to_owned(), rig: SIM_RIG.to_owned(), maps: Vec::new() };
-        let (manifest, path) = (Manifest::new(&plan, true, None, String::new()), home.path().join("run"));
-        let mut folder = RunFolder::create(Some(&path), &origins, manifest, &spec.array.layout).expect("a run");
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
-        let ending = runtime.expect("a runtime").block_on(async {
-            let cancel = Cancel::default();
-            let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-            walk(errand, &mut Unheard).await
-        });
-        folder.finish(ending.status()).expect("a run that ends");
-        let [journal, presses, manifest] =
-            ["journal.log", "presses.csv", "manifest.json"].map(|name| fs::read(path.join(name)).expect(name));
-        Run { journal, presses, manifest }
-    })
-}
-
-struct Unheard;
-
-impl Listener for Unheard {}
-
-fn sim_rig() -> RigSpec {
-    rig::parse("sim.toml", SIM_RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig")
-}
-
-/// All texts of a kind in one of the project's folders, in the order of their names.
-fn texts_in(folder: &str, extension: &str) -> Vec<Vec<u8>> {
-    let entries = fs::read_dir(root().join(folder)).expect("a folder of the project");
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a file").path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|own| own == extension));
-    paths.sort();
-    paths.iter().map(|path| fs::read(path).expect("a text")).collect()
-}
-
-fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }

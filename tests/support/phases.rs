@@ -18,7 +18,7 @@ const REST_MM_S: f64 = 1e-9;
 /// What a press is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
-    /// From place to place, from rest in the clear.
+    /// To the first place, from rest in the clear.
     Travel,
     /// Looking at the force in air.
     Air,
