@@ -4,6 +4,7 @@
 pub mod bad_line;
 pub mod python;
 pub mod rows;
+pub mod safety;
 pub mod served;
 pub mod skins;
 pub mod walks;

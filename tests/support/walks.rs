@@ -206,6 +206,11 @@ impl Instrument for Eye {
     }
 }
 
+/// Fails with all that is broken.
+pub fn must_be_none(broken: &[String]) {
+    assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));
+}
+
 pub fn in_virtual_time<T>(future: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap().block_on(future)
 }

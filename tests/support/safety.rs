@@ -1,0 +1,160 @@
+//! Whole walks through the simulated rig, real drivers and framing included, in virtual time. What really happened is asked of
+//! the scene, so that the loop is judged against the truth and not against its own load cell.
+
+use super::walks::in_virtual_time;
+use palpate::control::Rule;
+use palpate::dataset::{self, Origins, RunFacts, RunFolder, Session, Status};
+use palpate::recipe::{self, Plan};
+use palpate::rig::{self, RigSpec};
+use palpate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
+use palpate::scene::{Contact, SceneSpec};
+use std::cell::Cell;
+use tokio::time::Instant;
+
+/// What the conversion of the load cell to whole mN may add to what is shown, N.
+pub const COUNT_N: f64 = 0.001;
+
+pub const STAIRCASE: &str = "staircase = { to_n = 2.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }";
+
+fn paper_rig() -> RigSpec {
+    rig::parse("sim.toml", include_str!("../../rigs/sim.toml"), &|_| unreachable!()).unwrap()
+}
+
+/// The paper's rig with another specimen in it: no taxels, which only cost time here.
+pub fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> RigSpec {
+    let mut spec = paper_rig();
+    let mut scene = spec.scene.clone();
+    scene.skin.noise = None;
+    scene.skin.hysteresis_percent = None;
+    change(&mut spec, &mut scene);
+    spec.scene = scene;
+    spec
+}
+
+/// A recipe of one step: these places, loaded so.
+pub fn recipe(places: &str, load: &str) -> String {
+    format!(
+        "name = \"safety\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 0.2\nsample_s = 0.1\n\
+         [[step]]\nphase = \"test\"\nlist = {{ places_mm = {places} }}\n{load}\n"
+    )
+}
+
+/// A run folder in a place of its own, and what is to be done in it.
+pub struct Bench {
+    pub spec: RigSpec,
+    pub plan: Plan,
+    pub folder: RunFolder,
+    _home: tempfile::TempDir,
+}
+
+/// How a walk went.
+pub struct Walked {
+    pub ending: Ending,
+    /// The largest force the load cell was seen to read, N.
+    pub shown_most_n: f64,
+    /// Forces that were seen.
+    pub readings: u32,
+    pub virtual_s: f64,
+}
+
+struct Silent;
+
+impl Listener for Silent {}
+
+impl Bench {
+    pub fn new(spec: RigSpec, recipe_text: &str, seed: u64) -> Bench {
+        let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
+        let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()));
+        let home = tempfile::tempdir().unwrap();
+        let facts = RunFacts::new(&plan, true);
+        let origins = Origins { recipe: recipe_text.to_owned(), rig: String::new(), maps: Vec::new() };
+        let (out, session) = (home.path().join("run"), Session::default());
+        let folder = RunFolder::create(Some(&out), &origins, facts, session, &spec.array.layout).unwrap();
+        Bench { spec, plan, folder, _home: home }
+    }
+
+    /// Walks the plan; a stop is asked for at this reading of the force, if any.
+    pub fn walk(&mut self, stop_at: Option<u32>) -> Walked {
+        let (most, readings, cancel) = (Cell::new(f64::NEG_INFINITY), Cell::new(0), Cancel::default());
+        let shown = |force_n: f64| {
+            most.set(most.get().max(force_n));
+            readings.set(readings.get() + 1);
+            if stop_at == Some(readings.get()) {
+                cancel.ask();
+            }
+        };
+        if stop_at == Some(0) {
+            cancel.ask();
+        }
+        let Bench { spec, plan, folder, .. } = self;
+        let errand = Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
+        let (ending, virtual_s) = in_virtual_time(async {
+            let began = Instant::now();
+            (walk(errand, &mut Silent).await, began.elapsed().as_secs_f64())
+        });
+        Walked { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s }
+    }
+
+    /// What was recorded, in the order of its numbers.
+    pub fn contacts(&self) -> impl Iterator<Item = dataset::Contact> {
+        self.folder.contacts().unwrap().map(Result::unwrap)
+    }
+
+    /// The largest true force and the deepest true indentation of all that was recorded.
+    pub fn worst(&self) -> (f64, f64) {
+        let truths = self.contacts().flat_map(|contact| contact.truth);
+        truths.fold((0.0, 0.0), |(n, mm), truth| (truth.force_peak_n.max(n), truth.depth_peak_mm.max(mm)))
+    }
+
+    /// The press and the level of each line of `presses.csv`.
+    pub fn rows_on_disk(&self) -> Vec<(u64, u64)> {
+        let mut table = csv::Reader::from_path(self.folder.path().join("presses.csv")).unwrap();
+        let row = |line: csv::StringRecord| (line[0].parse().unwrap(), line[1].parse().unwrap());
+        table.records().map(|line| row(line.unwrap())).collect()
+    }
+
+    /// Walks a plan that must be done whole, within every limit, each level within its tolerance.
+    pub fn must_complete(&mut self, told: &str) {
+        let walked = self.walk(None);
+        assert_eq!(walked.ending.status(), Status::Complete, "{told}: {:?}", walked.ending.told());
+        let (peak_n, depth_mm) = self.worst();
+        let limits = self.spec.limits;
+        assert!(peak_n <= limits.force_n, "{told}: {peak_n} N");
+        assert!(depth_mm <= limits.depth_mm, "{told}: {depth_mm} mm");
+        assert_eq!(self.folder.manifest().presses_done, self.plan.entries.len() as u64, "{told}");
+        for (entry, contact) in self.plan.entries.iter().zip(self.contacts()) {
+            for (row, truth) in contact.rows.iter().zip(&contact.truth) {
+                let error_n = truth.force_true_n - row.force_set_n;
+                assert!(
+                    error_n.abs() <= entry.task.force_tolerance_n,
+                    "{told}: level {} of press {} off by {error_n} N",
+                    row.level,
+                    row.press
+                );
+            }
+        }
+    }
+
+    /// Walks a plan that must end with a trip, recorded, the stage parked.
+    pub fn must_trip(&mut self, rules: &[Rule], told: &str) -> Walked {
+        let walked = self.walk(None);
+        let Some(Halt::Tripped(trip)) = &walked.ending.halt else {
+            panic!("{told}: no trip but {:?}", walked.ending.told());
+        };
+        assert!(rules.contains(&trip.rule), "{told}: {trip}");
+        assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
+        assert_eq!(walked.ending.status(), Status::Tripped, "{told}");
+        assert_eq!(self.folder.manifest().trip.as_ref(), Some(trip), "{told}: the manifest");
+        assert!(walked.virtual_s < 120.0, "{told}: {} s", walked.virtual_s);
+        walked
+    }
+}
+
+pub fn linear(n_mm: f64) -> Contact {
+    Contact { linear_n_mm: n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }
+}
+
+/// A load cell that tells the truth, so that what is shown is what was.
+pub fn truthful(scene: &mut SceneSpec) {
+    scene.load_cell = None;
+}
