@@ -48,11 +48,14 @@ fn fuzz_with(
     mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
     mut read: impl FnMut(&[u8]),
 ) {
-    let asked = std::env::var("PALPATE_FUZZ_FILES").ok().and_then(|inputs| inputs.parse().ok());
-    let inputs = asked.unwrap_or(if cfg!(debug_assertions) { inputs / 20 } else { inputs });
+    // for so long of the processor's time, or so many of them
+    let minutes = std::env::var("PALPATE_FUZZ_MINUTES").ok().and_then(|minutes| minutes.parse::<f64>().ok());
+    let few = if cfg!(debug_assertions) { inputs / 20 } else { inputs };
     let (mut rng, mut input, mut longest_s) = (stream(1, 0, name), Vec::new(), 0.0f64);
-    let began = Wall::now();
-    for n in 0..inputs {
+    let (began, cpu_began, mut inputs) = (Wall::now(), ThreadTime::now(), 0);
+    while minutes.map_or(inputs < few, |minutes| cpu_began.elapsed().as_secs_f64() < 60.0 * minutes) {
+        let n = inputs;
+        inputs += 1;
         if n > 0 && n.is_multiple_of(PROGRESS) {
             println!("{name}: {n} inputs so far, the longest {longest_s:.3} s, {} bytes", HEAP.max_allocated());
         }
