@@ -7,6 +7,14 @@ use support::{Bench, SMALL, exchanged};
 const VIEWS: [&str; 6] =
     ["manifest.json", "presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
 
+/// A record as it stands in a journal.
+fn sealed(sequence: u64, json: &str) -> String {
+    let mut checksum = crc32fast::Hasher::new();
+    checksum.update(&sequence.to_le_bytes());
+    checksum.update(json.as_bytes());
+    format!("{sequence} {:08x} {json}", checksum.finalize())
+}
+
 /// A complete run.
 fn whole() -> Bench {
     let bench = Bench::with([("r.toml", SMALL)]);
@@ -60,6 +68,34 @@ fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
 }
 
 #[test]
+fn a_manifest_that_says_less_or_else_hides_nothing() {
+    let bench = whole();
+    let (manifest, presses) = (bench.read("run/manifest.json"), bench.read("run/presses.csv"));
+    let files = manifest.find("\n  \"files\": [").expect("files");
+    bench.write("run/manifest.json", &(manifest[..files].to_owned() + "\n  \"files\": []\n}\n"));
+    bench.write("run/presses.csv", &presses.replacen("0,0", "0,1", 1));
+    let told = bench.palpate_ends(1, "verify run");
+    assert!(told.running().contains("doesn't vouch for presses.csv"), "{}", told.err);
+    assert!(told.running().contains("presses.csv isn't what the journal says"), "{}", told.err);
+    // a complete run whose table was lost is made whole by whoever goes on with it
+    let told = bench.palpate_ends(0, "resume run");
+    assert!(told.err.contains("its tables were made anew"), "{}", told.err);
+    assert_eq!(bench.read("run/presses.csv"), presses);
+    // a table of another run is no table of this one
+    std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
+    bench.palpate_ends(1, "verify run");
+    let simple = SMALL.split("[[step]]").take(3).collect::<Vec<_>>().join("[[step]]");
+    bench.write("simple.toml", &simple);
+    bench.palpate_ends(0, "run simple.toml --out simple");
+    std::fs::copy(bench.path("run/test_matrix.csv"), bench.path("simple/test_matrix.csv")).expect("a copy");
+    let told = bench.palpate_ends(1, "verify simple");
+    assert!(told.running().contains("test_matrix.csv isn't what the journal says"), "{}", told.err);
+    bench.palpate_ends(0, "rebuild simple");
+    assert!(!bench.has("simple/test_matrix.csv"));
+    bench.palpate_ends(0, "verify simple");
+}
+
+#[test]
 fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
     let bench = whole();
     let (journal, recipe, rig) =
@@ -90,9 +126,8 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
     }
     let lines: Vec<&str> = journal.lines().collect();
     bench.write("run/journal.log", &(lines[..lines.len() - 1].join("\n") + "\n"));
-    let told = bench.palpate_ends(1, "verify run");
-    assert!(told.running().contains("journal.log has"), "{}", told.err);
-    assert!(told.running().contains("manifest.json doesn't say what the journal says"), "{}", told.err);
+    let told = bench.palpate_ends(0, "verify run");
+    assert!(told.out.contains("the run hasn't ended"), "{}", told.out);
     bench.palpate_ends(0, "resume run");
     bench.palpate_ends(0, "verify run");
     assert_eq!(bench.manifest("run")["sessions"].as_array().map(Vec::len), Some(2), "who went on is kept");
@@ -108,10 +143,7 @@ fn a_clock_that_is_set_back_changes_nothing_but_what_is_told() {
     let (began, rest) = (lines[1], &lines[2..lines.len() - 2]);
     let json = began.splitn(3, ' ').nth(2).expect("a record");
     let later = exchanged(json, "\"started\":\"20", "\"started\":\"29");
-    let mut checksum = crc32fast::Hasher::new();
-    checksum.update(&1u64.to_le_bytes());
-    checksum.update(later.as_bytes());
-    let began = format!("1 {:08x} {later}", checksum.finalize());
+    let began = sealed(1, &later);
     let text: Vec<&str> = [lines[0], &began].into_iter().chain(rest.iter().copied()).collect();
     bench.write("run/journal.log", &(text.join("\n") + "\n"));
     bench.palpate_ends(0, "resume run");
@@ -132,6 +164,21 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     bench.write("run/manifest.json", &exchanged(&manifest, "\"presses.csv\"", "\"../secret.txt\""));
     let told = bench.palpate_ends(1, "verify run");
     assert!(told.running().contains("\"../secret.txt\" is no name of a file in a run folder"), "{}", told.err);
+    // nor are the names of texts in a journal
+    let journal = bench.read("run/journal.log");
+    let lines: Vec<&str> = journal.lines().collect();
+    for name in ["../secret.txt", "/dev/zero", "run.fifo/.."] {
+        let began = exchanged(lines[1].splitn(3, ' ').nth(2).expect("a record"), "\"rig.toml\"", &format!("{name:?}"));
+        let text: Vec<String> = [lines[0].to_owned(), sealed(1, &began)]
+            .into_iter()
+            .chain(lines[2..lines.len() - 2].iter().map(|line| (*line).to_owned()))
+            .collect();
+        bench.write("run/journal.log", &(text.join("\n") + "\n"));
+        let told = bench.palpate("resume run");
+        assert!(told.running().contains("is no name of a file in a run folder"), "{}", told.err);
+        assert_eq!(told.code, Some(5), "{}", told.err);
+    }
+    bench.write("run/journal.log", &journal);
     // a register map lies beside its rig, and nowhere else
     let rig = bench.read("run/rig.toml");
     bench.write("climbing.toml", &exchanged(&rig, "\"labjack-t7\"", "\"../map.toml\""));

@@ -62,6 +62,11 @@ impl Failure {
         Failure { code, report: error.into() }
     }
 
+    /// What was measured couldn't be finished: something has moved by then, whatever the error.
+    pub fn unfinished(error: DatasetError) -> Failure {
+        Failure { code: RECORD, report: error.into() }
+    }
+
     /// A run that ended early.
     pub fn halted(halt: Halt) -> Failure {
         match halt {

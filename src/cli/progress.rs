@@ -1,4 +1,6 @@
+use super::exit::Failure;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
+use super::summary;
 use crate::dataset::{Contact, Retouch};
 use crate::device::Identity;
 use crate::recipe::{Entry, Phase, Plan};
@@ -21,6 +23,7 @@ pub struct Progress {
     on_terminal: bool,
     json: bool,
     cancel: Cancel,
+    unheard: Option<Failure>,
     phase: Option<Phase>,
     done: u64,
     planned: u64,
@@ -45,7 +48,18 @@ impl Progress {
             bar.enable_steady_tick(TICK); // a rest of minutes shows too
         }
         let done = done as u64;
-        Progress { bar, on_terminal, json, cancel, phase: None, done, planned, percent_told: 0, timed: false }
+        Progress {
+            bar,
+            on_terminal,
+            json,
+            cancel,
+            unheard: None,
+            phase: None,
+            done,
+            planned,
+            percent_told: 0,
+            timed: false,
+        }
     }
 
     /// What is told of every force.
@@ -60,6 +74,11 @@ impl Progress {
                 bar.set_message(format!("{force_n:+.3} N"));
             }
         })
+    }
+
+    /// Whether every acknowledgement could be printed, as long as somebody read.
+    pub fn heard(&mut self) -> Result<(), Failure> {
+        self.unheard.take().map_or(Ok(()), Err)
     }
 
     /// Takes the bar away.
@@ -103,12 +122,10 @@ impl Listener for Progress {
             set_template(&self.bar, "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses, {eta} left, {msg}");
         }
         if self.json {
-            let mut out = std::io::stdout().lock();
-            for row in &contact.rows {
-                // a reader that has gone doesn't stop a run: the record is on disk
-                let _ = writeln!(out, "{}", row.to_json());
-            }
-            let _ = out.flush();
+            let lines: String = contact.rows.iter().flat_map(|row| [row.to_json(), "\n".to_owned()]).collect();
+            // what nobody can read doesn't stop a run: the record is on disk
+            let told = summary::print(&lines);
+            self.unheard = self.unheard.take().or(told.err());
         }
         let tenth = self.done * 10 / self.planned.max(1) * 10;
         if !self.on_terminal && tenth > self.percent_told {

@@ -31,8 +31,7 @@ pub struct Args {
 
 /// Goes on from the journal.
 pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
-    let manifest = RunFolder::recall_manifest(&args.run).map_err(Failure::dataset)?;
-    let facts = manifest.facts;
+    let facts = RunFolder::recall_manifest(&args.run).map_err(Failure::dataset)?.facts;
     let rig = RigArgs {
         rig: args.run.join("rig.toml"),
         simulate: facts.simulated,
@@ -43,14 +42,14 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
     let plan = sources.plan(facts.seed)?;
     args.session.check(&sources.rig)?;
-    if manifest.status == Status::Tripped && !args.after_trip {
-        let trip = manifest.trip.map(|trip| trip.to_string()).unwrap_or_default();
+    let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
+    if folder.manifest().status == Status::Tripped && !args.after_trip {
+        let trip = folder.manifest().trip.as_ref().map(|trip| trip.to_string()).unwrap_or_default();
         let help = "find the cause; then say --after-trip";
         return Err(Failure::usage(miette::miette!(help = help, "the run ended with a safety trip: {trip}")));
     }
-    let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
     if folder.manifest().status == Status::Complete {
-        let is_finished = folder.is_finished();
+        let is_finished = folder.is_finished().map_err(Failure::dataset)?;
         if !is_finished {
             folder.rebuild().map_err(Failure::dataset)?;
         }

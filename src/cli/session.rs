@@ -66,12 +66,13 @@ pub fn carry_out(
     });
     match ending {
         Ending { halt: Some(Halt::Cancelled), unparked: None, .. } => {
-            finished.map_err(Failure::dataset)?;
+            finished.map_err(Failure::unfinished)?;
             return Ok(ExitCode::from(CANCELLED));
         }
-        Ending { halt: None, unparked: None, .. } => finished.map_err(Failure::dataset)?,
+        Ending { halt: None, unparked: None, .. } => finished.map_err(Failure::unfinished)?,
         ending => return Err(Failure::ended(ending)),
     }
+    progress.heard()?;
     shown?; // whatever went wrong with the rig is said first
     let evaluations = summary::evaluations(folder, spec, solvers)?;
     show(&summary::results(folder, &evaluations)?)?;

@@ -3,7 +3,7 @@ use super::tables::{characteristics_table, evaluation_table};
 use crate::dataset::characteristics::Repeatability;
 use crate::dataset::evaluate::evaluate_run;
 use crate::dataset::table::Table;
-use crate::dataset::{RunFolder, Status};
+use crate::dataset::{RunFolder, Status, TABLES};
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
 use miette::{IntoDiagnostic, WrapErr};
@@ -41,8 +41,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
         (Status::Tripped, _) => _ = writeln!(text, "to go on: palpate resume {} --after-trip", folder.path().display()),
         _ => _ = writeln!(text, "to go on: palpate resume {}", folder.path().display()),
     }
-    let tables = ["presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
-    let there: Vec<&str> = tables.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
+    let there: Vec<&str> = TABLES.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
     if manifest.presses_done > 0 {
         let _ = writeln!(text, "its tables:\n{}", there.join(" ")); // all of them are 80 columns wide
     }

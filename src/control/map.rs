@@ -39,6 +39,8 @@ const REACH: usize = 5;
 const SCALE_SIGMA: f64 = 0.005;
 const SCALE_LEVEL: f64 = 0.06;
 const SCALE_SLOPE: f64 = 0.02;
+/// Largest fading that is believed of any press, as a share of the set force.
+const FADED_MOST: f64 = 0.2;
 /// Least weight of a new press in the learned fading.
 const FADE_GAIN: f64 = 0.1;
 
@@ -135,7 +137,8 @@ impl Map {
                     self.remember(*place, scale - 1.0);
                 }
                 let gain = (1.0 / self.shots).max(FADE_GAIN);
-                let before = self.faded.unwrap_or(*faded);
+                let faded = faded.clamp(-FADED_MOST, FADED_MOST);
+                let before = self.faded.unwrap_or(faded);
                 self.faded = Some(before + gain * (faded - before));
             }
         }

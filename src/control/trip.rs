@@ -1,3 +1,4 @@
+use crate::quantity::any_number;
 use serde::{Deserialize, Serialize};
 
 /// A safety rule that was broken: stop, retract, record, tell. It is never retried by itself.
@@ -6,8 +7,10 @@ pub struct Trip {
     /// Which rule.
     pub rule: Rule,
     /// What was measured, in `unit`.
+    #[serde(with = "any_number")]
     pub measured: f64,
     /// What the rule allows, in `unit`.
+    #[serde(with = "any_number")]
     pub limit: f64,
     /// Unit of both.
     pub unit: String,

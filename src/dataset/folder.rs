@@ -3,7 +3,7 @@ use super::index::Index;
 use super::table::{Table, TableError};
 use super::verify::fingerprints;
 use super::views::{PRESSES, presses_header, presses_line, replace, write};
-use super::{Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, RunFacts, Session};
+use super::{Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, Row, RunFacts, Session};
 use crate::quantity::ArrayLayout;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Write};
@@ -15,8 +15,6 @@ const NAMES_MAX: usize = 100_000;
 const RIG: &str = "rig.toml";
 pub(super) const JOURNAL: &str = "journal.log";
 pub(super) const MANIFEST: &str = "manifest.json";
-/// Whoever holds it locked is the run's one writer; it stays empty.
-const LOCK: &str = "run.lock";
 
 /// The texts a run is made from, kept with it as given.
 #[derive(Clone, Debug)]
@@ -44,9 +42,10 @@ pub struct RunFolder {
 
 /// What is known of a journal without reading it again.
 #[derive(Debug)]
-struct Known {
-    contacts: Index,
-    manifest: Manifest,
+pub(super) struct Known {
+    pub contacts: Index,
+    pub manifest: Manifest,
+    units: Option<usize>,
 }
 
 impl RunFolder {
@@ -71,7 +70,7 @@ impl RunFolder {
         if let Some(out) = out.filter(|out| out.symlink_metadata().is_ok()) {
             return Err(DatasetError::Exists { path: out.to_owned() });
         }
-        fs::create_dir_all(parent).map_err(DatasetError::io("making", parent))?;
+        make_folders(parent)?;
         let name = facts.recipe.clone();
         session.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
         let draft = new_draft(parent, &name)?;
@@ -103,7 +102,7 @@ impl RunFolder {
     pub fn go_on(&mut self, mut session: Session) -> Result<(), DatasetError> {
         for before in self.known.manifest.texts() {
             let (name, path) = (before.name.as_str(), self.path.join(&before.name));
-            let now = Fingerprint::of_file(&self.path, name).map_err(DatasetError::io("reading", &path))?;
+            let now = Fingerprint::of_file(&self.path, name)?;
             if now != *before && name != RIG {
                 return Err(DatasetError::Changed { path });
             }
@@ -132,7 +131,7 @@ impl RunFolder {
     /// No journal, or a damaged one.
     pub fn recall_manifest(path: &Path) -> Result<Manifest, DatasetError> {
         is_run(path)?;
-        let mut known = Known::nothing();
+        let mut known = Known::of(None);
         let mut records = Journal::records(&path.join(JOURNAL))?;
         while let Some(next) = records.next() {
             let (offset, record) = next?;
@@ -169,12 +168,14 @@ impl RunFolder {
         self.vouch()
     }
 
-    /// Whether the manifest on disk is that of the journal, and vouches for the files.
-    pub fn is_finished(&self) -> bool {
+    /// Whether the manifest on disk is that of the journal, and the files are those it vouches for.
+    ///
+    /// # Errors
+    /// A file that can't be read.
+    pub fn is_finished(&self) -> Result<bool, DatasetError> {
+        let files = fingerprints(&self.path, self.manifest().texts())?;
         let told = Self::read_manifest(&self.path);
-        told.is_ok_and(|told| {
-            !told.files.is_empty() && told == Manifest { files: told.files.clone(), ..self.manifest().clone() }
-        })
+        Ok(told.is_ok_and(|told| told == Manifest { files, ..self.manifest().clone() }))
     }
 
     /// What the run is and how far it has come.
@@ -208,9 +209,14 @@ impl RunFolder {
     }
 
     fn attach(path: PathBuf, lock: File, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        let mut known = Known::nothing();
+        let mut known = Known::of(Some(layout.len()));
         let journal = Journal::open(&path.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
         Ok(RunFolder { path, _lock: lock, journal, presses: None, layout: layout.clone(), known })
+    }
+
+    fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), DatasetError> {
+        let taken = self.known.take_in(offset, record);
+        taken.map_err(|problem| self.journal.damaged(offset, problem).into())
     }
 
     fn write_views(&self) -> Result<(), DatasetError> {
@@ -229,17 +235,27 @@ impl RunFolder {
 }
 
 impl Known {
-    fn nothing() -> Known {
-        Known { contacts: Index::default(), manifest: Manifest::default() }
+    /// Nothing yet of a run on an array of so many units, if that is known.
+    pub(super) fn of(units: Option<usize>) -> Known {
+        Known { contacts: Index::default(), manifest: Manifest::default(), units }
     }
 
-    /// A journal begins by saying what the run is, and says it once.
-    fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
+    /// A journal begins by saying what the run is, and says it once; each entry of its plan is in it once, whole.
+    pub(super) fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
         match record {
             Record::Run(_) if offset > 0 => return Err("the run begins a second time".to_owned()),
             Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
             _ if offset == 0 => return Err("it doesn't say what the run is".to_owned()),
-            Record::Contact(contact) => self.contacts.insert(contact.press, offset)?,
+            Record::Contact(contact) => {
+                let units = |row: &Row| self.units.is_none_or(|units| row.outputs.len() == units);
+                if contact.press >= self.manifest.facts.presses_planned {
+                    return Err(format!("the plan has no press {}", contact.press));
+                }
+                if !contact.rows.iter().all(|row| row.press == contact.press && units(row)) {
+                    return Err(format!("its rows aren't those of press {} on this array", contact.press));
+                }
+                self.contacts.insert(contact.press, offset)?;
+            }
             _ => {}
         }
         self.manifest.take_in(record);
@@ -262,7 +278,7 @@ impl Ledger for RunFolder {
 
     fn record(&mut self, record: &Record) -> Result<(), DatasetError> {
         let offset = self.journal.append(record)?;
-        self.known.take_in(offset, record).map_err(|problem| self.journal.damaged(offset, problem))?;
+        self.take_in(offset, record)?;
         match (record, &mut self.presses) {
             (Record::Contact(contact), Some(presses)) => {
                 let lines: String = contact.rows.iter().map(presses_line).collect();
@@ -273,6 +289,11 @@ impl Ledger for RunFolder {
             (Record::Devices(_), _) => self.write_manifest(),
             _ => Ok(()),
         }
+    }
+
+    fn jot(&mut self, record: &Record) -> Result<(), DatasetError> {
+        let offset = self.journal.jot(record)?;
+        self.take_in(offset, record)
     }
 }
 
@@ -290,15 +311,16 @@ pub(super) fn is_run(path: &Path) -> Result<(), DatasetError> {
     is_one.then_some(()).ok_or_else(|| DatasetError::NoRun { path: path.to_owned() })
 }
 
-/// Takes a run for this program alone. The system gives it free when the program ends, however it does.
+/// Takes a run for this program alone. The system gives it free when the program ends, however it does. It is the journal
+/// that is locked, which nobody takes for a left-over; where a lock bars readers too, a file beside it.
 fn hold(path: &Path) -> Result<File, DatasetError> {
-    let lock = path.join(LOCK);
-    let opened = OpenOptions::new().write(true).create(true).truncate(false).open(&lock);
-    let file = opened.map_err(DatasetError::io("opening", &lock))?;
+    let held = path.join(if cfg!(windows) { "run.lock" } else { JOURNAL });
+    let opened = OpenOptions::new().append(true).create(cfg!(windows)).open(&held);
+    let file = opened.map_err(DatasetError::io("opening", &held))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(DatasetError::Held { path: path.to_owned() }),
-        Err(TryLockError::Error(error)) => Err(DatasetError::io("locking", lock)(error)),
+        Err(TryLockError::Error(error)) => Err(DatasetError::io("locking", held)(error)),
     }
 }
 
@@ -368,6 +390,17 @@ fn publish(draft: &Path, out: Option<&Path>, parent: &Path, name: &str) -> Resul
         }
     }
     Err(DatasetError::Exists { path: parent.join(name) })
+}
+
+/// Makes a folder and those above it, each on the disk.
+fn make_folders(path: &Path) -> Result<(), DatasetError> {
+    let missing: Vec<&Path> =
+        path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
+    fs::create_dir_all(path).map_err(DatasetError::io("making", path))?;
+    for made in missing {
+        sync_folder(made.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
+    }
+    Ok(())
 }
 
 /// A rename is on the disk when its folder is. Windows keeps no handle on folders and needs none.

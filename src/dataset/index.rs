@@ -36,7 +36,10 @@ impl Index {
         if entry >= self.offsets.len() {
             self.offsets.resize(entry + 1, NOWHERE);
         }
-        self.done += u64::from(self.offsets[entry] == NOWHERE);
+        if self.offsets[entry] != NOWHERE {
+            return Err(format!("press {press} stands here a second time"));
+        }
+        self.done += 1;
         self.offsets[entry] = offset;
         Ok(())
     }
@@ -82,10 +85,11 @@ mod tests {
     #[test]
     fn an_index_counts_each_entry_once_and_refuses_what_no_plan_has() {
         let mut index = Index::with_room(2);
-        for (press, offset) in [(5, 0), (1, 100), (1, 200)] {
+        for (press, offset) in [(5, 0), (1, 100)] {
             index.insert(press, offset).unwrap();
         }
         assert_eq!((index.done(), index.has(1), index.has(5), index.has(0)), (2, true, true, false));
+        assert_eq!(index.insert(1, 200), Err("press 1 stands here a second time".to_owned()));
         assert_eq!(index.insert(u64::MAX, 0), Err(format!("no plan has a press {}", u64::MAX)));
         assert!(!index.has(u64::MAX));
     }

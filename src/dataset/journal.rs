@@ -5,10 +5,10 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Largest journal that is read, bytes: a hundred thousand presses of 64 units are some 150 MB.
-const JOURNAL_MAX_BYTES: u64 = 1 << 30;
+/// Largest journal that is written or read, bytes: ten million presses of 64 units are some 15 GB. It is read piece by piece.
+const JOURNAL_MAX_BYTES: u64 = 64 << 30;
 
-/// Longest record that is read, bytes: a staircase of 20 levels on 4096 units has some 1 MB.
+/// Longest record that is written or read, bytes: a staircase of 20 levels on 4096 units has some 1 MB.
 const RECORD_MAX_BYTES: u64 = 16 << 20;
 
 /// The append-only record of a run: one line a record, `sequence checksum json`.
@@ -38,6 +38,8 @@ pub struct Records {
     line: Vec<u8>,
     /// Whether the line has no end, since the file ends in it.
     is_torn: bool,
+    /// Whether damage was told: no record after it can be relied on.
+    is_over: bool,
 }
 
 /// A journal that can't be relied on.
@@ -123,6 +125,7 @@ impl Journal {
             offset: 0,
             line: Vec::new(),
             is_torn: false,
+            is_over: false,
         })
     }
 
@@ -131,6 +134,18 @@ impl Journal {
     /// # Errors
     /// The operating system's. What was written of the record is taken back; where that fails too, nothing is added any more.
     pub fn append(&mut self, record: &Record) -> Result<u64, JournalError> {
+        self.add(record, self.durability)
+    }
+
+    /// The same, but it reaches the disk with the next record only: for what mustn't keep a stage waiting.
+    ///
+    /// # Errors
+    /// As of [`append`](Self::append).
+    pub fn jot(&mut self, record: &Record) -> Result<u64, JournalError> {
+        self.add(record, Durability::Fast)
+    }
+
+    fn add(&mut self, record: &Record, durability: Durability) -> Result<u64, JournalError> {
         if self.broken {
             return Err(failed(&self.path)(io::Error::other("it can't be added to since a write failed")));
         }
@@ -138,7 +153,8 @@ impl Journal {
         self.line.clear();
         // writing to memory can't fail
         let _ = writeln!(self.line, "{} {:08x} {text}", self.next, checksum(self.next, &text));
-        self.write_line().map_err(|error| {
+        self.check_line().map_err(failed(&self.path))?;
+        self.write_line(durability).map_err(|error| {
             // half a line would be damage as soon as another stood behind it
             self.broken = self.file.set_len(self.end).and_then(|()| self.file.sync_data()).is_err();
             failed(&self.path)(error)
@@ -149,9 +165,20 @@ impl Journal {
         Ok(offset)
     }
 
-    fn write_line(&mut self) -> io::Result<()> {
+    /// Nothing is written that couldn't be read again.
+    fn check_line(&self) -> io::Result<()> {
+        let bytes = self.line.len() as u64;
+        if bytes >= RECORD_MAX_BYTES || self.end + bytes > JOURNAL_MAX_BYTES {
+            let told = format!("a record of {bytes} bytes is too much for a journal of {}", self.end);
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, told));
+        }
+        let told = |problem| io::Error::other(format!("the record couldn't be read again: {problem}"));
+        parse(&self.line).map(drop).map_err(told)
+    }
+
+    fn write_line(&mut self, durability: Durability) -> io::Result<()> {
         self.file.write_all(&self.line)?;
-        match self.durability {
+        match durability {
             Durability::Full => self.file.sync_data(),
             Durability::Fast => Ok(()),
         }
@@ -179,6 +206,9 @@ impl Records {
     }
 
     fn advance(&mut self) -> Result<Option<(u64, Record)>, JournalError> {
+        if self.is_over {
+            return Ok(None);
+        }
         let offset = self.offset;
         self.read_line()?;
         let parsed = parse(&self.line).and_then(|(sequence, record)| {
@@ -190,8 +220,12 @@ impl Records {
                 self.pass(self.next);
                 Ok(Some((offset, record)))
             }
-            Err(_) if self.is_torn => Ok(None), // it was never acknowledged
-            Err(problem) => Err(self.damaged(offset, problem)),
+            // it was never acknowledged, unless all of it is there and its end alone is changed
+            Err(_) if self.is_torn && !self.is_whole_but_for_its_end() => Ok(None),
+            Err(problem) => {
+                self.is_over = true;
+                Err(self.damaged(offset, problem))
+            }
         }
     }
 
@@ -202,6 +236,11 @@ impl Records {
         let read = rest.read_until(b'\n', &mut self.line).map_err(failed(&self.path))?;
         self.is_torn = (read as u64) < RECORD_MAX_BYTES && self.line.last() != Some(&b'\n');
         Ok(())
+    }
+
+    fn is_whole_but_for_its_end(&self) -> bool {
+        let Some((_, text)) = self.line.split_last() else { return false };
+        parse(&[text, b"\n"].concat()).is_ok()
     }
 
     fn pass(&mut self, sequence: u64) {
@@ -311,6 +350,13 @@ mod tests {
             other => panic!("{other}"),
         }
         assert!(Journal::open(&path, |_, _| Ok(())).is_err());
+        // nor is one cut off whose line end was changed
+        bytes[second + 40] ^= 1;
+        *bytes.last_mut().unwrap() = 0x0b;
+        std::fs::write(&path, &bytes).unwrap();
+        assert!(Journal::open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("no line end"));
+        *bytes.last_mut().unwrap() = b'\n';
+        bytes[second + 40] ^= 1;
         // the last one was whole, so that it may have been acknowledged: it isn't cut off in silence
         let last = bytes.len() - 40;
         bytes[second + 40] ^= 1;
@@ -318,6 +364,32 @@ mod tests {
         std::fs::write(&path, &bytes).unwrap();
         assert!(Journal::open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("the checksum doesn't fit"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes, "and nothing is changed");
+    }
+
+    #[test]
+    fn after_damage_nothing_more_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("journal");
+        let mut bytes = three_records(&path);
+        bytes.extend_from_slice(&[b'\n'; 1000]);
+        std::fs::write(&path, &bytes).unwrap();
+        let told: Vec<bool> = Journal::records(&path).unwrap().map(|record| record.is_ok()).collect();
+        assert_eq!(told, [true, true, true, false]);
+    }
+
+    #[test]
+    fn what_could_not_be_read_again_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("journal");
+        let bytes = three_records(&path);
+        let mut journal = Journal::open(&path, |_, _| Ok(())).unwrap();
+        let mut row = example(3, 0);
+        row.force_n = f64::NAN;
+        let bad = Record::Contact(Contact { press: 3, rows: vec![row], truth: vec![], lesson: None, left: None });
+        assert!(journal.append(&bad).unwrap_err().to_string().contains("couldn't be read again"));
+        assert_eq!(std::fs::read(&path).unwrap(), bytes);
+        journal.append(&contact(3)).unwrap();
+        assert_eq!(Journal::records(&path).unwrap().filter(Result::is_ok).count(), 4, "and it goes on");
     }
 
     #[test]

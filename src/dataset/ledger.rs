@@ -17,6 +17,15 @@ pub trait Ledger {
     /// # Errors
     /// The operating system's.
     fn record(&mut self, record: &Record) -> Result<(), DatasetError>;
+
+    /// Adds a record that survives the program's end at once, and a power cut when the next one is added: it keeps no stage
+    /// waiting.
+    ///
+    /// # Errors
+    /// The operating system's.
+    fn jot(&mut self, record: &Record) -> Result<(), DatasetError> {
+        self.record(record)
+    }
 }
 
 /// A ledger that ends with the program: for studies and tests, which leave no files.

@@ -30,6 +30,7 @@ pub(crate) use record::round;
 pub use record::{Contact, Flag, Left, Record, Retouch, Row, RowTruth};
 pub use session::{Durability, End, Fingerprint, RunFacts, Session};
 pub use verify::{Verified, verify};
+pub use views::TABLES;
 
 use miette::Diagnostic;
 use std::path::PathBuf;

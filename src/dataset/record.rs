@@ -1,7 +1,7 @@
 use super::{End, RunFacts, Session};
 use crate::control::{Air, Lesson, Trip};
 use crate::device::Identity;
-use crate::quantity::Place;
+use crate::quantity::{Place, any_number};
 use crate::recipe::Phase;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
@@ -102,7 +102,8 @@ pub struct Retouch {
     pub place: Place,
     /// Where contact began before, mm into the specimen.
     pub before_mm: f64,
-    /// Where it began now, mm into the specimen.
+    /// Where it began now, mm into the specimen; NaN: nowhere.
+    #[serde(with = "any_number")]
     pub touched_mm: f64,
 }
 
@@ -217,6 +218,9 @@ impl RowTruth {
 pub(crate) fn round(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     let rounded = (value * scale).round() / scale;
+    if !rounded.is_finite() {
+        return value; // too large to have decimals
+    }
     if rounded == 0.0 { 0.0 } else { rounded } // no "-0"
 }
 
@@ -266,6 +270,19 @@ pub(super) fn example(press: u64, level: u64) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_no_number_is_written_and_read_again() {
+        for touched_mm in [f64::INFINITY, f64::NEG_INFINITY, 0.1] {
+            let retouch = Record::Retouch(Retouch { t_s: 1.0, place: Place::default(), before_mm: 0.0, touched_mm });
+            let text = serde_json::to_string(&retouch).unwrap();
+            assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), retouch, "{text}");
+        }
+        let trip = Trip::new(crate::control::Rule::Noisy, f64::NAN, 1.0, "N");
+        let read: Trip = serde_json::from_str(&serde_json::to_string(&trip).unwrap()).unwrap();
+        assert!(read.measured.is_nan() && read.limit == 1.0);
+        assert_eq!(round(1e305, 6), 1e305);
+    }
 
     #[test]
     fn a_row_is_one_flat_object() {

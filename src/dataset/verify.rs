@@ -1,6 +1,7 @@
-use super::folder::{JOURNAL, MANIFEST, is_run};
-use super::views::TABLES;
-use super::{DatasetError, Fingerprint, Journal, JournalError, Manifest, RunFolder};
+use super::folder::{JOURNAL, Known, MANIFEST, is_run};
+use super::views::{TABLES, write};
+use super::{DatasetError, Fingerprint, Journal, JournalError, Manifest, Record};
+use crate::quantity::ArrayLayout;
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -11,56 +12,80 @@ use std::path::Path;
 const CHUNK_BYTES: usize = 64 << 10;
 
 /// What became of a run since it was written.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Verified {
     /// Records of its journal.
     pub records: u64,
     /// Files that are as they were written.
     pub sound: u64,
-    /// Whether its manifest says what its files were: a run that was killed, or is under way, has none that does.
+    /// Whether the journal says that the run has ended. Of one that was killed, or is under way, the tables aren't looked at.
     pub has_ended: bool,
     /// What isn't as it was written, in words.
     pub problems: Vec<String>,
 }
 
-/// Holds a run folder against its journal, and its files against what the manifest says they were.
+/// Holds a run folder against its journal: the texts by their SHA-256 in it, the tables by making them anew, and all files by
+/// their SHA-256 in the manifest.
 ///
 /// # Errors
 /// No run, or a file that can't be read. What is damaged is among the problems.
-pub fn verify(path: &Path) -> Result<Verified, DatasetError> {
+pub fn verify(path: &Path, layout: &ArrayLayout) -> Result<Verified, DatasetError> {
     is_run(path)?;
-    let mut verified = Verified { records: 0, sound: 0, has_ended: false, problems: Vec::new() };
-    for record in Journal::records(&path.join(JOURNAL))? {
-        match record {
-            Ok(_) => verified.records += 1,
-            Err(error @ JournalError::Damaged { .. }) => verified.problems.push(error.to_string()),
+    let mut verified = Verified::default();
+    let mut known = Known::of(Some(layout.len()));
+    let mut records = Journal::records(&path.join(JOURNAL))?;
+    while let Some(next) = records.next() {
+        let taken = next.and_then(|(offset, record)| {
+            verified.has_ended = matches!(record, Record::End(_));
+            known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))
+        });
+        match taken {
+            Ok(()) => verified.records += 1,
+            Err(error @ JournalError::Damaged { .. }) => {
+                verified.problems.push(error.to_string());
+                return Ok(verified);
+            }
             Err(error) => return Err(error.into()),
         }
     }
-    let told = match RunFolder::recall_manifest(path) {
-        Ok(told) => told,
-        Err(DatasetError::Journal(JournalError::Damaged { .. })) => return Ok(verified), // told already
-        Err(error) => return Err(error),
-    };
-    verified.hold(path, told.texts())?;
-    let manifest = match Manifest::read(&path.join(MANIFEST)) {
-        Ok(manifest) => manifest,
-        Err(error) => {
-            verified.problems.push(error.to_string());
-            return Ok(verified);
-        }
-    };
-    if manifest.files.is_empty() {
+    verified.hold(path, known.manifest.texts())?;
+    if !verified.has_ended {
         return Ok(verified);
     }
-    verified.has_ended = true;
-    let texts = |file: &&Fingerprint| !told.texts().iter().any(|text| text.name == file.name);
-    let files: Vec<Fingerprint> = manifest.files.iter().filter(texts).cloned().collect();
-    verified.hold(path, &files)?;
-    if (Manifest { files: manifest.files.clone(), ..told }) != manifest {
-        verified.problems.push(format!("{MANIFEST} doesn't say what the journal says"));
+    let files = fingerprints(path, known.manifest.texts())?;
+    match Manifest::read(&path.join(MANIFEST)) {
+        Err(error) => verified.problems.push(error.to_string()),
+        Ok(told) => {
+            let is_text = |file: &&Fingerprint| known.manifest.texts().iter().any(|text| text.name == file.name);
+            let vouched: Vec<Fingerprint> = told.files.iter().filter(|file| !is_text(file)).cloned().collect();
+            verified.hold(path, &vouched)?;
+            for file in files.iter().filter(|file| !told.files.iter().any(|other| other.name == file.name)) {
+                verified.problems.push(format!("{MANIFEST} doesn't vouch for {}", file.name));
+            }
+            if told != (Manifest { files: told.files.clone(), ..known.manifest.clone() }) {
+                verified.problems.push(format!("{MANIFEST} doesn't say what the journal says"));
+            }
+        }
+    }
+    let anew = tables_anew(path, layout, &known)?;
+    for name in TABLES {
+        let of = |files: &[Fingerprint]| files.iter().find(|file| file.name == name).cloned();
+        if of(&anew) != of(&files) {
+            verified.problems.push(format!("{name} isn't what the journal says"));
+        }
     }
     Ok(verified)
+}
+
+/// The tables that follow from a journal, made in a folder that is taken away again.
+fn tables_anew(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<Fingerprint>, DatasetError> {
+    let folder = std::env::temp_dir().join(format!(".palpate-verify-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
+    std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
+    let contacts = || Ok(known.contacts.contacts(Journal::records(&path.join(JOURNAL))?));
+    let made = write(&folder, layout, &contacts).and_then(|()| fingerprints(&folder, &[]));
+    std::fs::remove_dir_all(&folder).map_err(DatasetError::io("removing", &folder))?;
+    made
 }
 
 impl Verified {
@@ -82,12 +107,22 @@ impl Fingerprint {
         Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) }
     }
 
-    /// The fingerprint of a file, read piece by piece.
-    pub(super) fn of_file(folder: &Path, name: &str) -> io::Result<Fingerprint> {
-        let mut file = File::open(folder.join(name))?;
+    /// The fingerprint of a plain file of a folder, read piece by piece.
+    ///
+    /// # Errors
+    /// A name that leads elsewhere, what is no file, or the operating system's.
+    pub(super) fn of_file(folder: &Path, name: &str) -> Result<Fingerprint, DatasetError> {
+        let path = folder.join(name);
+        let failed = |error| DatasetError::io("reading", &path)(error);
+        if !is_plain(name) || !path.is_file() {
+            let told = format!("{name:?} is no name of a file in a run folder");
+            let kind = if is_plain(name) && !path.exists() { ErrorKind::NotFound } else { ErrorKind::InvalidInput };
+            return Err(failed(io::Error::new(kind, told)));
+        }
+        let mut file = File::open(&path).map_err(failed)?;
         let (mut hasher, mut bytes, mut chunk) = (Sha256::new(), 0, vec![0; CHUNK_BYTES]);
         loop {
-            match file.read(&mut chunk)? {
+            match file.read(&mut chunk).map_err(failed)? {
                 0 => break,
                 count => {
                     hasher.update(&chunk[..count]);
@@ -101,18 +136,18 @@ impl Fingerprint {
     /// What is wrong with the file of this name in a folder, in words; none where it is as it was written.
     fn problem_in(&self, folder: &Path) -> Result<Option<String>, DatasetError> {
         let name = &self.name;
-        if !is_plain(name) {
-            return Ok(Some(format!("{name:?} is no name of a file in a run folder: it isn't looked at")));
-        }
-        match Fingerprint::of_file(folder, name) {
-            Ok(found) if found == *self => Ok(None),
+        Ok(match Fingerprint::of_file(folder, name) {
+            Ok(found) if found == *self => None,
             Ok(found) if found.bytes != self.bytes => {
-                Ok(Some(format!("{name} has {} bytes; it was written with {}", found.bytes, self.bytes)))
+                Some(format!("{name} has {} bytes; it was written with {}", found.bytes, self.bytes))
             }
-            Ok(_) => Ok(Some(format!("{name} isn't as it was written: its SHA-256 is another"))),
-            Err(error) if error.kind() == ErrorKind::NotFound => Ok(Some(format!("{name} is missing"))),
-            Err(error) => Err(DatasetError::io("reading", folder.join(name))(error)),
-        }
+            Ok(_) => Some(format!("{name} isn't as it was written: its SHA-256 is another")),
+            Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::NotFound => {
+                Some(format!("{name} is missing"))
+            }
+            Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::InvalidInput => Some(why.to_string()),
+            Err(error) => return Err(error),
+        })
     }
 }
 
@@ -123,8 +158,8 @@ pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<F
     for name in texts.chain([JOURNAL]).chain(TABLES).filter(|name| is_plain(name)) {
         match Fingerprint::of_file(folder, name) {
             Ok(fingerprint) => found.push(fingerprint),
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(DatasetError::io("reading", folder.join(name))(error)),
+            Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
         }
     }
     Ok(found)

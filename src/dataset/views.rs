@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 pub(super) const PRESSES: &str = "presses.csv";
 
 /// All tables a run may have.
-pub(super) const TABLES: [&str; 5] =
+pub const TABLES: [&str; 5] =
     [PRESSES, "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
 
 /// The columns of `presses.csv` before the outputs, and after them.
@@ -20,7 +20,7 @@ const AFTER: [&str; 2] = ["flags", "z_mm"];
 /// Most outputs that are held at once to turn columns into rows: 8 MB.
 const OUTPUTS_MAX: usize = 1 << 19;
 
-/// Writes every table that follows from a run's contacts, each whole or not at all. `contacts` reads them anew each time, in
+/// Writes every table that follows from a run's contacts, each whole or not at all, and takes away those that don't. `contacts` reads them anew each time, in
 /// the order of their numbers; one is held at a time.
 pub(super) fn write<'a>(
     folder: &Path,
@@ -49,12 +49,23 @@ pub(super) fn write<'a>(
         }
     }
     presses.publish()?;
+    let staircases = staircases.some();
+    let follows = |name: &str| match name {
+        "scene.csv" => scene.is_some(),
+        "characteristics.csv" => staircases.is_some(),
+        _ => name == PRESSES || matrices.iter().any(|(_, matrix, points)| *matrix == name && *points > 0),
+    };
+    for stray in TABLES.into_iter().filter(|name| !follows(name)).map(|name| folder.join(name)) {
+        if stray.is_file() {
+            fs::remove_file(&stray).map_err(DatasetError::io("removing", stray))?;
+        }
+    }
     for (phase, name, points) in matrices.into_iter().filter(|(_, _, points)| *points > 0) {
         let mut matrix = Draft::new(folder, name)?;
         write_matrix(&mut matrix, phase, points, layout.len(), contacts)?;
         matrix.publish()?;
     }
-    if let Some(staircases) = staircases.some() {
+    if let Some(staircases) = staircases {
         replace(folder, "characteristics.csv", &characteristics(&staircases))?;
     }
     scene.map_or(Ok(()), Draft::publish)

@@ -4,6 +4,7 @@
 //! the **stage frame** (what the controller counts in, [`Position`]) and the **specimen frame** ([`Place`] plus a
 //! `z_mm` that grows into the specimen and is zero at its nominal surface). [`Frame`] leads from one to the other.
 
+pub mod any_number;
 mod frame;
 mod layout;
 mod limits;

@@ -4,7 +4,7 @@ use super::Halt;
 use super::past::Known;
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::walk::{Listener, Walker};
-use crate::control::{Air, Rule, Standing, Strategy, Task, Trip};
+use crate::control::{Air, Permit, Rule, Standing, Strategy, Task, Trip};
 use crate::dataset::{Ledger, Left, Record, Retouch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -66,15 +66,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.cell.open_air();
         let now = self.hand.cell.close_air().await?;
         let zero = *self.hand.cell.watch.zero();
-        if self.hand.z_mm < left.z_mm {
+        let first_mm = self.map.expect(place).first_mm;
+        // whatever a journal says, no nearer than x and y may move
+        let back_mm = left.z_mm.min(Permit::clear_mm(first_mm));
+        if self.hand.z_mm < back_mm {
             let standing = Standing {
                 z_mm: self.hand.z_mm,
                 force_n: now.mean_n,
                 sigma_n: zero.sigma_mean_n(now.readings),
                 age_s: self.hand.cell.age_s(),
-                first_mm: self.map.expect(place).first_mm,
+                first_mm,
             };
-            let granted = self.permit.advance(&standing, left.z_mm, self.hand.usage.speed_mm_s)?;
+            let granted = self.permit.advance(&standing, back_mm, self.hand.usage.speed_mm_s)?;
             self.hand.move_z(granted, None).await?;
             self.hand.cell.settle().await?;
         }

@@ -2,6 +2,7 @@ use crate::control::{Lesson, Map};
 use crate::dataset::{DatasetError, Ledger, Left, Record};
 use crate::device::{DeviceError, Identity, Problem};
 use crate::quantity::Place;
+use crate::recipe::Plan;
 
 /// Most places that are remembered to be touched again.
 const KNOWN_MAX: usize = 4096;
@@ -85,21 +86,23 @@ impl Past {
         self.map.learn(lesson);
         if let Lesson::Touch { place, z_mm, path } = lesson
             && let Some((_, force_n)) = path.last()
+            && *force_n > 0.0
             && self.known.len() < KNOWN_MAX
         {
             self.known.push(Known { place: *place, z_mm: *z_mm, force_n: *force_n });
         }
     }
 
-    /// Three places that were touched, or as many as there are, as far from one another as they come: a surface that has
-    /// sunk, risen or tilted shows at one of them.
-    pub fn landmarks(&self) -> Vec<Known> {
-        let mut chosen: Vec<Known> = self.known.first().copied().into_iter().collect();
+    /// Three places of the plan that were touched, or as many as there are, as far from one another as they come: a surface
+    /// that has sunk, risen or tilted shows at one of them.
+    pub fn landmarks(&self, plan: &Plan) -> Vec<Known> {
+        let planned = |known: &&Known| plan.entries.iter().any(|entry| entry.place == known.place);
+        let mut chosen: Vec<Known> = self.known.iter().find(planned).copied().into_iter().collect();
         while chosen.len() < 3 {
             let apart_mm = |known: &Known| {
                 chosen.iter().map(|other| other.place.distance_mm(known.place)).fold(f64::INFINITY, f64::min)
             };
-            let farthest = self.known.iter().max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));
+            let farthest = self.known.iter().filter(planned).max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));
             match farthest.copied().filter(|known| apart_mm(known) > 0.0) {
                 Some(known) => chosen.push(known),
                 None => break,
@@ -112,11 +115,32 @@ impl Past {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::{Strategy, Task};
     use crate::dataset::{Contact, Memory};
+    use crate::recipe::{Entry, Phase};
 
     fn contact(press: u64, lesson: Lesson) -> Record {
         let left = Left { z_mm: -0.2 - press as f64, air: None };
         Record::Contact(Contact { press, rows: vec![], truth: vec![], lesson: Some(lesson), left: Some(left) })
+    }
+
+    /// A plan of presses at these places.
+    fn plan(places: &[(f64, f64)]) -> Plan {
+        let entry = |(press, &(x_mm, y_mm)): (u64, &(f64, f64))| Entry {
+            press,
+            phase: Phase::Test,
+            place: Place::new(x_mm, y_mm),
+            task: Task {
+                levels: Task::press(1.0),
+                force_tolerance_n: 0.05,
+                hold_s: 0.0,
+                sample_s: 0.1,
+                strategy: Strategy::Guarded,
+                sample_after_s: None,
+            },
+            rest_after_s: 0.0,
+        };
+        Plan { name: "p".to_owned(), seed: 1, entries: (0..).zip(places).map(entry).collect() }
     }
 
     fn touch(x_mm: f64, y_mm: f64) -> Lesson {
@@ -139,21 +163,25 @@ mod tests {
         assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
         assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");
         assert_eq!(past.last.and_then(|(_, left)| left).map(|left| left.z_mm), Some(-4.2), "the last contact's");
-        let landmarks: Vec<Place> = past.landmarks().iter().map(|known| known.place).collect();
+        let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
+        let landmarks: Vec<Place> = past.landmarks(&plan).iter().map(|known| known.place).collect();
         assert_eq!(
             landmarks,
             [Place::new(0.0, 0.0), Place::new(0.0, 6.0), Place::new(6.0, 0.0)],
             "touched, and far apart"
         );
-        assert_eq!(past.landmarks()[0].force_n, 0.7);
+        assert_eq!(past.landmarks(&plan)[0].force_n, 0.7);
     }
 
     #[test]
     fn where_less_was_touched_less_is_touched_again() {
         let mut memory = Memory::default();
-        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks(), []);
+        let plan = plan(&[(1.0, 1.0)]);
+        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks(&plan), []);
         memory.record(&contact(0, touch(1.0, 1.0))).unwrap();
         memory.record(&contact(1, touch(1.0, 1.0))).unwrap();
-        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks().len(), 1, "one place is one");
+        memory.record(&contact(2, touch(999.0, 1.0))).unwrap();
+        let landmarks = Past::of(&memory, 0.3).unwrap().landmarks(&plan);
+        assert_eq!(landmarks.len(), 1, "one place is one, and one that no plan names is none");
     }
 }

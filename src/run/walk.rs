@@ -75,20 +75,22 @@ pub async fn walk_on(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listen
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
     let mut ending = Ending { halt: None, unparked: None, t_s: 0.0 };
-    let mut pressing = None;
     match make_ready(rig, &conditions).await {
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
             let map = Map::new(spec.frame.uncertainty_mm);
             let mut walker = Walker { hand, permit, map, reaction, conditions, pressing: None, left: None, felt: None };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
+            // the stage was stopped before a trip was told; a program that is killed while it parks has tripped all the same
+            note_trip(ledger, &ending, walker.pressing, clock.now_s());
             ending.unparked = walker.hand.withdraw(spec.clear_mm()).await.err();
-            pressing = walker.pressing;
         }
-        Err(halt) => ending.halt = Some(halt),
+        Err(halt) => {
+            ending.halt = Some(halt);
+            note_trip(ledger, &ending, None, clock.now_s());
+        }
     }
     ending.t_s = clock.now_s();
-    note_trip(ledger, &ending, pressing);
     ending
 }
 
@@ -123,9 +125,9 @@ impl Ending {
 }
 
 /// A trip is recorded. A record that can't be kept any more doesn't hide it.
-fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>) {
+fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, t_s: f64) {
     if let Some(Halt::Tripped(trip)) = &ending.halt {
-        let _ = ledger.record(&Record::Trip { t_s: ending.t_s, press, trip: trip.clone() });
+        let _ = ledger.jot(&Record::Trip { t_s, press, trip: trip.clone() });
     }
 }
 
@@ -165,16 +167,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         ledger.record(zero)?;
         let left: VecDeque<&Entry> = plan.entries.iter().filter(|entry| !ledger.has(entry.press)).collect();
         let Some(first) = left.front() else { return Ok(()) };
-        self.touch_again(&past.landmarks(), first.place, ledger, listener).await?;
+        self.touch_again(&past.landmarks(plan), first.place, ledger, listener).await?;
         self.map = past.map;
+        let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
             if let Some(how) = how {
                 self.go_back(first.place, how).await?;
             }
             // how much of it had passed isn't known
-            let owed = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
-            self.rest_until(Instant::now() + Duration::from_secs_f64(owed), listener).await?;
+            owed_s = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
         }
+        self.rest(owed_s, first.place, ledger, listener).await?;
         self.presses(left, ledger, listener).await
     }
 
@@ -196,12 +199,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             self.pressing = None;
             record.contact().into_iter().for_each(|contact| listener.recorded(contact));
             let Some(next) = next else { break };
-            let rested = Instant::now() + Duration::from_secs_f64(entry.rest_after_s);
-            self.rest_until(rested, listener).await?;
-            if self.conditions.cancel.pausing() {
-                self.pause(next, ledger, listener).await?;
-                self.rest_until(rested, listener).await?;
-            }
+            self.rest(entry.rest_after_s, next, ledger, listener).await?;
         }
         Ok(())
     }
@@ -223,13 +221,27 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// Rests in air, but no longer than until a pause or a stop is asked for.
-    async fn rest_until(&mut self, rested: Instant, listener: &mut dyn Listener) -> Result<(), Halt> {
-        let rest = rested.saturating_duration_since(Instant::now());
-        if !rest.is_zero() {
-            listener.rests(rest.as_secs_f64());
-            self.conditions.cancel.sleep(rest).await;
+    /// Rests in air for so long, and pauses where a person asks for it: the rest goes on meanwhile, and is not cut short.
+    async fn rest(
+        &mut self,
+        seconds: f64,
+        next: Place,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        let rested = Instant::now() + Duration::from_secs_f64(seconds);
+        loop {
+            let rest = rested.saturating_duration_since(Instant::now());
+            if !rest.is_zero() {
+                listener.rests(rest.as_secs_f64());
+                self.conditions.cancel.sleep(rest).await;
+            }
+            self.conditions.cancel.check()?;
+            if self.conditions.cancel.pausing() {
+                self.pause(next, ledger, listener).await?;
+            } else if Instant::now() >= rested {
+                return Ok(());
+            }
         }
-        self.conditions.cancel.check()
     }
 }
