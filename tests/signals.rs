@@ -50,17 +50,19 @@ const FINISHED_FIRST: &str = "this press is finished first";
 
 #[test]
 fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
-    let live = Live::start(bench.command(RUN));
-    live.until_told(": from press 1 of 11");
-    live.signal("INT");
-    let told = live.end();
-    assert_eq!(told.code, CANCELLED, "{}", told.err);
-    assert!(told.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", told.err);
-    assert!(told.err.contains("stopped: 1 of 11 presses"), "{}", told.err);
-    assert_eq!(rows(&told.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
-    assert_stopped_with(&bench, 1);
-    assert_finished_by_resume(&bench, &told.out);
+    for name in ["INT", "TSTP"] {
+        let bench = Bench::with([("r.toml", RECIPE)]);
+        let live = Live::start(bench.command(RUN));
+        live.until_told(": from press 1 of 11");
+        live.signal(name);
+        let told = live.end();
+        assert_eq!(told.code, CANCELLED, "{name}: {}", told.err);
+        assert!(told.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", told.err);
+        assert!(told.err.contains("stopped: 1 of 11 presses"), "{}", told.err);
+        assert_eq!(rows(&told.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
+        assert_stopped_with(&bench, 1);
+        assert_finished_by_resume(&bench, &told.out);
+    }
 }
 
 #[test]

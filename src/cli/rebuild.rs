@@ -1,7 +1,7 @@
 use super::exit::Failure;
 use super::sources::read_rig;
 use super::summary;
-use crate::dataset::RunFolder;
+use crate::dataset::{RunFolder, check_run};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -21,7 +21,7 @@ pub struct Args {
 
 /// Writes every view of the journal.
 pub fn rebuild(args: &Args) -> Result<ExitCode, Failure> {
-    RunFolder::recall_manifest(&args.run).map_err(Failure::dataset)?; // says best that this is no run
+    check_run(&args.run).map_err(Failure::dataset)?; // says best that this is none
     let layout = read_rig(&args.run.join("rig.toml"))?.1.array.layout;
     let mut folder = RunFolder::open(&args.run, &layout).map_err(Failure::dataset)?;
     folder.rebuild().map_err(Failure::dataset)?;

@@ -16,6 +16,12 @@ use tokio::time::timeout;
 #[cfg(unix)]
 const HANGUP_BIT: u64 = 1;
 
+/// SIGTSTP, which Ctrl-Z sends.
+#[cfg(any(target_os = "linux", target_os = "android"))]
+const SUSPEND: i32 = 20;
+#[cfg(all(unix, not(any(target_os = "linux", target_os = "android"))))]
+const SUSPEND: i32 = 18;
+
 /// A terminal from which nothing comes for so long has nothing more of what was typed before.
 #[cfg(unix)]
 const STILL: Duration = Duration::from_millis(50);
@@ -27,7 +33,8 @@ const TYPED_BYTES: usize = 256;
 pub enum First {
     /// A stop.
     Stop,
-    /// A pause when the press under way is recorded; another one before the pause is over asks for the stop.
+    /// A pause when the press under way is recorded, as of Ctrl-Z: a program that is suspended would leave the specimen under
+    /// load. Another one before the pause is over asks for the stop.
     Pause,
 }
 
@@ -42,7 +49,7 @@ pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure>
     let runtime = Builder::new_current_thread().enable_io().build().into_diagnostic().map_err(Failure::usage)?;
     let signals = {
         let _inside = runtime.enter();
-        Signals::new().into_diagnostic().wrap_err("can't listen for Ctrl-C").map_err(Failure::usage)?
+        Signals::new(first).into_diagnostic().wrap_err("can't listen for Ctrl-C").map_err(Failure::usage)?
     };
     let listen = async move {
         let mut signals = signals;
@@ -126,22 +133,29 @@ struct Signals {
     terminate: tokio::signal::unix::Signal,
     /// None where whoever started the program wants it to outlive its terminal, as `nohup` does.
     hangup: Option<tokio::signal::unix::Signal>,
+    /// None where a program that is suspended leaves nothing under load.
+    suspend: Option<tokio::signal::unix::Signal>,
 }
 
 #[cfg(unix)]
 impl Signals {
-    fn new() -> io::Result<Signals> {
+    fn new(first: First) -> io::Result<Signals> {
         use tokio::signal::unix::{SignalKind, signal};
         Ok(Signals {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
             hangup: if ignores_hangup() { None } else { Some(signal(SignalKind::hangup())?) },
+            suspend: match first {
+                First::Pause => Some(signal(SignalKind::from_raw(SUSPEND))?),
+                First::Stop => None,
+            },
         })
     }
 
-    /// The next one, and whether it is a person's Ctrl-C.
+    /// The next one, and whether it is a person's Ctrl-C or Ctrl-Z.
     async fn next(&mut self) -> Option<bool> {
         tokio::select! {
+            heard = heard(&mut self.suspend) => heard.map(|()| true),
             heard = self.interrupt.recv() => heard.map(|()| true),
             heard = self.terminate.recv() => heard.map(|()| false),
             heard = heard(&mut self.hangup) => heard.map(|()| false),
@@ -175,7 +189,7 @@ struct Signals {
 
 #[cfg(windows)]
 impl Signals {
-    fn new() -> io::Result<Signals> {
+    fn new(_: First) -> io::Result<Signals> {
         use tokio::signal::windows::{ctrl_c, ctrl_close, ctrl_shutdown};
         Ok(Signals { ctrl_c: ctrl_c()?, close: ctrl_close()?, shutdown: ctrl_shutdown()? })
     }

@@ -1,7 +1,7 @@
 use super::exit::Failure;
 use super::sources::read_rig;
 use super::summary;
-use crate::dataset::{DatasetError, JournalError, RunFolder, verify};
+use crate::dataset::{check_run, verify};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -21,7 +21,7 @@ pub struct Args {
 
 /// Tells what isn't as it was written.
 pub fn verify_run(args: &Args) -> Result<ExitCode, Failure> {
-    RunFolder::recall_manifest(&args.run).map(drop).or_else(told_later).map_err(Failure::dataset)?;
+    check_run(&args.run).map_err(Failure::dataset)?; // says best that this is none
     let layout = read_rig(&args.run.join("rig.toml"))?.1.array.layout;
     let verified = verify(&args.run, &layout).map_err(Failure::dataset)?;
     let whole = format!("{} records in the journal, {} files as they were written", verified.records, verified.sound);
@@ -33,12 +33,4 @@ pub fn verify_run(args: &Args) -> Result<ExitCode, Failure> {
     let help = "views are made anew by `palpate rebuild`; a journal, a recipe and a rig come from a copy only";
     let problems = verified.problems.join("\n");
     Err(Failure::not_accepted(miette::miette!(help = help, "{}: {whole}, but\n{problems}", args.run.display())))
-}
-
-/// What is damaged is for the report to say; what is no run at all has none.
-fn told_later(error: DatasetError) -> Result<(), DatasetError> {
-    match error {
-        DatasetError::Journal(JournalError::Damaged { .. }) => Ok(()),
-        other => Err(other),
-    }
 }

@@ -89,7 +89,7 @@ impl RunFolder {
     /// # Errors
     /// No journal, a damaged one, one that another program writes, or the operating system's.
     pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        is_run(path)?;
+        check_run(path)?;
         let lock = hold(path)?;
         Self::attach(path.to_owned(), lock, layout)
     }
@@ -121,7 +121,7 @@ impl RunFolder {
     /// # Errors
     /// No run, no manifest, or not one.
     pub fn read_manifest(path: &Path) -> Result<Manifest, DatasetError> {
-        is_run(path)?;
+        check_run(path)?;
         Manifest::read(&path.join(MANIFEST))
     }
 
@@ -130,7 +130,7 @@ impl RunFolder {
     /// # Errors
     /// No journal, or a damaged one.
     pub fn recall_manifest(path: &Path) -> Result<Manifest, DatasetError> {
-        is_run(path)?;
+        check_run(path)?;
         let mut known = Known::of(None);
         let mut records = Journal::records(&path.join(JOURNAL))?;
         while let Some(next) = records.next() {
@@ -306,7 +306,10 @@ impl Origins {
 }
 
 /// A run is a folder with a journal in it.
-pub(super) fn is_run(path: &Path) -> Result<(), DatasetError> {
+///
+/// # Errors
+/// It is none.
+pub fn check_run(path: &Path) -> Result<(), DatasetError> {
     let is_one = path.join(JOURNAL).is_file();
     is_one.then_some(()).ok_or_else(|| DatasetError::NoRun { path: path.to_owned() })
 }

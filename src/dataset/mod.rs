@@ -21,7 +21,7 @@ pub mod table;
 mod verify;
 mod views;
 
-pub use folder::{Origins, RunFolder};
+pub use folder::{Origins, RunFolder, check_run};
 pub use index::Contacts;
 pub use journal::{Journal, JournalError, Records};
 pub use ledger::{Ledger, Memory};

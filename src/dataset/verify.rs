@@ -1,4 +1,4 @@
-use super::folder::{JOURNAL, Known, MANIFEST, is_run};
+use super::folder::{JOURNAL, Known, MANIFEST, check_run};
 use super::views::{TABLES, write};
 use super::{DatasetError, Fingerprint, Journal, JournalError, Manifest, Record};
 use crate::quantity::ArrayLayout;
@@ -30,7 +30,7 @@ pub struct Verified {
 /// # Errors
 /// No run, or a file that can't be read. What is damaged is among the problems.
 pub fn verify(path: &Path, layout: &ArrayLayout) -> Result<Verified, DatasetError> {
-    is_run(path)?;
+    check_run(path)?;
     let mut verified = Verified::default();
     let mut known = Known::of(Some(layout.len()));
     let mut records = Journal::records(&path.join(JOURNAL))?;
