@@ -43,7 +43,7 @@ pub struct Kept {
 impl Kept {
     pub fn new(spec: &RigSpec, plan: &Plan) -> Kept {
         let home = tempfile::tempdir().expect("a folder");
-        let (out, facts) = (home.path().join("run"), RunFacts::new(plan, true));
+        let (out, facts) = (home.path().join("run"), facts_of(plan));
         let origins = Origins { recipe: RECIPE.to_owned(), rig: String::new(), maps: Vec::new() };
         let folder = RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout);
         let folder = folder.expect("a run");
@@ -134,4 +134,10 @@ impl Listener for Notes {
     fn recorded(&mut self, contact: &Contact) {
         self.contacts.push(contact.clone());
     }
+}
+
+/// The facts of a plan of which only a part is walked: its entries keep their numbers.
+fn facts_of(plan: &Plan) -> RunFacts {
+    let presses_planned = plan.entries.iter().map(|entry| entry.press + 1).max().unwrap_or(0);
+    RunFacts { presses_planned, ..RunFacts::new(plan, true) }
 }
