@@ -201,24 +201,8 @@ fn differing<'a>(one: &'a [(String, Vec<u8>)], other: &[(String, Vec<u8>)]) -> V
 
 #[cfg(unix)]
 mod interrupted {
-    use super::support::{Bench, Live, Told};
+    use super::support::{Bench, LONG, LONG_PRESSES, Live, Told};
     use serde_json::Value;
-
-    /// 2 staircases of 5 levels, 9 points of a grid.
-    const RECIPE: &str = r#"
-name = "long"
-
-[[step]]
-phase = "characterisation"
-units = [1, 5]
-staircase = { to_n = 2.0, step_n = 1.0 }
-
-[[step]]
-phase = "calibration"
-grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 2.0 }
-force_n = 1.0
-"#;
-    const PRESSES: u64 = 11;
 
     /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
     const RUN: &str = "run r.toml --json --out run --pace 15";
@@ -227,14 +211,14 @@ force_n = 1.0
     fn a_run_that_is_stopped_parks_keeps_its_rows_and_is_finished_by_resume() {
         // before the first press; in the second staircase; among the points of the grid
         for rows in [0, 5, 13] {
-            let bench = Bench::with([("r.toml", RECIPE)]);
+            let bench = Bench::with([("r.toml", LONG)]);
             let (seen, told) = interrupted(&bench, RUN, rows, "INT");
             assert_eq!(told.code, Some(130), "{}", told.err);
             assert!(told.err.contains("stopped: ") && !told.err.contains("could not be parked"), "{}", told.err);
             let manifest = bench.manifest("run");
             assert_eq!(manifest["status"], "stopped");
             assert_eq!(manifest["presses_done"], presses(&seen), "after {rows} rows");
-            assert!(presses(&seen) < PRESSES, "it was stopped in the middle");
+            assert!(presses(&seen) < LONG_PRESSES, "it was stopped in the middle");
             assert_eq!(numbered(&table(&bench)), numbered(&seen), "presses.csv has what was acknowledged");
             assert_finished_by_resume(&bench, &seen);
         }
@@ -243,7 +227,7 @@ force_n = 1.0
     #[test]
     fn a_run_that_is_killed_has_every_acknowledged_row_and_is_finished_by_resume() {
         for rows in [0, 1, 5, 7, 12] {
-            let bench = Bench::with([("r.toml", RECIPE)]);
+            let bench = Bench::with([("r.toml", LONG)]);
             let (seen, told) = interrupted(&bench, RUN, rows, "KILL");
             assert_eq!(told.code, None);
             assert_eq!(bench.manifest("run")["status"], "stopped", "what it is if nobody says otherwise");
@@ -253,7 +237,7 @@ force_n = 1.0
 
     #[test]
     fn a_run_may_be_interrupted_again_and_again() {
-        let bench = Bench::with([("r.toml", RECIPE)]);
+        let bench = Bench::with([("r.toml", LONG)]);
         let (mut seen, _) = interrupted(&bench, RUN, 5, "KILL");
         for signal in ["INT", "KILL", "TERM"] {
             let (more, _) = interrupted(&bench, "resume run --json --pace 15", 1, signal);
@@ -279,10 +263,10 @@ force_n = 1.0
         let told = bench.palpate_ends(0, "resume run --json");
         let resumed: Vec<Value> = told.out.lines().map(json).collect();
         let manifest = bench.manifest("run");
-        assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &PRESSES.into()));
+        assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &LONG_PRESSES.into()));
 
         let staircases = (0..2).flat_map(|press| (0..5).map(move |level| (press, level)));
-        let plan: Vec<(u64, u64)> = staircases.chain((2..PRESSES).map(|press| (press, 0))).collect();
+        let plan: Vec<(u64, u64)> = staircases.chain((2..LONG_PRESSES).map(|press| (press, 0))).collect();
         let table = table(bench);
         assert_eq!(numbered(&table), plan);
         for row in acknowledged.iter().chain(&resumed) {

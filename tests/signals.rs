@@ -14,26 +14,12 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use support::python::skipped;
 use support::rows::{json, numbered, table};
-use support::{Bench, Live, Told};
+use support::{Bench, LONG, LONG_PRESSES, Live, Told};
 use terminal::{Terminal, signal, spawned, wait};
 
-/// 2 staircases of 5 levels, 9 points of a grid.
-const RECIPE: &str = r#"
-name = "signals"
-
-[[step]]
-phase = "characterisation"
-units = [1, 5]
-staircase = { to_n = 2.0, step_n = 1.0 }
-
-[[step]]
-phase = "calibration"
-grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 2.0 }
-force_n = 1.0
-"#;
+/// What the recipe begins with.
 const STAIRCASES: u64 = 2;
 const LEVELS: u64 = 5;
-const PRESSES: u64 = 11;
 
 /// How often one run is paused.
 const PAUSES: usize = 3;
@@ -51,7 +37,7 @@ const FINISHED_FIRST: &str = "this press is finished first";
 #[test]
 fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
     for name in ["INT", "TSTP"] {
-        let bench = Bench::with([("r.toml", RECIPE)]);
+        let bench = Bench::with([("r.toml", LONG)]);
         let live = Live::start(bench.command(RUN));
         live.until_told(": from press 1 of 11");
         live.signal(name);
@@ -67,7 +53,7 @@ fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
 
 #[test]
 fn two_interrupts_stop_in_the_middle_of_the_press() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
     live.until_told(": from press 1 of 11");
     live.signal("INT");
@@ -79,7 +65,7 @@ fn two_interrupts_stop_in_the_middle_of_the_press() {
 #[test]
 fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
     for name in ["TERM", "HUP"] {
-        let bench = Bench::with([("r.toml", RECIPE)]);
+        let bench = Bench::with([("r.toml", LONG)]);
         let live = Live::start(bench.command(RUN));
         live.until_told(": from press 1 of 11");
         live.signal(name);
@@ -89,7 +75,7 @@ fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
 
 #[test]
 fn a_signal_before_the_first_press_stops_there() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
     live.until_told("stage "); // it says what it is, and the places that were touched before come next
     live.signal("TERM");
@@ -99,7 +85,7 @@ fn a_signal_before_the_first_press_stops_there() {
 #[test]
 fn a_run_that_nobody_hears_stops_as_any_other() {
     for (name, presses) in [("TERM", 0), ("INT", 1)] {
-        let bench = Bench::with([("r.toml", RECIPE)]);
+        let bench = Bench::with([("r.toml", LONG)]);
         let child = unheard(&bench);
         signal(&child, name);
         assert_eq!(wait(child), CANCELLED, "{name}");
@@ -110,7 +96,7 @@ fn a_run_that_nobody_hears_stops_as_any_other() {
 
 #[test]
 fn a_run_that_nobody_hears_is_finished_as_any_other() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     assert_eq!(wait(unheard(&bench)), Some(0));
     assert_eq!(bench.manifest("run")["status"], "complete");
     assert_eq!(numbered(&table(&bench, "run")), plan());
@@ -121,7 +107,7 @@ fn a_closed_terminal_stops_and_parks() {
     if !terminal::has_ctty() {
         return skipped("a closed terminal", "there is no setsid that gives a program a controlling terminal");
     }
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     let mut terminal = Terminal::open();
     // at the head of a session of its own, with this terminal: it is who is told when the terminal closes
     let program = bench.command(RUN);
@@ -138,7 +124,7 @@ fn a_closed_terminal_stops_and_parks() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_hangup_under_nohup_stops_nothing() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     let program = bench.command(RUN_FAST);
     let mut command = Command::new("nohup");
     command.arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
@@ -152,7 +138,7 @@ fn a_hangup_under_nohup_stops_nothing() {
 
 #[test]
 fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     let (mut terminal, child) = attended(&bench);
     terminal.until("characterisation");
     terminal.enter(); // before there is a pause that it could end
@@ -172,7 +158,7 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
 
 #[test]
 fn a_pause_may_be_made_again_and_again() {
-    let bench = Bench::with([("r.toml", RECIPE)]);
+    let bench = Bench::with([("r.toml", LONG)]);
     let mut terminal = Terminal::open();
     let mut command = bench.command(RUN_FAST);
     command.stdin(terminal.far()).stderr(terminal.far());
@@ -200,7 +186,7 @@ fn a_pause_may_be_made_again_and_again() {
 #[test]
 fn a_pause_is_ended_by_a_second_interrupt_or_by_a_terminal_that_is_gone() {
     for is_closed in [false, true] {
-        let bench = Bench::with([("r.toml", RECIPE)]);
+        let bench = Bench::with([("r.toml", LONG)]);
         let (mut terminal, child) = attended(&bench);
         terminal.until("characterisation");
         signal(&child, "INT");
@@ -276,7 +262,7 @@ fn assert_finished_by_resume(bench: &Bench, acknowledged: &str) {
 
 /// Press and level of each row that the plan comes to.
 fn plan() -> Vec<(u64, u64)> {
-    (0..PRESSES).flat_map(|press| (0..levels(press)).map(move |level| (press, level))).collect()
+    (0..LONG_PRESSES).flat_map(|press| (0..levels(press)).map(move |level| (press, level))).collect()
 }
 
 fn levels(press: u64) -> u64 {

@@ -45,6 +45,22 @@ random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.
 pub const SMALL_ROWS: usize = 11;
 pub const SMALL_PRESSES: u64 = 7;
 
+/// A recipe that is long enough to be interrupted in: 2 staircases of 5 levels, 9 points of a grid.
+pub const LONG: &str = r#"
+name = "long"
+
+[[step]]
+phase = "characterisation"
+units = [1, 5]
+staircase = { to_n = 2.0, step_n = 1.0 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 2.0 }
+force_n = 1.0
+"#;
+pub const LONG_PRESSES: u64 = 11;
+
 /// A folder in which the program is run, gone with this.
 pub struct Bench {
     folder: TempDir,
