@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use support::python::{Python, said, skipped};
 use support::served::Served;
-use support::{Bench, exchanged, shipped, shipped_text};
+use support::{Bench, exchanged, shared_library, shipped_text};
 use tokio::sync::Mutex;
 use tokio::time::{Instant, timeout};
 
@@ -30,20 +30,8 @@ const OVERRUN: &str = "error -200279: The application is not able to keep up wit
 
 /// The stub, built with some words more; none where there is no compiler.
 fn stub(test: &str, bench: &Bench, words: &[&str]) -> Option<PathBuf> {
-    let path = bench.path("libnidaqmx.so");
-    let mut compiler = Command::new("cc");
-    compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]).args(words);
-    compiler.arg("-Wl,-soname,libnidaqmx.so").arg("-o").arg(&path).arg(shipped("tests/daqmx/stub.c"));
-    match compiler.output() {
-        Err(error) => {
-            skipped(test, &format!("cc: {error}"));
-            None
-        }
-        Ok(output) => {
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            Some(path)
-        }
-    }
+    let words: Vec<&str> = words.iter().copied().chain(["-Wl,-soname,libnidaqmx.so"]).collect();
+    shared_library(test, bench, "libnidaqmx.so", "tests/daqmx/stub.c", &words)
 }
 
 fn load(path: &std::path::Path) -> Result<DaqmxLibrary, LoadError> {

@@ -11,10 +11,9 @@ use serde_json::Value;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use support::python::skipped;
 use support::rows::{self, json, kept, numbered};
-use support::{Bench, Told, shipped, shipped_text};
+use support::{Bench, Told, shared_library, shipped_text};
 
 /// Where the run is, below the folder that fails: a folder and the one that holds it are to be made.
 const DISK: &str = "disk";
@@ -243,18 +242,5 @@ fn ensure(holds: bool, told: impl FnOnce() -> String) -> Result<(), String> {
 
 /// The library that makes calls fail; none where there is no compiler.
 fn library(test: &str, shelf: &Bench) -> Option<PathBuf> {
-    let path = shelf.path("failing.so");
-    let mut compiler = Command::new("cc");
-    compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-o"]);
-    compiler.arg(&path).arg(shipped("tests/disk/failing.c")).arg("-ldl");
-    match compiler.output() {
-        Err(error) => {
-            skipped(test, &format!("cc: {error}"));
-            None
-        }
-        Ok(output) => {
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            Some(path)
-        }
-    }
+    shared_library(test, shelf, "failing.so", "tests/disk/failing.c", &["-ldl"])
 }

@@ -191,6 +191,23 @@ pub fn exchanged(text: &str, from: &str, to: &str) -> String {
     text.replacen(from, to, 1)
 }
 
+/// A shared library of one of the project's C files, built on a bench with some words more; none where there is no compiler.
+pub fn shared_library(test: &str, bench: &Bench, name: &str, source: &str, words: &[&str]) -> Option<PathBuf> {
+    let path = bench.path(name);
+    let mut compiler = Command::new("cc");
+    compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-o"]);
+    match compiler.arg(&path).arg(shipped(source)).args(words).output() {
+        Err(error) => {
+            python::skipped(test, &format!("cc: {error}"));
+            None
+        }
+        Ok(output) => {
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            Some(path)
+        }
+    }
+}
+
 /// Longest wait for the next line of a program that is running: many times what any takes, and an end for one that hangs.
 const PATIENCE: Duration = Duration::from_secs(20);
 
