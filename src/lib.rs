@@ -22,7 +22,9 @@
 //! | 2 | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |
 //! | 2 | [`solver`] | calibration and reading to contact, and their evaluation |
 //! | 2 | [`wire`] | links: how bytes get there and back; NI's functions as a table |
+//! | 1 | [`chart`] | charts as SVG |
 //! | 1 | [`mechanics`] | linear elasticity: what a taxel reads of a load |
+//! | 1 | [`parallel`] | work shared out to all processors |
 //! | 1 | [`quantity`] | the vocabulary, with units |
 //!
 //! # One press, followed through
@@ -34,6 +36,7 @@
 //! watched, averaged, sampled, and on disk before the next press begins. The repository's ARCHITECTURE.md follows the same
 //! press line by line.
 
+pub mod chart;
 pub mod cli;
 pub mod control;
 pub mod dataset;
@@ -42,6 +45,7 @@ pub mod document;
 pub mod driver;
 pub mod emulator;
 pub mod mechanics;
+pub mod parallel;
 pub mod quantity;
 pub mod recipe;
 pub mod rig;

@@ -1,4 +1,5 @@
 use crate::quantity::Place;
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
 /// One contact, as solved, and how sure that is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,6 +36,22 @@ impl Covariance {
     pub fn force_n(&self) -> f64 {
         self.0[2][2].sqrt()
     }
+
+    /// Mean distance from the truth, mm, of a place with this covariance and no bias.
+    ///
+    /// With the variances l1 >= l2 along its axes: E|e| = sqrt(2 l1 / pi) E(1 - l2/l1), E being the complete elliptic integral of
+    /// the second kind by its parameter; isotropic sqrt(pi/2) sd, on a line sqrt(2/pi) sd.
+    pub fn mean_distance_mm(&self) -> f64 {
+        let [[xx, xy, _], [_, yy, _], _] = self.0;
+        let (middle, half) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        let (most, least) = (middle + half, (middle - half).max(0.0));
+        if most <= 0.0 { 0.0 } else { (FRAC_2_PI * most).sqrt() * elliptic_e(1.0 - least / most) }
+    }
+
+    /// Mean absolute error, N, of a force with this covariance and no bias.
+    pub fn mean_force_error_n(&self) -> f64 {
+        FRAC_2_PI.sqrt() * self.force_n()
+    }
 }
 
 /// Whether a solution can be believed, and if not, why.
@@ -50,4 +67,45 @@ pub enum Verdict {
     NotOneContact,
     /// One unit, counted from 0, contradicts all others.
     ChannelFault(usize),
+}
+
+/// The complete elliptic integral of the second kind of a parameter m, 0 to 1, by the arithmetic-geometric mean (Abramowitz and
+/// Stegun 1964, 17.6.4).
+fn elliptic_e(m: f64) -> f64 {
+    if m >= 1.0 {
+        return 1.0;
+    }
+    let (mut a, mut b, mut weight, mut sum) = (1.0, (1.0 - m).sqrt(), 0.5, 0.5 * m);
+    // it doubles its digits each time
+    for _ in 0..8 {
+        let c: f64 = (a - b) / 2.0;
+        (a, b) = ((a + b) / 2.0, f64::sqrt(a * b));
+        weight *= 2.0;
+        sum += weight * c * c;
+    }
+    FRAC_PI_2 / a * (1.0 - sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_distance_is_the_integral_over_the_angle() {
+        let covariance = |xx: f64, xy: f64, yy: f64| Covariance([[xx, xy, 0.0], [xy, yy, 0.0], [0.0; 3]]);
+        for (xx, xy, yy) in [(1.0, 0.0, 1.0), (4.0, 0.0, 0.01), (1.0, 0.6, 0.5), (2.0, 0.0, 0.0)] {
+            // |e| = r(angle) times the length of a normal vector of two parts, whose mean is sqrt(pi / 2)
+            let steps = 100_000;
+            let length = |i: usize| {
+                let (sin, cos) = (std::f64::consts::TAU * (i as f64 + 0.5) / steps as f64).sin_cos();
+                // the columns of a square root of the covariance
+                let a = f64::sqrt(xx);
+                let (b, c) = (xy / a, f64::sqrt(yy - xy * xy / xx));
+                (a * cos).hypot(b * cos + c * sin)
+            };
+            let mean = (0..steps).map(length).sum::<f64>() / steps as f64 * FRAC_PI_2.sqrt();
+            let ours = covariance(xx, xy, yy).mean_distance_mm();
+            assert!((ours - mean).abs() < 1e-6, "{xx} {xy} {yy}: {ours}, {mean}");
+        }
+    }
 }

@@ -1,11 +1,11 @@
 //! The study of the force loop: which conditions it is made of, and carrying them out.
 
 use super::condition::{Condition, Outcome, Part};
-use super::parallel::in_parallel;
 use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
 use super::{Bench, StudyError};
 use crate::control::Strategy;
+use crate::parallel::in_parallel;
 use crate::rig::RigSpec;
 use std::sync::atomic::{AtomicUsize, Ordering};
 

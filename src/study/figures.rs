@@ -1,11 +1,11 @@
 //! The figures of the study: what was found, drawn.
 
 use super::Bench;
-use super::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use super::condition::{Outcome, Part};
 use super::control::{Findings, MISMATCHES, SLOW_N_MM, SLOW_SIDE, TOLERANCES_N};
 use super::scenes::SCENES;
 use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
+use crate::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
 
 /// The paper's own mean location error, mm.

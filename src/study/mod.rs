@@ -6,12 +6,10 @@
 
 mod bench;
 mod bound;
-mod chart;
 mod condition;
 mod control;
 mod figures;
 pub mod methods;
-mod parallel;
 mod scenes;
 mod stability;
 

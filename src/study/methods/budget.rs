@@ -4,10 +4,10 @@ use super::cramer_rao::Least;
 use super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Readings, Specimen, anywhere, grid};
 use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally};
 use super::{Rows, Told};
+use crate::parallel::in_parallel;
 use crate::quantity::stream;
 use crate::solver::Setting;
 use crate::study::StudyError;
-use crate::study::parallel::in_parallel;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What is varied, as it stands in rows.

@@ -5,10 +5,10 @@ use super::cramer_rao::Least;
 use super::specimen::{FULL_SCALE_N, Noise, Readings, Specimen, grid};
 use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally};
 use super::{Rows, Told};
+use crate::parallel::in_parallel;
 use crate::quantity::stream;
 use crate::solver::Setting;
 use crate::study::StudyError;
-use crate::study::parallel::in_parallel;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// How much is measured.

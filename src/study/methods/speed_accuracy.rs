@@ -4,10 +4,10 @@ use super::cramer_rao::Least;
 use super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Readings, Specimen, anywhere, grid};
 use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally, mark_pareto, ns_per_solve};
 use super::{Rows, Told};
+use crate::parallel::in_parallel;
 use crate::quantity::{ArrayLayout, stream};
 use crate::solver::{BEST, Calibration, Setting};
 use crate::study::StudyError;
-use crate::study::parallel::in_parallel;
 
 /// The study's name in rows.
 const STUDY: &str = "speed-accuracy";

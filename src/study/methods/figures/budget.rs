@@ -1,7 +1,7 @@
 //! Mean error against the presses of a calibration.
 
 use super::{BOUND, Drawn, PAPER_MM, legend, look};
-use crate::study::chart::{Axis, Figure, Mark, Panel, Scale};
+use crate::chart::{Axis, Figure, Mark, Panel, Scale};
 use crate::study::methods::budget::{BUDGET, PRESS_S};
 use crate::study::methods::{Method, Noise, Rows};
 

@@ -1,8 +1,8 @@
 //! Where methods fail: a panel of errors and one of silent failures a condition.
 
 use super::{BOUND, Drawn, legend, look};
+use crate::chart::{Axis, Figure, Grid, Mark, Panel};
 use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
-use crate::study::chart::{Axis, Figure, Grid, Mark, Panel};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
 use crate::study::methods::{Method, Noise, Row, Rows};
 

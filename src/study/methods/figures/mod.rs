@@ -9,8 +9,8 @@ pub use failures::failure_figures;
 pub use speed_accuracy::{speed_accuracy_figures, told};
 
 use super::trial::{CRAMER_RAO, Method, Row};
+use crate::chart::{Hue, Line, Look, Shape};
 use crate::solver::BEST;
-use crate::study::chart::{Hue, Line, Look, Shape};
 
 /// The paper's own mean location error, mm (its section 4).
 const PAPER_MM: f64 = 0.46;

@@ -1,8 +1,8 @@
 //! Mean error against the time of a solve.
 
 use super::{Drawn, look, told_bound};
+use crate::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel};
 use crate::solver::BEST;
-use crate::study::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel};
 use crate::study::methods::trial::CRAMER_RAO;
 use crate::study::methods::{Row, Rows, Trial};
 
