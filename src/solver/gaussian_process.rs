@@ -1,4 +1,4 @@
-use super::kriging::{Kriging, MOST_PLACES, Manner, farthest_apart};
+use super::kriging::{Kriging, MOST_PLACES, Manner, Sought, farthest_apart};
 use super::{Calibration, FitError, Load, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 
@@ -18,7 +18,7 @@ pub(super) struct GaussianProcess {
 
 /// What the process sees of a reading.
 #[derive(Clone, Copy, Debug)]
-struct View {
+pub(super) struct View {
     load: Load,
     /// What the logarithm of the reading's length is multiplied by; 0: it isn't seen.
     weight_of_length: f64,
@@ -35,14 +35,42 @@ const WEIGHTS: [f64; 4] = [0.0, 0.03, 0.1, 0.3];
 
 impl GaussianProcess {
     pub fn fit(calibration: &Calibration, load: Load) -> Result<Self, FitError> {
-        let has_several_forces = load == Load::Unknown && calibration.has_several_forces();
-        let weights = if has_several_forces { &WEIGHTS[..] } else { &WEIGHTS[..1] };
-        let tried = weights.iter().map(|&weight_of_length| Self::seen(calibration, View { load, weight_of_length }));
-        let better = |a: Self, b: Self| if b.process.likelihood() > a.process.likelihood() { b } else { a };
-        tried.flatten().reduce(better).ok_or(FitError::NothingToTellApart)
+        Self::fit_with(calibration, Self::seek(calibration, load)?)
     }
 
-    fn seen(calibration: &Calibration, view: View) -> Option<Self> {
+    /// The view and the correlation that make a calibration likeliest.
+    pub fn seek(calibration: &Calibration, load: Load) -> Result<(View, Sought), FitError> {
+        let has_several_forces = load == Load::Unknown && calibration.has_several_forces();
+        let weights = if has_several_forces { &WEIGHTS[..] } else { &WEIGHTS[..1] };
+        let tried = weights.iter().filter_map(|&weight_of_length| {
+            let view = View { load, weight_of_length };
+            let Seen { inputs, dimensions, answers } = Seen::of(calibration, view)?;
+            Some((view, Kriging::seek(&inputs, dimensions, &answers, ANSWERS, MANNER)))
+        });
+        let better = |a: (View, Sought), b: (View, Sought)| if b.1.likelihood > a.1.likelihood { b } else { a };
+        tried.reduce(better).ok_or(FitError::NothingToTellApart)
+    }
+
+    /// The same with a view and a correlation that are known.
+    pub fn fit_with(calibration: &Calibration, (view, sought): (View, Sought)) -> Result<Self, FitError> {
+        let Seen { inputs, dimensions, answers } = Seen::of(calibration, view).ok_or(FitError::NothingToTellApart)?;
+        let process = Kriging::fit_with(&inputs, dimensions, &answers, ANSWERS, MANNER, sought);
+        Ok(GaussianProcess { process, view, force_n: calibration.typical_force_n() })
+    }
+}
+
+/// What a calibration looks like to the process.
+struct Seen {
+    /// Row-major, presses x dimensions.
+    inputs: Vec<f64>,
+    dimensions: usize,
+    /// Row-major, presses x `ANSWERS`.
+    answers: Vec<f64>,
+}
+
+impl Seen {
+    /// None where no press reads anything.
+    fn of(calibration: &Calibration, view: View) -> Option<Self> {
         let dimensions = view.dimensions(calibration.units());
         let (mut inputs, mut answers) = (Vec::new(), Vec::new());
         for point in calibration.points() {
@@ -57,11 +85,7 @@ impl GaussianProcess {
             inputs = kept.iter().flat_map(|&row| &inputs[row * dimensions..][..dimensions]).copied().collect();
             answers = kept.iter().flat_map(|&row| &answers[row * ANSWERS..][..ANSWERS]).copied().collect();
         }
-        (!inputs.is_empty()).then(|| GaussianProcess {
-            process: Kriging::fit(&inputs, dimensions, &answers, ANSWERS, MANNER),
-            view,
-            force_n: calibration.typical_force_n(),
-        })
+        (!inputs.is_empty()).then_some(Seen { inputs, dimensions, answers })
     }
 }
 

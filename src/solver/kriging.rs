@@ -12,8 +12,6 @@ pub(super) struct Kriging {
     /// Row-major, places x dimensions.
     places: Vec<f64>,
     correlation: Correlation,
-    /// Logarithm of the marginal likelihood of the places it was sought with.
-    likelihood: f64,
     /// Mean of each output; 0 where the process is taken to be about 0.
     mean: Vec<f64>,
     /// Noise variance over the process' variance, one an output.
@@ -21,6 +19,14 @@ pub(super) struct Kriging {
     /// Row-major, places x outputs: a prediction is a product of covariances with these.
     weights: Vec<f64>,
     eigen: Eigen,
+}
+
+/// The likeliest correlation of some values.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sought {
+    correlation: Correlation,
+    /// Logarithm of the marginal likelihood of the places it was sought with.
+    pub likelihood: f64,
 }
 
 /// How a process is regressed.
@@ -65,28 +71,39 @@ impl Kriging {
     /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions). At least one place;
     /// everything finite.
     pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Manner) -> Self {
-        let Manner { about_mean, most_to_seek_with } = manner;
-        let count = places.len() / dimensions;
-        let mean = if about_mean { column_means(values, outputs) } else { vec![0.0; outputs] };
-        let flat = flat_columns(values, outputs);
-        let centred = |row: usize, output: usize| match about_mean && flat[output] {
-            true => 0.0, // not what rounding leaves
-            false => values[row * outputs + output] - mean[output],
-        };
+        let sought = Self::seek(places, dimensions, values, outputs, manner);
+        Self::fit_with(places, dimensions, values, outputs, manner, sought)
+    }
 
-        let few = farthest_apart(places, dimensions, most_to_seek_with.min(count));
+    /// The likeliest correlation of values as [`fit`](Self::fit) takes them.
+    pub fn seek(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Manner) -> Sought {
+        let centred = Centred::new(values, outputs, manner);
+        let few = farthest_apart(places, dimensions, manner.most_to_seek_with.min(places.len() / dimensions));
         let few_places: Vec<f64> =
             few.iter().flat_map(|&row| &places[row * dimensions..][..dimensions]).copied().collect();
-        let few_values = Mat::from_fn(few.len(), outputs, |row, output| centred(few[row], output));
+        let few_values = Mat::from_fn(few.len(), outputs, |row, output| centred.at(few[row], output));
         let likelihood = |correlation: Correlation| {
             let eigen = Eigen::of(&few_places, dimensions, correlation);
             let turned = eigen.vectors.transpose() * &few_values;
             eigen.likeliest_noise(&turned).iter().map(|noise| noise.likelihood).sum::<f64>()
         };
         let (correlation, likelihood) = likeliest(&few_places, dimensions, likelihood);
+        Sought { correlation, likelihood }
+    }
 
+    /// The same regression with a correlation that is known.
+    pub fn fit_with(
+        places: &[f64],
+        dimensions: usize,
+        values: &[f64],
+        outputs: usize,
+        manner: Manner,
+        Sought { correlation, .. }: Sought,
+    ) -> Self {
+        let centred = Centred::new(values, outputs, manner);
+        let count = places.len() / dimensions;
         let eigen = Eigen::of(places, dimensions, correlation);
-        let turned = eigen.vectors.transpose() * Mat::from_fn(count, outputs, centred);
+        let turned = eigen.vectors.transpose() * Mat::from_fn(count, outputs, |row, output| centred.at(row, output));
         let noise = eigen.likeliest_noise(&turned);
 
         let scaled =
@@ -97,17 +114,11 @@ impl Kriging {
             outputs,
             places: places.to_vec(),
             correlation,
-            likelihood,
-            mean,
+            mean: centred.mean,
             noise_ratio: noise.iter().map(|noise| noise.ratio).collect(),
             weights: rows(&weights).collect(),
             eigen,
         }
-    }
-
-    /// How likely the values are: the logarithm of their marginal likelihood, at the places that the correlation was sought with.
-    pub fn likelihood(&self) -> f64 {
-        self.likelihood
     }
 
     /// The distance over which the outputs look smooth, in the places' unit.
@@ -173,6 +184,28 @@ impl Kriging {
     fn precisions(&self) -> Mat<f64> {
         let value = |i: usize, output: usize| 1.0 / (self.eigen.values[i] + self.noise_ratio[output]);
         Mat::from_fn(self.eigen.values.len(), self.outputs, value)
+    }
+}
+
+/// Values less the mean of their column, where a process is about that.
+struct Centred<'a> {
+    values: &'a [f64],
+    mean: Vec<f64>,
+    /// Columns that are 0 throughout once centred, and not what rounding leaves.
+    flat: Vec<bool>,
+}
+
+impl<'a> Centred<'a> {
+    fn new(values: &'a [f64], outputs: usize, manner: Manner) -> Self {
+        match manner.about_mean {
+            true => Centred { values, mean: column_means(values, outputs), flat: flat_columns(values, outputs) },
+            false => Centred { values, mean: vec![0.0; outputs], flat: vec![false; outputs] },
+        }
+    }
+
+    fn at(&self, row: usize, output: usize) -> f64 {
+        let value = self.values[row * self.mean.len() + output];
+        if self.flat[output] { 0.0 } else { value - self.mean[output] }
     }
 }
 
