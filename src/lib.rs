@@ -9,6 +9,7 @@
 //! | floor | room | what it is |
 //! |---|---|---|
 //! | 7 | [`cli`] | the command line, one file a subcommand; the only room that prints |
+//! | 6 | [`report`] | a page about a run, or about many of them |
 //! | 6 | [`study`] | the force loop and the solvers measured under many conditions, and drawn |
 //! | 5 | [`run`] | walks a plan on a rig: prepares, presses, records, parks |
 //! | 4 | [`rig`] | a rig file understood; the only place that chooses a real or a simulated link |
@@ -24,6 +25,7 @@
 //! | 2 | [`wire`] | links: how bytes get there and back; NI's functions as a table |
 //! | 1 | [`chart`] | charts as SVG |
 //! | 1 | [`mechanics`] | linear elasticity: what a taxel reads of a load |
+//! | 1 | [`paper`] | what the paper reports |
 //! | 1 | [`parallel`] | work shared out to all processors |
 //! | 1 | [`quantity`] | the vocabulary, with units |
 //!
@@ -45,9 +47,11 @@ pub mod document;
 pub mod driver;
 pub mod emulator;
 pub mod mechanics;
+pub mod paper;
 pub mod parallel;
 pub mod quantity;
 pub mod recipe;
+pub mod report;
 pub mod rig;
 pub mod run;
 pub mod scene;

@@ -1,14 +1,21 @@
 //! Charts as SVG, drawn by hand. A plotting library was considered: the common one writes colours into every element, so that
 //! a figure can't follow the reader's light or dark, and it lays text out well only with a font library. This is all a study
-//! needs: axes, curves, markers, rules and words, in colours that also the colour-blind tell apart, and shapes for print.
+//! or a report needs: axes, curves, markers, columns, cells and words, in colours that also the colour-blind tell apart, and
+//! shapes for print.
+//!
+//! A figure stands alone as an SVG file ([`Figure::svg`]), or in a page that has [`STYLE`] and tells title and notes itself
+//! ([`Figure::inline`]).
 
 mod axis;
 mod look;
+mod ramp;
 
 pub use axis::{Axis, Scale};
-pub use look::{Hue, Line, Look, Shape};
+pub use look::{Hue, Line, Look, STYLE, Shape};
+pub use ramp::{LEVELS, Ramp};
 
-use look::{STYLE, write_line, write_marker};
+use look::{write_line, write_marker};
+use ramp::write_cells;
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
@@ -38,6 +45,8 @@ pub struct Grid {
     pub columns: usize,
     /// Width of the figure, px.
     pub width_px: f64,
+    /// Whether all panels have the same axes: they are told once a row and once a column.
+    pub shared: bool,
 }
 
 /// One pair of axes and what is drawn between them.
@@ -60,6 +69,12 @@ pub enum Mark {
     Ring((f64, f64)),
     /// A stroke upward at an x from one y to another: how sure a point is.
     Bar(Hue, f64, (f64, f64)),
+    /// Strokes from one point to another each.
+    Strokes(Hue, Vec<((f64, f64), (f64, f64))>),
+    /// Columns from 0 up to a y each, from one x to another.
+    Columns(Hue, Vec<((f64, f64), f64)>),
+    /// Rectangles coloured by a share from 0 to 1, see [`Ramp`].
+    Cells(Vec<Cell>),
     /// What a panel shows, above it.
     Title(String),
     /// A line right across at an x, and a word beside it.
@@ -68,6 +83,17 @@ pub enum Mark {
     Level(f64, String),
     /// Words at a point: how far right and down of it, px, and which of their ends is there.
     Words((f64, f64), (f64, f64), Anchor, String),
+}
+
+/// A rectangle between two values along each axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// Left and right.
+    pub x: (f64, f64),
+    /// Below and above.
+    pub y: (f64, f64),
+    /// Its place on the ramp of colours, 0 to 1.
+    pub share: f64,
 }
 
 /// Which part of some words is at their point.
@@ -88,6 +114,11 @@ const RIGHT: f64 = 24.0;
 const GAP: f64 = 44.0;
 /// Between the panels of a grid, px: room for the numbers beside them.
 const GAP_OF_GRID: f64 = 50.0;
+/// The same where their axes are told once, px.
+const GAP_SHARED: f64 = 14.0;
+/// Above the panels of a figure whose page tells its title, and what is cut off below: the page has distances of its own, px.
+const TOP_INLINE: f64 = 6.0;
+const CUT_INLINE: f64 = 22.0;
 /// A panel's title, px.
 const TITLE_LINE: f64 = 24.0;
 /// How large markers are in a grid.
@@ -108,26 +139,40 @@ impl Figure {
     pub fn svg(&self) -> String {
         let notes: Vec<Cow<'_, str>> =
             self.notes.iter().flat_map(|note| textwrap::wrap(note, self.note_letters())).collect();
-        let top = TOP + LEGEND_LINE * self.legend.len() as f64;
-        let columns = self.grid.map_or(self.panels.len(), |grid| grid.columns).max(1);
-        let rows: Vec<&[Panel]> = self.panels.chunks(columns).collect();
-        let full_width = self.width_px();
-        let row_px = |row: &[Panel]| {
-            let below_px = row.iter().map(Panel::below_px).fold(0.0, f64::max);
-            self.above_panel_px() + self.height_px + below_px
-        };
-        let bottom = top + rows.iter().map(|row| row_px(row)).sum::<f64>();
-        let height = bottom + NOTE_LINE * notes.len() as f64;
+        let (drawn, bottom) = self.drawn(TOP);
+        let (width, height) = (self.width_px(), bottom + NOTE_LINE * notes.len() as f64);
         let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{full_width}\" height=\"{height}\" \
-             viewBox=\"0 0 {full_width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}\n</style>\n\
-             <rect class=\"paper\" width=\"{full_width}\" height=\"{height}\"/>\n",
-            title = escaped(&self.title)
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}{ramp}\n</style>\n\
+             <rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n",
+            title = escaped(&self.title),
+            ramp = if self.has_cells() { Ramp::style() } else { String::new() },
         );
         write_text(&mut svg, (20.0, 28.0), "title", &self.title);
         write_text(&mut svg, (20.0, 48.0), "small", &self.subtitle);
+        svg += &drawn;
+        for (line, note) in notes.iter().enumerate() {
+            write_text(&mut svg, (20.0, bottom + NOTE_LINE * line as f64), "small", note);
+        }
+        svg + "</svg>\n"
+    }
+
+    /// The figure as an element of a page that has [`STYLE`] and [`Ramp::style`]: title, subtitle and notes are for the page to tell.
+    pub fn inline(&self) -> String {
+        let (drawn, bottom) = self.drawn(TOP_INLINE);
+        let height = bottom - CUT_INLINE;
+        format!(
+            "<svg viewBox=\"0 0 {} {height}\" role=\"img\" aria-label=\"{}\">\n{drawn}</svg>\n",
+            self.width_px(),
+            escaped(&self.title)
+        )
+    }
+
+    /// Legend and panels below so many px, and where they end.
+    fn drawn(&self, above_px: f64) -> (String, f64) {
+        let mut svg = String::new();
         for (line, entries) in self.legend.iter().enumerate() {
-            let (mut x, y) = (20.0, TOP + 8.0 + LEGEND_LINE * line as f64);
+            let (mut x, y) = (20.0, above_px + 8.0 + LEGEND_LINE * line as f64);
             for (look, name) in entries {
                 write_line(&mut svg, *look, &[(x, y), (x + 28.0, y)]);
                 write_marker(&mut svg, *look, (x + 14.0, y), 1.0);
@@ -136,30 +181,41 @@ impl Figure {
             }
         }
         let has_rows = self.panels.iter().any(|panel| matches!(panel.y.scale, Scale::Rows(_)));
+        let is_shared = self.grid.is_some_and(|grid| grid.shared);
         let left = if has_rows { LEFT_OF_ROWS } else { LEFT };
         let gap = match self.grid {
+            Some(_) if is_shared => GAP_SHARED,
             Some(_) => GAP_OF_GRID,
             None if has_rows => GAP,
             None => GAP + LEFT,
         };
-        let width = (full_width - left - RIGHT - gap * (columns as f64 - 1.0)) / columns as f64;
-        let mut y = top + self.above_panel_px();
-        for row in rows {
+        let columns = self.grid.map_or(self.panels.len(), |grid| grid.columns).max(1);
+        let width = (self.width_px() - left - RIGHT - gap * (columns as f64 - 1.0)) / columns as f64;
+        let mut y = above_px + LEGEND_LINE * self.legend.len() as f64;
+        let rows = self.panels.chunks(columns);
+        let last = rows.len().saturating_sub(1);
+        for (index, row) in rows.enumerate() {
+            y += self.above_panel_px();
+            // a panel with none below it tells its axis to the right
+            let has_x = |column: usize| !is_shared || (index + 1) * columns + column >= self.panels.len();
             for (column, panel) in row.iter().enumerate() {
                 let area = Area { x: left + column as f64 * (width + gap), y, width, height: self.height_px };
                 let words = Words {
-                    ticks: column == 0 || !has_rows,
+                    x: has_x(column),
+                    y: column == 0 || !(has_rows || is_shared),
                     label: column == 0 || self.grid.is_none() && !has_rows,
                     size: if self.grid.is_some() { SMALL } else { 1.0 },
                 };
                 panel.write(&mut svg, &area, &words);
             }
-            y += row_px(row);
+            let below_px = row.iter().map(Panel::below_px).fold(0.0, f64::max);
+            y += self.height_px + if is_shared && index < last { GAP_SHARED } else { below_px };
         }
-        for (line, note) in notes.iter().enumerate() {
-            write_text(&mut svg, (20.0, bottom + NOTE_LINE * line as f64), "small", note);
-        }
-        svg + "</svg>\n"
+        (svg, y)
+    }
+
+    fn has_cells(&self) -> bool {
+        self.panels.iter().flat_map(|panel| &panel.marks).any(|mark| matches!(mark, Mark::Cells(_)))
     }
 
     fn width_px(&self) -> f64 {
@@ -187,7 +243,9 @@ struct Area {
 
 /// What is written beside a panel, and how large its markers are.
 struct Words {
-    ticks: bool,
+    x: bool,
+    y: bool,
+    /// What the axis upward is.
     label: bool,
     size: f64,
 }
@@ -221,7 +279,7 @@ impl Panel {
                 Scale::Rows(_) => {}
                 _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
             }
-            if words.ticks {
+            if words.y {
                 write_text(svg, (area.x - 9.0, y + 4.5), "end", &told);
             }
         }
@@ -229,7 +287,7 @@ impl Panel {
         for (value, told) in self.x.ticks() {
             let x = at((value, self.y.range.0)).0;
             write_stroke(svg, "grid", (x, area.y), (x, bottom));
-            for (line, told) in told.lines().enumerate() {
+            for (line, told) in told.lines().enumerate().filter(|_| words.x) {
                 let class = if line == 0 { "mid" } else { "mid small" };
                 write_text(svg, (x, bottom + 18.0 + NOTE_LINE * line as f64), class, told);
             }
@@ -240,7 +298,9 @@ impl Panel {
             "<rect class=\"axis\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
             area.x, area.y, area.width, area.height
         );
-        write_text(svg, (area.x + area.width / 2.0, bottom + 38.0 + below_ticks), "mid", &self.x.label);
+        if words.x && !self.x.label.is_empty() {
+            write_text(svg, (area.x + area.width / 2.0, bottom + 38.0 + below_ticks), "mid", &self.x.label);
+        }
         if words.label && !self.y.label.is_empty() {
             let (x, y) = (area.x - 50.0, area.y + area.height / 2.0);
             let told = escaped(&self.y.label);
@@ -261,6 +321,23 @@ impl Panel {
                 Mark::Bar(hue, value, (from, to)) => {
                     write_stroke(svg, &format!("{} bar", hue.name()), at((*value, *from)), at((*value, *to)));
                 }
+                Mark::Strokes(hue, strokes) => {
+                    let path: String = strokes
+                        .iter()
+                        .map(|(from, to)| (at(*from), at(*to)))
+                        .map(|((x1, y1), (x2, y2))| format!("M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}"))
+                        .collect();
+                    let _ = writeln!(svg, "<path class=\"{} bar\" d=\"{path}\"/>", hue.name());
+                }
+                Mark::Columns(hue, columns) => {
+                    let column = |((from, to), value): &((f64, f64), f64)| {
+                        let ((x1, y1), (x2, y2)) = (at((*from, *value)), at((*to, 0.0)));
+                        format!("M{x1:.1} {y1:.1}H{x2:.1}V{y2:.1}H{x1:.1}z")
+                    };
+                    let path: String = columns.iter().filter(|(_, value)| *value > 0.0).map(column).collect();
+                    let _ = writeln!(svg, "<path class=\"{} column\" d=\"{path}\"/>", hue.name());
+                }
+                Mark::Cells(cells) => write_cells(svg, cells, at),
                 Mark::Title(told) => write_text(svg, (area.x, area.y - 9.0), "head", told),
                 Mark::At(value, told) => {
                     let x = at((*value, self.y.range.0)).0;

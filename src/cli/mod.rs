@@ -14,6 +14,7 @@ mod ports;
 mod progress;
 mod provenance;
 mod rebuild;
+mod report;
 mod resume;
 mod run;
 mod session;
@@ -38,6 +39,7 @@ Examples:
   palpate doctor rigs/esp301.toml
   palpate run recipes/calibrate.toml --rig rigs/esp301.toml --sensor A-017
   palpate evaluate runs/paper --solver all
+  palpate report runs/paper
   palpate solve --calibration runs/paper < readings.csv";
 
 /// Calibrates tactile sensors: presses the sensor where a recipe says, as hard as it says, keeps every press, and solves
@@ -58,6 +60,7 @@ enum Command {
     Rebuild(rebuild::Args),
     Evaluate(evaluate::Args),
     Solve(solve::Args),
+    Report(report::Args),
     Study(study::Args),
     Doctor(doctor::Args),
     Align(align::Args),
@@ -80,6 +83,7 @@ pub fn main() -> ExitCode {
         Command::Rebuild(args) => rebuild::rebuild(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Solve(args) => solve::solve(args),
+        Command::Report(args) => report::report(args),
         Command::Study(args) => study::study(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Align(args) => align::align_rig(args),

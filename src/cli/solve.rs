@@ -88,6 +88,7 @@ pub fn solve(args: &Args) -> Result<ExitCode, Failure> {
         common_offset: args.common_offset,
         false_alarms: args.false_alarms,
         forces_n: forces_n(args)?,
+        ..Setting::default()
     };
     let calibration = &source.calibration;
     let name = args.calibration.display();

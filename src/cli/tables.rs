@@ -3,6 +3,7 @@
 use crate::dataset::characteristics::{
     CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, characterise,
 };
+use crate::paper;
 use crate::solver::{
     BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, Verdicts,
 };
@@ -127,14 +128,14 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
     text += &line("full scale", ["loading", "unloading", ""].map(str::to_owned));
     text += &line("unit", ["paper", "paper", "paper"].map(|paper| format!("{paper}{:>9}", "ours")));
     // The paper has nine units; another array stands alone.
-    let is_papers = measured.len() == PAPER_TABLE_1_PERCENT.len();
+    let is_papers = measured.len() == paper::TABLE_1_PERCENT.len();
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     for (index, unit) in measured.iter().enumerate() {
         let ours = [unit.repeatability_loading_percent, unit.repeatability_unloading_percent, unit.hysteresis_percent];
         if ours.iter().all(Option::is_none) {
             continue; // it wasn't measured
         }
-        let paper = PAPER_TABLE_1_PERCENT.get(index).filter(|_| is_papers);
+        let paper = paper::TABLE_1_PERCENT.get(index).filter(|_| is_papers);
         let cell = |column: usize| format!("{}{:>9}", number(paper.map(|row| row[column])), number(ours[column]));
         text += &line(&unit.unit.to_string(), [0, 1, 2].map(cell));
     }
@@ -145,19 +146,6 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
     }
     text
 }
-
-/// Table 1 of the paper, a row a unit: repeatability when loading and unloading, hysteresis.
-const PAPER_TABLE_1_PERCENT: [[f64; 3]; 9] = [
-    [1.60, 1.07, 4.11],
-    [3.74, 2.78, 2.29],
-    [2.19, 2.32, 2.88],
-    [0.83, 1.97, 3.08],
-    [0.51, 1.44, 3.39],
-    [1.02, 1.24, 5.53],
-    [0.71, 0.39, 3.99],
-    [2.84, 3.23, 4.44],
-    [3.97, 4.89, 5.19],
-];
 
 const SHARED_ERROR_NOTE: &str = "\
 simulated taxels draw one error a contact, for both branches: there, the

@@ -76,7 +76,7 @@ pub(super) struct Selection<'a> {
 
 impl<'a> Selection<'a> {
     pub fn of_phase(table: &'a Table, phase: &'static str) -> Result<Self, CalibrateError> {
-        Self::new(table, phase, |row| row.record.as_ref().is_some_and(|record| record.phase == phase))
+        Self::new(table, phase, |row| row.is_of(phase))
     }
 
     pub fn new(table: &'a Table, phase: &'static str, is_of_it: impl Fn(&Row) -> bool) -> Result<Self, CalibrateError> {

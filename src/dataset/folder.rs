@@ -3,7 +3,9 @@ use super::index::Index;
 use super::table::{Table, TableError};
 use super::verify::fingerprints;
 use super::views::{PRESSES, presses_header, presses_line, replace, write};
-use super::{Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, Row, RunFacts, Session};
+use super::{
+    Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, Records, Row, RunFacts, Session,
+};
 use crate::quantity::ArrayLayout;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Write};
@@ -146,6 +148,15 @@ impl RunFolder {
     /// No table there, or one that can't be read.
     pub fn read_presses(path: &Path) -> Result<Table, TableError> {
         Table::read_run(&path.join(PRESSES))
+    }
+
+    /// What the journal of a run says, record by record, whoever writes it now.
+    ///
+    /// # Errors
+    /// No journal, or one that can't be opened.
+    pub fn read_records(path: &Path) -> Result<Records, DatasetError> {
+        check_run(path)?;
+        Ok(Journal::records(&path.join(JOURNAL))?)
     }
 
     /// Ends a session: tables are as they are to stay, then the journal says how it ended, then the manifest. Where one

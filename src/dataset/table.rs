@@ -66,6 +66,13 @@ pub struct Record {
     pub force_set_n: f64,
 }
 
+impl Row {
+    /// Whether a run made the press for that phase.
+    pub fn is_of(&self, phase: &str) -> bool {
+        self.record.as_ref().is_some_and(|record| record.phase == phase)
+    }
+}
+
 /// Why a table can't be used; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the fields say what the messages say")]

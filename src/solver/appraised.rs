@@ -34,6 +34,11 @@ impl Appraised {
     pub fn new(method: Box<dyn Locate>, trials: &[Trial], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }
+
+    /// A method of whose errors nothing is known.
+    pub fn unappraised(method: Box<dyn Locate>) -> Self {
+        Appraised { method, experience: None }
+    }
 }
 
 impl Solver for Appraised {

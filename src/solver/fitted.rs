@@ -1,5 +1,6 @@
 use super::pearson::check;
-use super::{Broken, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{Broken, Covariance, Solution, SolveError, Solver, Verdict, Workspace};
+use crate::quantity::Place;
 
 /// A method fitted to a calibration: what [`fit`](super::fit) gives.
 pub struct Fitted {
@@ -83,6 +84,10 @@ impl Solver for Fitted {
             *unit = kept[*unit];
         }
         contained(solution)
+    }
+
+    fn expected(&self, place: Place, force_n: f64) -> Option<Covariance> {
+        self.solver.expected(place, force_n)
     }
 }
 

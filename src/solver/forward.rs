@@ -1,5 +1,5 @@
 use super::descent::{Descent, Estimate};
-use super::normal::inverse;
+use super::normal::{Normal, inverse};
 use super::response::Response;
 use super::scan::{Scan, to_length_one};
 use super::threshold::{chi2_quantile, one_contact};
@@ -122,6 +122,21 @@ impl Solver for Forward {
             misfit: Some(estimate.chi2 / limit),
             verdict,
         })
+    }
+
+    fn expected(&self, place: Place, force_n: f64) -> Option<Covariance> {
+        let response = &self.response;
+        let [mut value, mut along_x, mut along_y, mut leverage] =
+            [(); 4].map(|()| vec![0.0; response.field.channels()]);
+        response.field.value_and_gradient(place, &mut value, &mut along_x, &mut along_y);
+        response.leverage.value(place, &mut leverage);
+        let mut normal = Normal::default();
+        for unit in 0..value.len() {
+            let weight = 1.0 / response.variance(unit, force_n, value[unit], leverage[unit]);
+            normal.add(weight, [force_n * along_x[unit], force_n * along_y[unit], value[unit]], 0.0);
+        }
+        normal.finish();
+        inverse(&normal.information).map(Covariance).filter(|sd| self.tells(sd))
     }
 }
 

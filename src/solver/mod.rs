@@ -92,6 +92,12 @@ pub trait Solver: Send + Sync {
     ///
     /// Nothing is allocated once the workspace has been used with this solver.
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError>;
+
+    /// How near it is expected to come at a place, specimen frame, under a force, N: the bound of Cramer and Rao on the map it
+    /// inverts, whose own error is in it. None without such a map, or where the units don't tell.
+    fn expected(&self, _place: Place, _force_n: f64) -> Option<Covariance> {
+        None
+    }
 }
 
 /// A method that answers where and how hard, and leaves to [`Appraised`] how sure that is.
@@ -174,6 +180,9 @@ fn fit_to_all(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> R
     if let Some(forward) = forward(name, calibration, setting)? {
         return Ok(fitted(Box::new(forward)));
     }
+    if name != BEST && !setting.appraised {
+        return Ok(fitted(Box::new(Appraised::unappraised(method(name, calibration, setting, None)?))));
+    }
     let response = surrogate(calibration)?;
     let tried = |name: &str| {
         // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
@@ -181,11 +190,11 @@ fn fit_to_all(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> R
             (name == "gaussian-process").then(|| GaussianProcess::seek(calibration, setting.load)).transpose()?;
         heldout::trials(calibration, setting, &response, |part| match sought {
             Some(sought) => Ok(Box::new(GaussianProcess::fit_with(part, sought)?)),
-            None => method(name, part, setting, &response),
+            None => method(name, part, setting, Some(&response)),
         })
     };
     let appraised = |name: &str, trials: &[Trial]| -> Result<Box<dyn Solver>, FitError> {
-        let method = method(name, calibration, setting, &response)?;
+        let method = method(name, calibration, setting, Some(&response))?;
         Ok(Box::new(Appraised::new(method, trials, &response, setting)))
     };
     if name != BEST {
@@ -213,12 +222,12 @@ fn forward(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Resu
     Ok(Some(Forward::new(name, response, calibration, setting)))
 }
 
-/// The method of that name, fitted, without an idea of its errors.
+/// The method of that name, fitted, without an idea of its errors. A response that is known isn't made again.
 fn method(
     name: &str,
     calibration: &Calibration,
     setting: &Setting<'_>,
-    response: &Response,
+    response: Option<&Response>,
 ) -> Result<Box<dyn Locate>, FitError> {
     if let Some(forward) = forward(name, calibration, setting)? {
         return Ok(Box::new(forward));
@@ -227,7 +236,13 @@ fn method(
         "pearson" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::ClosestUnit)?),
         "pearson-lsq" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::LeastSquares)?),
         "pearson-knn" => Box::new(PearsonKnn::fit(calibration)?),
-        "whitened" => Box::new(Whitened::fit(calibration, &response.typical_sd())?),
+        "whitened" => {
+            let typical_sd = match response {
+                Some(response) => response.typical_sd(),
+                None => surrogate(calibration)?.typical_sd(),
+            };
+            Box::new(Whitened::fit(calibration, &typical_sd)?)
+        }
         "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     })

@@ -30,7 +30,7 @@ fn figure(noise: Noise, found: &Rows) -> Figure {
         ),
         height_px: 150.0,
         panels: panels.collect(),
-        grid: Some(Grid { columns: COLUMNS, width_px: 1240.0 }),
+        grid: Some(Grid { columns: COLUMNS, width_px: 1240.0, shared: false }),
         legend: vec![legend(99).concat()],
         notes: MEANINGS.map(str::to_owned).to_vec(),
     }

@@ -1,0 +1,67 @@
+use super::Cell;
+use std::fmt::Write as _;
+
+/// Colours for a quantity: from a dark blue over greys to a light yellow, ever lighter, so that they keep their order in grey
+/// print and for the colour-blind (after the idea of cividis: Nunez, Anderton and Renslow 2018).
+pub struct Ramp;
+
+/// How many colours there are.
+pub const LEVELS: usize = 16;
+
+/// Red, green and blue at even steps.
+const ANCHORS: [[f64; 3]; 5] =
+    [[0.0, 34.0, 78.0], [65.0, 77.0, 107.0], [124.0, 123.0, 120.0], [188.0, 175.0, 111.0], [254.0, 232.0, 56.0]];
+
+impl Ramp {
+    /// Which colour a share from 0 to 1 has.
+    pub fn level(share: f64) -> usize {
+        ((share.clamp(0.0, 1.0) * LEVELS as f64) as usize).min(LEVELS - 1)
+    }
+
+    /// The class of elements that have it.
+    pub fn class(level: usize) -> String {
+        format!("c{level}")
+    }
+
+    /// What these classes mean.
+    pub fn style() -> String {
+        let rule = |level| format!(".{0}{{fill:{1};background:{1}}}", Ramp::class(level), colour(level));
+        (0..LEVELS).map(rule).collect()
+    }
+}
+
+fn colour(level: usize) -> String {
+    let at = level as f64 / (LEVELS - 1) as f64 * (ANCHORS.len() - 1) as f64;
+    let below = (at as usize).min(ANCHORS.len() - 2);
+    let part = |i: usize| ANCHORS[below][i] + (at - below as f64) * (ANCHORS[below + 1][i] - ANCHORS[below][i]);
+    let [r, g, b] = [0, 1, 2].map(|i| part(i).round() as u8);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+/// Cells, those of one colour in one path.
+pub(super) fn write_cells(svg: &mut String, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
+    let mut paths = vec![String::new(); LEVELS];
+    for Cell { x, y, share } in cells.iter().filter(|cell| cell.share.is_finite()) {
+        let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
+        let _ = write!(paths[Ramp::level(*share)], "M{left:.1} {top:.1}H{right:.1}V{bottom:.1}H{left:.1}z");
+    }
+    for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
+        let _ = writeln!(svg, "<path class=\"{}\" shape-rendering=\"crispEdges\" d=\"{path}\"/>", Ramp::class(level));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_grow_lighter_all_the_way() {
+        let luminance = |level| {
+            let colour = colour(level);
+            let part = |from: usize| f64::from(u8::from_str_radix(&colour[from..from + 2], 16).unwrap());
+            0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5)
+        };
+        assert!((1..LEVELS).all(|level| luminance(level) > luminance(level - 1) + 5.0));
+        assert_eq!([-1.0, 0.0, 0.5, 0.999, 1.0, 2.0].map(Ramp::level), [0, 0, 8, 15, 15, 15]);
+    }
+}

@@ -1,0 +1,116 @@
+//! `palpate report`: writes a page about a sensor's runs, or about many sensors side by side.
+
+use super::exit::Failure;
+use super::solve::solvers;
+use super::sources::read_rig;
+use super::summary::print;
+use crate::dataset::{DatasetError, check_run};
+use crate::quantity::ArrayLayout;
+use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, page};
+use crate::solver::{BEST, Evaluation};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate report runs/paper
+  palpate report runs/characterise runs/calibrate runs/test --out A-017.html
+  palpate report --compare runs/batch-* --out batch.html
+
+Runs of one page are of one sensor, each phase from one of them. The page is one
+file that needs nothing else: it opens without a network and prints.
+Exit code 0 once it is written, whatever it says.";
+
+/// Write a page about a run, or about many of them side by side
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The run folders
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// Hold the runs side by side: sensors of a batch, or one sensor over time
+    #[arg(long)]
+    compare: bool,
+    /// The file to write [default: report.html in the first run's folder, or comparison.html]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// The method that stands beside the paper's in a comparison; best costs most
+    #[arg(long, value_name = "NAME", default_value = "surrogate", requires = "compare", value_parser = solvers([BEST]))]
+    solver: String,
+}
+
+/// Writes the page and says in a line what is in it.
+pub fn report(args: &Args) -> Result<ExitCode, Failure> {
+    let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
+    let out = args.out.clone().unwrap_or_else(default);
+    check_free(&out)?;
+    let runs: Vec<(&Path, ArrayLayout)> =
+        args.runs.iter().map(|run| Ok((run.as_path(), layout(run)?))).collect::<Result<_, Failure>>()?;
+    let (html, told) = if args.compare { compare(&runs, &args.solver)? } else { one(&runs)? };
+    write(&out, &html)?;
+    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn one(runs: &[(&Path, ArrayLayout)]) -> Result<(String, String), Failure> {
+    let subject = Subject::read(runs.iter().map(|(path, layout)| (*path, layout))).map_err(failure)?;
+    let judged = Judged::of(&subject.table, &subject.layout);
+    let told = match judged.decisive() {
+        Some(evaluation) => {
+            let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
+            let force = force_error_n.map(|error| format!(" and {:.4} N", error.mean)).unwrap_or_default();
+            let accepted = if evaluation.accepted() { "accepted" } else { "not accepted" };
+            format!("{}: {accepted}, {:.3} mm{force} by {solver}", subject.title(), location_error_mm.mean)
+        }
+        None => format!("{}: not evaluated", subject.title()),
+    };
+    Ok((page(&subject, &judged), told))
+}
+
+fn compare(runs: &[(&Path, ArrayLayout)], solver: &str) -> Result<(String, String), Failure> {
+    let compared = Compared::read_all(runs, solver).map_err(failure)?;
+    let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();
+    Ok((comparison(&compared, solver), format!("{} runs compared, {accepted} accepted", compared.len())))
+}
+
+/// Where a run's units are, by the rig that is kept with it.
+fn layout(run: &Path) -> Result<ArrayLayout, Failure> {
+    check_run(run).map_err(Failure::dataset)?; // says best that this is none
+    Ok(read_rig(&run.join("rig.toml"))?.1.array.layout)
+}
+
+/// A page of ours may be replaced; nothing else is.
+fn check_free(out: &Path) -> Result<(), Failure> {
+    let is_ours = || fs::read_to_string(out).is_ok_and(|text| text.contains(MARK));
+    if out.symlink_metadata().is_ok() && !is_ours() {
+        let help = "choose another --out: only a page that palpate wrote is replaced";
+        return Err(Failure::usage(miette::miette!(help = help, "{} is there already", out.display())));
+    }
+    Ok(())
+}
+
+/// Writes the page beside its place and renames it there.
+fn write(out: &Path, html: &str) -> Result<(), Failure> {
+    let failed = |doing, path: &Path| {
+        let io = DatasetError::io(doing, path.to_owned());
+        move |why| Failure::dataset(io(why))
+    };
+    let name = out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    if name.is_empty() {
+        return Err(Failure::usage(miette::miette!("{} names no file to write", out.display())));
+    }
+    if let Some(parent) = out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        fs::create_dir_all(parent).map_err(failed("making", parent))?;
+    }
+    let beside = out.with_file_name(format!(".{name}.new"));
+    fs::write(&beside, html).map_err(failed("writing", &beside))?;
+    fs::rename(&beside, out).map_err(failed("renaming to", out))
+}
+
+fn failure(error: ReportError) -> Failure {
+    match error {
+        ReportError::Dataset(error) => Failure::dataset(error),
+        other => Failure::usage(other),
+    }
+}

@@ -1,0 +1,238 @@
+use super::ReportError;
+use super::figures::{LOOKS, WIDTH_PX};
+use super::frame::{Drawn, document, figures, none, number, percent, section, table, words};
+use super::subject::{presses, run_name};
+use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
+use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::dataset::evaluate::Trial;
+use crate::dataset::table::Table;
+use crate::dataset::{Manifest, RunFolder};
+use crate::parallel::in_parallel;
+use crate::quantity::ArrayLayout;
+use crate::solver::{Evaluation, SOLVERS};
+use maud::{Markup, html};
+use std::path::Path;
+
+/// One run as it stands beside others.
+pub struct Compared {
+    name: String,
+    manifest: Manifest,
+    /// By the paper's method, and by the one that was asked for.
+    evaluations: [Option<Evaluation>; 2],
+    /// Why there is no evaluation.
+    why_not: Option<String>,
+    /// Means over the units, %: repeatability loading and unloading (3 sd), hysteresis.
+    table_1: [Option<f64>; 3],
+    /// Mean output of each unit over the calibration, V a newton; empty without one.
+    gains: Vec<f64>,
+}
+
+/// The paper's own method.
+const PAPERS: &str = SOLVERS[0];
+
+impl Compared {
+    /// Reads and evaluates runs, each with the layout of its array, on all processors. `solver` stands beside the paper's method.
+    ///
+    /// # Errors
+    /// A run that can't be read.
+    pub fn read_all(runs: &[(&Path, ArrayLayout)], solver: &str) -> Result<Vec<Compared>, ReportError> {
+        in_parallel(runs, |(path, layout)| Compared::read(path, layout, solver)).into_iter().collect()
+    }
+
+    fn read(path: &Path, layout: &ArrayLayout, solver: &str) -> Result<Compared, ReportError> {
+        let manifest = RunFolder::read_manifest(path)?;
+        let table = presses(path, layout)?;
+        let (mut evaluations, mut why_not) = ([None, None], None);
+        let evaluated =
+            Trial::of_run(&table, Some(layout)).and_then(|trial| Ok([trial.answers(PAPERS)?, trial.answers(solver)?]));
+        match evaluated {
+            Ok(both) => evaluations = both.map(Some),
+            Err(why) => why_not = Some(why.to_string()),
+        }
+        let units = Staircases::of_run(&table, layout)
+            .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));
+        let mean = |of: fn(&UnitCharacteristics) -> Option<f64>| {
+            let known: Vec<f64> = units.iter().filter_map(of).collect();
+            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        };
+        Ok(Compared {
+            name: run_name(path),
+            manifest,
+            evaluations,
+            why_not,
+            table_1: [
+                mean(|unit| unit.repeatability_loading_percent),
+                mean(|unit| unit.repeatability_unloading_percent),
+                mean(|unit| unit.hysteresis_percent),
+            ],
+            gains: gains(&table),
+        })
+    }
+
+    /// Whether the sensor is good enough by the method that was asked for; none where it wasn't evaluated.
+    pub fn accepted(&self) -> Option<bool> {
+        self.evaluations[1].as_ref().map(Evaluation::accepted)
+    }
+
+    /// The sensor, where somebody said which; else the run.
+    fn told(&self) -> String {
+        self.manifest.facts.sensor.clone().unwrap_or_else(|| self.name.clone())
+    }
+}
+
+/// Mean output of each unit over the calibration presses, a newton by the load cell.
+fn gains(table: &Table) -> Vec<f64> {
+    let rows: Vec<_> = table.rows.iter().filter(|row| row.is_of("calibration") && !row.flagged).collect();
+    let load_n: f64 = rows.iter().filter_map(|row| row.force_n).sum();
+    if rows.is_empty() || load_n <= 0.0 {
+        return Vec::new();
+    }
+    (0..table.units).map(|unit| rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / load_n).collect()
+}
+
+/// A page about many runs, in the order they were named.
+pub fn comparison(runs: &[Compared], solver: &str) -> String {
+    let body = html! {
+        header {
+            h1 { (runs.len()) " runs side by side" }
+            p.lede { "In the order they were named: sensors of a batch, or one sensor over time." }
+        }
+        (section("What each came to", &numbers(runs, solver)))
+        (section("Errors", &figures(&errors(runs, solver))))
+        @if let Some(changes) = changes(runs) { (section("How the units differ", &figures(&[changes]))) }
+    };
+    document(&format!("{} runs", runs.len()), &body)
+}
+
+fn numbers(runs: &[Compared], solver: &str) -> Markup {
+    let both_named = [PAPERS, solver].map(|name| format!("{name}: location error, mm"));
+    let [papers, ours] = both_named;
+    let head = [
+        "run".to_owned(),
+        "sensor".to_owned(),
+        "began".to_owned(),
+        "presses".to_owned(),
+        "flagged".to_owned(),
+        papers,
+        "force error, N".to_owned(),
+        "both good".to_owned(),
+        ours,
+        "force error, N".to_owned(),
+        "both good".to_owned(),
+        "repeatability, loading, %".to_owned(),
+        "unloading, %".to_owned(),
+        "hysteresis, %".to_owned(),
+        "accepted".to_owned(),
+    ];
+    let row = |(index, run): (usize, &Compared)| {
+        let manifest = &run.manifest;
+        let began = manifest.sessions.first().map(|session| session.started.chars().take(16).collect::<String>());
+        let mut cells = vec![
+            words(format!("{} {}", index + 1, run.name)),
+            words(manifest.facts.sensor.as_deref().unwrap_or("-")),
+            words(began.unwrap_or_default().replace('T', " ")),
+            words(format!("{} of {}", manifest.presses_done, manifest.facts.presses_planned)),
+            words(manifest.rows_flagged),
+        ];
+        for evaluation in &run.evaluations {
+            let key = |evaluation: &Evaluation, what: &str| format!("{}.{}.{what}", run.name, evaluation.solver);
+            let e = evaluation.as_ref();
+            cells.push(
+                e.map_or_else(none, |e| number(&key(e, "location_error_mm.mean"), e.location_error_mm.mean, 3, "")),
+            );
+            let force = e.and_then(|e| Some(number(&key(e, "force_error_n.mean"), e.force_error_n?.mean, 4, "")));
+            cells.push(force.unwrap_or_else(none));
+            let both = e.and_then(|e| Some(percent(&key(e, "within.both"), e.within.both?)));
+            cells.push(both.unwrap_or_else(none));
+        }
+        cells.extend(run.table_1.map(|value| value.map_or_else(none, |value| number("", value, 2, ""))));
+        cells.push(words(match run.accepted() {
+            Some(true) => "yes",
+            Some(false) => "no",
+            None => "-",
+        }));
+        cells
+    };
+    let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
+    html! {
+        (table(&head.map(words), &runs.iter().enumerate().map(row).collect::<Vec<_>>()))
+        p.note { "Mean errors against the commanded force; both good: under 1 mm and 0.1 N. Repeatability (3 sd) and hysteresis: "
+            "means over the units, % of the output at the top force." }
+        @for (run, why) in unevaluated { p.note { (run.name) " isn't evaluated: " (why) } }
+    }
+}
+
+fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
+    let of = |title: &str, label: &str, value: fn(&Evaluation) -> Option<(f64, f64)>| {
+        let mut marks = Vec::new();
+        let mut most = 0.0f64;
+        for (method, look) in LOOKS.into_iter().enumerate() {
+            let points = runs.iter().enumerate().filter_map(|(index, run)| {
+                let (mean, p95) = value(run.evaluations[method].as_ref()?)?;
+                Some(((index + 1) as f64, mean, p95))
+            });
+            let points: Vec<(f64, f64, f64)> = points.collect();
+            most = points.iter().map(|point| point.2).fold(most, f64::max);
+            // side by side, so that both are seen
+            let shift = if method == 0 { -0.15 } else { 0.15 };
+            marks.extend(points.iter().map(|(x, mean, p95)| Mark::Bar(look.hue, x + shift, (*mean, *p95))));
+            marks.push(Mark::Curve(look, points.iter().map(|(x, mean, _)| (x + shift, *mean)).collect()));
+        }
+        (most > 0.0).then(|| {
+            Drawn::plain(Figure {
+                title: title.to_owned(),
+                subtitle: "marks: means; strokes: up to the 95th percentile".to_owned(),
+                height_px: 240.0,
+                panels: vec![Panel {
+                    x: Axis::linear("run", (0.5, runs.len() as f64 + 0.5)),
+                    y: Axis::linear(label, (0.0, 1.05 * most)),
+                    marks,
+                }],
+                grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+                legend: LOOKS
+                    .into_iter()
+                    .zip([PAPERS, solver])
+                    .map(|(look, name)| vec![(look, name.to_owned())])
+                    .collect(),
+                ..Figure::default()
+            })
+        })
+    };
+    let location =
+        of("Location error", "location error, mm", |e| Some((e.location_error_mm.mean, e.location_error_mm.p95)));
+    let force = of("Force error", "force error, N", |e| e.force_error_n.map(|error| (error.mean, error.p95)));
+    [location, force].into_iter().flatten().collect()
+}
+
+/// Each unit's mean output against that of the first run; none where fewer than two runs have the same units.
+fn changes(runs: &[Compared]) -> Option<Drawn> {
+    let first = runs.iter().find(|run| !run.gains.is_empty())?;
+    let units = first.gains.len();
+    let alike: Vec<(usize, &Compared)> = runs.iter().enumerate().filter(|(_, run)| run.gains.len() == units).collect();
+    (alike.len() > 1).then_some(())?;
+    let percent = |run: &Compared, unit: usize| 100.0 * (run.gains[unit] / first.gains[unit] - 1.0);
+    let every =
+        || alike.iter().flat_map(|(_, run)| (0..units).map(|unit| percent(run, unit))).filter(|p| p.is_finite());
+    let most = every().map(f64::abs).fold(0.0, f64::max).max(1e-3);
+    let cells = alike.iter().flat_map(|(index, run)| {
+        let at = (index + 1) as f64;
+        (0..units).map(move |unit| {
+            let row = (unit + 1) as f64;
+            let share = 0.5 + 0.5 * percent(run, unit) / most;
+            Cell { x: (at - 0.5, at + 0.5), y: (row - 0.5, row + 0.5), share }
+        })
+    });
+    let figure = Figure {
+        title: "Mean output of each unit".to_owned(),
+        subtitle: format!("over the calibration, a newton, against that of {}", first.told()),
+        height_px: (18.0 * units as f64).clamp(80.0, 400.0),
+        panels: vec![Panel {
+            x: Axis::linear("run", (0.5, runs.len() as f64 + 0.5)),
+            y: Axis::linear("unit", (0.5, units as f64 + 0.5)),
+            marks: vec![Mark::Cells(cells.collect())],
+        }],
+        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+        ..Figure::default()
+    };
+    Some(Drawn { figure, ramp: Some([-most, most].map(|percent| format!("{percent:+.2} %"))) })
+}

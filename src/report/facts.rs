@@ -1,0 +1,113 @@
+//! What the run was made with: recipe, devices, sessions, and everything out of the ordinary.
+
+use super::frame::{section as framed, words};
+use super::{Recorded, Subject};
+use crate::control::Trip;
+use crate::dataset::Flag;
+use maud::{Markup, html};
+use std::collections::BTreeMap;
+
+/// A part for each run.
+pub fn section(subject: &Subject) -> Option<Markup> {
+    let body = html! { @for run in &subject.runs { (of_run(run)) } };
+    Some(framed("What it was made with", &body))
+}
+
+fn of_run(run: &Recorded) -> Markup {
+    let manifest = &run.manifest;
+    let facts = &manifest.facts;
+    let mut rows: Vec<(&str, String)> = vec![
+        ("recipe", facts.recipe.clone()),
+        ("presses", format!("{} of {}, {}", manifest.presses_done, facts.presses_planned, manifest.status.name())),
+        ("time in the run", format!("{:.1} min", manifest.virtual_s / 60.0)),
+        ("seed", facts.seed.to_string()),
+    ];
+    if let Some(sensor) = &facts.sensor {
+        rows.insert(0, ("sensor", sensor.clone()));
+    }
+    if let Some(strategy) = facts.strategy {
+        rows.push(("strategy", strategy.name().to_owned()));
+    }
+    for session in &manifest.sessions {
+        let commit = session.commit.as_ref().map(|commit| format!(" ({commit})")).unwrap_or_default();
+        let told = format!(
+            "{}, palpate {}{commit} on {}, {}",
+            clock(&session.started),
+            session.palpate,
+            session.host,
+            session.system
+        );
+        rows.push(("began", told));
+    }
+    rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
+    rows.push(("flagged rows", flags(run)));
+    rows.push(("zero in air", zeros(run)));
+    let trips = run.trips.iter().map(|(t_s, press, trip)| ("safety trip", trip_told(*t_s, *press, trip)));
+    rows.extend(trips);
+    for touch in &run.retouches {
+        let (x_mm, y_mm) = (touch.place.x_mm, touch.place.y_mm);
+        let moved_um = 1000.0 * (touch.touched_mm - touch.before_mm);
+        rows.push(("touched again", format!("({x_mm}, {y_mm}) mm: {moved_um:+.1} um from before")));
+    }
+    let devices: Vec<[Markup; 3]> = manifest
+        .devices
+        .iter()
+        .map(|device| {
+            let warned = device.warnings.iter().map(|warning| format!("; {warning}")).collect::<String>();
+            [words(&device.role), words(format!("{}{warned}", device.identity)), words(&device.link)]
+        })
+        .collect();
+    html! {
+        h3 { (run.name) }
+        div.wide {
+            table { tbody { @for (name, told) in &rows { tr { th scope="row" { (name) } td.words { (told) } } } } }
+        }
+        @if !devices.is_empty() {
+            div.wide {
+                table {
+                    thead { tr { th scope="col" { "device" } th.words scope="col" { "what it says it is" } th.words scope="col" { "link" } } }
+                    tbody {
+                        @for [role, identity, link] in &devices {
+                            tr { th scope="row" { (role) } td.words { (identity) } td.words { (link) } }
+                        }
+                    }
+                }
+            }
+        }
+        p.note { "Kept beside it: recipe.toml and rig.toml as given, journal.log, presses.csv; SHA-256 of each in manifest.json." }
+    }
+}
+
+/// A time with its zone to the second, as a person writes it.
+fn clock(time: &str) -> String {
+    let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();
+    let second: String = time.chars().take("2026-01-01T00:00:00".len()).collect();
+    format!("{} {zone}", second.replace('T', " ")).trim_end().to_owned()
+}
+
+fn flags(run: &Recorded) -> String {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    let rows = run.contacts.iter().flat_map(|contact| &contact.rows);
+    rows.flat_map(|row| &row.flags).for_each(|flag: &Flag| *counts.entry(flag.name()).or_default() += 1);
+    let told: Vec<String> = counts.iter().map(|(flag, count)| format!("{count} {flag}")).collect();
+    if told.is_empty() { "none".to_owned() } else { format!("{}: {}", run.manifest.rows_flagged, told.join(", ")) }
+}
+
+fn zeros(run: &Recorded) -> String {
+    let offsets = || run.zeros.iter().map(|(_, offset_n)| 1000.0 * offset_n);
+    match (offsets().next(), offsets().reduce(f64::min), offsets().reduce(f64::max)) {
+        (Some(first), Some(least), Some(most)) => {
+            format!(
+                "taken {} times, {first:.1} mN at first, {:.1} mN between the extremes",
+                run.zeros.len(),
+                most - least
+            )
+        }
+        _ => "never taken".to_owned(),
+    }
+}
+
+fn trip_told(t_s: f64, press: Option<u64>, trip: &Trip) -> String {
+    let press = press.map(|press| format!(", press {press}")).unwrap_or_default();
+    format!("at {t_s:.1} s{press}: {trip}")
+}

@@ -1,0 +1,78 @@
+//! Figure 8: what each unit reads of the load on it, up and down again, every repeat.
+
+use super::WIDTH_PX;
+use crate::chart::{Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use crate::control::Branch;
+use crate::dataset::characteristics::{Reading, Staircases};
+use crate::report::Subject;
+use crate::report::frame::Drawn;
+use std::collections::BTreeMap;
+
+/// The most units that are drawn: of more, the first.
+const MOST_UNITS: usize = 25;
+
+const LOADING: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
+const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None };
+
+/// A panel a unit.
+pub fn characteristics(subject: &Subject) -> Option<Drawn> {
+    let staircases = Staircases::of_run(&subject.table, &subject.layout)?;
+    let pressed: Vec<(usize, &[Reading])> = staircases
+        .readings
+        .iter()
+        .enumerate()
+        .filter(|(_, readings)| !readings.is_empty())
+        .map(|(unit, readings)| (unit, readings.as_slice()))
+        .collect();
+    let drawn = &pressed[..pressed.len().min(MOST_UNITS)];
+    let all = || drawn.iter().flat_map(|(_, readings)| *readings);
+    let most_n = all().map(|reading| reading.force_n).fold(0.0, f64::max);
+    let (least, most) = all().fold((0.0f64, 0.0f64), |(l, m), reading| (l.min(reading.output), m.max(reading.output)));
+    let room = 0.06 * (most - least).max(f64::MIN_POSITIVE);
+    let columns = (drawn.len() as f64).sqrt().ceil().clamp(1.0, 5.0) as usize;
+    let panel = |(unit, readings): &(usize, &[Reading])| {
+        let of = |branch: Branch| -> Vec<(f64, f64)> {
+            readings.iter().filter(|r| r.branch == branch).map(|r| (r.force_n, r.output)).collect()
+        };
+        Panel {
+            x: Axis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
+            y: Axis::linear("output, V", (least - room, most + room)),
+            marks: vec![
+                Mark::Curve(line(LOADING, Line::Solid), means(readings, Branch::Loading)),
+                Mark::Curve(line(UNLOADING, Line::Dashed), means(readings, Branch::Unloading)),
+                Mark::Curve(LOADING, of(Branch::Loading)),
+                Mark::Curve(UNLOADING, of(Branch::Unloading)),
+                Mark::Title(format!("unit {}", unit + 1)),
+            ],
+        }
+    };
+    let left_out = pressed.len() - drawn.len();
+    let figure = Figure {
+        title: "Output of each unit against the load on it".to_owned(),
+        subtitle: "every level of every staircase, and lines through their means; force by the load cell".to_owned(),
+        height_px: if columns > 3 { 60.0 } else { 104.0 },
+        panels: drawn.iter().map(panel).collect(),
+        grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
+        legend: vec![vec![
+            (line(LOADING, Line::Solid), "loading".to_owned()),
+            (line(UNLOADING, Line::Dashed), "unloading".to_owned()),
+        ]],
+        notes: if left_out > 0 { vec![format!("{left_out} more units aren't drawn")] } else { Vec::new() },
+    };
+    Some(Drawn::plain(figure))
+}
+
+fn line(look: Look, line: Line) -> Look {
+    Look { line, ..look }
+}
+
+/// The mean force and output of each level of a branch.
+fn means(readings: &[Reading], branch: Branch) -> Vec<(f64, f64)> {
+    let mut levels: BTreeMap<i64, (f64, f64, f64)> = BTreeMap::new();
+    for reading in readings.iter().filter(|reading| reading.branch == branch) {
+        let micronewtons = (1e6 * reading.force_set_n).round() as i64;
+        let (count, force_n, output) = levels.entry(micronewtons).or_default();
+        (*count, *force_n, *output) = (*count + 1.0, *force_n + reading.force_n, *output + reading.output);
+    }
+    levels.into_values().map(|(count, force_n, output)| (force_n / count, output / count)).collect()
+}

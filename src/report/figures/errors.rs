@@ -1,0 +1,184 @@
+//! Figure 10, how errors are distributed, and what they depend on: the force, and how near the edge of the area it was.
+
+use super::{WIDTH_PX, methods, name};
+use crate::chart::{Anchor, Axis, Figure, Grid, Line, Look, Mark, Panel};
+use crate::quantity::Place;
+use crate::report::frame::{Drawn, figures, section};
+use crate::report::{Judged, Subject};
+use crate::solver::{Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, PressError};
+use maud::Markup;
+
+/// One of the two errors of a press.
+#[derive(Clone, Copy)]
+struct Kind {
+    name: &'static str,
+    label: &'static str,
+    of: fn(&PressError) -> Option<f64>,
+    /// What it is held against, and how that is told.
+    reference: (f64, &'static str),
+    /// Widths that a histogram's columns may have.
+    widths: [f64; 6],
+}
+
+const LOCATION: Kind = Kind {
+    name: "location error",
+    label: "location error, mm",
+    of: |press| Some(press.location_error_mm),
+    reference: (LOCATION_REFERENCE_MM, "1 mm"),
+    widths: [0.02, 0.05, 0.1, 0.2, 0.5, 1.0],
+};
+const FORCE: Kind = Kind {
+    name: "force error",
+    label: "force error, N",
+    of: |press| press.force_error_n,
+    reference: (FORCE_REFERENCE_N, "0.1 N"),
+    widths: [0.002, 0.005, 0.01, 0.02, 0.05, 0.1],
+};
+
+/// The most columns of a histogram; what lies beyond is in the last.
+const MOST_COLUMNS: usize = 24;
+/// The most points that are drawn of a method: of more, one in so many.
+const MOST_POINTS: usize = 1000;
+/// Parts of the axis over which a mean is drawn.
+const PARTS: usize = 6;
+/// The fewest presses that make a mean.
+const FEWEST: usize = 3;
+
+/// Histograms of both errors with the cumulative share.
+pub fn distributions(judged: &Judged) -> Option<Markup> {
+    let drawn: Vec<Drawn> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
+    (!drawn.is_empty()).then(|| section("Figure 10: how large the errors are", &figures(&drawn)))
+}
+
+fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
+    let errors = |evaluation: &Evaluation| {
+        let mut errors: Vec<f64> = evaluation.presses.iter().filter_map(kind.of).collect();
+        errors.sort_by(f64::total_cmp);
+        errors
+    };
+    let all: Vec<(Look, &Evaluation, Vec<f64>)> =
+        methods(&judged.evaluations).map(|(look, evaluation)| (look, evaluation, errors(evaluation))).collect();
+    let largest = all.iter().filter_map(|(.., errors)| errors.last()).copied().reduce(f64::max)?;
+    let fits = |width: &&f64| largest / **width <= MOST_COLUMNS as f64;
+    let width = *kind.widths.iter().find(fits).unwrap_or(&kind.widths[5]);
+    let columns = ((largest / width).ceil() as usize).clamp(4, MOST_COLUMNS);
+    let last = columns as f64 * width;
+    let mut marks = Vec::new();
+    let mut legend = Vec::new();
+    for (look, evaluation, errors) in &all {
+        let count = errors.len() as f64;
+        let mut heights = vec![0.0; columns];
+        errors.iter().for_each(|error| heights[((error / width) as usize).min(columns - 1)] += 100.0 / count);
+        let at = |column: usize| (column as f64 * width, (column + 1) as f64 * width);
+        marks.push(Mark::Columns(look.hue, heights.iter().enumerate().map(|(i, h)| (at(i), *h)).collect()));
+        let cumulative =
+            Look { shape: None, line: if legend.is_empty() { Line::Solid } else { Line::Dashed }, ..*look };
+        let one_in = errors.len().div_ceil(MOST_POINTS).max(1);
+        let risen = errors.iter().enumerate().map(|(i, error)| (error.min(last), 100.0 * (i + 1) as f64 / count));
+        let whole = [(0.0, 0.0)].into_iter().chain(risen.step_by(one_in)).chain([(last, 100.0)]);
+        marks.push(Mark::Curve(cumulative, whole.collect()));
+        legend.push(vec![(cumulative, name(evaluation))]);
+    }
+    let (reference, told) = kind.reference;
+    if reference < last {
+        marks.push(Mark::At(reference, String::new()));
+        // the lines run above, the columns below
+        marks.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, told.to_owned()));
+    }
+    let figure = Figure {
+        title: capital(kind.name),
+        subtitle: format!("columns: share of the presses in each {width} {}; lines: share up to there", unit(kind)),
+        height_px: 260.0,
+        panels: vec![Panel {
+            x: Axis::linear(kind.label, (0.0, last)),
+            y: Axis::linear("share of the presses, %", (0.0, 100.0)),
+            marks,
+        }],
+        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+        legend,
+        ..Figure::default()
+    };
+    Some(Drawn::plain(figure))
+}
+
+/// Both errors against the force, and against the distance from the edge.
+pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Markup> {
+    let (least, most) = subject.area()?;
+    let edge_mm = |place: Place| {
+        let x = (place.x_mm - least.x_mm).min(most.x_mm - place.x_mm);
+        x.min((place.y_mm - least.y_mm).min(most.y_mm - place.y_mm))
+    };
+    let forces: Vec<f64> = subject
+        .table
+        .rows
+        .iter()
+        .filter(|row| row.is_of("test") && !row.flagged)
+        .map(|row| row.record.as_ref().map_or(0.0, |record| record.force_set_n))
+        .collect();
+    let force_n = |press: &PressError| forces.get(press.index).copied().unwrap_or(0.0);
+    let to_edge = |press: &PressError| edge_mm(press.place_true);
+    let dependence = |title: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {
+        let panels: Vec<Panel> =
+            [LOCATION, FORCE].into_iter().filter_map(|kind| panel(kind, label, of, judged)).collect();
+        let legend = methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: Line::Solid, ..look }, name(e))]);
+        let figure = Figure {
+            title: title.to_owned(),
+            subtitle: "a mark a press; lines: means over parts of the axis".to_owned(),
+            height_px: 200.0,
+            panels,
+            grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+            legend: legend.collect(),
+            ..Figure::default()
+        };
+        (!figure.panels.is_empty()).then(|| Drawn::plain(figure))
+    };
+    let drawn: Vec<Drawn> = [
+        dependence("Error against the force", "force, N", &force_n),
+        dependence("Error against the distance from the edge", "distance from the edge of the area, mm", &to_edge),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    (!drawn.is_empty()).then(|| section("What the errors depend on", &figures(&drawn)))
+}
+
+fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judged) -> Option<Panel> {
+    let points = |evaluation: &Evaluation| -> Vec<(f64, f64)> {
+        evaluation.presses.iter().filter_map(|press| Some((of(press), (kind.of)(press)?))).collect()
+    };
+    let all: Vec<(Look, Vec<(f64, f64)>)> =
+        methods(&judged.evaluations).map(|(look, evaluation)| (look, points(evaluation))).collect();
+    let every = || all.iter().flat_map(|(_, points)| points);
+    let most = every().map(|point| point.1).reduce(f64::max)?;
+    let (first, last) = every().fold((0.0f64, 0.0f64), |(l, m), point| (l.min(point.0), m.max(point.0)));
+    let width = (last - first).max(f64::MIN_POSITIVE) / PARTS as f64;
+    let mut marks = Vec::new();
+    for (look, points) in &all {
+        let one_in = points.len().div_ceil(MOST_POINTS).max(1);
+        marks.push(Mark::Curve(*look, points.iter().step_by(one_in).copied().collect()));
+    }
+    for (look, points) in &all {
+        let mean = |part: usize| {
+            let of_it = || points.iter().filter(move |point| ((point.0 - first) / width) as usize == part);
+            let count = of_it().count();
+            let middle = first + (part as f64 + 0.5) * width;
+            (count >= FEWEST).then(|| (middle, of_it().map(|point| point.1).sum::<f64>() / count as f64))
+        };
+        let means = (0..PARTS).filter_map(mean).collect();
+        marks.push(Mark::Curve(Look { shape: None, line: Line::Solid, ..*look }, means));
+    }
+    Some(Panel {
+        x: Axis::linear(label, (first, 1.03 * last)),
+        y: Axis::linear(kind.label, (0.0, 1.05 * most.max(f64::MIN_POSITIVE))),
+        marks,
+    })
+}
+
+fn unit(kind: Kind) -> &'static str {
+    kind.label.rsplit(' ').next().unwrap_or_default()
+}
+
+fn capital(words: &str) -> String {
+    let mut letters = words.chars();
+    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
+}

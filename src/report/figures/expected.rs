@@ -1,0 +1,58 @@
+//! How near a method is expected to come, place by place, by what the calibration knows of the array and its noise.
+
+use super::map::{Axes, cell};
+use super::{SQUARE_PX, WIDTH_PX};
+use crate::chart::{Figure, Grid, Mark};
+use crate::quantity::Place;
+use crate::report::frame::{Drawn, figures, section};
+use crate::report::{Judged, Subject};
+use crate::solver::{Fitted, Solver};
+use maud::Markup;
+
+/// Places along each side of the area.
+const SIDE: usize = 25;
+/// The largest error over the least beyond which all look alike: a corner can be worse than the middle without end.
+const MOST_RATIO: f64 = 100.0;
+
+/// A map of the expected location error.
+pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
+    let (least, most) = subject.area()?;
+    let solver: &Fitted = judged.expecting.as_ref()?;
+    let mut forces: Vec<f64> = subject
+        .table
+        .rows
+        .iter()
+        .filter(|row| row.is_of("test"))
+        .filter_map(|row| Some(row.record.as_ref()?.force_set_n))
+        .collect();
+    forces.sort_by(f64::total_cmp);
+    let force_n = *forces.get(forces.len() / 2)?;
+    let step = |least: f64, most: f64, i: usize| least + (most - least) * (i as f64 + 0.5) / SIDE as f64;
+    let place = |i: usize| Place::new(step(least.x_mm, most.x_mm, i % SIDE), step(least.y_mm, most.y_mm, i / SIDE));
+    let errors: Vec<(Place, f64)> = (0..SIDE * SIDE)
+        .map(place)
+        .filter_map(|place| Some((place, solver.expected(place, force_n)?.mean_distance_mm())))
+        .collect();
+    let best = errors.iter().map(|(_, mm)| *mm).reduce(f64::min).filter(|mm| *mm > 0.0)?;
+    let worst = errors.iter().map(|(_, mm)| *mm).fold(best, f64::max).min(MOST_RATIO * best);
+    let decades = (worst / best).ln().max(f64::MIN_POSITIVE);
+    let half_mm = 0.5 * (most.x_mm - least.x_mm).max(most.y_mm - least.y_mm) / SIDE as f64;
+    let cells = errors.iter().map(|(place, mm)| cell(*place, half_mm, (mm / best).ln() / decades)).collect();
+    let axes = Axes::around(least, most, 0.0);
+    let mean = errors.iter().map(|(_, mm)| mm).sum::<f64>() / errors.len() as f64;
+    let figure = Figure {
+        title: format!("Expected location error at {force_n:.2} N"),
+        subtitle: format!("mean over the area {mean:.3} mm; colours by the logarithm"),
+        height_px: axes.height_px(1).min(SQUARE_PX * 1.2),
+        panels: vec![axes.panel(vec![Mark::Cells(cells)])],
+        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+        notes: vec![
+            "The bound of Cramér and Rao on the map that was fitted to the calibration, that map's own error included: no \
+             unbiased method comes nearer with this array, this noise and this calibration."
+                .to_owned(),
+        ],
+        ..Figure::default()
+    };
+    let ramp = Some([best, worst].map(|mm| format!("{mm:.3} mm")));
+    Some(section("What can be expected", &figures(&[Drawn { figure, ramp }])))
+}

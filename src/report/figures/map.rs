@@ -1,0 +1,115 @@
+//! The calibration matrix: what each unit reads of the same load, place by place.
+
+use super::WIDTH_PX;
+use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
+use crate::quantity::Place;
+use crate::report::Subject;
+use crate::report::frame::Drawn;
+
+/// The most units that are drawn: of more, the first.
+const MOST_UNITS: usize = 16;
+/// The most presses that are drawn a unit: of more, one in so many.
+const MOST_PRESSES: usize = 2500;
+
+/// A map a unit.
+pub fn matrix(subject: &Subject) -> Option<Drawn> {
+    let (least, most) = subject.area()?;
+    let presses: Vec<_> = subject.table.rows.iter().filter(|row| row.is_of("calibration") && !row.flagged).collect();
+    let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
+    let places: Vec<Place> = drawn.iter().map(|row| row.place).collect();
+    let units = subject.table.units.min(MOST_UNITS);
+    let outputs = || drawn.iter().flat_map(|row| &row.outputs[..units]).copied();
+    let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
+    let columns = (units as f64).sqrt().ceil().max(1.0) as usize;
+    let half_mm = half_cell_mm(&places);
+    let axes = Axes::around(least, most, half_mm);
+    let panel = |unit: usize| {
+        let share = |output: f64| (output - quietest) / (loudest - quietest).max(f64::MIN_POSITIVE);
+        let cells = drawn.iter().map(|row| cell(row.place, half_mm, share(row.outputs[unit]))).collect();
+        axes.panel(vec![Mark::Cells(cells), Mark::Title(format!("unit {}", unit + 1))])
+    };
+    let set_n = drawn.first().and_then(|row| row.record.as_ref()).map(|record| record.force_set_n);
+    let left_out = subject.table.units - units;
+    let figure = Figure {
+        title: format!("What each unit reads of {}", set_n.map_or("the load".to_owned(), |n| format!("{n} N"))),
+        subtitle: format!("{} presses; one scale for all units", presses.len()),
+        height_px: axes.height_px(columns),
+        panels: (0..units).map(panel).collect(),
+        grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
+        notes: if left_out > 0 { vec![format!("{left_out} more units aren't drawn")] } else { Vec::new() },
+        ..Figure::default()
+    };
+    let ramp = Some([quietest, loudest].map(|output| format!("{output:.2} V")));
+    Some(Drawn { figure, ramp })
+}
+
+/// Axes in x and y with one scale.
+pub struct Axes {
+    x: (f64, f64),
+    y: (f64, f64),
+}
+
+impl Axes {
+    /// Around an area, some room wider.
+    pub fn around(least: Place, most: Place, room_mm: f64) -> Axes {
+        Axes { x: (least.x_mm - room_mm, most.x_mm + room_mm), y: (least.y_mm - room_mm, most.y_mm + room_mm) }
+    }
+
+    /// A panel over the area.
+    pub fn panel(&self, marks: Vec<Mark>) -> Panel {
+        Panel { x: Axis::linear("x, mm", self.x), y: Axis::linear("y, mm", self.y), marks }
+    }
+
+    /// How high a panel must be for one scale, where there are so many side by side, px. A strip isn't drawn to it: it would be
+    /// a line.
+    pub fn height_px(&self, columns: usize) -> f64 {
+        let beside_px = 14.0 * (columns as f64 - 1.0);
+        let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
+        width_px * ((self.y.1 - self.y.0) / (self.x.1 - self.x.0)).clamp(0.25, 2.0)
+    }
+}
+
+/// A cell around a place.
+pub fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, share: f64) -> Cell {
+    Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), share }
+}
+
+/// Half the side of a cell, mm: on a grid one that meets its neighbours, for places anywhere that of their mean area.
+pub fn half_cell_mm(places: &[Place]) -> f64 {
+    // extent, and how many coordinates there are
+    let along = |coordinate: fn(&Place) -> f64| {
+        let mut all: Vec<f64> = places.iter().map(coordinate).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup_by(|a, b| (*a - *b).abs() < SAME_MM);
+        (all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first), all.len())
+    };
+    let ((width_mm, columns), (height_mm, rows)) = (along(|place| place.x_mm), along(|place| place.y_mm));
+    let of_grid = |extent_mm: f64, count: usize| extent_mm / count.saturating_sub(1).max(1) as f64;
+    if columns * rows <= 2 * places.len() {
+        0.5 * of_grid(width_mm, columns).max(of_grid(height_mm, rows)).max(SAME_MM)
+    } else {
+        0.5 * (width_mm * height_mm / places.len() as f64).sqrt().max(SAME_MM)
+    }
+}
+
+/// Coordinates nearer than this are the same, mm.
+const SAME_MM: f64 = 1e-4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_of_a_grid_meet_and_those_of_scattered_places_cover_their_area() {
+        let grid: Vec<Place> = (0..25).map(|i| Place::new(0.5 * f64::from(i % 5), 0.5 * f64::from(i / 5))).collect();
+        assert!((half_cell_mm(&grid) - 0.25).abs() < 1e-12);
+        assert!((half_cell_mm(&grid[..5]) - 0.25).abs() < 1e-12, "a line");
+        let scattered: Vec<Place> = (0..100)
+            .map(|i| (f64::from(i) * 0.7549).fract())
+            .zip((0..100).map(|i| (f64::from(i) * 0.5698).fract()))
+            .map(|(x, y)| Place::new(10.0 * x, 10.0 * y))
+            .collect();
+        assert!((half_cell_mm(&scattered) - 0.5).abs() < 0.02);
+        assert!(half_cell_mm(&grid[..1]) > 0.0);
+    }
+}

@@ -1,0 +1,148 @@
+//! Whether the sensor is accepted, and the paper's numbers beside ours.
+
+use super::frame::{none, number, percent, section as framed, table, words};
+use super::{Judged, Subject};
+use crate::dataset::Status;
+use crate::paper;
+use crate::solver::{
+    BEST, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, Verdicts,
+};
+use maud::{Markup, html};
+
+/// The first thing a reader sees.
+pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
+    Some(html! {
+        (verdict(subject, judged))
+        @if !judged.evaluations.is_empty() { (framed("How near it comes", &numbers(&judged.evaluations))) }
+    })
+}
+
+fn verdict(subject: &Subject, judged: &Judged) -> Markup {
+    let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
+    let class = match (broken, judged.decisive().map(Evaluation::accepted)) {
+        (Some(_), _) | (None, Some(false)) => "verdict bad",
+        (None, Some(true)) => "verdict good",
+        (None, None) => "verdict",
+    };
+    html! {
+        div class=(class) {
+            @if let Some(run) = broken {
+                strong { (run.name) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
+                    (run.manifest.facts.presses_planned) " presses" }
+                @if let Some(trip) = &run.manifest.trip { p { (trip) } }
+                @if let Some(failure) = &run.manifest.failure { p { (failure) } }
+            }
+            @match judged.decisive() {
+                Some(evaluation) => {
+                    @if broken.is_none() { strong { @if evaluation.accepted() { "Accepted" } @else { "Not accepted" } } }
+                    p {
+                        "Mean errors of "
+                        (number("", evaluation.location_error_mm.mean, 3, " mm"))
+                        @if let Some(error) = evaluation.force_error_n { " and " (number("", error.mean, 4, " N")) }
+                        " by " (evaluation.solver) ", on " (evaluation.points)
+                        " test presses; accepted are less than " (LOCATION_REFERENCE_MM) " mm and " (FORCE_REFERENCE_N) " N."
+                    }
+                }
+                None => {
+                    @if broken.is_none() { strong { "Not evaluated" } }
+                    @if let Some(why) = &judged.why_not { p { (why) } }
+                }
+            }
+        }
+    }
+}
+
+type Cell<'a> = &'a dyn Fn(&str, &Evaluation) -> Option<Markup>;
+
+/// The paper's numbers, then those of each method.
+fn numbers(evaluations: &[Evaluation]) -> Markup {
+    let name = |evaluation: &Evaluation| match evaluation.choice {
+        Some(_) => format!("{BEST}: {}", evaluation.solver),
+        None => evaluation.solver.clone(),
+    };
+    let head: Vec<Markup> =
+        ["", "paper"].map(words).into_iter().chain(evaluations.iter().map(|e| words(name(e)))).collect();
+    let row = |label: &str, paper: String, cell: Cell<'_>| {
+        let key = |evaluation: &Evaluation| if evaluation.choice.is_some() { BEST } else { "pearson" };
+        let ours = evaluations.iter().map(|e| cell(key(e), e).unwrap_or_else(none));
+        [words(label), words(paper)].into_iter().chain(ours).collect::<Vec<Markup>>()
+    };
+    let of_location = |part: Part, name: &'static str| {
+        move |key: &str, e: &Evaluation| {
+            Some(number(&format!("{key}.location_error_mm.{name}"), part(&e.location_error_mm), 3, " mm"))
+        }
+    };
+    let of_force = |part: Part, name: &'static str| {
+        move |key: &str, e: &Evaluation| {
+            Some(number(&format!("{key}.force_error_n.{name}"), part(e.force_error_n.as_ref()?), 4, " N"))
+        }
+    };
+    let shares = |told: f64| format!("{:.0} %", 100.0 * told);
+    let blank = String::new;
+    let mut rows = vec![
+        row("test presses", paper::POINTS.to_string(), &|key, e| {
+            Some(number(&format!("{key}.points"), e.points as f64, 0, ""))
+        }),
+        row("location error, mean", format!("{} mm", paper::LOCATION_ERROR_MM), &of_location(|e| e.mean, "mean")),
+        row("location error, median", blank(), &of_location(|e| e.median, "median")),
+        row("location error, 95th percentile", blank(), &of_location(|e| e.p95, "p95")),
+        row("location error, largest", blank(), &of_location(|e| e.max, "max")),
+        row("force error, mean", format!("{} N", paper::FORCE_ERROR_N), &of_force(|e| e.mean, "mean")),
+        row("force error, median", blank(), &of_force(|e| e.median, "median")),
+        row("force error, 95th percentile", blank(), &of_force(|e| e.p95, "p95")),
+        row("force error, largest", blank(), &of_force(|e| e.max, "max")),
+        row("force error, mean, by the load cell", blank(), &|key, e| {
+            Some(number(&format!("{key}.force_error_load_cell_n.mean"), e.force_error_load_cell_n?.mean, 4, " N"))
+        }),
+        row("location error under 1 mm", shares(paper::WITHIN_1MM), &|key, e| {
+            Some(percent(&format!("{key}.within.location_1mm"), e.within.location_1mm))
+        }),
+        row("force error under 0.1 N", shares(paper::WITHIN_0_1N), &|key, e| {
+            Some(percent(&format!("{key}.within.force_0_1n"), e.within.force_0_1n?))
+        }),
+        row("both under", shares(paper::WITHIN_BOTH), &|key, e| {
+            Some(percent(&format!("{key}.within.both"), e.within.both?))
+        }),
+    ];
+    for (label, name, part) in COVERAGES {
+        let cell =
+            |key: &str, e: &Evaluation| Some(percent(&format!("{key}.coverage.{name}"), part(e.coverage.as_ref()?)?));
+        rows.push(row(label, blank(), &cell));
+    }
+    rows.push(row("doubted by the method", blank(), &|_, e| Some(words(doubted(e.verdicts)))));
+    html! {
+        (table(&head, &rows))
+        p.note {
+            "Force errors are against the commanded force, as in the paper; by the load cell both calibration and test are. "
+            "Stated sd: what a method says of its own answers; 68.3 and 95.4 % lie within one and two where that is right."
+        }
+        @if let Some(left_out) = evaluations.first().map(|e| &e.left_out).filter(|left_out| !left_out.is_none()) {
+            (left_out_told(left_out))
+        }
+    }
+}
+
+type Part = fn(&ErrorSummary) -> f64;
+
+/// How often errors were no larger than stated: label, name in the evaluation, and value.
+type Share = fn(&Coverage) -> Option<f64>;
+const COVERAGES: [(&str, &str, Share); 4] = [
+    ("x and y within 1 stated sd", "xy_1sd", |c| Some(c.xy_1sd)),
+    ("x and y within 2", "xy_2sd", |c| Some(c.xy_2sd)),
+    ("force within 1 stated sd", "force_1sd", |c| c.force_1sd),
+    ("force within 2", "force_2sd", |c| c.force_2sd),
+];
+
+fn left_out_told(left_out: &LeftOut) -> Markup {
+    let LeftOut { calibration_flagged, test_flagged, test_unsolved } = left_out;
+    html! {
+        p.note { "Left out: " (calibration_flagged) " calibration and " (test_flagged) " test presses that are flagged, "
+            (test_unsolved) " test presses without an answer." }
+    }
+}
+
+/// How many answers got a verdict other than ok.
+fn doubted(verdicts: Verdicts) -> usize {
+    let Verdicts { ok: _, weak_signal, outside_area, not_one_contact, channel_fault } = verdicts;
+    weak_signal + outside_area + not_one_contact + channel_fault
+}

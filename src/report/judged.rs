@@ -1,0 +1,53 @@
+use crate::dataset::evaluate::{EvaluateError, Trial};
+use crate::dataset::table::Table;
+use crate::parallel::in_parallel;
+use crate::quantity::ArrayLayout;
+use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver};
+
+/// The paper's own method.
+const PAPERS: &str = SOLVERS[0];
+
+/// How far off the paper's method and ours are on a sensor's test, as `evaluate` has it.
+pub struct Judged {
+    /// The paper's method, then the best, where that is another; empty where there is nothing to evaluate.
+    pub evaluations: Vec<Evaluation>,
+    /// A method that knows how near it is expected to come.
+    pub expecting: Option<Fitted>,
+    /// Why there is no evaluation.
+    pub why_not: Option<String>,
+}
+
+impl Judged {
+    /// Evaluates a sensor's presses.
+    pub fn of(table: &Table, layout: &ArrayLayout) -> Judged {
+        let none = |why: EvaluateError| {
+            // the cause is what tells; the sentence before it says that it can't be
+            let cause = std::error::Error::source(&why).map(|cause| format!(": {cause}")).unwrap_or_default();
+            Judged { evaluations: Vec::new(), expecting: None, why_not: Some(format!("{why}{cause}")) }
+        };
+        let trial = match Trial::of_run(table, Some(layout)) {
+            Ok(trial) => trial,
+            Err(why) => return none(why),
+        };
+        let judged = in_parallel(&[BEST, PAPERS], |solver| trial.evaluate_fitted(solver));
+        let mut judged = match judged.into_iter().collect::<Result<Vec<(Evaluation, Fitted)>, _>>() {
+            Ok(judged) => judged,
+            Err(why) => return none(why),
+        };
+        judged.reverse(); // the one that takes longest began first
+        if judged.iter().all(|(evaluation, _)| evaluation.solver == PAPERS) {
+            judged.truncate(1);
+        }
+        let (evaluations, fitted): (Vec<Evaluation>, Vec<Fitted>) = judged.into_iter().unzip();
+        let middle = table.rows.iter().find(|row| row.is_of("calibration")).map(|row| row.place).unwrap_or_default();
+        let expects = |fitted: &Fitted| fitted.expected(middle, 1.0).is_some();
+        let surrogate = || trial.evaluate_fitted("surrogate").ok().map(|(_, fitted)| fitted);
+        let expecting = fitted.into_iter().find(expects).or_else(surrogate);
+        Judged { evaluations, expecting, why_not: None }
+    }
+
+    /// The evaluation that decides: the best's.
+    pub fn decisive(&self) -> Option<&Evaluation> {
+        self.evaluations.last()
+    }
+}

@@ -1,0 +1,163 @@
+//! How the force was controlled: error, overshoot and time of every press.
+
+use super::frame::{Drawn, figures, none, number, section as framed, table, words};
+use super::{Recorded, Subject};
+use crate::chart::{Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use crate::dataset::Contact;
+use crate::recipe::Phase;
+use crate::solver::ErrorSummary;
+use maud::{Markup, html};
+
+/// What is told of the force of one row: the press' number in its page, and errors in mN.
+struct Held {
+    phase: Phase,
+    press: f64,
+    error_mn: f64,
+    /// The largest true force over the set one; only a simulation knows.
+    over_mn: Option<f64>,
+}
+
+/// The phases, how each is drawn, and what it is called.
+const PHASES: [(Phase, Hue, Shape); 3] = [
+    (Phase::Characterisation, Hue::Green, Shape::Triangle),
+    (Phase::Calibration, Hue::Blue, Shape::Circle),
+    (Phase::Test, Hue::Orange, Shape::Square),
+];
+
+/// The most points that are drawn of a phase: of more, one in so many.
+const MOST_POINTS: usize = 1000;
+
+/// A row a phase, and every press.
+pub fn section(subject: &Subject) -> Option<Markup> {
+    let (held, times) = (held(&subject.runs), times_s(&subject.runs));
+    if held.is_empty() {
+        return None;
+    }
+    let cell = |value: Option<f64>, digits: usize| value.map_or_else(none, |value| number("", value, digits, ""));
+    let head = [
+        "phase",
+        "levels held",
+        "error in the window, mean, mN",
+        "95th percentile",
+        "largest",
+        "largest force over the set one, mN",
+        "time a press, median, s",
+    ];
+    let rows: Vec<Vec<Markup>> = PHASES
+        .iter()
+        .filter_map(|(phase, ..)| {
+            let of_it: Vec<&Held> = held.iter().filter(|held| held.phase == *phase).collect();
+            let errors: Vec<f64> = of_it.iter().map(|held| held.error_mn.abs()).collect();
+            let error = ErrorSummary::of(&errors)?;
+            let over_mn = of_it.iter().filter_map(|held| held.over_mn).reduce(f64::max);
+            let time =
+                ErrorSummary::of(&times.iter().filter(|(its, ..)| its == phase).map(|t| t.2).collect::<Vec<_>>());
+            Some(vec![
+                words(phase.name()),
+                words(of_it.len()),
+                cell(Some(error.mean), 1),
+                cell(Some(error.p95), 1),
+                cell(Some(error.max), 1),
+                cell(over_mn, 1),
+                cell(time.map(|time| time.median), 2),
+            ])
+        })
+        .collect();
+    let mut drawn = vec![errors(&held)];
+    drawn.extend(overshoots(&held));
+    drawn.extend(times_figure(&times));
+    let body = html! {
+        (table(&head.map(words), &rows))
+        p.note { "Error: the load cell's mean in the window less the set force. The largest force is the true one, which only a "
+            "simulated run knows; negative: it stayed below. Time: from one window to the next of the same phase." }
+        (figures(&drawn))
+    };
+    Some(framed("How the force was controlled", &body))
+}
+
+fn held(runs: &[Recorded]) -> Vec<Held> {
+    let mut held = Vec::new();
+    for (index, contact) in presses(runs) {
+        for (level, row) in contact.rows.iter().enumerate().filter(|(_, row)| row.force_set_n > 0.0) {
+            let to_mn = |force_n: f64| 1000.0 * (force_n - row.force_set_n);
+            held.push(Held {
+                phase: row.phase,
+                press: index,
+                error_mn: to_mn(row.force_n),
+                // on the way down the peak is that of the level before
+                over_mn: contact.truth.get(level).filter(|_| contact.rows.len() == 1).map(|t| to_mn(t.force_peak_n)),
+            });
+        }
+    }
+    held
+}
+
+/// Phase, press, and time since the window before, s, where that was of the press before and of the same phase. Staircases rest
+/// between.
+fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
+    let of =
+        |contact: &Contact| contact.rows.first().filter(|_| contact.rows.len() == 1).map(|row| (row.phase, row.t_s));
+    let pairs = presses(runs).zip(presses(runs).skip(1));
+    pairs
+        .filter_map(|((_, before), (press, this))| {
+            let ((phase_before, before_s), (phase, this_s)) = (of(before)?, of(this)?);
+            (phase_before == phase && this_s > before_s).then(|| (phase, press, this_s - before_s))
+        })
+        .collect()
+}
+
+/// All contacts with the number they have in their page, from 1.
+fn presses(runs: &[Recorded]) -> impl Iterator<Item = (f64, &Contact)> {
+    runs.iter().flat_map(|run| &run.contacts).enumerate().map(|(index, contact)| ((index + 1) as f64, contact))
+}
+
+fn look(hue: Hue, shape: Shape) -> Look {
+    Look { hue, shape: Some(shape), filled: false, line: Line::None }
+}
+
+/// One panel of points by press, a mark for each phase that has any.
+fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], level: Option<(f64, &str)>) -> Option<Drawn> {
+    let value = |(_, _, value): &(Phase, f64, f64)| *value;
+    let most = points.iter().map(value).chain(level.map(|level| level.0)).reduce(f64::max)?;
+    let least = points.iter().map(value).fold(level.map_or(0.0, |level| level.0.min(0.0)), f64::min);
+    let room = 0.05 * (most - least).max(f64::MIN_POSITIVE);
+    let last = points.iter().map(|(_, press, _)| *press).fold(1.0, f64::max);
+    let mut marks: Vec<Mark> = Vec::new();
+    let mut legend = Vec::new();
+    for (phase, hue, shape) in PHASES {
+        let of_it: Vec<(f64, f64)> =
+            points.iter().filter(|point| point.0 == phase).map(|(_, press, value)| (*press, *value)).collect();
+        if !of_it.is_empty() {
+            let one_in = of_it.len().div_ceil(MOST_POINTS);
+            marks.push(Mark::Curve(look(hue, shape), of_it.into_iter().step_by(one_in).collect()));
+            legend.push((look(hue, shape), phase.name().to_owned()));
+        }
+    }
+    marks.extend(level.map(|(value, told)| Mark::Level(value, told.to_owned())));
+    let x = Axis::linear("press", (0.0, last));
+    let y = Axis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
+    let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
+    let panels = vec![Panel { x, y, marks }];
+    let figure =
+        Figure { title: title.to_owned(), height_px: 220.0, panels, grid, legend: vec![legend], ..Figure::default() };
+    Some(Drawn::plain(figure))
+}
+
+fn errors(held: &[Held]) -> Drawn {
+    let points: Vec<(Phase, f64, f64)> = held.iter().map(|held| (held.phase, held.press, held.error_mn)).collect();
+    // there is a level at 0, so there is a figure
+    let drawn = by_press("Force in the window less the set one", "force error, mN", &points, Some((0.0, "")));
+    drawn.unwrap_or_else(|| Drawn::plain(Figure::default()))
+}
+
+fn overshoots(held: &[Held]) -> Option<Drawn> {
+    let of = |held: &Held| Some((held.phase, held.press, held.over_mn?));
+    let points: Vec<(Phase, f64, f64)> = held.iter().filter_map(of).collect();
+    (!points.is_empty()).then(|| ())?;
+    by_press("Largest true force less the set one", "overshoot, mN", &points, Some((0.0, "")))
+}
+
+fn times_figure(times: &[(Phase, f64, f64)]) -> Option<Drawn> {
+    (!times.is_empty()).then(|| ())?;
+    by_press("Time a press", "time, s", times, None)
+}

@@ -1,0 +1,216 @@
+//! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
+
+mod support;
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use support::{Bench, exchanged, shipped_text};
+
+/// Staircases, a calibration and a test, each small.
+const CHARACTERISE: &str = "
+[[step]]
+phase = \"characterisation\"
+units = [1, 5]
+staircase = { to_n = 2.0, step_n = 0.5, repeats = 3 }
+";
+const CALIBRATE: &str = "
+[[step]]
+phase = \"calibration\"
+grid = { x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], spacing_mm = 1.0 }
+force_n = 1.0
+";
+const TEST: &str = "
+[[step]]
+phase = \"test\"
+random = { count = 12, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.1, 1.0] }
+";
+
+fn recipe(steps: &[&str]) -> String {
+    format!("name = \"small\"\n{}", steps.concat())
+}
+
+/// A bench with a run of everything, called `all`.
+fn bench() -> Bench {
+    let bench = Bench::with([("all.toml", recipe(&[CHARACTERISE, CALIBRATE, TEST]).as_str())]);
+    bench.palpate_ends(0, "run all.toml --out all");
+    bench
+}
+
+#[test]
+fn every_number_of_a_page_is_that_of_evaluate() {
+    let bench = bench();
+    let told = bench.palpate_ends(0, "report all");
+    assert!(told.out.starts_with("all: accepted, ") && told.out.contains("all/report.html: "), "{}", told.out);
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let page = bench.read("all/report.html");
+    let shown = numbers(&page);
+    for (name, solver) in [("pearson", "pearson"), ("best", "best")] {
+        let evaluation =
+            bench.palpate_ends(0, &format!("evaluate all --json --solver {solver}")).json_lines().remove(0);
+        let of_it: Vec<(&String, &f64)> =
+            shown.iter().filter(|(key, _)| key.starts_with(&format!("{name}."))).collect();
+        assert!(of_it.len() >= 16, "{name}: {of_it:?}");
+        for (key, value) in of_it {
+            let path = format!("/{}", key[name.len() + 1..].replace('.', "/"));
+            assert_eq!(evaluation.pointer(&path).and_then(Value::as_f64), Some(*value), "{key}");
+        }
+        let decisive = evaluation["location_error_mm"]["mean"].as_f64().unwrap();
+        assert!(page.contains(&format!("{decisive:.3}")), "{decisive}");
+    }
+}
+
+#[test]
+fn a_page_needs_nothing_else_and_is_the_same_twice() {
+    let bench = bench();
+    bench.palpate_ends(0, "report all");
+    let page = bench.read("all/report.html");
+    for foreign in ["http:", "https:", "<script", "url(", " src=", "@import", "NaN", "inf ", "inf<"] {
+        assert!(!page.contains(foreign), "{foreign} is in the page");
+    }
+    assert_eq!(page.matches("<link").count(), page.matches("href=\"data:,\"").count());
+    assert!(page.len() < 2_000_000, "{} bytes", page.len());
+    for figure in figures(&page) {
+        assert!(has_data(figure), "nothing is drawn in {figure}");
+    }
+    let titles = [
+        "Table 1",
+        "Figure 8",
+        "calibration matrix",
+        "Figure 9",
+        "Figure 10",
+        "depend on",
+        "can be expected",
+        "force was controlled",
+        "made with",
+    ];
+    for title in titles {
+        assert!(page.contains(title), "{title}");
+    }
+    assert_eq!(figures(&page).len(), 12, "one a figure of the paper, method, dependence, map and record");
+    bench.palpate_ends(0, "report all --out again.html");
+    assert_eq!(bench.read("again.html"), page);
+    bench.palpate_ends(0, "verify all");
+}
+
+#[test]
+fn three_runs_of_a_sensor_make_the_page_of_one() {
+    let bench = bench();
+    for (name, step) in [("characterise", CHARACTERISE), ("calibrate", CALIBRATE), ("test", TEST)] {
+        bench.write("one.toml", &recipe(&[step]));
+        bench.palpate_ends(0, &format!("run one.toml --out {name} --sensor A<7>&co"));
+    }
+    bench.palpate_ends(0, "report characterise calibrate test --out page.html");
+    let page = bench.read("page.html");
+    assert_eq!(figures(&page).len(), 12);
+    assert!(page.contains("Sensor A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
+    let told = bench.palpate_ends(2, "report all test --out other.html").running();
+    assert!(told.contains("all and test both have test presses"), "{told}");
+    let four = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 2, columns = 2");
+    let four = four.lines().filter(|line| !line.contains("_percent")).collect::<Vec<_>>().join("\n");
+    bench.write("four.toml", &four);
+    bench.palpate("run one.toml --rig four.toml --out four");
+    let told = bench.palpate_ends(2, "report calibrate four --out other.html").running();
+    assert!(told.contains("calibrate has 9 units, four has 4"), "{told}");
+    assert!(!bench.has("other.html"));
+}
+
+#[test]
+fn a_part_of_a_run_has_the_page_of_that_part() {
+    let bench = Bench::new();
+    for (name, steps, has, lacks) in [
+        ("characterise", vec![CHARACTERISE], "Figure 8", "How near it comes"),
+        ("calibrate", vec![CALIBRATE], "What each unit reads of 1 N", "Figure 9"),
+        ("test", vec![TEST], "force was controlled", "Figure 9"),
+    ] {
+        bench.write("one.toml", &recipe(&steps));
+        bench.palpate_ends(0, &format!("run one.toml --out {name}"));
+        let told = bench.palpate_ends(0, &format!("report {name}"));
+        assert!(told.out.contains("not evaluated"), "{}", told.out);
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(page.contains(has) && !page.contains(lacks) && page.contains("Not evaluated"), "{name}");
+        assert!(figures(&page).into_iter().all(has_data), "{name}");
+    }
+}
+
+#[test]
+fn what_broke_off_is_told_first() {
+    let bench = Bench::with([
+        ("soft.toml", exchanged(&shipped_text("rigs/sim.toml"), "linear_n_mm = 1.1", "linear_n_mm = 0.2").as_str()),
+        ("all.toml", &recipe(&[CALIBRATE, TEST])),
+    ]);
+    bench.palpate_ends(4, "run all.toml --rig soft.toml --out tripped");
+    let told = bench.palpate_ends(0, "report tripped");
+    assert!(told.out.contains("not evaluated"), "{}", told.out);
+    let page = bench.read("tripped/report.html");
+    let rule = bench.manifest("tripped")["trip"]["rule"].as_str().unwrap().to_owned();
+    assert!(page.contains("tripped is tripped: 0 of 93 presses") && page.contains(&rule), "{rule}");
+    assert!(page.contains("verdict bad"));
+}
+
+#[test]
+fn only_a_page_of_ours_is_replaced() {
+    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("mine.html", "text")]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    let told = bench.palpate_ends(2, "report one --out mine.html").running();
+    assert!(told.contains("mine.html is there already"), "{told}");
+    assert_eq!(bench.read("mine.html"), "text");
+    bench.palpate_ends(0, "report one --out pages/one.html");
+    bench.palpate_ends(0, "report one --out pages/one.html");
+    let told = bench.palpate_ends(2, "report nowhere").running();
+    assert!(told.contains("nowhere is no run"), "{told}");
+    bench.palpate_ends(2, "report one --solver physics"); // of a comparison only
+    let files: Vec<String> = bench.bytes("pages").into_iter().map(|(name, _)| name).collect();
+    assert_eq!(files, ["one.html"]);
+}
+
+#[test]
+fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
+    let bench = bench();
+    for seed in [2, 3] {
+        bench.palpate_ends(0, &format!("run all.toml --out s{seed} --seed {seed} --sensor A-{seed}"));
+    }
+    bench.write("one.toml", &recipe(&[CHARACTERISE]));
+    bench.palpate_ends(0, "run one.toml --out part");
+    let told = bench.palpate_ends(0, "report --compare all s2 s3 part").out;
+    assert!(told.starts_with("4 runs compared, 3 accepted\n"), "{told}");
+    let page = bench.read("comparison.html");
+    let shown = numbers(&page);
+    for run in ["all", "s2", "s3"] {
+        for solver in ["pearson", "surrogate"] {
+            let words = format!("evaluate {run} --json --solver {solver}");
+            let evaluation = bench.palpate_ends(0, &words).json_lines().remove(0);
+            for path in ["location_error_mm.mean", "force_error_n.mean", "within.both"] {
+                let expected = evaluation.pointer(&format!("/{}", path.replace('.', "/"))).and_then(Value::as_f64);
+                assert_eq!(shown.get(&format!("{run}.{solver}.{path}")).copied(), expected, "{run} {solver} {path}");
+            }
+        }
+    }
+    assert!(page.contains("part isn't evaluated: ") && page.contains("A-3"));
+    assert_eq!(figures(&page).len(), 3);
+    assert!(figures(&page).into_iter().all(has_data));
+    let told = bench.palpate_ends(0, "report --compare all s2 --solver physics --out b.html").out;
+    assert!(told.starts_with("2 runs compared, 2 accepted\n"), "{told}");
+}
+
+/// What stands in the page's `data` elements that have a key.
+fn numbers(page: &str) -> BTreeMap<String, f64> {
+    let elements = page.split("<data ").skip(1).map(|rest| rest.split('>').next().unwrap());
+    let attribute = |element: &str, name: &str| {
+        let rest = element.split(&format!("{name}=\"")).nth(1).unwrap();
+        rest.split('"').next().unwrap().to_owned()
+    };
+    let pairs = elements.map(|e| (attribute(e, "data-key"), attribute(e, "value").parse().expect("a number")));
+    pairs.filter(|(key, _)| !key.is_empty()).collect()
+}
+
+/// The pictures of a page.
+fn figures(page: &str) -> Vec<&str> {
+    page.split("<svg ").skip(1).map(|rest| rest.split("</svg>").next().unwrap()).collect()
+}
+
+/// Whether anything is drawn that is no axis, no grid and no legend: more than a handful of marks, or a path of many.
+fn has_data(figure: &str) -> bool {
+    let marks = ["<circle ", "<polygon ", "<path "].map(|mark| figure.matches(mark).count()).iter().sum::<usize>();
+    let corners = figure.split(" d=\"").skip(1).map(|path| path.split('"').next().unwrap().matches('M').count());
+    marks + corners.sum::<usize>() > 6
+}
