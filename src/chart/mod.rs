@@ -117,7 +117,7 @@ const GAP_OF_GRID: f64 = 50.0;
 /// The same where their axes are told once, px.
 const GAP_SHARED: f64 = 14.0;
 /// Above the panels of a figure whose page tells its title, and what is cut off below: the page has distances of its own, px.
-const TOP_INLINE: f64 = 6.0;
+const TOP_INLINE: f64 = 14.0;
 const CUT_INLINE: f64 = 22.0;
 /// A panel's title, px.
 const TITLE_LINE: f64 = 24.0;

@@ -5,6 +5,7 @@
 //! those that aren't known are ignored. A byte-order mark and either kind of line end are tolerated. What a table without
 //! `force_n` is worth is for [`calibration`](super::calibration) to say.
 
+use super::Contact;
 use super::header::{Header, quoted};
 use crate::quantity::Place;
 use csv::StringRecord;
@@ -120,6 +121,27 @@ pub enum TableError {
 }
 
 impl Table {
+    /// What a run's contacts would be read as, were they written; none of none.
+    pub fn of_contacts<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> Option<Table> {
+        let recorded = contacts.into_iter().flat_map(|contact| &contact.rows);
+        let row = |(index, row): (usize, &super::Row)| Row {
+            line: index as u64 + 2, // below the header
+            place: Place::new(row.x_mm, row.y_mm),
+            force_n: Some(row.force_n),
+            outputs: row.outputs.clone(),
+            flagged: !row.flags.is_empty(),
+            record: Some(Record {
+                phase: row.phase.name().to_owned(),
+                press: row.press,
+                level: row.level,
+                force_set_n: row.force_set_n,
+            }),
+        };
+        let rows: Vec<Row> = recorded.enumerate().map(row).collect();
+        let units = rows.first()?.outputs.len();
+        Some(Table { file: "presses.csv".to_owned(), units, rows })
+    }
+
     /// Reads a plain table.
     pub fn read(path: &Path) -> Result<Self, TableError> {
         Self::open(path, Kind::Plain)

@@ -1,6 +1,6 @@
 use super::ReportError;
 use super::figures::{LOOKS, WIDTH_PX};
-use super::frame::{Drawn, document, figures, none, number, percent, section, table, words};
+use super::frame::{Drawn, clock, document, figures, none, number, percent, section, table, words};
 use super::subject::{presses, run_name};
 use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
@@ -51,10 +51,8 @@ impl Compared {
         }
         let units = Staircases::of_run(&table, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));
-        let mean = |of: fn(&UnitCharacteristics) -> Option<f64>| {
-            let known: Vec<f64> = units.iter().filter_map(of).collect();
-            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
-        };
+        let mean =
+            |of: fn(&UnitCharacteristics) -> Option<f64>| mean(&units.iter().filter_map(of).collect::<Vec<f64>>());
         Ok(Compared {
             name: run_name(path),
             manifest,
@@ -72,6 +70,11 @@ impl Compared {
     /// Whether the sensor is good enough by the method that was asked for; none where it wasn't evaluated.
     pub fn accepted(&self) -> Option<bool> {
         self.evaluations[1].as_ref().map(Evaluation::accepted)
+    }
+
+    /// Its place and its name.
+    fn numbered(&self, index: usize) -> Markup {
+        words(format!("{}. {}", index + 1, self.name))
     }
 
     /// The sensor, where somebody said which; else the run.
@@ -104,48 +107,32 @@ pub fn comparison(runs: &[Compared], solver: &str) -> String {
     document(&format!("{} runs", runs.len()), &body)
 }
 
+/// Two tables, since one would be too wide to print.
 fn numbers(runs: &[Compared], solver: &str) -> Markup {
-    let both_named = [PAPERS, solver].map(|name| format!("{name}: location error, mm"));
-    let [papers, ours] = both_named;
-    let head = [
-        "run".to_owned(),
-        "sensor".to_owned(),
-        "began".to_owned(),
-        "presses".to_owned(),
-        "flagged".to_owned(),
-        papers,
-        "force error, N".to_owned(),
-        "both good".to_owned(),
-        ours,
-        "force error, N".to_owned(),
-        "both good".to_owned(),
-        "repeatability, loading, %".to_owned(),
-        "unloading, %".to_owned(),
-        "hysteresis, %".to_owned(),
-        "accepted".to_owned(),
-    ];
+    let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
+    html! {
+        (errors_table(runs, solver))
+        p.note { "Mean errors against the commanded force; both under: 1 mm and 0.1 N, which is what is accepted of the means." }
+        @for (run, why) in unevaluated { p.note { (run.name) " isn't evaluated: " (why) } }
+        (origins_table(runs))
+        p.note { "Repeatability (3 sd) and hysteresis: means over the units, % of the output at the top force." }
+    }
+}
+
+fn errors_table(runs: &[Compared], solver: &str) -> Markup {
+    let of = |name: &str| [format!("{name}: location, mm"), "force, N".to_owned(), "both under".to_owned()];
+    let head = ["run", "sensor"].map(words).into_iter().chain([PAPERS, solver].into_iter().flat_map(of).map(words));
+    let head: Vec<Markup> = head.chain([words("accepted")]).collect();
     let row = |(index, run): (usize, &Compared)| {
-        let manifest = &run.manifest;
-        let began = manifest.sessions.first().map(|session| session.started.chars().take(16).collect::<String>());
-        let mut cells = vec![
-            words(format!("{} {}", index + 1, run.name)),
-            words(manifest.facts.sensor.as_deref().unwrap_or("-")),
-            words(began.unwrap_or_default().replace('T', " ")),
-            words(format!("{} of {}", manifest.presses_done, manifest.facts.presses_planned)),
-            words(manifest.rows_flagged),
-        ];
+        let mut cells = vec![run.numbered(index), words(run.manifest.facts.sensor.as_deref().unwrap_or("-"))];
         for evaluation in &run.evaluations {
             let key = |evaluation: &Evaluation, what: &str| format!("{}.{}.{what}", run.name, evaluation.solver);
             let e = evaluation.as_ref();
-            cells.push(
-                e.map_or_else(none, |e| number(&key(e, "location_error_mm.mean"), e.location_error_mm.mean, 3, "")),
-            );
+            let location = e.map(|e| number(&key(e, "location_error_mm.mean"), e.location_error_mm.mean, 3, ""));
             let force = e.and_then(|e| Some(number(&key(e, "force_error_n.mean"), e.force_error_n?.mean, 4, "")));
-            cells.push(force.unwrap_or_else(none));
             let both = e.and_then(|e| Some(percent(&key(e, "within.both"), e.within.both?)));
-            cells.push(both.unwrap_or_else(none));
+            cells.extend([location, force, both].map(|cell| cell.unwrap_or_else(none)));
         }
-        cells.extend(run.table_1.map(|value| value.map_or_else(none, |value| number("", value, 2, ""))));
         cells.push(words(match run.accepted() {
             Some(true) => "yes",
             Some(false) => "no",
@@ -153,13 +140,51 @@ fn numbers(runs: &[Compared], solver: &str) -> Markup {
         }));
         cells
     };
-    let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
-    html! {
-        (table(&head.map(words), &runs.iter().enumerate().map(row).collect::<Vec<_>>()))
-        p.note { "Mean errors against the commanded force; both good: under 1 mm and 0.1 N. Repeatability (3 sd) and hysteresis: "
-            "means over the units, % of the output at the top force." }
-        @for (run, why) in unevaluated { p.note { (run.name) " isn't evaluated: " (why) } }
-    }
+    let mut rows: Vec<Vec<Markup>> = runs.iter().enumerate().map(row).collect();
+    rows.extend([("mean", mean as Summary), ("sd", sd)].map(|(name, summary)| {
+        let cells = [0, 1].into_iter().flat_map(|method| {
+            let over = |value: fn(&Evaluation) -> Option<f64>| {
+                summary(&runs.iter().filter_map(|run| value(run.evaluations[method].as_ref()?)).collect::<Vec<f64>>())
+            };
+            let location = over(|e| Some(e.location_error_mm.mean)).map(|value| number("", value, 3, ""));
+            let force = over(|e| Some(e.force_error_n?.mean)).map(|value| number("", value, 4, ""));
+            [location, force, over(|e| e.within.both).map(|share| percent("", share))]
+        });
+        let cells = cells.map(|cell| cell.unwrap_or_else(none));
+        [words(name), words("")].into_iter().chain(cells).chain([words("")]).collect()
+    }));
+    table(&head, &rows)
+}
+
+fn origins_table(runs: &[Compared]) -> Markup {
+    let head = ["run", "began", "presses", "flagged", "repeatability, loading, %", "unloading, %", "hysteresis, %"];
+    let row = |(index, run): (usize, &Compared)| {
+        let manifest = &run.manifest;
+        let began = manifest.sessions.first().map(|session| clock(&session.started)).unwrap_or_default();
+        let mut cells = vec![
+            run.numbered(index),
+            words(began),
+            words(format!("{} of {}", manifest.presses_done, manifest.facts.presses_planned)),
+            words(manifest.rows_flagged),
+        ];
+        cells.extend(run.table_1.map(|value| value.map_or_else(none, |value| number("", value, 2, ""))));
+        cells
+    };
+    table(&head.map(words), &runs.iter().enumerate().map(row).collect::<Vec<_>>())
+}
+
+type Summary = fn(&[f64]) -> Option<f64>;
+
+/// None of none.
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Standard deviation (n - 1); none of fewer than two.
+fn sd(values: &[f64]) -> Option<f64> {
+    let mean = mean(values).filter(|_| values.len() > 1)?;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
 fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {

@@ -1,6 +1,6 @@
 //! What the run was made with: recipe, devices, sessions, and everything out of the ordinary.
 
-use super::frame::{section as framed, words};
+use super::frame::{clock, section as framed, words};
 use super::{Recorded, Subject};
 use crate::control::Trip;
 use crate::dataset::Flag;
@@ -76,13 +76,6 @@ fn of_run(run: &Recorded) -> Markup {
         }
         p.note { "Kept beside it: recipe.toml and rig.toml as given, journal.log, presses.csv; SHA-256 of each in manifest.json." }
     }
-}
-
-/// A time with its zone to the second, as a person writes it.
-fn clock(time: &str) -> String {
-    let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();
-    let second: String = time.chars().take("2026-01-01T00:00:00".len()).collect();
-    format!("{} {zone}", second.replace('T', " ")).trim_end().to_owned()
 }
 
 fn flags(run: &Recorded) -> String {

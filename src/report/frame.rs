@@ -92,6 +92,13 @@ pub fn words(words: impl Display) -> Markup {
     html! { (words.to_string()) }
 }
 
+/// A time with its zone to the second, as a person writes it.
+pub fn clock(time: &str) -> String {
+    let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();
+    let second: String = time.chars().take("2026-01-01T00:00:00".len()).collect();
+    format!("{} {zone}", second.replace('T', " ")).trim_end().to_owned()
+}
+
 /// What isn't known.
 pub fn none() -> Markup {
     html! { "-" }
