@@ -49,7 +49,7 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
             assert!(seen.texts > 20, "{page} at {width}: {} texts", seen.texts);
             let found = seen.problems.iter().chain(&seen.console);
             wrong.extend(found.map(|problem| format!("{page} at {width} px: {problem}")));
-            browser.photograph(&path, &format!("{page}-{width}"), width);
+            browser.photograph(&path, &format!("{page}-{width}"), (width, seen.height));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -92,6 +92,7 @@ struct Browser {
 #[derive(Debug)]
 struct Seen {
     width: u64,
+    height: u64,
     texts: u64,
     problems: Vec<String>,
     console: Vec<String>,
@@ -112,13 +113,21 @@ impl Browser {
         Some(Browser { program, album })
     }
 
-    /// Opens a page with what looks at it.
+    /// Opens a page with what looks at it, in a frame of that width: a window has a least width of its own.
     fn look(&self, page: &Path, width: u32) -> Seen {
         let text = fs::read_to_string(page).expect("a page");
-        let watched = page.with_extension("looked.html");
+        let (watched, framed) = (page.with_extension("watched.html"), page.with_extension("framed.html"));
         let end = text.rfind("</body>").expect("a page has a body");
         fs::write(&watched, format!("{}<script>{LOOK}</script>{}", &text[..end], &text[end..])).expect("a page");
-        let (out, err) = self.run(&watched, width, "--dump-dom".into());
+        let name = watched.file_name().expect("a name").to_string_lossy();
+        let frame = format!(
+            "<!DOCTYPE html><body style=\"margin:0\"><script>addEventListener('message', (told) => {{\
+             const pre = document.createElement('pre'); pre.id = 'looked'; pre.textContent = told.data;\
+             document.body.append(pre); }})</script>\
+             <iframe src=\"{name}\" style=\"border:0;width:{width}px;height:2000px\"></iframe></body>"
+        );
+        fs::write(&framed, frame).expect("a page");
+        let (out, err) = self.run(&framed, (1280, 2000), "--dump-dom".into());
         let looked = out.split("<pre id=\"looked\">").nth(1).and_then(|rest| rest.split("</pre>").next());
         let looked = looked.unwrap_or_else(|| panic!("the page wasn't looked at:\n{err}"));
         let looked = looked.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
@@ -126,6 +135,7 @@ impl Browser {
         let problems = looked["problems"].as_array().expect("a list");
         Seen {
             width: looked["width"].as_u64().expect("a width"),
+            height: looked["height"].as_u64().expect("a height"),
             texts: looked["texts"].as_u64().expect("a count"),
             problems: problems.iter().map(|problem| problem.as_str().unwrap_or_default().to_owned()).collect(),
             console: err.lines().filter(|line| line.contains(":CONSOLE")).map(str::to_owned).collect(),
@@ -133,26 +143,32 @@ impl Browser {
     }
 
     /// Keeps a picture of a page.
-    fn photograph(&self, page: &Path, name: &str, width: u32) {
+    fn photograph(&self, page: &Path, name: &str, size: (u32, u64)) {
         let picture = self.album.join(format!("{name}.png"));
         let mut word = OsString::from("--screenshot=");
         word.push(&picture);
-        self.run(page, width, word);
+        self.run(page, size, word);
         let bytes = fs::read(&picture).expect("a screenshot");
         let side =
             |at: usize| bytes.get(at..at + 4).map(|four| u32::from_be_bytes(four.try_into().expect("four bytes")));
-        assert!(bytes.starts_with(b"\x89PNG") && side(16) == Some(width), "{name}: {} bytes", bytes.len());
+        assert!(bytes.starts_with(b"\x89PNG") && side(16) == Some(size.0), "{name}: {} bytes", bytes.len());
         assert!(bytes.len() > 10_000, "{name}: hardly anything is in a picture of {} bytes", bytes.len());
     }
 
-    fn run(&self, page: &Path, width: u32, what: OsString) -> (String, String) {
+    fn run(&self, page: &Path, (width, height): (u32, u64), what: OsString) -> (String, String) {
         let profile = tempfile::tempdir().expect("a folder");
         let mut command = Command::new(&self.program);
-        let words =
-            ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--timeout=60000"];
+        let words = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            "--no-first-run",
+            "--virtual-time-budget=10000",
+        ];
         command.args(words).args(["--enable-logging=stderr", "--v=0"]).stdin(Stdio::null());
         command.arg(format!("--user-data-dir={}", profile.path().display()));
-        command.arg(format!("--window-size={width},2400")).arg(what).arg(format!("file://{}", page.display()));
+        command.arg(format!("--window-size={width},{height}")).arg(what).arg(format!("file://{}", page.display()));
         let output = command.output().expect("the browser starts");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         (text(&output.stdout), text(&output.stderr))
