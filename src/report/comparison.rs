@@ -74,7 +74,7 @@ impl Compared {
 
     /// Its place and its name.
     fn numbered(&self, index: usize) -> Markup {
-        words(format!("{}. {}", index + 1, self.name))
+        words(format!("{}.\u{a0}{}", index + 1, self.name))
     }
 
     /// The sensor, where somebody said which; else the run.

@@ -91,8 +91,8 @@ fn zeros(run: &Recorded) -> String {
     match (offsets().next(), offsets().reduce(f64::min), offsets().reduce(f64::max)) {
         (Some(first), Some(least), Some(most)) => {
             format!(
-                "taken {} times, {first:.1} mN at first, {:.1} mN between the extremes",
-                run.zeros.len(),
+                "taken {}, {first:.1} mN at first, {:.1} mN between the extremes",
+                if run.zeros.len() == 1 { "once".to_owned() } else { format!("{} times", run.zeros.len()) },
                 most - least
             )
         }

@@ -29,8 +29,12 @@ fn verdict(subject: &Subject, judged: &Judged) -> Markup {
             @if let Some(run) = broken {
                 strong { (run.name) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
                     (run.manifest.facts.presses_planned) " presses" }
-                @if let Some(trip) = &run.manifest.trip { p { (trip) } }
-                @if let Some(failure) = &run.manifest.failure { p { (failure) } }
+                @match (&run.manifest.trip, &run.manifest.failure) {
+                    // of a trip the failure says the same
+                    (Some(trip), _) => p { (trip) }
+                    (None, Some(failure)) => p { (failure) }
+                    (None, None) => {}
+                }
             }
             @match judged.decisive() {
                 Some(evaluation) => {
