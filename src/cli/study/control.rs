@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 /// Carries the study out, writes its figures and prints what was found.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(args, "control")?;
+    let begun = Begun::new(&args.output, "control")?;
     let size = if args.quick { Size::QUICK } else { Size::WHOLE };
     let findings = begun.carried(control(size, args.seed, &begun.told()))?;
     let figures = figures(&findings).into_iter().map(|(name, svg)| (name.to_owned(), svg)).collect();

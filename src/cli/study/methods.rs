@@ -45,7 +45,7 @@ const QUICK: (usize, usize) = (7, 100);
 
 /// How near each method comes against the time of a solve.
 pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.common, "speed-accuracy")?;
+    let begun = Begun::new(&args.common.output, "speed-accuracy")?;
     let trials = match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => vec![read_run(run)?],
         (None, Some(calibration), Some(test)) => {
@@ -71,7 +71,7 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
 
 /// How near each method comes against the number of presses.
 pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(args, "budget")?;
+    let begun = Begun::new(&args.output, "budget")?;
     let size = if args.quick { BudgetSize::QUICK } else { BudgetSize::WHOLE };
     let found = begun.carried(methods::budget(size, args.seed, &begun.told()))?;
     begun.end(budget_figures(&found), found.ndjson(), |out| {
@@ -83,7 +83,7 @@ pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
 
 /// Where each method fails.
 pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(args, "failures")?;
+    let begun = Begun::new(&args.output, "failures")?;
     let size = if args.quick { FailuresSize::QUICK } else { FailuresSize::WHOLE };
     let found = begun.carried(methods::failures(size, args.seed, &begun.told()))?;
     begun.end(failure_figures(&found), found.ndjson(), |out| {

@@ -1,6 +1,8 @@
-//! `palpate study`: measures the force loop, or the methods that solve, in simulation and draws what was found.
+//! `palpate study`: measures the force loop, or the methods that solve, in simulation, or computes what an array can tell, and
+//! draws what was found.
 
 mod control;
+mod curves;
 mod methods;
 
 use super::exit::Failure;
@@ -18,9 +20,10 @@ Examples:
   palpate study control
   palpate study speed-accuracy runs/paper
   palpate study budget --out budget-2 --json
-  palpate study failures --quick";
+  palpate study failures --quick
+  palpate study curves --rig rigs/sim.toml";
 
-/// Measure strategies of the force loop, or methods that solve, and draw what was found
+/// Measure strategies of the force loop, methods that solve, or an array's design, and draw what was found
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -38,23 +41,32 @@ enum Study {
     Budget(Common),
     /// Where each method fails, and whether it says so, a minute or two
     Failures(Common),
+    /// How alike two contacts read: the paper's claims, or how good an array is, in less than a second
+    Curves(curves::Args),
 }
 
-/// What every study is told.
+/// What every study is told that draws at random.
 #[derive(Debug, clap::Args)]
 struct Common {
-    /// The folder to make for figures and rows [default: study-NAME]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Print one JSON object for each row, not a summary
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
     /// Little of each: a first look in seconds, whose numbers mean little
     #[arg(long)]
     quick: bool,
     /// What specimens, contacts and all noise are drawn from
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+}
+
+/// Where what was found goes.
+#[derive(Debug, clap::Args)]
+struct Output {
+    /// The folder to make for figures and rows [default: study-NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print one JSON object for each row, not a summary
+    #[arg(long)]
+    json: bool,
 }
 
 /// Carries a study out, writes its figures and prints what was found.
@@ -64,6 +76,7 @@ pub fn study(args: &Args) -> Result<ExitCode, Failure> {
         Study::SpeedAccuracy(args) => methods::speed_accuracy(args),
         Study::Budget(args) => methods::budget(args),
         Study::Failures(args) => methods::failures(args),
+        Study::Curves(args) => curves::study(args),
     }
 }
 
@@ -76,7 +89,7 @@ struct Begun {
 
 impl Begun {
     /// Looks whether the folder is free, before anything is computed.
-    fn new(args: &Common, name: &str) -> Result<Begun, Failure> {
+    fn new(args: &Output, name: &str) -> Result<Begun, Failure> {
         let out = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
         if out.symlink_metadata().is_ok() {
             return Err(Failure::dataset(DatasetError::Exists { path: out }));

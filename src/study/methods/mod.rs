@@ -2,11 +2,11 @@
 
 mod budget;
 mod conditions;
-mod cramer_rao;
+pub(super) mod cramer_rao;
 mod failures;
 mod figures;
 mod recorded;
-mod specimen;
+pub(super) mod specimen;
 mod speed_accuracy;
 mod trial;
 

@@ -1,0 +1,225 @@
+//! `palpate study curves`: the paper's numerical study, and any array put through the same.
+
+use super::{Begun, Output, number};
+use crate::cli::exit::Failure;
+use crate::cli::sources::read_rig;
+use crate::document;
+use crate::mechanics::{Medium, Passage};
+use crate::scene::{Elastomer, SkinSpec};
+use crate::study::curves::{
+    ASSUMED_SD, Area, Claim, Curves, Design, DesignError, Findings, NEAR_R, Turning, curves, design_figures, figures,
+};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate study curves
+  palpate study curves --rig rigs/sim.toml
+  palpate study curves --rig mine.toml --depth-mm 4 --area-mm -5 5 -5 5
+
+Without a rig: the paper's lines of units, and its claims held against what is computed.
+With one: where its units are, how deep, under what; nothing is moved or opened.";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// Study this rig's array in place of the paper's lines
+    #[arg(long, value_name = "RIG")]
+    rig: Option<PathBuf>,
+    /// Put the array under a half-space, its units so deep; for a rig without an elastomer, or in place of its own
+    #[arg(long, value_name = "MM", value_parser = depth, requires = "rig")]
+    depth_mm: Option<f64>,
+    /// Where contacts may be [default: the units' box and a third of the pitch around]
+    #[arg(long, num_args = 4, value_names = ["X0", "X1", "Y0", "Y1"], value_parser = coordinate,
+        allow_negative_numbers = true, requires = "rig")]
+    area_mm: Option<Vec<f64>>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Width of what is printed, and of its first column.
+const COLUMNS: usize = 80;
+const FIRST: usize = 20;
+/// Largest depth and coordinate, mm: those of a rig file.
+const DEPTH_MAX_MM: f64 = 1000.0;
+const COORDINATE_MAX_MM: f64 = 10_000.0;
+
+/// Carries the study out, writes its figures and prints what was found.
+pub fn study(args: &Args) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(&args.output, "curves")?;
+    match &args.rig {
+        None => {
+            let found = curves();
+            begun.end(figures(&found), found.ndjson(), |out| summary(&found) + &ended(out))
+        }
+        Some(rig) => {
+            let found = design(rig, args)?.study();
+            begun.end(design_figures(&found), found.ndjson(), |out| design_summary(&found) + &ended(out))
+        }
+    }
+}
+
+fn design(path: &Path, args: &Args) -> Result<Design, Failure> {
+    let (text, rig) = read_rig(path)?;
+    // a rig without a scene is simulated as the paper's: that says nothing of its own array
+    let names_scene = document::read("", &text, |root| {
+        root.leave_the_rest();
+        Some(root.has("scene"))
+    });
+    let mut skin = if names_scene.unwrap_or(false) { rig.scene.skin } else { SkinSpec::default() };
+    if let Some(depth_mm) = args.depth_mm {
+        skin.elastomer = Some(Elastomer::half_space(depth_mm));
+    }
+    let area = args.area_mm.as_deref().map(area).transpose()?;
+    Design::new(&rig.array.layout, &skin, rig.limits.force_n, area).map_err(|error| {
+        let help = match error {
+            DesignError::NoDepth => "say it: --depth-mm 5",
+            DesignError::OneUnit | DesignError::SamePlace(..) => "see [array] of the rig: grid or places_mm",
+            DesignError::Radius { .. } => "see indenter and taxels in the rig's [scene]",
+        };
+        Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
+    })
+}
+
+fn area(ends: &[f64]) -> Result<Area, Failure> {
+    match *ends {
+        [x0, x1, y0, y1] if x0 < x1 && y0 < y1 => Ok(Area { x_mm: (x0, x1), y_mm: (y0, y1) }),
+        _ => {
+            let help = "first the least and the largest x, then y: --area-mm -6 6 -6 6";
+            Err(Failure::usage(miette::miette!(help = help, "--area-mm: an area without any inside")))
+        }
+    }
+}
+
+fn depth(text: &str) -> Result<f64, String> {
+    let within = |mm: &f64| *mm > 0.0 && *mm <= DEPTH_MAX_MM;
+    text.parse().ok().filter(within).ok_or_else(|| format!("expected a number in mm, over 0, at most {DEPTH_MAX_MM}"))
+}
+
+fn coordinate(text: &str) -> Result<f64, String> {
+    let within = |mm: &f64| mm.abs() <= COORDINATE_MAX_MM;
+    text.parse().ok().filter(within).ok_or_else(|| format!("expected a number in mm, up to {COORDINATE_MAX_MM}"))
+}
+
+/// What became of each claim.
+fn summary(found: &Curves) -> String {
+    let mut text = "the paper's numerical study; distances in depths H unless in mm\n\n".to_owned();
+    for Claim { told, verdict, found, .. } in &found.claims {
+        text += &told_line(verdict.name(), told);
+        text += &told_line("", found);
+    }
+    text + "\n"
+}
+
+/// What was found of an array.
+fn design_summary(found: &Findings) -> String {
+    let Findings { passage, area, survey, .. } = found;
+    let mut text = String::new();
+    let mut line = |name: &str, told: String| text += &told_line(name, &told);
+    line("array", format!("{} units, pitch {:.3} mm, {}", found.units, found.pitch_mm, under(passage)));
+    let ((x0, x1), (y0, y1)) = (area.x_mm, area.y_mm);
+    line("area", format!("x {x0:.2} to {x1:.2}, y {y0:.2} to {y1:.2} mm"));
+    let depths = |mm: f64| mm / passage.depth_mm;
+    line(
+        "receptive field",
+        format!(
+            "half its peak at {:.3} mm = {:.2} H, under 1 % from {:.2} mm = {:.2} H on; {:.2} % at 2 H",
+            found.half_peak_mm,
+            depths(found.half_peak_mm),
+            found.hundredth_mm,
+            depths(found.hundredth_mm),
+            100.0 * found.share_at_two_depths
+        ),
+    );
+    for (name, told) in ["the paper's rule", ""].into_iter().zip(rule(found)) {
+        line(name, told);
+    }
+    line(
+        "r turns",
+        match &survey.first {
+            None => format!("nowhere: none of {} ways over the area", survey.rays),
+            Some(first) => format!(
+                "from {:.2} mm = {:.2} H on: {}; {:.1} % of {} ways over the area turn",
+                first.distance_mm,
+                depths(first.distance_mm),
+                way(first),
+                100.0 * survey.share_turned(),
+                survey.rays
+            ),
+        },
+    );
+    line(
+        &format!("r = {NEAR_R} at"),
+        match survey.near_median_and_worst() {
+            None => "nowhere in the area".to_owned(),
+            Some((median_mm, worst)) => {
+                format!("{median_mm:.3} mm, median; {:.3} mm at worst, {}", worst.distance_mm, way(&worst))
+            }
+        },
+    );
+    let noise = if found.noise_is_assumed {
+        format!(
+            "the rig names no noise, so an sd of {ASSUMED_SD} of the reading for 1 N (the mean of the paper's Table 1)"
+        )
+    } else {
+        "with the rig's own noise".to_owned()
+    };
+    line(
+        "least error",
+        match &found.least {
+            None => "none: there are contacts whose place and force the units don't tell".to_owned(),
+            Some(least) => format!(
+                "{} mm and {} N, mean over the area and 0.1 to 1 N (Cramér-Rao); {noise}",
+                number(Some(least.location_mm), 4),
+                number(Some(least.force_n), 4)
+            ),
+        },
+    );
+    text + "\n"
+}
+
+/// What the units lie under, and what presses and reads.
+fn under(passage: &Passage) -> String {
+    let Passage { medium, depth_mm, indenter_radius_mm, taxel_radius_mm } = passage;
+    let mut text = match medium {
+        Medium::HalfSpace => format!("{depth_mm} mm deep in a half-space"),
+        Medium::BondedLayer { poisson_ratio } => {
+            format!("under a bonded layer of {depth_mm} mm, Poisson's ratio {poisson_ratio}")
+        }
+    };
+    for (what, radius_mm) in [("indenter", indenter_radius_mm), ("taxels", taxel_radius_mm)] {
+        if *radius_mm > 0.0 {
+            let _ = write!(text, ", {what} of radius {radius_mm} mm");
+        }
+    }
+    text
+}
+
+/// What the paper's rule says of it: of units, and of their spacing.
+fn rule(found: &Findings) -> [String; 2] {
+    let (enough, near_enough) = found.keeps_rule();
+    let word = |kept: bool| if kept { "kept" } else { "not kept" };
+    let line = if found.row_is_column { "column" } else { "row" };
+    [
+        format!("n >= 5: {}, n = {} on the {line} through the middle", word(enough), found.row_units),
+        format!("s <= 1: {}, s = {:.3}", word(near_enough), found.spacing),
+    ]
+}
+
+fn way(turning: &Turning) -> String {
+    let Turning { from, direction_rad, .. } = turning;
+    format!("from ({:.2}, {:.2}) mm at {:.3} rad", from.x_mm, from.y_mm, direction_rad)
+}
+
+/// A name, and beside it words over as many lines as they need.
+fn told_line(name: &str, told: &str) -> String {
+    let lines = textwrap::wrap(told, COLUMNS - FIRST);
+    let first = |index: usize| if index == 0 { name } else { "" };
+    lines.iter().enumerate().map(|(index, line)| format!("{:<FIRST$}{line}\n", first(index))).collect()
+}
+
+fn ended(out: &Path) -> String {
+    format!("figures and rows: {}\n", out.display())
+}

@@ -1,0 +1,184 @@
+//! Units over a plane, and how alike what they read of two contacts is.
+
+use crate::mechanics::{Passage, Response};
+use crate::quantity::{ArrayLayout, Place};
+use crate::solver::correlation;
+
+/// Readings whose variance is less than this share of their power are all alike: a table knows no better.
+const ALIKE: f64 = 1e-13;
+
+/// An array: where its units are, and what each reads of a contact.
+///
+/// The paper's line of units is one too: it lies along x under a half-space whose depth is 1 mm, so that a distance in mm is one
+/// in depths H.
+#[derive(Clone, Debug)]
+pub struct Array {
+    places: Vec<Place>,
+    response: Response,
+}
+
+impl Array {
+    /// Units of a layout that all read the same of a contact at the same distance.
+    pub fn new(layout: &ArrayLayout, response: Response) -> Array {
+        Array { places: layout.places().to_vec(), response }
+    }
+
+    /// The paper's line: `units` units from 0 on, `spacing` depths apart.
+    pub fn line(units: usize, spacing: f64) -> Array {
+        let places = (0..units).map(|unit| Place::new(unit as f64 * spacing, 0.0)).collect();
+        Array { places, response: Response::new(Passage::half_space(1.0)) }
+    }
+
+    /// Where its units are.
+    pub fn places(&self) -> &[Place] {
+        &self.places
+    }
+
+    /// What a unit reads.
+    pub fn response(&self) -> &Response {
+        &self.response
+    }
+
+    /// Pearson's r of two contacts; none where it is 0/0.
+    pub fn r(&self, first: Place, second: Place) -> Option<f64> {
+        let readings = |at: Place| self.places.iter().map(|unit| self.response.at(at.distance_mm(*unit))).collect();
+        let (first, second): (Vec<f64>, Vec<f64>) = (readings(first), readings(second));
+        correlation(&first, &second)
+    }
+
+    /// The coefficient c of r = 1 - c d^2 (d in mm) for a small distance d from a contact in a direction: half the square of how
+    /// fast the pattern turns. None where there is no pattern.
+    pub fn bend(&self, at: Place, direction_rad: f64) -> Option<f64> {
+        let sums = self.sums(at, direction_rad, |_| 0.0);
+        let power = sums.power()?;
+        let growth = sums.products / power;
+        let turned = sums.slopes_squared / power - growth * growth;
+        Some(turned.max(0.0) / 2.0)
+    }
+
+    /// A first contact, held fast; none where all units read the same of it.
+    pub fn aim(&self, first: Place) -> Option<Aim<'_>> {
+        let mut pattern: Vec<f64> = self.places.iter().map(|unit| self.response.at(first.distance_mm(*unit))).collect();
+        let power = self.sums(first, 0.0, |_| 0.0).power()?;
+        let mean = pattern.iter().sum::<f64>() / pattern.len() as f64;
+        pattern.iter_mut().for_each(|value| *value = (*value - mean) / power.sqrt());
+        Some(Aim { array: self, pattern })
+    }
+
+    /// All that r, its slope and its bend are made of, in one pass over the units.
+    #[inline]
+    fn sums(&self, at: Place, direction_rad: f64, weight: impl Fn(usize) -> f64) -> Sums {
+        let (sin, cos) = direction_rad.sin_cos();
+        let mut sums = Sums { count: self.places.len() as f64, ..Sums::default() };
+        let (mut slope_sum, mut slope_square_sum, mut product_sum) = (0.0, 0.0, 0.0);
+        for (index, unit) in self.places.iter().enumerate() {
+            let (x_mm, y_mm) = (at.x_mm - unit.x_mm, at.y_mm - unit.y_mm);
+            let distance_mm = (x_mm * x_mm + y_mm * y_mm).sqrt();
+            let (reading, per_mm) = self.response.with_slope(distance_mm);
+            // straight above a unit its reading is at a peak
+            let slope = if distance_mm > 0.0 { per_mm * (x_mm * cos + y_mm * sin) / distance_mm } else { 0.0 };
+            sums.readings += reading;
+            sums.squares += reading * reading;
+            slope_sum += slope;
+            slope_square_sum += slope * slope;
+            product_sum += reading * slope;
+            let weight = weight(index);
+            sums.along += weight * reading;
+            sums.along_slopes += weight * slope;
+        }
+        sums.products = product_sum - sums.readings * slope_sum / sums.count;
+        sums.slopes_squared = slope_square_sum - slope_sum * slope_sum / sums.count;
+        sums
+    }
+}
+
+/// Sums over the units at one contact: of readings, and of what they change by per mm in a direction.
+#[derive(Default)]
+struct Sums {
+    count: f64,
+    readings: f64,
+    squares: f64,
+    /// Of slopes, less their mean, squared.
+    slopes_squared: f64,
+    /// Of readings times slopes, each less its mean.
+    products: f64,
+    /// Of readings, and of slopes, times the other contact's pattern.
+    along: f64,
+    along_slopes: f64,
+}
+
+impl Sums {
+    /// The sum of the squares of the readings less their mean; none where they are all alike.
+    fn power(&self) -> Option<f64> {
+        let power = self.squares - self.readings * self.readings / self.count;
+        (power > ALIKE * self.squares).then_some(power)
+    }
+}
+
+/// One contact, against which others are held: its readings less their mean, of length 1.
+pub struct Aim<'a> {
+    array: &'a Array,
+    pattern: Vec<f64>,
+}
+
+impl Aim<'_> {
+    /// r of a second contact, and what r changes by in a millimetre of its way; none where all units read the same of it.
+    pub fn r_and_slope(&self, second: Place, direction_rad: f64) -> Option<(f64, f64)> {
+        let sums = self.array.sums(second, direction_rad, |unit| self.pattern[unit]);
+        let power = sums.power()?;
+        // the pattern is centred, so that it needs no centred readings beside it
+        let r = sums.along / power.sqrt();
+        Some((r, sums.along_slopes / power.sqrt() - r * sums.products / power))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanics::Medium;
+
+    fn arrays() -> [Array; 3] {
+        let passage = Passage { indenter_radius_mm: 0.5, taxel_radius_mm: 1.0, ..Passage::half_space(5.0) };
+        let layer = Passage { medium: Medium::BondedLayer { poisson_ratio: 0.49 }, ..passage };
+        let grid = ArrayLayout::grid(3, 3, 4.5);
+        [Array::line(9, 1.0), Array::new(&grid, Response::new(passage)), Array::new(&grid, Response::new(layer))]
+    }
+
+    #[test]
+    fn r_is_the_solvers_and_its_slope_is_what_it_changes_by() {
+        for array in arrays() {
+            let first = Place::new(0.7, 0.3);
+            let aim = array.aim(first).unwrap();
+            for (x_mm, y_mm, direction_rad) in [(1.5, -0.4, 0.0), (0.1, 0.9, 1.0), (2.9, 0.2, 4.0f64)] {
+                let at =
+                    |along: f64| Place::new(x_mm + along * direction_rad.cos(), y_mm + along * direction_rad.sin());
+                let r = |along: f64| array.r(first, at(along)).unwrap();
+                let (found, slope) = aim.r_and_slope(at(0.0), direction_rad).unwrap();
+                assert!((found - r(0.0)).abs() < 1e-11, "{found} {}", r(0.0));
+                let directly = (r(1e-4) - r(-1e-4)) / 2e-4;
+                assert!((slope - directly).abs() < 2e-6, "{slope} {directly}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_bend_is_that_of_r() {
+        for array in arrays() {
+            for direction_rad in [0.0, 2.0f64] {
+                let first = Place::new(0.7, 0.3);
+                let near = Place::new(0.7 + 0.01 * direction_rad.cos(), 0.3 + 0.01 * direction_rad.sin());
+                let (bend, r) = (array.bend(first, direction_rad).unwrap(), array.r(first, near).unwrap());
+                assert!(((1.0 - r) / 1e-4 / bend - 1.0).abs() < 0.05, "{bend} {r}");
+            }
+        }
+    }
+
+    #[test]
+    fn where_all_units_read_the_same_there_is_no_r() {
+        let two = Array::line(2, 1.0);
+        assert!(two.aim(Place::new(0.5, 0.0)).is_none());
+        assert_eq!(two.bend(Place::new(0.5, 0.0), 0.0), None);
+        assert_eq!(two.r(Place::default(), Place::new(0.5, 0.0)), None);
+        assert!(two.aim(Place::default()).unwrap().r_and_slope(Place::new(0.5, 0.0), 0.0).is_none());
+    }
+}

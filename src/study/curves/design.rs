@@ -1,0 +1,383 @@
+//! Any array put through the paper's study: how far it sees, how well it tells two places apart, and where r misleads.
+
+use super::array::Array;
+use super::row;
+use super::turning::{Area, Survey, last, spread};
+use crate::mechanics::{MOST_RADIUS_DEPTHS, Medium, Passage, Response};
+use crate::quantity::{ArrayLayout, Place};
+use crate::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels};
+use crate::study::methods::cramer_rao::{self, bound};
+use crate::study::methods::specimen::FORCES_N;
+use serde::Serialize;
+use serde_json::json;
+use thiserror::Error;
+
+/// Standard deviation of a unit's error where a rig names no noise, reading units: the mean of the paper's Table 1 over three, of
+/// 2 N.
+pub const ASSUMED_SD: f64 = 0.0129;
+/// The loading area goes beyond the outermost units by this share of the pitch, as the paper's does.
+const MARGIN: f64 = 1.0 / 3.0;
+/// What the paper's rule asks of a line: units, and spacing in depths.
+const RULE: (usize, f64) = (5, 1.0);
+/// Units this much of a pitch off a line are on it.
+const ON_LINE: f64 = 0.25;
+/// First contacts along the row, and points of each curve.
+const STARTS: usize = 6;
+const POINTS: usize = 240;
+/// Readings that are computed for the ways over the area, at most, and ways at least.
+const READINGS: f64 = 3e6;
+const RAYS: (usize, usize) = (400, 8000);
+/// Contacts over which the bound is a mean.
+const CONTACTS: usize = 2000;
+/// How far the receptive field is drawn, depths.
+const FIELD_TO: f64 = 3.0;
+
+/// Why an array can't be studied.
+#[derive(Debug, Error, PartialEq)]
+pub enum DesignError {
+    /// One unit has no pattern.
+    #[error("an array of one unit: r compares how several units read")]
+    OneUnit,
+    /// Two units at one place have no pitch.
+    #[error("units {0} and {1} are at the same place")]
+    SamePlace(usize, usize),
+    /// Nothing says how deep the units are.
+    #[error("nothing says how deep the units are: the rig names no elastomer")]
+    NoDepth,
+    /// Too large to be computed with.
+    #[error(
+        "an indenter or a taxel has a radius of {radius_mm} mm, over {MOST_RADIUS_DEPTHS} times the depth of {depth_mm} mm"
+    )]
+    Radius {
+        /// Its radius, mm.
+        radius_mm: f64,
+        /// The units' depth, mm.
+        depth_mm: f64,
+    },
+}
+
+/// An array as it is designed: every unit where it should be, and all alike.
+#[derive(Clone, Debug)]
+pub struct Design {
+    layout: ArrayLayout,
+    skin: SkinSpec,
+    elastomer: Elastomer,
+    full_scale_n: f64,
+    pitch_mm: f64,
+    area: Area,
+    noise_is_assumed: bool,
+}
+
+/// r along the row through the middle, from one first contact.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Course {
+    /// Where the first contact is along the row, mm.
+    pub first_mm: f64,
+    /// Where the second is along it, mm, and r; none where r is 0/0.
+    pub points: Vec<(f64, Option<f64>)>,
+}
+
+/// The least errors of any method, on average over area and forces (Cramer and Rao).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Least {
+    /// Mean distance, mm.
+    pub location_mm: f64,
+    /// Mean force error, N.
+    pub force_n: f64,
+}
+
+/// What was found of a design.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Findings {
+    /// How many units there are.
+    pub units: usize,
+    /// The smallest distance between two of them, mm.
+    pub pitch_mm: f64,
+    /// What they lie under.
+    pub passage: Passage,
+    /// The pitch in depths: the paper's s.
+    pub spacing: f64,
+    /// Where contacts may be.
+    pub area: Area,
+    /// Units on the row (or column) through the middle, the paper's n.
+    pub row_units: usize,
+    /// Whether that row is along y.
+    pub row_is_column: bool,
+    /// Where a reading is half its peak, mm.
+    pub half_peak_mm: f64,
+    /// From where on it is under a hundredth of its peak, mm.
+    pub hundredth_mm: f64,
+    /// What is left of the peak at two depths.
+    pub share_at_two_depths: f64,
+    /// Reading over peak, by distance, mm.
+    pub field: Vec<(f64, f64)>,
+    /// The same of a point load over a point in a half-space of the same depth.
+    pub half_space_field: Vec<(f64, f64)>,
+    /// r along the row through the middle.
+    pub courses: Vec<Course>,
+    /// r over the area.
+    pub survey: Survey,
+    /// None: there are contacts whose place and force the units don't tell.
+    pub least: Option<Least>,
+    /// Whether the rig names no noise, so that [`ASSUMED_SD`] was taken.
+    pub noise_is_assumed: bool,
+}
+
+impl Design {
+    /// The design of an array. Of the skin counts what belongs to a design: elastomer, indenter and taxel size, noise,
+    /// converter; no specimen's spread and no fault.
+    ///
+    /// # Errors
+    /// An array whose r or whose response there isn't.
+    pub fn new(
+        layout: &ArrayLayout,
+        skin: &SkinSpec,
+        full_scale_n: f64,
+        area: Option<Area>,
+    ) -> Result<Design, DesignError> {
+        let pitch_mm = pitch_mm(layout.places())?;
+        let elastomer = skin.elastomer.ok_or(DesignError::NoDepth)?;
+        let (radius_mm, depth_mm) = (skin.indenter_radius_mm.max(skin.taxels.radius_mm), elastomer.depth_mm);
+        if radius_mm > MOST_RADIUS_DEPTHS * depth_mm {
+            return Err(DesignError::Radius { radius_mm, depth_mm });
+        }
+        let assumed =
+            || TaxelNoise { repeatability_percent: vec![0.0; layout.len()], of: NoiseOf::FullScale, floor: ASSUMED_SD };
+        let designed = SkinSpec {
+            elastomer: Some(elastomer),
+            indenter_radius_mm: skin.indenter_radius_mm,
+            taxels: Taxels { radius_mm: skin.taxels.radius_mm, ..Taxels::default() },
+            noise: skin.noise.clone().or_else(|| Some(assumed())),
+            converter: skin.converter,
+            ..SkinSpec::default()
+        };
+        Ok(Design {
+            layout: layout.clone(),
+            skin: designed,
+            elastomer,
+            full_scale_n,
+            pitch_mm,
+            area: area.unwrap_or_else(|| Area::around(layout.places(), MARGIN * pitch_mm)),
+            noise_is_assumed: skin.noise.is_none(),
+        })
+    }
+
+    /// Carries the study out.
+    pub fn study(&self) -> Findings {
+        let Elastomer { depth_mm, medium } = self.elastomer;
+        let passage = Passage {
+            medium,
+            depth_mm,
+            indenter_radius_mm: self.skin.indenter_radius_mm,
+            taxel_radius_mm: self.skin.taxels.radius_mm,
+        };
+        let array = Array::new(&self.layout, Response::new(passage));
+        let response = array.response();
+        let share = |response: &Response, mm: f64| response.at(mm) / response.at(0.0);
+        let far_mm = |least: f64| {
+            // a layer's reading may come up again: the last of all distances counts
+            let steps = (0..=2000).map(|step| 0.01 * f64::from(step) * depth_mm);
+            let above = steps.filter(|mm| share(response, *mm) > least).last().unwrap_or(0.0);
+            last(above, above + 0.01 * depth_mm, |mm| share(response, mm) > least)
+        };
+        let field = |response: &Response| {
+            let distances = (0..=POINTS).map(|point| FIELD_TO * depth_mm * point as f64 / POINTS as f64);
+            distances.map(|mm| (mm, share(response, mm))).collect()
+        };
+        let (row, row_is_column) = self.row();
+        Findings {
+            units: self.layout.len(),
+            pitch_mm: self.pitch_mm,
+            passage,
+            spacing: self.pitch_mm / depth_mm,
+            area: self.area,
+            row_units: row.len(),
+            row_is_column,
+            half_peak_mm: far_mm(0.5),
+            hundredth_mm: far_mm(0.01),
+            share_at_two_depths: share(response, 2.0 * depth_mm),
+            field: field(response),
+            half_space_field: field(&Response::new(Passage::half_space(depth_mm))),
+            courses: self.courses(&array, &row, row_is_column),
+            survey: Survey::new(&array, &self.area, self.pitch_mm, self.rays()),
+            least: self.least(),
+            noise_is_assumed: self.noise_is_assumed,
+        }
+    }
+
+    /// The units on a line along x or y with the unit in the middle, whichever line has more.
+    fn row(&self) -> (Vec<Place>, bool) {
+        let places = self.layout.places();
+        let middle = Area::around(places, 0.0).at(0.5, 0.5);
+        let nearest = places.iter().min_by(|a, b| a.distance_mm(middle).total_cmp(&b.distance_mm(middle)));
+        let Some(centre) = nearest.copied() else { return (Vec::new(), false) };
+        let on_line = |off_mm: &dyn Fn(&Place) -> f64| -> Vec<Place> {
+            places.iter().filter(|place| off_mm(place).abs() < ON_LINE * self.pitch_mm).copied().collect()
+        };
+        let row = on_line(&|place| place.y_mm - centre.y_mm);
+        let column = on_line(&|place| place.x_mm - centre.x_mm);
+        if column.len() > row.len() { (column, true) } else { (row, false) }
+    }
+
+    /// r along the row, from first contacts that are evenly spread from edge to edge.
+    fn courses(&self, array: &Array, row: &[Place], is_column: bool) -> Vec<Course> {
+        let mean = |along: fn(&Place) -> f64| row.iter().map(along).sum::<f64>() / row.len().max(1) as f64;
+        let beside_mm = if is_column { mean(|place| place.x_mm) } else { mean(|place| place.y_mm) };
+        let (from, to) = if is_column { self.area.y_mm } else { self.area.x_mm };
+        let at = |along: f64| if is_column { Place::new(beside_mm, along) } else { Place::new(along, beside_mm) };
+        let between = |index: usize, last: usize| from + (to - from) * index as f64 / last as f64;
+        let starts = (0..STARTS).map(|start| between(start, STARTS - 1));
+        let point = |first_mm: f64, mm: f64| (mm, array.r(at(first_mm), at(mm)));
+        let course = |first_mm: f64| Course {
+            first_mm,
+            points: (0..=POINTS).map(|index| point(first_mm, between(index, POINTS))).collect(),
+        };
+        starts.map(course).collect()
+    }
+
+    /// As many ways as a large array leaves time for.
+    fn rays(&self) -> usize {
+        let Area { x_mm, y_mm } = self.area;
+        let step_mm = self.pitch_mm.min(self.elastomer.depth_mm) / 20.0;
+        let readings_a_ray = self.layout.len() as f64 * (x_mm.1 - x_mm.0).hypot(y_mm.1 - y_mm.0) / (2.0 * step_mm);
+        ((READINGS / readings_a_ray) as usize).clamp(RAYS.0, RAYS.1)
+    }
+
+    fn least(&self) -> Option<Least> {
+        let skin = Skin::new(&self.skin, &self.layout, self.full_scale_n, 0);
+        let of_contact = |contact: usize| {
+            let [across, up, hard] = spread(contact);
+            let force_n = FORCES_N.0 + hard * (FORCES_N.1 - FORCES_N.0);
+            bound(&skin, &self.skin, self.full_scale_n, self.area.at(across, up), force_n)
+        };
+        let cramer_rao::Least { location_mm, force_n } = cramer_rao::Least::mean((1..=CONTACTS).map(of_contact))?;
+        Some(Least { location_mm, force_n })
+    }
+}
+
+impl Findings {
+    /// Whether the paper's rule is kept: enough units on the row, and near enough to each other.
+    pub fn keeps_rule(&self) -> (bool, bool) {
+        (self.row_units >= RULE.0, self.spacing <= RULE.1)
+    }
+
+    /// Whether all units lie under a point load in a half-space, as in the paper.
+    pub fn is_papers(&self) -> bool {
+        self.passage == Passage::half_space(self.passage.depth_mm)
+    }
+
+    /// One JSON object a line: what was found, then every point of every curve.
+    pub fn ndjson(&self) -> String {
+        let Passage { medium, depth_mm, indenter_radius_mm, taxel_radius_mm } = self.passage;
+        let poisson_ratio = match medium {
+            Medium::HalfSpace => None,
+            Medium::BondedLayer { poisson_ratio } => Some(poisson_ratio),
+        };
+        let near = self.survey.near_median_and_worst();
+        let (enough, near_enough) = self.keeps_rule();
+        let found = json!({
+            "units": self.units,
+            "row_units": self.row_units,
+            "pitch_mm": self.pitch_mm,
+            "depth_mm": depth_mm,
+            "bonded_poisson_ratio": poisson_ratio,
+            "indenter_radius_mm": indenter_radius_mm,
+            "taxel_radius_mm": taxel_radius_mm,
+            "spacing": self.spacing,
+            "area": self.area,
+            "enough_units": enough,
+            "near_enough": near_enough,
+            "half_peak_mm": self.half_peak_mm,
+            "hundredth_mm": self.hundredth_mm,
+            "share_at_two_depths": self.share_at_two_depths,
+            "first_turning": self.survey.first,
+            "rays": self.survey.rays,
+            "share_of_rays_turned": self.survey.share_turned(),
+            "near_median_mm": near.map(|(median_mm, _)| median_mm),
+            "near_worst": near.map(|(_, worst)| worst),
+            "location_bound_mm": self.least.map(|least| least.location_mm),
+            "force_bound_n": self.least.map(|least| least.force_n),
+            "noise_is_assumed": self.noise_is_assumed,
+        });
+        let field = self.field.iter().map(|(mm, share)| row("field", &json!({"distance_mm": mm, "share": share})));
+        let points = self.courses.iter().flat_map(|Course { first_mm, points }| {
+            points.iter().map(move |(mm, r)| row("course", &json!({"first_mm": first_mm, "second_mm": mm, "r": r})))
+        });
+        std::iter::once(row("array", &found)).chain(field).chain(points).collect()
+    }
+}
+
+/// The smallest distance between two units, mm.
+fn pitch_mm(places: &[Place]) -> Result<f64, DesignError> {
+    let mut least_mm = f64::INFINITY;
+    for (second, place) in places.iter().enumerate() {
+        for (first, other) in places[..second].iter().enumerate() {
+            let distance_mm = place.distance_mm(*other);
+            if distance_mm == 0.0 {
+                return Err(DesignError::SamePlace(first + 1, second + 1));
+            }
+            least_mm = least_mm.min(distance_mm);
+        }
+    }
+    if least_mm.is_finite() { Ok(least_mm) } else { Err(DesignError::OneUnit) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn skin() -> SkinSpec {
+        SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() }
+    }
+
+    fn design(layout: &ArrayLayout) -> Result<Design, DesignError> {
+        Design::new(layout, &skin(), 2.0, None)
+    }
+
+    #[test]
+    fn the_papers_area_is_that_of_its_layout() {
+        let papers = design(&ArrayLayout::grid(3, 3, 4.5)).unwrap();
+        assert_eq!(papers.area, Area { x_mm: (-6.0, 6.0), y_mm: (-6.0, 6.0) });
+        assert_eq!((papers.pitch_mm, papers.row().0.len()), (4.5, 3));
+    }
+
+    #[test]
+    fn the_row_is_the_longer_line_through_the_middle() {
+        let tall = design(&ArrayLayout::grid(5, 2, 4.0)).unwrap();
+        assert!(matches!(tall.row(), (row, true) if row.len() == 5));
+        let slanted = (0..4).map(|unit| Place::new(3.0 * f64::from(unit), 0.1 * f64::from(unit))).collect();
+        let slanted = design(&ArrayLayout::from_places(slanted)).unwrap();
+        assert!(matches!(slanted.row(), (row, false) if row.len() == 4));
+    }
+
+    #[test]
+    fn what_has_no_r_is_refused() {
+        let refusal = |layout: ArrayLayout| design(&layout).err();
+        assert_eq!(refusal(ArrayLayout::grid(1, 1, 4.5)), Some(DesignError::OneUnit));
+        let places = vec![Place::new(1.0, 2.0), Place::default(), Place::new(1.0, 2.0)];
+        assert_eq!(refusal(ArrayLayout::from_places(places)), Some(DesignError::SamePlace(1, 3)));
+        let grid = ArrayLayout::grid(2, 2, 1.0);
+        assert_eq!(Design::new(&grid, &SkinSpec::default(), 2.0, None).err(), Some(DesignError::NoDepth));
+        let wide = SkinSpec { indenter_radius_mm: 10.1, ..skin() };
+        let refused = Some(DesignError::Radius { radius_mm: 10.1, depth_mm: 5.0 });
+        assert_eq!(Design::new(&grid, &wide, 2.0, None).err(), refused);
+    }
+
+    #[test]
+    fn a_specimens_spread_and_faults_are_no_part_of_a_design() {
+        let mut spread = skin();
+        spread.taxels.gain_spread_percent = 20.0;
+        spread.faults = vec![crate::scene::TaxelFault { unit: 5, kind: crate::scene::TaxelFaultKind::Dead }];
+        let grid = ArrayLayout::grid(3, 3, 4.5);
+        let found = |skin: &SkinSpec| Design::new(&grid, skin, 2.0, None).unwrap().study().ndjson();
+        assert_eq!(found(&spread), found(&skin()));
+    }
+
+    #[test]
+    fn two_units_have_a_step_and_no_bound() {
+        let found = design(&ArrayLayout::grid(1, 2, 4.5)).unwrap().study();
+        assert_eq!((found.least, found.survey.first), (None, None));
+        assert_eq!(found.keeps_rule(), (false, true));
+        assert!(found.ndjson().contains("\"location_bound_mm\":null"));
+    }
+}

@@ -1,0 +1,280 @@
+//! The paper's Figures 3 to 5, and the two of an array.
+
+use super::line::{Curve, FIGURE_4_TO, Figure as Place};
+use super::{Curves, Findings};
+use crate::chart::{Anchor, Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use crate::mechanics::lambda;
+
+/// A figure: its file's name and the SVG.
+type Drawn = (String, String);
+
+/// Neighbours among the curves differ in colour, and the second with a colour is broken; names at their ends say which is which.
+const HUES: [Hue; 7] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Red, Hue::Teal, Hue::Purple, Hue::Brown];
+/// One panel across; in a grid marks are small.
+const GRID: Option<Grid> = Some(Grid { columns: 1, width_px: 900.0 });
+const HEIGHT_PX: f64 = 460.0;
+/// From the name of one curve to the next, px.
+const NAME_PX: f64 = 14.0;
+/// What is marked on curves.
+const TURNS: &str = "dots: where r turns and rises again";
+
+fn line(index: usize) -> Look {
+    let line = if index < HUES.len() { Line::Solid } else { Line::Dashed };
+    Look { hue: HUES[index % HUES.len()], shape: None, filled: true, line }
+}
+
+fn dot(hue: Hue) -> Look {
+    Look { hue, shape: Some(Shape::Circle), filled: true, line: Line::None }
+}
+
+/// The four figures of the paper.
+pub fn figures(found: &Curves) -> Vec<Drawn> {
+    let drawn = [
+        ("figure-3.svg", figure_3(&found.lambda)),
+        ("figure-4a.svg", figure_4(found, Place::Units)),
+        ("figure-4b.svg", figure_4(found, Place::Spacing)),
+        ("figure-5.svg", figure_5(found)),
+    ];
+    drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
+}
+
+fn figure_3(curve: &[(f64, f64)]) -> Figure {
+    let field = 2.0;
+    let told = format!("{:.1} % of the peak at k = 2", 100.0 * lambda(field));
+    let panel = Panel {
+        x: Axis::linear("k: distance over depth", (0.0, curve.last().map_or(1.0, |(k, _)| *k))),
+        y: Axis::linear("lambda: stress over its peak", (0.0, 1.05)),
+        marks: vec![
+            Mark::At(field, String::new()),
+            Mark::Curve(line(0), curve.to_vec()),
+            Mark::Curve(dot(Hue::Blue), vec![(field, lambda(field))]),
+            Mark::Words((field, lambda(field)), (8.0, -10.0), Anchor::Start, told),
+        ],
+    };
+    Figure {
+        title: "Figure 3: what a unit reads of a point load beside it".to_owned(),
+        subtitle: "elastic half-space: lambda = (k^2 + 1)^(-5/2)".to_owned(),
+        height_px: 320.0,
+        panels: vec![panel],
+        grid: GRID,
+        ..Figure::default()
+    }
+}
+
+fn figure_4(found: &Curves, place: Place) -> Figure {
+    let curves: Vec<&Curve> = found.curves.iter().filter(|curve| curve.figure == place).collect();
+    let y = Axis::linear("Pearson's r", (-1.05, 1.05));
+    let (mut marks, mut ends) = (Vec::new(), Vec::new());
+    for (index, curve) in curves.iter().enumerate() {
+        let look = line(index);
+        marks.extend(joined(look, &curve.points));
+        let turning = curve.turnings()[1].and_then(|d| Some((d, nearest(&curve.points, d)?)));
+        marks.extend(turning.map(|turning| Mark::Curve(dot(look.hue), vec![turning])));
+        let name = match place {
+            Place::Spacing => format!("s = {:.1}", curve.s),
+            _ => format!("n = {}", curve.n),
+        };
+        ends.extend(curve.points.last().and_then(|(d, r)| Some((look, (*d, (*r)?), name))));
+    }
+    marks.extend(named_ends(ends, &y, 0.09));
+    let (title, subtitle) = match place {
+        Place::Spacing => {
+            ("Figure 4b: r by how far apart the units are", "9 units, s H apart at depth H; F1 above the first")
+        }
+        _ => ("Figure 4a: r by how many units there are", "n units, H apart at depth H; F1 above the first"),
+    };
+    Figure {
+        title: title.to_owned(),
+        subtitle: subtitle.to_owned(),
+        height_px: HEIGHT_PX,
+        // room for names at the right
+        panels: vec![Panel {
+            x: Axis::linear("distance from F1 to F2, depths H", (0.0, 1.12 * FIGURE_4_TO)),
+            y,
+            marks,
+        }],
+        grid: GRID,
+        legend: Vec::new(),
+        notes: vec![TURNS.to_owned()],
+    }
+}
+
+fn figure_5(found: &Curves) -> Figure {
+    let curves = found.curves.iter().filter(|curve| curve.figure == Place::Start);
+    let (mut marks, mut to) = (Vec::new(), 0.0f64);
+    for (index, curve) in curves.enumerate() {
+        let look = line(index);
+        marks.extend(joined(look, &curve.points));
+        for (d, sign) in curve.turnings().into_iter().zip([-1.0, 1.0]) {
+            let turning = d.and_then(|d| Some((curve.d1 + sign * d, nearest(&curve.points, curve.d1 + sign * d)?)));
+            marks.extend(turning.map(|turning| Mark::Curve(dot(look.hue), vec![turning])));
+        }
+        marks.push(Mark::Words((curve.d1, 1.0), (0.0, -8.0), Anchor::Middle, format!("d1 = {}", curve.d1)));
+        to = curve.points.last().map_or(to, |(d2, _)| to.max(*d2));
+    }
+    Figure {
+        title: "Figure 5: r by where the first contact is".to_owned(),
+        subtitle: "9 units at 0 to 8, H apart at depth H; F1 at d1".to_owned(),
+        height_px: HEIGHT_PX,
+        panels: vec![Panel {
+            x: Axis::linear("d2: where F2 is, depths H", (-0.25, to + 0.25)),
+            y: r_axis(found.curves.iter().filter(|curve| curve.figure == Place::Start).flat_map(|curve| &curve.points)),
+            marks,
+        }],
+        grid: GRID,
+        legend: Vec::new(),
+        notes: vec![TURNS.to_owned()],
+    }
+}
+
+/// What a rig's array reads beside a contact, and r along its row.
+pub fn design_figures(found: &Findings) -> Vec<Drawn> {
+    let drawn = [("array-field.svg", field(found)), ("array-r.svg", courses(found))];
+    drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
+}
+
+fn field(found: &Findings) -> Figure {
+    let space = Look { hue: Hue::Grey, shape: None, filled: true, line: Line::Dashed };
+    let depth_mm = found.passage.depth_mm;
+    let least = found.field.iter().map(|(_, share)| *share).fold(0.0, f64::min);
+    let mut marks = vec![
+        Mark::At(2.0 * depth_mm, "two depths".to_owned()),
+        Mark::At(found.pitch_mm, "pitch".to_owned()),
+        Mark::Level(0.0, String::new()),
+    ];
+    let mut legend = Vec::new();
+    if !found.is_papers() {
+        marks.push(Mark::Curve(space, found.half_space_field.clone()));
+        legend.push(vec![
+            (line(0), "this array's".to_owned()),
+            (space, "a point load over a point, half-space of the same depth".to_owned()),
+        ]);
+    }
+    marks.push(Mark::Curve(line(0), found.field.clone()));
+    let to_mm = found.field.last().map_or(depth_mm, |(mm, _)| *mm);
+    Figure {
+        title: "What a unit reads of a contact beside it".to_owned(),
+        subtitle: format!("units {depth_mm} mm deep, pitch {:.3} mm: s = {:.3}", found.pitch_mm, found.spacing),
+        height_px: 320.0,
+        panels: vec![Panel {
+            x: Axis::linear("distance, mm", (0.0, to_mm)),
+            y: Axis::linear("reading over its peak", ((1.2 * least).min(-0.02), 1.05)),
+            marks,
+        }],
+        grid: GRID,
+        legend,
+        notes: Vec::new(),
+    }
+}
+
+fn courses(found: &Findings) -> Figure {
+    let mut marks = Vec::new();
+    for (index, course) in found.courses.iter().enumerate() {
+        marks.extend(joined(line(index), &course.points));
+        let told = format!("{:.1}", course.first_mm);
+        marks.push(Mark::Words((course.first_mm, 1.0), (0.0, -8.0), Anchor::Middle, told));
+    }
+    let along = if found.row_is_column { "y" } else { "x" };
+    let ends = found.courses.first().zip(found.courses.last());
+    let (from, to) = ends.map_or((0.0, 1.0), |(first, last)| (first.first_mm, last.first_mm));
+    let room = 0.03 * (to - from);
+    let points = found.courses.iter().flat_map(|course| &course.points);
+    Figure {
+        title: "How alike what the array reads of two contacts is".to_owned(),
+        subtitle: format!(
+            "both on the line through the middle along {along}, which has {} of the {} units",
+            found.row_units, found.units
+        ),
+        height_px: HEIGHT_PX,
+        panels: vec![Panel {
+            x: Axis::linear(&format!("{along} of F2, mm"), (from - room, to + room)),
+            y: r_axis(points),
+            marks,
+        }],
+        grid: GRID,
+        legend: Vec::new(),
+        notes: vec![format!("above each curve: {along} of F1, mm")],
+    }
+}
+
+/// From 1, with room for words above, down to the lowest.
+fn r_axis<'a>(points: impl Iterator<Item = &'a (f64, Option<f64>)>) -> Axis {
+    let least = points.filter_map(|(_, r)| *r).fold(-0.2, f64::min);
+    Axis::linear("Pearson's r", (least - 0.05, 1.12))
+}
+
+/// A curve, in pieces where r is 0/0 or steps from one end of its range toward the other.
+fn joined(look: Look, points: &[(f64, Option<f64>)]) -> Vec<Mark> {
+    let (mut pieces, mut piece): (Vec<Mark>, Vec<(f64, f64)>) = (Vec::new(), Vec::new());
+    for (x, r) in points {
+        let is_step = piece.last().zip(*r).is_some_and(|((_, before), r)| (before - r).abs() > 1.0);
+        if r.is_none() || is_step {
+            pieces.push(Mark::Curve(look, std::mem::take(&mut piece)));
+        }
+        piece.extend(r.map(|r| (*x, r)));
+    }
+    pieces.push(Mark::Curve(look, piece));
+    pieces.retain(|mark| !matches!(mark, Mark::Curve(_, points) if points.is_empty()));
+    pieces
+}
+
+/// r at the point of a curve that is nearest to a place: near enough for a mark.
+fn nearest(points: &[(f64, Option<f64>)], place: f64) -> Option<f64> {
+    points.iter().min_by(|a, b| (a.0 - place).abs().total_cmp(&(b.0 - place).abs()))?.1
+}
+
+/// Names right of the ends of curves, apart from each other, each led to from its curve's end.
+fn named_ends(mut ends: Vec<(Look, (f64, f64), String)>, y: &Axis, aside: f64) -> Vec<Mark> {
+    ends.sort_by(|a, b| b.1.1.total_cmp(&a.1.1));
+    let apart = (y.range.1 - y.range.0) * NAME_PX / HEIGHT_PX;
+    let mut heights: Vec<f64> = ends.iter().map(|(_, (_, r), _)| *r).collect();
+    // names that are too close push each other away until none is
+    for _ in 0..400 {
+        for upper in 0..heights.len().saturating_sub(1) {
+            let missing = apart - (heights[upper] - heights[upper + 1]);
+            if missing > 0.0 {
+                heights[upper] += missing / 2.0;
+                heights[upper + 1] -= missing / 2.0;
+            }
+        }
+    }
+    let named = ends.into_iter().zip(heights).flat_map(|((look, end, name), height)| {
+        let at = (end.0 + aside, height);
+        [Mark::Curve(look, vec![end, at]), Mark::Words(at, (5.0, 4.0), Anchor::Start, name)]
+    });
+    named.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_curves_that_end_together_stand_apart_in_their_order() {
+        let end = |r: f64| (line(0), (2.0, r), r.to_string());
+        let marks =
+            named_ends(vec![end(-0.10), end(-0.11), end(0.9), end(-0.105)], &Axis::linear("", (-1.0, 1.0)), 0.1);
+        let words: Vec<(f64, &str)> = marks
+            .iter()
+            .filter_map(|mark| match mark {
+                Mark::Words((_, y), _, _, told) => Some((*y, told.as_str())),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(words.iter().map(|(_, told)| *told).collect::<Vec<_>>(), ["0.9", "-0.1", "-0.105", "-0.11"]);
+        assert!(words.windows(2).all(|pair| pair[0].0 - pair[1].0 > 0.98 * 2.0 * NAME_PX / HEIGHT_PX), "{words:?}");
+    }
+
+    #[test]
+    fn a_curve_is_broken_where_it_steps_or_is_not() {
+        let step = [(0.0, Some(1.0)), (0.4, Some(1.0)), (0.5, None), (0.6, Some(-1.0)), (0.7, Some(1.0))];
+        let lengths = joined(line(0), &step)
+            .iter()
+            .map(|mark| match mark {
+                Mark::Curve(_, points) => points.len(),
+                _ => 0,
+            })
+            .collect::<Vec<_>>();
+        assert_eq!(lengths, [2, 1, 1]);
+    }
+}

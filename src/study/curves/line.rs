@@ -1,0 +1,95 @@
+//! The curves of the paper's Figures 3 to 5.
+
+use super::array::Array;
+use super::turning::Walk;
+use crate::mechanics::lambda;
+use crate::quantity::Place;
+use serde::Serialize;
+use std::f64::consts::PI;
+
+/// How far the second contact goes in Figure 4, depths.
+pub const FIGURE_4_TO: f64 = 2.0;
+/// How far the line of Figure 5 goes, depths.
+pub const FIGURE_5_TO: f64 = 8.0;
+/// Units of Figures 4b and 5.
+pub const UNITS: usize = 9;
+/// From one point of a curve to the next, depths.
+const STEP: f64 = 0.025;
+/// Step of a walk in which no turn is missed, depths.
+const WALK_STEP: f64 = 0.02;
+/// How far Figure 3 goes.
+const FIGURE_3_TO: f64 = 3.0;
+
+/// Which figure a curve belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Figure {
+    /// r by how many units there are.
+    #[serde(rename = "4a")]
+    Units,
+    /// r by how far apart they are.
+    #[serde(rename = "4b")]
+    Spacing,
+    /// r by where the first contact is.
+    #[serde(rename = "5")]
+    Start,
+}
+
+/// r of two contacts on a line of units, against where the second is; all in depths H.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    /// Where it is drawn.
+    pub figure: Figure,
+    /// Units in the line, the first at 0.
+    pub n: usize,
+    /// From one unit to the next.
+    pub s: f64,
+    /// Where the first contact is.
+    pub d1: f64,
+    /// Where the second is, and r; none where r is 0/0.
+    pub points: Vec<(f64, Option<f64>)>,
+}
+
+/// Figure 3: k and lambda.
+pub fn lambda_curve() -> Vec<(f64, f64)> {
+    let last = (FIGURE_3_TO / STEP).round() as usize;
+    (0..=last).map(|index| index as f64 * STEP).map(|k| (k, lambda(k))).collect()
+}
+
+/// Figures 4a, 4b and 5.
+pub fn curves() -> Vec<Curve> {
+    let of_units = (2..=15).map(|n| curve(Figure::Units, n, 1.0, 0.0, FIGURE_4_TO));
+    let of_spacing = (1..=10).map(|k| curve(Figure::Spacing, UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
+    let of_start = (0..6).map(|k| curve(Figure::Start, UNITS, 1.0, 1.5 * f64::from(k), FIGURE_5_TO));
+    of_units.chain(of_spacing).chain(of_start).collect()
+}
+
+fn curve(figure: Figure, n: usize, s: f64, d1: f64, to: f64) -> Curve {
+    let array = Array::line(n, s);
+    let last = (to / STEP).round() as usize;
+    let point = |d2: f64| (d2, array.r(on_line(d1), on_line(d2)));
+    Curve { figure, n, s, d1, points: (0..=last).map(|index| point(index as f64 * STEP)).collect() }
+}
+
+impl Curve {
+    /// How far from the first contact r turns, to the left and to the right of it.
+    pub fn turnings(&self) -> [Option<f64>; 2] {
+        let array = Array::line(self.n, self.s);
+        let to = self.points.last().map_or(0.0, |(d2, _)| *d2);
+        [walk_left(&array, self.d1), walk_right(&array, self.d1, to)].map(|walk| walk.turning_mm)
+    }
+}
+
+/// A place on the line.
+pub fn on_line(d: f64) -> Place {
+    Place::new(d, 0.0)
+}
+
+/// From d1 on to the right, up to `to`.
+pub fn walk_right(array: &Array, d1: f64, to: f64) -> Walk {
+    array.walk(on_line(d1), 0.0, to - d1, WALK_STEP)
+}
+
+/// From d1 on to the left, down to 0.
+pub fn walk_left(array: &Array, d1: f64) -> Walk {
+    array.walk(on_line(d1), PI, d1, WALK_STEP)
+}

@@ -1,0 +1,64 @@
+//! The paper's numerical study: how alike what an array reads of two contacts is (Pearson's r), against their distance.
+//!
+//! [`curves`] draws the paper's lines of units (PAPER S3) and holds each of its claims against what is computed; [`Design`] puts
+//! any array through the same. Nothing is drawn at random: the same study gives the same bytes.
+
+mod array;
+mod claims;
+mod design;
+mod figures;
+mod line;
+mod turning;
+
+pub use array::{Aim, Array};
+pub use claims::{Claim, Verdict};
+pub use design::{ASSUMED_SD, Course, Design, DesignError, Findings, Least};
+pub use figures::{design_figures, figures};
+pub use line::{Curve, Figure};
+pub use turning::{Area, NEAR_R, Survey, Turning, Walk};
+
+use serde::Serialize;
+use serde_json::json;
+
+/// The paper's curves and what became of its claims.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curves {
+    /// Figure 3: k and lambda.
+    pub lambda: Vec<(f64, f64)>,
+    /// Figures 4 and 5.
+    pub curves: Vec<Curve>,
+    /// Each claim.
+    pub claims: Vec<Claim>,
+}
+
+/// Computes all of it.
+pub fn curves() -> Curves {
+    Curves { lambda: line::lambda_curve(), curves: line::curves(), claims: claims::claims() }
+}
+
+impl Curves {
+    /// One JSON object a line: the claims, then every point of every curve.
+    pub fn ndjson(&self) -> String {
+        let claims = self.claims.iter().map(|claim| row("claim", claim));
+        let lambda =
+            self.lambda.iter().map(|(k, lambda)| row("curve", &json!({"figure": "3", "k": k, "lambda": lambda})));
+        let points = self.curves.iter().flat_map(|Curve { figure, n, s, d1, points }| {
+            let point =
+                move |(d2, r): &(f64, Option<f64>)| json!({"figure": figure, "n": n, "s": s, "d1": d1, "d2": d2, "r": r});
+            points.iter().map(move |at| row("curve", &point(at)))
+        });
+        claims.chain(lambda).chain(points).collect()
+    }
+}
+
+/// One line of rows.
+fn row(part: &'static str, of: &impl Serialize) -> String {
+    #[derive(Serialize)]
+    struct Row<'a, T> {
+        part: &'static str,
+        #[serde(flatten)]
+        of: &'a T,
+    }
+    // numbers and text can't fail
+    serde_json::to_string(&Row { part, of }).unwrap_or_default() + "\n"
+}

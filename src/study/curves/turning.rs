@@ -1,0 +1,262 @@
+//! Where r, falling as the second contact goes away, turns and rises again.
+
+use super::array::Array;
+use crate::parallel::in_parallel;
+use crate::quantity::Place;
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// r that rises by less than this over a depth doesn't rise: far below what could be read, above what a table rounds.
+const RISING: f64 = 1e-6;
+/// r up to which two contacts are as good as one.
+pub const NEAR_R: f64 = 0.99;
+/// By how much a step is smaller where a turning is looked at closer.
+const FINER: f64 = 2.0;
+/// How many of the rays that turn first are followed up, and how often each is varied.
+const FOLLOWED: usize = 12;
+const VARIED: usize = 3000;
+
+/// Where contacts may be, mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Area {
+    /// First and last x.
+    pub x_mm: (f64, f64),
+    /// First and last y.
+    pub y_mm: (f64, f64),
+}
+
+impl Area {
+    /// The box of some places and so much on each side.
+    pub fn around(places: &[Place], margin_mm: f64) -> Area {
+        let ends = |along: fn(&Place) -> f64| {
+            let values = places.iter().map(along);
+            values.fold((f64::MAX, f64::MIN), |(least, most), value| (least.min(value), most.max(value)))
+        };
+        let (x, y) = (ends(|place| place.x_mm), ends(|place| place.y_mm));
+        Area { x_mm: (x.0 - margin_mm, x.1 + margin_mm), y_mm: (y.0 - margin_mm, y.1 + margin_mm) }
+    }
+
+    /// The place at a share of the way along x and y.
+    pub fn at(&self, across: f64, up: f64) -> Place {
+        let between = |(from, to): (f64, f64), share: f64| from + share * (to - from);
+        Place::new(between(self.x_mm, across), between(self.y_mm, up))
+    }
+
+    /// How far it is from a place inside to the edge; negative from a place outside.
+    fn reach_mm(&self, from: Place, direction_rad: f64) -> f64 {
+        let (sin, cos) = direction_rad.sin_cos();
+        let along = |(first, last): (f64, f64), at: f64, speed: f64| {
+            if !(first..=last).contains(&at) {
+                -1.0
+            } else if speed > 0.0 {
+                (last - at) / speed
+            } else {
+                (first - at) / speed // no speed: infinitely far
+            }
+        };
+        along(self.x_mm, from.x_mm, cos).min(along(self.y_mm, from.y_mm, sin))
+    }
+}
+
+/// From where r first turns, in which direction, and how far from there.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Turning {
+    /// The first contact.
+    #[serde(flatten)]
+    pub from: Place,
+    /// Which way the second goes, from x toward y.
+    pub direction_rad: f64,
+    /// How far it has gone, mm.
+    pub distance_mm: f64,
+}
+
+/// What r did on one way.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Walk {
+    /// Where it had fallen to [`NEAR_R`], mm.
+    pub near_mm: Option<f64>,
+    /// Where it turned, mm.
+    pub turning_mm: Option<f64>,
+}
+
+impl Array {
+    /// A step that doesn't miss a turn, mm: a small part of what the readings vary over.
+    fn step_mm(&self, pitch_mm: f64) -> f64 {
+        pitch_mm.min(self.response().passage().depth_mm) / 20.0
+    }
+
+    /// Takes a second contact from a first one so far in a direction.
+    pub fn walk(&self, from: Place, direction_rad: f64, reach_mm: f64, step_mm: f64) -> Walk {
+        let mut walk = Walk::default();
+        let Some(aim) = self.aim(from) else { return walk };
+        let (sin, cos) = direction_rad.sin_cos();
+        let at = |mm: f64| aim.r_and_slope(Place::new(from.x_mm + mm * cos, from.y_mm + mm * sin), direction_rad);
+        let rising = RISING / self.response().passage().depth_mm;
+        let is_falling = |mm: f64| at(mm).is_none_or(|(_, slope)| slope <= rising);
+        let is_near = |mm: f64| at(mm).is_none_or(|(r, _)| r >= NEAR_R);
+        let steps = (reach_mm / step_mm).ceil().max(0.0) as usize;
+        for step in 1..=steps {
+            let (before_mm, mm) = ((step - 1) as f64 * step_mm, (step as f64 * step_mm).min(reach_mm));
+            let Some((r, slope)) = at(mm) else { continue };
+            if walk.near_mm.is_none() && r < NEAR_R {
+                walk.near_mm = Some(last(before_mm, mm, is_near));
+            }
+            if walk.turning_mm.is_none() && slope > rising {
+                walk.turning_mm = Some(last(before_mm, mm, is_falling));
+            }
+            if walk.near_mm.is_some() && walk.turning_mm.is_some() {
+                break;
+            }
+        }
+        walk
+    }
+}
+
+/// The last point between two at which something holds, that holds at the first and not at the second; to a millionth of what is
+/// between them.
+pub fn last(mut holds: f64, mut fails: f64, is: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..20 {
+        let middle = (holds + fails) / 2.0;
+        *if is(middle) { &mut holds } else { &mut fails } = middle;
+    }
+    holds
+}
+
+/// What r does on many ways over an area.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Survey {
+    /// How many ways were walked: places all over the area, each in a direction of its own, up to the edge.
+    pub rays: usize,
+    /// How far each of those got that turned, mm, in order.
+    pub turned_mm: Vec<f64>,
+    /// The first turning of all, by search over all places and directions.
+    pub first: Option<Turning>,
+    /// Where r had fallen to [`NEAR_R`], on those ways that got there, the nearest first.
+    pub near: Vec<Turning>,
+}
+
+impl Survey {
+    /// Walks `rays` ways over an area, and searches on from those that turn first.
+    pub fn new(array: &Array, area: &Area, pitch_mm: f64, rays: usize) -> Survey {
+        let step_mm = array.step_mm(pitch_mm);
+        let starts: Vec<(Place, f64)> = (1..=rays).map(|ray| start(area, ray)).collect();
+        let walks = in_parallel(&starts, |&(from, direction_rad)| {
+            array.walk(from, direction_rad, area.reach_mm(from, direction_rad), step_mm)
+        });
+        let ordered = |distance_mm: fn(&Walk) -> Option<f64>| {
+            let found = starts.iter().zip(&walks).filter_map(|(&(from, direction_rad), walk)| {
+                Some(Turning { from, direction_rad, distance_mm: distance_mm(walk)? })
+            });
+            let mut found: Vec<Turning> = found.collect();
+            found.sort_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm));
+            found
+        };
+        let turned = ordered(|walk| walk.turning_mm);
+        let followed =
+            in_parallel(&turned[..turned.len().min(FOLLOWED)], |turning| follow(array, area, turning, step_mm / FINER));
+        Survey {
+            rays,
+            turned_mm: turned.iter().map(|turning| turning.distance_mm).collect(),
+            first: followed.into_iter().min_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm)),
+            near: ordered(|walk| walk.near_mm),
+        }
+    }
+
+    /// Which share of the ways turned.
+    pub fn share_turned(&self) -> f64 {
+        self.turned_mm.len() as f64 / self.rays as f64
+    }
+
+    /// The middle one of where r had fallen to [`NEAR_R`], and the farthest.
+    pub fn near_median_and_worst(&self) -> Option<(f64, Turning)> {
+        Some((self.near.get(self.near.len() / 2)?.distance_mm, *self.near.last()?))
+    }
+}
+
+fn start(area: &Area, ray: usize) -> (Place, f64) {
+    let [across, up, around] = spread(ray);
+    (area.at(across, up), TAU * around)
+}
+
+/// Points that fill a cube evenly, however many: multiples of powers of the inverse of the root of x^4 = x + 1 (the additive
+/// recurrence of M. Roberts).
+pub fn spread(point: usize) -> [f64; 3] {
+    [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_1].map(|by| (by * point as f64).fract())
+}
+
+/// The first turning near one, in place and direction.
+fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turning {
+    let distance_mm = |[x_mm, y_mm, direction_rad]: &[f64; 3]| {
+        let from = Place::new(*x_mm, *y_mm);
+        // one that turns later than the one that is followed is of no use
+        let reach_mm = area.reach_mm(from, *direction_rad).min(turning.distance_mm + step_mm);
+        array.walk(from, *direction_rad, reach_mm, step_mm).turning_mm.unwrap_or(f64::INFINITY)
+    };
+    let from = [turning.from.x_mm, turning.from.y_mm, turning.direction_rad];
+    let steps = [8.0 * step_mm, 8.0 * step_mm, 8.0 * step_mm / turning.distance_mm.max(step_mm)];
+    let ([x_mm, y_mm, direction_rad], distance_mm) = descend(from, steps, distance_mm);
+    Turning { from: Place::new(x_mm, y_mm), direction_rad, distance_mm }
+}
+
+/// Goes downhill along one coordinate after the other, in ever smaller steps. It bears a hill with cliffs.
+pub fn descend<const N: usize>(
+    mut at: [f64; N],
+    mut steps: [f64; N],
+    height: impl Fn(&[f64; N]) -> f64,
+) -> ([f64; N], f64) {
+    let (mut least, enough) = (height(&at), steps[0] * 1e-5);
+    for _ in 0..VARIED / (2 * N) {
+        let before = least;
+        for axis in 0..N {
+            for step in [steps[axis], -steps[axis]] {
+                let mut tried = at;
+                tried[axis] += step;
+                let height = height(&tried);
+                if height < least {
+                    (at, least) = (tried, height);
+                }
+            }
+        }
+        if least == before {
+            steps = steps.map(|step| step / 2.0);
+        }
+        if steps[0] < enough {
+            break;
+        }
+    }
+    (at, least)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    #[test]
+    fn the_edge_is_as_far_as_it_is() {
+        let area = Area { x_mm: (-6.0, 6.0), y_mm: (-3.0, 1.0) };
+        for (direction_rad, reach_mm) in [(0.0, 5.0), (PI, 7.0), (FRAC_PI_2, 1.0), (-FRAC_PI_2, 3.0)] {
+            assert!((area.reach_mm(Place::new(1.0, 0.0), direction_rad) - reach_mm).abs() < 1e-9);
+        }
+        assert!((area.reach_mm(Place::default(), 5f64.atan2(5.0)) - 2f64.sqrt()).abs() < 1e-9);
+        assert!(area.reach_mm(Place::new(1.0, 1.1), 4.0) < 0.0);
+        assert_eq!(Area::around(&[Place::new(-4.5, -1.5), Place::new(4.5, -0.5)], 1.5), area);
+    }
+
+    #[test]
+    fn descending_finds_the_lowest_point_of_a_bowl() {
+        let bowl = |[x, y]: &[f64; 2]| (x - 1.0).powi(2) + 3.0 * (y + 2.0).powi(2) + x * y;
+        let ([x, y], _) = descend([5.0, 5.0], [1.0, 1.0], bowl);
+        assert!((x - 24.0 / 11.0).abs() < 1e-4 && (y + 26.0 / 11.0).abs() < 1e-4, "{x} {y}");
+    }
+
+    #[test]
+    fn a_way_is_walked_to_where_r_turns_and_no_farther() {
+        let line = Array::line(3, 1.0);
+        let whole = line.walk(Place::default(), 0.0, 2.0, 0.02);
+        assert!((whole.turning_mm.unwrap() - 1.5405).abs() < 1e-4, "{whole:?}");
+        assert_eq!(line.walk(Place::default(), 0.0, 1.54, 0.02).turning_mm, None);
+        let near = Array::line(9, 1.0).walk(Place::default(), 0.0, 2.0, 0.02);
+        assert!(near.turning_mm.is_none() && (near.near_mm.unwrap() - 0.200).abs() < 1e-3, "{near:?}");
+    }
+}
