@@ -38,9 +38,11 @@ impl Table {
     #[inline]
     pub fn value_and_slope(&self, k: f64) -> (f64, f64) {
         let at = k / PER_CELL;
-        // a float that is no index becomes the nearest one that is; NaN becomes 0 and is kept by the share
-        let Some(c) = self.cells.get(at as usize) else { return (0.0, 0.0) };
-        let t = at - at.floor();
+        // a float that is no index becomes the nearest one that is; NaN becomes 0 and is kept by the share. A distance isn't
+        // negative, so this is its floor: by one instruction on every processor
+        let cell = at as u32;
+        let Some(c) = self.cells.get(cell as usize) else { return (0.0, 0.0) };
+        let t = at - f64::from(cell);
         let value = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))));
         let slope = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * (4.0 * c[4] + t * 5.0 * c[5])));
         (value, slope / PER_CELL)

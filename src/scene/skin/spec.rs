@@ -106,9 +106,20 @@ pub struct Converter {
 
 impl Converter {
     /// What a reading becomes.
+    #[inline]
     pub fn convert(self, reading: f64) -> f64 {
-        let codes = 2f64.powi(self.bits.cast_signed() - 1); // on either side of 0
+        let codes = (1u64 << (self.bits - 1)) as f64; // on either side of 0
         let step = self.range / codes;
-        (reading / step).round().clamp(-codes, codes - 1.0) * step
+        nearest((reading / step).clamp(-codes, codes - 1.0)) * step
     }
+}
+
+/// As `f64::round`, to the last bit, of what is within 2^51: by sums alone, which a processor does several at a time, where
+/// `round` may be a call of the C library and a quarter of a reading's time.
+#[inline]
+fn nearest(x: f64) -> f64 {
+    const ONES: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: next to it floats are whole numbers
+    let even = (x + ONES) - ONES;
+    let away = if x - even == 0.5f64.copysign(x) { 1f64.copysign(x) } else { 0.0 };
+    (even + away).copysign(x)
 }

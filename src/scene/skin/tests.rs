@@ -181,6 +181,18 @@ fn a_converter_rounds_to_its_steps_and_ends_at_its_range() {
 }
 
 #[test]
+fn a_converter_rounds_halves_away_from_zero_and_keeps_signs_and_what_is_no_number() {
+    let converter = Converter { bits: 32, range: 2f64.powi(31) }; // steps of 1
+    for x in [0.0, 0.5, 0.49999999999999994, 1.5, 2.5, 2.4999999999999996, 0.3, 1e6 + 0.5, 2147483646.5] {
+        for x in [x, -x] {
+            assert_eq!(converter.convert(x).to_bits(), x.round().to_bits(), "{x}");
+        }
+    }
+    assert!(converter.convert(f64::NAN).is_nan());
+    assert_eq!(converter.convert(f64::INFINITY), 2f64.powi(31) - 1.0);
+}
+
+#[test]
 fn hysteresis_is_on_the_unloading_branch() {
     let skin = skin(&SkinSpec { hysteresis_percent: Some(vec![4.0; 9]), ..plain() }, 1);
     let read = |unloading| {
