@@ -5,6 +5,7 @@ mod support;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use support::Bench;
+use support::printed::{is_narrow, is_well_formed};
 
 #[test]
 fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
@@ -205,10 +206,6 @@ fn timeless(rows: &str) -> Vec<Value> {
     rows.lines().map(without).collect()
 }
 
-fn is_narrow(text: &str) {
-    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
-}
-
 /// Which rows say that they are the best of their bench.
 fn pareto(rows: &[Value]) -> Vec<bool> {
     rows.iter().map(|row| row["pareto"] == true).collect()
@@ -227,24 +224,4 @@ fn pareto_again(rows: &[Value]) -> Vec<bool> {
     };
     let best = |row: &Value| mark(row).is_some_and(|mark| !rows.iter().any(|other| beats(other, &mark)));
     rows.iter().map(best).collect()
-}
-
-/// Every element ends in the order they began, no number is lost, and there is something drawn.
-fn is_well_formed(name: &str, svg: &str) {
-    assert!(svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.ends_with("</svg>\n"), "{name}");
-    assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
-    assert!(svg.contains("prefers-color-scheme:dark") && svg.contains("class=\"axis\""), "{name}");
-    let (mut open, mut rest) = (Vec::new(), svg);
-    while let Some(start) = rest.find('<') {
-        let end = rest[start..].find('>').unwrap_or_else(|| panic!("{name}: an element without an end")) + start;
-        let element = &rest[start + 1..end];
-        assert_eq!(element.matches('"').count() % 2, 0, "{name}: {element}");
-        if let Some(ended) = element.strip_prefix('/') {
-            assert_eq!(open.pop(), Some(ended), "{name}");
-        } else if !element.ends_with('/') {
-            open.extend(element.split_whitespace().next());
-        }
-        rest = &rest[end + 1..];
-    }
-    assert!(open.is_empty(), "{name}: {open:?} never end");
 }

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
 pub mod bad_line;
+pub mod printed;
 pub mod python;
 pub mod rows;
 pub mod safety;
