@@ -1,5 +1,5 @@
-//! What a solve costs on one core, against what the processor could do at best and against numpy: `cargo bench --bench
-//! solver`.
+//! What a solve costs on one core, against what the processor could do at best and against numpy, and what a simulated reading
+//! does: `cargo bench --bench solver`.
 //!
 //! It measures and prints; it doesn't judge. Times are the best of several repetitions, as whatever else runs only adds
 //! to them. Numpy is looked for in the interpreter `$PALPATE_PYTHON`, else `python3`.
@@ -9,6 +9,7 @@ use palpate::quantity::{ArrayLayout, Place};
 use palpate::solver::{
     BEST, Calibration, CalibrationPoint, Fitted, ForceRule, Pearson, SOLVERS, Setting, Solver, Workspace, fit,
 };
+use palpate::study::ablation::{Cost, Model, cost_of_all_terms};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::hint::black_box;
@@ -55,6 +56,10 @@ fn main() {
         });
         println!("  {name:<24} {:>7.1} ms", times.fold(f64::INFINITY, f64::min));
     }
+
+    let (model, rig) = Model::base().expect("the shipped scene");
+    let Cost { off, on, ratio, .. } = cost_of_all_terms(&model, &rig);
+    println!("a reading of a simulated skin: plain {off:.0} ns, with all terms {on:.0} ns, {ratio:.2} times as long");
 
     println!("pearson on synthetic tables:");
     for (units, points) in TABLES {

@@ -75,6 +75,11 @@ impl Pearson {
         Ok((best.row, best.score))
     }
 
+    /// Where a contact is and how hard it presses, N: the paper's steps 3 and 4, without how sure that is.
+    pub fn contact(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<(Place, f64), SolveError> {
+        self.locate(outputs, workspace).map(|located| (located.place, located.force_n))
+    }
+
     fn force_n(&self, row: usize, outputs: &[f64]) -> f64 {
         let candidate = &self.candidates[row];
         let calibrated = &self.outputs[row * self.units..][..self.units];

@@ -1,6 +1,6 @@
 //! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
 
-use super::{Bench, StudyError, bound};
+use super::{StudyError, bound};
 use crate::control::Strategy;
 use crate::dataset::{Contact, Memory, Row, RowTruth};
 use crate::quantity::{ArrayLayout, Place};
@@ -37,7 +37,7 @@ pub struct Condition {
     /// What for.
     pub part: Part,
     /// The bench's name.
-    pub bench: Bench,
+    pub bench: &'static str,
     /// The scene's name.
     pub scene: String,
     /// The bench with all that was changed.
@@ -176,7 +176,7 @@ impl Condition {
         Outcome {
             part: self.part,
             strategy: self.strategy,
-            rig: self.bench.name(),
+            rig: self.bench,
             scene: self.scene.clone(),
             limits: format!("{} N, {} mm, {} N/mm", limits.force_n, limits.depth_mm, limits.stiffness_n_mm),
             declared_n_mm: limits.stiffness_n_mm,

@@ -91,7 +91,7 @@ fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
     let nominal = |bench: Bench, strategy| -> Result<Condition, StudyError> {
         Ok(Condition {
             part: Part::Tolerance,
-            bench,
+            bench: bench.name(),
             scene: NOMINAL.name.to_owned(),
             spec: bench.spec()?,
             strategy,

@@ -2,9 +2,11 @@
 //!
 //! Of the force loop, [`control`]: a [`Condition`] is walked as any run is, on the shipped benches with one thing changed, and
 //! judged by the scene's truth. Of the methods that solve, [`methods`]: how near and how fast each of them is, how many presses it
-//! needs, and where it fails. Of arrays, [`curves`]: the paper's numerical study, for its lines of units and for any array.
-//! Everything but measured times follows from the seed: the same study gives the same bytes.
+//! needs, and where it fails. Of arrays, [`curves`]: the paper's numerical study, for its lines of units and for any array. Of the
+//! scenes themselves, [`ablation`]: what each of their terms is needed for. Everything but measured times follows from the seed:
+//! the same study gives the same bytes.
 
+pub mod ablation;
 mod bench;
 mod bound;
 mod condition;

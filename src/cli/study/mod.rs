@@ -1,6 +1,7 @@
 //! `palpate study`: measures the force loop, or the methods that solve, in simulation, or computes what an array can tell, and
 //! draws what was found.
 
+mod ablation;
 mod control;
 mod curves;
 mod methods;
@@ -43,6 +44,8 @@ enum Study {
     Failures(Common),
     /// How alike two contacts read: the paper's claims, or how good an array is, in less than a second
     Curves(curves::Args),
+    /// Which physical and measurement terms a simulated scene needs, and for what, a minute
+    Ablation(Common),
 }
 
 /// What every study is told that draws at random.
@@ -77,6 +80,7 @@ pub fn study(args: &Args) -> Result<ExitCode, Failure> {
         Study::Budget(args) => methods::budget(args),
         Study::Failures(args) => methods::failures(args),
         Study::Curves(args) => curves::study(args),
+        Study::Ablation(args) => ablation::study(args),
     }
 }
 

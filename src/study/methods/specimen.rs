@@ -18,7 +18,7 @@ pub const HALF_MM: f64 = 6.0;
 pub const DEPTH_MM: f64 = 5.0;
 
 /// Loading repeatability of each of the paper's units, % (its Table 1); one standard deviation is a third of it.
-const REPEATABILITY_PERCENT: [f64; 9] = [1.60, 3.74, 2.19, 0.83, 0.51, 1.02, 0.71, 2.84, 3.97];
+pub const REPEATABILITY_PERCENT: [f64; 9] = [1.60, 3.74, 2.19, 0.83, 0.51, 1.02, 0.71, 2.84, 3.97];
 /// The paper's array: units along a side, and from one to the next, mm.
 const SIDE: usize = 3;
 const PITCH_MM: f64 = 4.5;

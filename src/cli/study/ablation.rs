@@ -1,0 +1,149 @@
+//! `palpate study ablation`: which terms a scene needs, and for what.
+
+use super::{Begun, Common};
+use crate::cli::exit::Failure;
+use crate::study::ablation::{
+    ALL_TERMS, Findings, Needed, PER_PRESS, PER_READING, Question, Row, SHARE, Size, TERMS, Term, ablation,
+    ablation_figures,
+};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Carries the study out, writes its figures and prints what was found.
+pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(args, "ablation")?;
+    let size = if args.quick { Size::QUICK } else { Size::WHOLE };
+    let found = begun.carried(ablation(size, args.seed, &begun.told()))?;
+    begun.end(ablation_figures(&found), found.ndjson(), |out| summary(&found, out))
+}
+
+/// What was found, in at most 80 columns.
+fn summary(found: &Findings, out: &Path) -> String {
+    let Size { seeds, side, tests, presses } = found.size;
+    let mut text = format!(
+        "Each term off and on, all else as in rigs/paper.toml; on less off, and half of\n\
+         its 95 % interval over {seeds} seeds. *: the base has it; blank: it can't touch it\n\n\
+         mean error of {tests} contacts on ±6 mm, calibrated with 1 N at {} places\n",
+        side * side
+    );
+    text += &format!("{:<24}{:<21}{:<21}{}\n", "", "paper", "surrogate", "physics");
+    text += &effects(found, &Question::ALL[..6], &["mm", "mN", "mm", "mN", "mm", "mN"], None);
+    text += "\nTable 1, mean over units, % of full scale; time of a reading of all units, ns\n";
+    let heads = ["loading", "unloading", "hysteresis"];
+    text += &effects(found, &Question::ALL[6..9], &heads, Some((PER_READING, "ns: off    on")));
+    text += &format!(
+        "\npresses of 1 N, ±50 mN, {} a seed, by the strategy guarded; time of a press, us\n",
+        presses * presses
+    );
+    let heads = ["error mN", "peak mN", "time s"];
+    text += &effects(found, &Question::ALL[9..], &heads, Some((PER_PRESS, "us: off    on")));
+    text + &needs(found) + &format!("\nfigures, rows and what each term is: {}\n", out.display())
+}
+
+/// A line a term that can touch any of the questions, or costs anything there.
+fn effects(found: &Findings, questions: &[Question], heads: &[&str], cost: Option<(&str, &str)>) -> String {
+    let width = |question: Question| match question.unit() {
+        "mm" => 12,
+        "N" => 9,
+        _ => 14,
+    };
+    let cells = |told: &dyn Fn(Question) -> String| -> String {
+        questions.iter().map(|question| format!("{:>1$}", told(*question), width(*question))).collect()
+    };
+    let head = |question| questions.iter().position(|its| *its == question).map_or("", |index| heads[index]).to_owned();
+    let mut text = line("", &cells(&head), cost.map(|(_, head)| head));
+    let base = |question| {
+        let row = found.rows.iter().find(|row| row.question == question);
+        row.map_or(String::new(), |row| shown(row.base, question))
+    };
+    text += &line("base", &cells(&base), None);
+    for term in &TERMS {
+        let costs = cost.and_then(|(cost, _)| told_cost(found, term.name, cost));
+        if costs.is_some() || questions.iter().any(|question| term.touches(question.of())) {
+            text += &line(&named(term), &cells(&|question| cell(found, term.name, question)), costs.as_deref());
+        }
+    }
+    if let Some(all) = cost.and_then(|(cost, _)| told_cost(found, ALL_TERMS, cost)) {
+        text += &line(ALL_TERMS, &cells(&|_| String::new()), Some(&all));
+    }
+    text
+}
+
+fn line(first: &str, cells: &str, last: Option<&str>) -> String {
+    format!("{first:<17}{cells}  {}", last.unwrap_or_default()).trim_end().to_owned() + "\n"
+}
+
+fn named(term: &Term) -> String {
+    format!("{}{}", term.name, if term.in_base { "*" } else { "" })
+}
+
+fn told_cost(found: &Findings, term: &str, cost: &str) -> Option<String> {
+    let its = found.costs.iter().find(|its| its.term == term && its.cost == cost)?;
+    Some(format!("{:>5.0}{:>6.0}", its.off, its.on))
+}
+
+fn cell(found: &Findings, term: &str, question: Question) -> String {
+    let told = |row: &Row| {
+        let within = shown(row.effect.within, question);
+        let difference = shown(row.effect.difference, question);
+        let sign = if row.effect.difference < 0.0 { "" } else { "+" };
+        // a wide interval has no use for its tenths
+        let within = match within.split_once('.') {
+            Some(("0", _)) => &within[1..],
+            Some((whole, _)) if whole.len() > 1 => whole,
+            _ => &within,
+        };
+        format!("{sign}{difference} {within}")
+    };
+    found.row(term, question).map_or(String::new(), told)
+}
+
+/// Forces of methods in mN, as there isn't room for more digits.
+fn shown(value: f64, question: Question) -> String {
+    match question.unit() {
+        "N" => format!("{:.1}", 1000.0 * value),
+        "mN" => format!("{value:.1}"),
+        "% FS" => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
+    }
+}
+
+/// Which term is needed for what.
+fn needs(found: &Findings) -> String {
+    let mut text = format!(
+        "\nyes: the difference isn't chance and exceeds {:.0} % of the base's number, 0.01 mm,\n\
+         1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms; -: it is surely less;\n\
+         ?: more seeds would tell\n",
+        100.0 * SHARE
+    );
+    text +=
+        &line("", &format!("{:<10}{:<10}{:<10}{:<16}{}", "paper", "surrogate", "physics", "Table 1", "press"), None);
+    let heads = ["mm", "N", "mm", "N", "mm", "N", "load", "unl", "hyst", "error", "peak", "time"];
+    let widths = [5, 5, 5, 5, 5, 5, 5, 5, 6, 6, 5, 5];
+    let row = |first: &str, cells: [&str; 12]| {
+        let cells: String = cells.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        line(first, &cells, None)
+    };
+    text += &row("", heads);
+    for term in &TERMS {
+        let cells = Question::ALL.map(|question| match found.row(term.name, question).map(|row| row.needed) {
+            Some(Needed::Yes) => "yes",
+            Some(Needed::No) => "-",
+            Some(Needed::Undecided) => "?",
+            None => "",
+        });
+        text += &row(&named(term), cells);
+    }
+    for (verdict, told) in [(Needed::No, "waste for every question"), (Needed::Undecided, "undecided")] {
+        let names: Vec<&str> =
+            TERMS.iter().map(|term| term.name).filter(|name| found.verdict(name) == verdict).collect();
+        if !names.is_empty() {
+            text += &textwrap::fill(&format!("{told}: {}", names.join(", ")), 80);
+            text += "\n";
+        }
+    }
+    if let Some(all) = found.costs.iter().find(|cost| cost.term == ALL_TERMS) {
+        text += &format!("a skin with all terms: {:.2} times a plain one's time a reading\n", all.ratio);
+    }
+    text
+}

@@ -1,0 +1,117 @@
+//! What a term costs: time of a reading of a skin, and of a press in the loop. Measured by a clock, one after another.
+
+use super::Size;
+use super::presses;
+use super::terms::{Model, TERMS, Touches};
+use crate::quantity::{Place, stream};
+use crate::rig::RigSpec;
+use crate::scene::{Elastomer, Skin, SkinSpec};
+use crate::study::StudyError;
+use crate::study::methods::specimen::{DEPTH_MM, FORCES_N, Touch, anywhere};
+use serde::Serialize;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+/// Readings of one pass, and passes of which the shortest counts: whatever else runs only adds to them.
+const READINGS: usize = 1000;
+const PASSES: usize = 60;
+/// The same of the loop's walks, and presses along a side.
+const WALKS: usize = 3;
+const SIDE: usize = 5;
+
+/// What a term costs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Cost {
+    /// "ablation".
+    pub study: &'static str,
+    /// The term's name, or "all terms": everything that a skin can model, against a point load on a half-space.
+    pub term: &'static str,
+    /// "ns a reading" of all units, or "us a press".
+    pub cost: &'static str,
+    /// Without the term.
+    pub off: f64,
+    /// With it.
+    pub on: f64,
+    /// On over off.
+    pub ratio: f64,
+}
+
+/// The row of everything at once.
+pub const ALL_TERMS: &str = "all terms";
+/// What is measured of a skin, and of the loop.
+pub const PER_READING: &str = "ns a reading";
+/// See [`PER_READING`].
+pub const PER_PRESS: &str = "us a press";
+
+/// What each term costs that is computed with a reading or in the loop.
+///
+/// # Errors
+/// A scene that can't be pressed.
+pub fn costs(base: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<Vec<Cost>, StudyError> {
+    let mut costs = Vec::new();
+    for term in &TERMS {
+        let [off, on] = [false, true].map(|on| term.set(base, on));
+        // the others aren't the skin's
+        if off.scene.skin != on.scene.skin {
+            costs.push(cost(term.name, PER_READING, ns_per_reading([&off, &on].map(|model| &model.scene.skin), rig)));
+        }
+        if term.touches(Touches::Press) {
+            costs.push(cost(term.name, PER_PRESS, us_per_press([&off, &on], rig, size, seed)?));
+        }
+    }
+    costs.push(cost_of_all_terms(base, rig));
+    Ok(costs)
+}
+
+/// What a reading costs with everything that a skin can model, against a point load on a half-space over point units.
+pub fn cost_of_all_terms(base: &Model, rig: &RigSpec) -> Cost {
+    let plain = SkinSpec { elastomer: Some(Elastomer::half_space(DEPTH_MM)), ..SkinSpec::default() };
+    let all = TERMS.iter().fold(base.clone(), |model, term| term.set(&model, true)).scene.skin;
+    cost(ALL_TERMS, PER_READING, ns_per_reading([&plain, &all], rig))
+}
+
+fn cost(term: &'static str, cost: &'static str, [off, on]: [f64; 2]) -> Cost {
+    let tenth = |value: f64| (value * 10.0).round() / 10.0;
+    Cost { study: "ablation", term, cost, off: tenth(off), on: tenth(on), ratio: (on / off * 1000.0).round() / 1000.0 }
+}
+
+/// The least of many passes over the same contacts, in turns: a machine that gets busy slows both.
+fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
+    let mut skins = skins.map(|spec| Skin::new(spec, &rig.array.layout, rig.limits.force_n, 1));
+    skins.iter_mut().for_each(|skin| skin.draw_contact(&mut stream(1, 0, "taxel noise")));
+    let touches = anywhere(READINGS, FORCES_N, &mut stream(1, 0, "test contacts"));
+    let mut outputs = vec![0.0; rig.array.layout.len()];
+    let mut least = [Duration::MAX; 2];
+    for _ in 0..PASSES {
+        for (skin, least) in skins.iter().zip(&mut least) {
+            let began = Instant::now();
+            for &Touch { place, force_n, .. } in &touches {
+                read(skin, black_box(force_n), black_box(place), &mut outputs);
+                black_box(&mut outputs);
+            }
+            *least = began.elapsed().min(*least);
+        }
+    }
+    least.map(|least| least.as_nanos() as f64 / READINGS as f64)
+}
+
+/// As a running scene reads its taxels while the force turns back.
+fn read(skin: &Skin, force_n: f64, place: Place, outputs: &mut [f64]) {
+    outputs.fill(0.0);
+    skin.add_load(force_n, place, outputs);
+    skin.read_out(0.5, outputs);
+}
+
+fn us_per_press(models: [&Model; 2], rig: &RigSpec, size: Size, seed: u64) -> Result<[f64; 2], StudyError> {
+    let size = Size { presses: size.presses.min(SIDE), ..size };
+    let mut least = [f64::INFINITY; 2];
+    for _ in 0..WALKS {
+        for (model, least) in models.iter().zip(&mut least) {
+            let condition = presses::condition(model, rig, size, seed);
+            let began = Instant::now();
+            let done = condition.measure()?.done.max(1);
+            *least = least.min(began.elapsed().as_secs_f64() * 1e6 / done as f64);
+        }
+    }
+    Ok(least)
+}

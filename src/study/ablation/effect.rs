@@ -1,0 +1,65 @@
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+/// What a term changes: the mean of differences, each between two tries that draw alike.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Effect {
+    /// Without the term, mean over seeds.
+    pub off: f64,
+    /// With it.
+    pub on: f64,
+    /// On less off, mean over seeds.
+    pub difference: f64,
+    /// Half the 95 % confidence interval of the difference (Student's t over seeds).
+    pub within: f64,
+    /// Pairs.
+    pub seeds: usize,
+}
+
+impl Effect {
+    /// Of pairs (off, on). None of fewer than two, or where a number isn't finite.
+    pub fn of(pairs: &[(f64, f64)]) -> Option<Effect> {
+        let count = pairs.len() as f64;
+        let freedom = count - 1.0;
+        let quantile = StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf(0.975);
+        let mean = |value: fn(&(f64, f64)) -> f64| pairs.iter().map(value).sum::<f64>() / count;
+        let (off, on, difference) = (mean(|pair| pair.0), mean(|pair| pair.1), mean(|pair| pair.1 - pair.0));
+        let square: f64 = pairs.iter().map(|(off, on)| (on - off - difference).powi(2)).sum();
+        let within = quantile * (square / freedom / count).sqrt();
+        let [off, on, difference, within] = [off, on, difference, within].map(grain);
+        (off.is_finite() && on.is_finite() && within.is_finite()).then_some(Effect {
+            off,
+            on,
+            difference,
+            within,
+            seeds: pairs.len(),
+        })
+    }
+}
+
+/// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
+fn grain(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6 + 0.0 // no "-0"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interval_is_students_over_the_differences_and_not_over_the_values() {
+        // differences 1, 2, 3: mean 2, sd 1, t(2) = 4.302653, over sqrt(3)
+        let effect = Effect::of(&[(10.0, 11.0), (-50.0, -48.0), (7.0, 10.0)]).unwrap();
+        assert_eq!((effect.difference, effect.seeds), (2.0, 3));
+        assert!((effect.within - 2.484138).abs() < 2e-6, "{}", effect.within);
+        assert_eq!((effect.off, effect.on), (-11.0, -9.0));
+        assert_eq!(Effect::of(&[(1.0, 1.0), (2.0, 2.0)]).unwrap().within, 0.0);
+    }
+
+    #[test]
+    fn one_pair_tells_nothing() {
+        assert_eq!(Effect::of(&[(1.0, 2.0)]), None);
+        assert_eq!(Effect::of(&[]), None);
+        assert_eq!(Effect::of(&[(1.0, 2.0), (1.0, f64::NAN)]), None);
+    }
+}

@@ -1,0 +1,219 @@
+//! What a scene needs: each physical or measurement term off and on, all else as in the scene that is shipped for the paper's rig.
+//!
+//! A [`Term`] is tried on what it can touch: the methods that solve and Table 1 on skins read without a rig ([`readings`]), the
+//! press in the force loop ([`presses`]). Both tries of a seed draw the same contacts and the same noise, so that an [`Effect`]
+//! is the mean of paired differences. The [`rule`] then says for which [`Question`] a scene needs the term. What each term costs
+//! is measured apart, once nothing else of the study runs.
+
+mod cost;
+mod effect;
+mod figures;
+mod presses;
+mod readings;
+mod rule;
+mod terms;
+
+pub use cost::{ALL_TERMS, Cost, PER_PRESS, PER_READING, cost_of_all_terms};
+pub use effect::Effect;
+pub use figures::ablation_figures;
+pub use rule::{NEEDED, Needed, Question, SHARE, needed};
+pub use terms::{Model, TERMS, Term, Touches};
+
+use super::StudyError;
+use super::methods::Told;
+use crate::parallel::in_parallel;
+use crate::rig::RigSpec;
+use serde::Serialize;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Specimens, each with noise of its own; a term is tried off and on with each.
+    pub seeds: usize,
+    /// Calibration presses along a side.
+    pub side: usize,
+    /// Contacts that each calibration is tested with.
+    pub tests: usize,
+    /// Presses of the force loop along a side.
+    pub presses: usize,
+}
+
+impl Size {
+    /// The whole study: the paper's calibration of 625 presses.
+    pub const WHOLE: Size = Size { seeds: 20, side: 25, tests: 500, presses: 7 };
+    /// For a first look, and for tests.
+    pub const QUICK: Size = Size { seeds: 3, side: 7, tests: 40, presses: 2 };
+}
+
+/// What a term changes in one question.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// "ablation".
+    pub study: &'static str,
+    /// The term's name.
+    pub term: &'static str,
+    /// How much of it, and what it can't touch by construction.
+    pub told: &'static str,
+    /// Whether the base has it.
+    pub in_base: bool,
+    /// What is asked.
+    pub question: Question,
+    /// The unit of all numbers of the row.
+    pub unit: &'static str,
+    /// The base's own number, mean over seeds.
+    pub base: f64,
+    /// Off and on, and what that differs by.
+    #[serde(flatten)]
+    pub effect: Effect,
+    /// What a difference must exceed to count.
+    pub counts_from: f64,
+    /// Whether a scene needs the term for this question.
+    pub needed: Needed,
+}
+
+/// All that was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Findings {
+    /// How much was measured.
+    pub size: Size,
+    /// A row a term and a question that it can touch.
+    pub rows: Vec<Row>,
+    /// What terms cost; measured by a clock.
+    pub costs: Vec<Cost>,
+}
+
+impl Findings {
+    /// One JSON object a line.
+    pub fn ndjson(&self) -> String {
+        // numbers and text can't fail
+        let line = |json: serde_json::Result<String>| json.unwrap_or_default() + "\n";
+        let rows = self.rows.iter().map(|row| line(serde_json::to_string(row)));
+        rows.chain(self.costs.iter().map(|cost| line(serde_json::to_string(cost)))).collect()
+    }
+
+    /// What a term changes in a question; none where it can't touch it, or no two tries came to a number.
+    pub fn row(&self, term: &str, question: Question) -> Option<&Row> {
+        self.rows.iter().find(|row| row.term == term && row.question == question)
+    }
+
+    /// Whether a scene needs a term for anything.
+    pub fn verdict(&self, term: &str) -> Needed {
+        let verdicts = || self.rows.iter().filter(|row| row.term == term).map(|row| row.needed);
+        [Needed::Yes, Needed::Undecided]
+            .into_iter()
+            .find(|verdict| verdicts().any(|its| its == *verdict))
+            .unwrap_or(Needed::No)
+    }
+}
+
+/// What one try came to, by question; none where it wasn't asked, or has no answer.
+type Answers = [Option<f64>; Question::ALL.len()];
+
+/// One try: a term other than in the base, or none, on one thing with one seed.
+#[derive(Clone, Copy)]
+struct Job {
+    term: Option<usize>,
+    on: Touches,
+    seed: usize,
+}
+
+/// Tries every term. `told` hears how many tries are done, and of how many.
+///
+/// # Errors
+/// A scene that can't be pressed; none in practice: a test holds the shipped one to be sound.
+pub fn ablation(size: Size, seed: u64, told: Told<'_>) -> Result<Findings, StudyError> {
+    let (base, rig) = Model::base()?;
+    let jobs = jobs(size);
+    let done = AtomicUsize::new(0);
+    let tried = in_parallel(&jobs, |job| {
+        let model = job.term.map_or_else(|| base.clone(), |term| TERMS[term].other_than(&base));
+        let answers = answers(&model, &rig, job.on, size, seed.wrapping_add(job.seed as u64));
+        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
+        answers
+    });
+    let tried = tried.into_iter().collect::<Result<Vec<Answers>, StudyError>>()?;
+    // the answers to a question in the order of the seeds, of the base or with one term other than there
+    let of = |term: Option<usize>, question: Question| -> Vec<Option<f64>> {
+        let its = jobs.iter().zip(&tried).filter(|(job, _)| job.term == term && job.on == question.of());
+        its.map(|(_, answers)| answers[question as usize]).collect()
+    };
+    let mut rows = Vec::new();
+    for (index, term) in TERMS.iter().enumerate() {
+        for question in Question::ALL.into_iter().filter(|question| term.touches(question.of())) {
+            rows.extend(row(term, question, &of(None, question), &of(Some(index), question)));
+        }
+    }
+    let costs = cost::costs(&base, &rig, size, seed)?;
+    Ok(Findings { size, rows, costs })
+}
+
+/// What takes longest first, so that no processor waits for another at the end.
+fn jobs(size: Size) -> Vec<Job> {
+    let tried = |on| {
+        let terms = TERMS.iter().enumerate().filter(move |(_, term)| term.touches(on)).map(|(index, _)| Some(index));
+        [None].into_iter().chain(terms).flat_map(move |term| (0..size.seeds).map(move |seed| Job { term, on, seed }))
+    };
+    Touches::ALL.into_iter().flat_map(tried).collect()
+}
+
+fn answers(model: &Model, rig: &RigSpec, on: Touches, size: Size, seed: u64) -> Result<Answers, StudyError> {
+    let mut answers = Answers::default();
+    let found: Vec<Option<f64>> = match on {
+        Touches::Methods => readings::methods(model, rig, size, seed)?.to_vec(),
+        Touches::Table1 => readings::table_1(model, rig, seed).to_vec(),
+        Touches::Press => presses::press(model, rig, size, seed)?.to_vec(),
+    };
+    let asked = Question::ALL.into_iter().filter(|question| question.of() == on);
+    asked.zip(found).for_each(|(question, found)| answers[question as usize] = found);
+    Ok(answers)
+}
+
+fn row(term: &Term, question: Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<Row> {
+    let pair = |(base, other): (&Option<f64>, &Option<f64>)| {
+        let (base, other) = ((*base)?, (*other)?);
+        Some(if term.in_base { (other, base) } else { (base, other) })
+    };
+    let pairs: Vec<(f64, f64)> = base.iter().zip(other).filter_map(pair).collect();
+    let effect = Effect::of(&pairs)?;
+    let base = if term.in_base { effect.on } else { effect.off };
+    Some(Row {
+        study: "ablation",
+        term: term.name,
+        told: term.told,
+        in_base: term.in_base,
+        question,
+        unit: question.unit(),
+        base,
+        effect,
+        counts_from: question.counts_from(base),
+        needed: needed(&effect, question.counts_from(base)),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_difference_is_on_less_off_whichever_the_base_is() {
+        let (lower, higher) = ([Some(1.0), Some(3.0), None], [Some(3.0), Some(5.5), Some(9.0)]);
+        let of = |in_base: bool| {
+            let term = TERMS.iter().find(|term| term.in_base == in_base).unwrap();
+            row(term, Question::PaperLocation, &lower, &higher).unwrap()
+        };
+        let (off_in_base, on_in_base) = (of(false), of(true));
+        assert_eq!((off_in_base.effect.difference, off_in_base.base), (2.25, 2.0));
+        assert_eq!((on_in_base.effect.difference, on_in_base.base), (-2.25, 2.0));
+        assert_eq!(off_in_base.effect.seeds, 2, "a seed without both is no pair");
+    }
+
+    #[test]
+    fn every_try_has_its_pair() {
+        let jobs = jobs(Size { seeds: 4, ..Size::QUICK });
+        for job in &jobs {
+            let is_pair = |other: &&Job| other.term.is_none() && (other.on, other.seed) == (job.on, job.seed);
+            assert_eq!(jobs.iter().filter(is_pair).count(), 1);
+        }
+    }
+}

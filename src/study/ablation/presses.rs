@@ -1,0 +1,35 @@
+//! A few presses in the force loop: the driver and the control core as in any run, in virtual time.
+
+use super::{Model, Size};
+use crate::control::Strategy;
+use crate::rig::RigSpec;
+use crate::study::{Condition, Part, StudyError};
+
+/// The paper's calibration force and the tolerance of its loop, N.
+const FORCE_N: f64 = 1.0;
+const TOLERANCE_N: f64 = 0.05;
+
+/// Mean force error in the window (mN), peak over the set force (mN), time from one press to the next (s).
+pub fn press(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<[Option<f64>; 3], StudyError> {
+    let outcome = condition(model, rig, size, seed).measure()?;
+    // a walk that ends early has pressed other places
+    let is_whole = outcome.rule.is_none();
+    let found = [outcome.error_mean_mn, outcome.peak_over_mn, outcome.median_s];
+    Ok(found.map(|number| number.filter(|_| is_whole)))
+}
+
+/// A square of presses around the origin, by the strategy that a recipe without one gets.
+pub fn condition(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Condition {
+    Condition {
+        part: Part::Scenes,
+        bench: "the paper's rig",
+        scene: "ablation".to_owned(),
+        spec: RigSpec { scene: model.scene.clone(), ..rig.clone() },
+        strategy: Strategy::default(),
+        force_n: FORCE_N,
+        tolerance_n: TOLERANCE_N,
+        side: size.presses,
+        tests: 0,
+        seed,
+    }
+}
