@@ -1,5 +1,10 @@
+use super::StudyError;
+use crate::dataset::{Contact, Memory};
 use crate::document::Problems;
+use crate::recipe::Plan;
 use crate::rig::{self, RigSpec};
+use crate::run::{Cancel, Ending, Errand, Listener, walk};
+use tokio::runtime::Builder;
 
 /// The simulated benches that conditions are measured on: one plant, two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,8 +36,36 @@ impl Bench {
             Bench::Esp301 => ("rigs/bench-esp301.toml", include_str!("../../rigs/bench-esp301.toml")),
             Bench::XpsLike => ("rigs/bench-fast.toml", include_str!("../../rigs/bench-fast.toml")),
         };
-        rig::parse(file, text, &|_| Err(std::io::ErrorKind::NotFound.into()))
+        shipped(file, text)
     }
+}
+
+/// The paper's own rig as it is shipped.
+///
+/// # Errors
+/// None: a test holds the shipped text to be sound.
+pub fn papers_rig() -> Result<RigSpec, Problems> {
+    shipped("rigs/paper.toml", include_str!("../../rigs/paper.toml"))
+}
+
+/// Walks a plan in virtual time and keeps no files: what was measured, and how it ended.
+///
+/// # Errors
+/// The operating system's: there is no runtime.
+pub fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
+    let mut memory = Memory::default();
+    let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
+    let errand = Errand { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
+    let ending = runtime.block_on(walk(errand, &mut Nobody));
+    Ok((memory.contacts().cloned().collect(), ending))
+}
+
+struct Nobody;
+
+impl Listener for Nobody {}
+
+fn shipped(file: &str, text: &str) -> Result<RigSpec, Problems> {
+    rig::parse(file, text, &|_| Err(std::io::ErrorKind::NotFound.into()))
 }
 
 #[cfg(test)]

@@ -1,17 +1,17 @@
 //! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
 
+use super::bench::walked;
 use super::{StudyError, bound};
 use crate::control::Strategy;
-use crate::dataset::{Contact, Memory, Row, RowTruth};
-use crate::quantity::{ArrayLayout, Place};
+use crate::dataset::evaluate::Trial;
+use crate::dataset::table::Table;
+use crate::dataset::{Contact, Row, RowTruth};
+use crate::quantity::ArrayLayout;
 use crate::recipe::{self, Phase, Plan};
 use crate::rig::RigSpec;
-use crate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
-use crate::solver::{
-    Calibration, CalibrationPoint, ErrorSummary, Evaluation, SOLVERS, Setting, TestPress, evaluate, fit,
-};
+use crate::run::{Ending, Halt};
+use crate::solver::{ErrorSummary, Evaluation, SOLVERS};
 use serde::Serialize;
-use tokio::runtime::Builder;
 
 /// From one place to the next, mm, and the window, s: those of the paper's calibration.
 const PITCH_MM: f64 = 0.5;
@@ -128,12 +128,7 @@ impl Condition {
     /// A plan that the bench can't carry out.
     pub fn measure(&self) -> Result<Outcome, StudyError> {
         let plan = self.plan()?;
-        let mut memory = Memory::default();
-        let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
-        let errand =
-            Errand { plan: &plan, spec: &self.spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
-        let ending = runtime.block_on(walk(errand, &mut Nobody));
-        let contacts: Vec<Contact> = memory.contacts().cloned().collect();
+        let (contacts, ending) = walked(&plan, &self.spec)?;
         Ok(self.outcome(&plan, &contacts, &ending))
     }
 
@@ -216,26 +211,9 @@ pub(super) fn grain(value: f64) -> f64 {
     (value * 1e4).round() / 1e4 + 0.0 // no "-0"
 }
 
-/// What the paper's solver makes of the test presses, calibrated on the square; flagged presses are left out, as in any
-/// evaluation.
+/// What the paper's solver makes of the test presses, calibrated on the square.
 fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
-    let of = |phase| {
-        let rows = contacts.iter().flat_map(|contact| &contact.rows);
-        rows.filter(move |row| row.phase == phase && row.flags.is_empty()).collect::<Vec<&Row>>()
-    };
-    let (mut square, tests) = (of(Phase::Calibration), of(Phase::Test));
-    square.sort_by_key(|row| row.press);
-    let place = |row: &Row| Place::new(row.x_mm, row.y_mm);
-    let points: Vec<CalibrationPoint<'_>> = square
-        .iter()
-        .map(|row| CalibrationPoint { place: place(row), force_n: row.force_set_n, outputs: &row.outputs })
-        .collect();
-    let presses: Vec<TestPress<'_>> = tests
-        .iter()
-        .map(|row| TestPress { place: place(row), force_n: Some(row.force_set_n), outputs: &row.outputs })
-        .collect();
-    let solver = fit(SOLVERS[0], &Calibration::new(&points).ok()?, &Setting::of_layout(Some(layout))).ok()?;
-    evaluate(&solver, &presses).ok()
+    Trial::of_run(&Table::of_contacts(contacts)?, Some(layout)).ok()?.answers(SOLVERS[0]).ok()
 }
 
 fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
@@ -258,7 +236,3 @@ fn last_s(made: &[&Contact]) -> Option<f64> {
 fn to_mn(force_n: f64) -> f64 {
     1000.0 * force_n
 }
-
-struct Nobody;
-
-impl Listener for Nobody {}

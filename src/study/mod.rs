@@ -16,6 +16,7 @@ mod figures;
 pub mod methods;
 mod scenes;
 mod stability;
+pub mod validation;
 
 pub use bench::Bench;
 pub use bound::least_s;
@@ -40,6 +41,14 @@ pub enum StudyError {
     /// A press can't be calibrated on.
     #[error("the study can't calibrate: {0}")]
     Calibration(#[from] CalibrationError),
+    /// A protocol that was to be carried out broke off.
+    #[error("the protocol broke off with seed {seed}: {why}")]
+    Broken {
+        /// The seed.
+        seed: u64,
+        /// Why.
+        why: String,
+    },
     /// The operating system refused.
     #[error("the study can't be carried out: {0}")]
     System(#[from] std::io::Error),

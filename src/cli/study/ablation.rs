@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 /// Carries the study out, writes its figures and prints what was found.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(args, "ablation")?;
+    let begun = Begun::new(&args.output, "ablation")?;
     let size = if args.quick { Size::QUICK } else { Size::WHOLE };
     let found = begun.carried(ablation(size, args.seed, &begun.told()))?;
     begun.end(ablation_figures(&found), found.ndjson(), |out| summary(&found, out))

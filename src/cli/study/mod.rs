@@ -5,6 +5,7 @@ mod ablation;
 mod control;
 mod curves;
 mod methods;
+mod validation;
 
 use super::exit::Failure;
 use super::summary::print;
@@ -46,6 +47,8 @@ enum Study {
     Curves(curves::Args),
     /// Which physical and measurement terms a simulated scene needs, and for what, a minute
     Ablation(Common),
+    /// The paper's protocol with ten specimens, and its numerical study, as a page; half a minute
+    Validation(Common),
 }
 
 /// What every study is told that draws at random.
@@ -81,6 +84,7 @@ pub fn study(args: &Args) -> Result<ExitCode, Failure> {
         Study::Failures(args) => methods::failures(args),
         Study::Curves(args) => curves::study(args),
         Study::Ablation(args) => ablation::study(args),
+        Study::Validation(args) => validation::study(args),
     }
 }
 
@@ -161,7 +165,7 @@ fn write<'a>(folder: &Path, files: impl Iterator<Item = (&'a str, &'a str)>) -> 
 fn failure(error: StudyError) -> Failure {
     match error {
         StudyError::Problems(problems) => Failure::usage(problems),
-        StudyError::Calibration(_) => Failure::usage(error),
+        StudyError::Calibration(_) | StudyError::Broken { .. } => Failure::usage(error),
         StudyError::System(_) => Failure::unwritten(error),
     }
 }

@@ -2,8 +2,9 @@
 
 use crate::document::Problems;
 use crate::mechanics::Medium;
-use crate::rig::{self, RigSpec};
+use crate::rig::RigSpec;
 use crate::scene::{Branch, Elastomer, LoadCell, NoiseOf, SceneSpec, Servo, TaxelNoise, Taxels};
+use crate::study::bench::papers_rig;
 use crate::study::methods::specimen::{CONVERTER, REPEATABILITY_PERCENT};
 
 /// What a try models: a scene, and what the measurement adds to it.
@@ -27,8 +28,7 @@ impl Model {
     /// # Errors
     /// None: a test holds the shipped text to be sound.
     pub fn base() -> Result<(Model, RigSpec), Problems> {
-        let text = include_str!("../../../rigs/paper.toml");
-        let rig = rig::parse("rigs/paper.toml", text, &|_| Err(std::io::ErrorKind::NotFound.into()))?;
+        let rig = papers_rig()?;
         let mut scene = rig.scene.clone();
         scene.skin.converter = Some(CONVERTER);
         Ok((Model { scene, noise_of_reading_percent: None, force_tolerance_n: 0.0, drift_percent: 0.0 }, rig))

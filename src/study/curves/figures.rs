@@ -11,7 +11,7 @@ type Drawn = (String, String);
 /// Neighbours among the curves differ in colour, and the second with a colour is broken; names at their ends say which is which.
 const HUES: [Hue; 7] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Red, Hue::Teal, Hue::Purple, Hue::Brown];
 /// One panel across; in a grid marks are small.
-const GRID: Option<Grid> = Some(Grid { columns: 1, width_px: 900.0 });
+const GRID: Option<Grid> = Some(Grid { columns: 1, width_px: 900.0, shared: false });
 const HEIGHT_PX: f64 = 460.0;
 /// From the name of one curve to the next, px.
 const NAME_PX: f64 = 14.0;

@@ -1,0 +1,28 @@
+//! `palpate study validation`: the paper's protocol many times over, and its numerical study, as a page.
+
+use super::{Begun, Common};
+use crate::cli::exit::Failure;
+use crate::study::validation::{QUICK_SEEDS, SEEDS, validation};
+use std::process::ExitCode;
+
+/// Carries the protocol out, writes the page and prints it.
+pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(&args.output, "validation")?;
+    let seeds = if args.quick { QUICK_SEEDS } else { SEEDS };
+    let found = begun.carried(validation(seeds, args.seed, &begun.told()))?;
+    let page = found.markdown();
+    begun.end(vec![("validation.md".to_owned(), page)], found.ndjson(), |out| {
+        let accepted = found.outcomes.iter().filter(|outcome| outcome.best.accepted()).count();
+        let mean = |of: fn(&crate::study::validation::Outcome) -> f64| {
+            found.outcomes.iter().map(of).sum::<f64>() / found.outcomes.len() as f64
+        };
+        format!(
+            "{} specimens, {accepted} accepted; mean location error {:.3} mm by the paper's\nmethod (paper: 0.46), {:.3} mm by the best\n\
+             the page and rows: {}\n",
+            found.outcomes.len(),
+            mean(|outcome| outcome.papers.location_error_mm.mean),
+            mean(|outcome| outcome.best.location_error_mm.mean),
+            out.display()
+        )
+    })
+}

@@ -1,0 +1,108 @@
+//! The paper's validation made again: its whole protocol on its own rig, simulated, with as many specimens as there are seeds, and
+//! the claims of its numerical study. [`Validation::markdown`] is what `docs/validation.md` holds.
+
+mod page;
+
+use super::StudyError;
+use super::bench::{papers_rig, walked};
+use super::curves::{Claim, curves};
+use super::methods::Told;
+use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::dataset::evaluate::Trial;
+use crate::dataset::table::Table;
+use crate::parallel::in_parallel;
+use crate::recipe::{self, Plan};
+use crate::solver::{BEST, Evaluation, SOLVERS};
+use serde::Serialize;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The recipe that is carried out.
+const RECIPE: (&str, &str) = ("recipes/paper.toml", include_str!("../../../recipes/paper.toml"));
+
+/// The whole protocol, made so many times over with seeds one after another.
+pub const SEEDS: usize = 10;
+/// The same for a first look.
+pub const QUICK_SEEDS: usize = 2;
+
+/// What one specimen came to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// "validation".
+    pub study: &'static str,
+    /// What its places, its noise and all else were drawn from.
+    pub seed: u64,
+    /// Presses that were made.
+    pub presses: usize,
+    /// How long they took, virtual time, h.
+    pub hours: f64,
+    /// By the paper's method.
+    pub papers: Evaluation,
+    /// By the one that cross-validation picks.
+    pub best: Evaluation,
+    /// Repeatability (3 sd) and hysteresis of every unit.
+    #[serde(skip)]
+    pub table_1: Vec<UnitCharacteristics>,
+}
+
+/// All that was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Validation {
+    /// The first seed.
+    pub seed: u64,
+    /// One a seed.
+    pub outcomes: Vec<Outcome>,
+    /// What became of the claims of the numerical study.
+    pub claims: Vec<Claim>,
+}
+
+/// Carries the protocol out `seeds` times, in virtual time and without files.
+///
+/// # Errors
+/// A recipe or a rig that can't be used; none in practice: tests hold both to be sound.
+pub fn validation(seeds: usize, seed: u64, told: Told<'_>) -> Result<Validation, StudyError> {
+    let each: Vec<u64> = (0..seeds as u64).map(|index| seed.wrapping_add(index)).collect();
+    let done = AtomicUsize::new(0);
+    let outcomes = in_parallel(&each, |&seed| {
+        let outcome = carried_out(seed);
+        told(1 + done.fetch_add(1, Ordering::Relaxed), seeds);
+        outcome
+    });
+    let outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>, StudyError>>()?;
+    Ok(Validation { seed, outcomes, claims: curves().claims })
+}
+
+fn carried_out(seed: u64) -> Result<Outcome, StudyError> {
+    let rig = papers_rig()?;
+    let (file, text) = RECIPE;
+    let plan = Plan::new(&recipe::parse(file, text)?, &rig.ground(), seed)?;
+    let (contacts, ending) = walked(&plan, &rig)?;
+    let broken = |why: String| StudyError::Broken { seed, why };
+    if let Some(why) = ending.told() {
+        return Err(broken(why));
+    }
+    let layout = &rig.array.layout;
+    let table = Table::of_contacts(&contacts).ok_or_else(|| broken("no press was made".to_owned()))?;
+    let trial = Trial::of_run(&table, Some(layout)).map_err(|error| broken(error.to_string()))?;
+    let evaluated = |solver| trial.evaluate(solver).map_err(|error| broken(error.to_string()));
+    let staircases = Staircases::of_run(&table, layout);
+    let last_s = contacts.iter().flat_map(|contact| &contact.rows).map(|row| row.t_s).fold(0.0, f64::max);
+    Ok(Outcome {
+        study: "validation",
+        seed,
+        presses: contacts.len(),
+        hours: last_s / 3600.0,
+        papers: evaluated(SOLVERS[0])?,
+        best: evaluated(BEST)?,
+        table_1: staircases.map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::ThreeSd)),
+    })
+}
+
+impl Validation {
+    /// One JSON object a line: the specimens, then the claims.
+    pub fn ndjson(&self) -> String {
+        // numbers and text can't fail
+        let outcomes = self.outcomes.iter().map(|outcome| serde_json::to_string(outcome).unwrap_or_default() + "\n");
+        let claims = self.claims.iter().map(|claim| serde_json::to_string(claim).unwrap_or_default() + "\n");
+        outcomes.chain(claims).collect()
+    }
+}
