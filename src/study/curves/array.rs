@@ -4,8 +4,9 @@ use crate::mechanics::{Passage, Response};
 use crate::quantity::{ArrayLayout, Place};
 use crate::solver::correlation;
 
-/// Readings whose variance is less than this share of their power are all alike: a table knows no better.
-const ALIKE: f64 = 1e-13;
+/// Readings whose variance is less than this share of their power are all alike: that is a ten-thousandth of each, far below any
+/// noise, and what is computed of the rest is rounded to less than a rise that counts.
+const ALIKE: f64 = 1e-8;
 
 /// An array: where its units are, and what each reads of a contact.
 ///
@@ -128,6 +129,9 @@ impl Aim<'_> {
         let power = sums.power()?;
         // the pattern is centred, so that it needs no centred readings beside it
         let r = sums.along / power.sqrt();
+        if self.pattern.len() == 2 {
+            return Some((r, 0.0)); // two units have two patterns, 1 and -1, and rounding between them is no slope
+        }
         Some((r, sums.along_slopes / power.sqrt() - r * sums.products / power))
     }
 }

@@ -326,13 +326,15 @@ fn always() -> Claim {
         walks.iter().filter_map(|walk| walk.turning_mm).fold(f64::INFINITY, f64::min)
     };
     // either half for itself: the line is the same from both of its ends
-    let least = |from: i32, to: i32| {
-        let points = (from..=to).map(|index| f64::from(index) / 50.0);
-        let start = points.min_by(|a, b| first(*a).total_cmp(&first(*b))).unwrap_or(0.0);
-        let ([d1], d) =
-            descend([start], [0.02], |[d1]| if (0.0..=FIGURE_5_TO).contains(d1) { first(*d1) } else { f64::INFINITY });
-        (d1, d)
-    };
+    let least =
+        |from: i32, to: i32| {
+            let points = (from..=to).map(|index| f64::from(index) / 50.0);
+            let start = points.min_by(|a, b| first(*a).total_cmp(&first(*b))).unwrap_or(0.0);
+            let ([d1], d) = descend([start], [0.02], 100, |[d1]| {
+                if (0.0..=FIGURE_5_TO).contains(d1) { first(*d1) } else { f64::INFINITY }
+            });
+            (d1, d)
+        };
     let ((left, d), (right, d_right)) = (least(0, 200), least(200, 400));
     let least = d.min(d_right);
     Claim {

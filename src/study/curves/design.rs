@@ -177,7 +177,7 @@ impl Design {
         let far_mm = |least: f64| {
             // a layer's reading may come up again: the last of all distances counts
             let steps = (0..=2000).map(|step| 0.01 * f64::from(step) * depth_mm);
-            let above = steps.filter(|mm| share(response, *mm) > least).last().unwrap_or(0.0);
+            let above = steps.rev().find(|mm| share(response, *mm) > least).unwrap_or(0.0);
             last(above, above + 0.01 * depth_mm, |mm| share(response, mm) > least)
         };
         let field = |response: &Response| {

@@ -12,9 +12,12 @@ const RISING: f64 = 1e-6;
 pub const NEAR_R: f64 = 0.99;
 /// By how much a step is smaller where a turning is looked at closer.
 const FINER: f64 = 2.0;
-/// How many of the rays that turn first are followed up, and how often each is varied.
+/// How many of the rays that turn first are followed up.
 const FOLLOWED: usize = 12;
-const VARIED: usize = 3000;
+/// Rounds in which what is sought is varied along each coordinate, both ways: at most, and at least.
+const ROUNDS: (usize, usize) = (500, 4);
+/// Readings that are computed in a search, which bounds the rounds of a large array.
+const SEARCH_READINGS: f64 = 3e7;
 
 /// Where contacts may be, mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -50,8 +53,10 @@ impl Area {
                 -1.0
             } else if speed > 0.0 {
                 (last - at) / speed
+            } else if speed < 0.0 {
+                (first - at) / speed
             } else {
-                (first - at) / speed // no speed: infinitely far
+                f64::INFINITY
             }
         };
         along(self.x_mm, from.x_mm, cos).min(along(self.y_mm, from.y_mm, sin))
@@ -194,7 +199,10 @@ fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turnin
     };
     let from = [turning.from.x_mm, turning.from.y_mm, turning.direction_rad];
     let steps = [8.0 * step_mm, 8.0 * step_mm, 8.0 * step_mm / turning.distance_mm.max(step_mm)];
-    let ([x_mm, y_mm, direction_rad], distance_mm) = descend(from, steps, distance_mm);
+    let readings_a_walk = array.places().len() as f64 * (turning.distance_mm / step_mm).max(1.0);
+    let affordable = SEARCH_READINGS / (readings_a_walk * (2 * from.len() * FOLLOWED) as f64);
+    let rounds = (affordable as usize).clamp(ROUNDS.1, ROUNDS.0);
+    let ([x_mm, y_mm, direction_rad], distance_mm) = descend(from, steps, rounds, distance_mm);
     Turning { from: Place::new(x_mm, y_mm), direction_rad, distance_mm }
 }
 
@@ -202,10 +210,11 @@ fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turnin
 pub fn descend<const N: usize>(
     mut at: [f64; N],
     mut steps: [f64; N],
+    rounds: usize,
     height: impl Fn(&[f64; N]) -> f64,
 ) -> ([f64; N], f64) {
     let (mut least, enough) = (height(&at), steps[0] * 1e-5);
-    for _ in 0..VARIED / (2 * N) {
+    for _ in 0..rounds {
         let before = least;
         for axis in 0..N {
             for step in [steps[axis], -steps[axis]] {
@@ -246,7 +255,7 @@ mod tests {
     #[test]
     fn descending_finds_the_lowest_point_of_a_bowl() {
         let bowl = |[x, y]: &[f64; 2]| (x - 1.0).powi(2) + 3.0 * (y + 2.0).powi(2) + x * y;
-        let ([x, y], _) = descend([5.0, 5.0], [1.0, 1.0], bowl);
+        let ([x, y], _) = descend([5.0, 5.0], [1.0, 1.0], 500, bowl);
         assert!((x - 24.0 / 11.0).abs() < 1e-4 && (y + 26.0 / 11.0).abs() < 1e-4, "{x} {y}");
     }
 
