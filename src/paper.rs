@@ -25,3 +25,13 @@ pub const TABLE_1_PERCENT: [[f64; 3]; 9] = [
     [2.84, 3.23, 4.44],
     [3.97, 4.89, 5.19],
 ];
+
+/// Loading repeatability of each unit, %: one standard deviation of the scenes' noise is a third of it.
+pub fn repeatability_percent() -> [f64; 9] {
+    TABLE_1_PERCENT.map(|[loading, _, _]| loading)
+}
+
+/// Hysteresis of each unit, %.
+pub fn hysteresis_percent() -> [f64; 9] {
+    TABLE_1_PERCENT.map(|[_, _, hysteresis]| hysteresis)
+}

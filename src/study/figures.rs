@@ -7,9 +7,10 @@ use super::scenes::SCENES;
 use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
 use crate::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
+use crate::paper;
 
 /// The paper's own mean location error, mm.
-const PAPER_MM: f64 = 0.46;
+const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// One number of an outcome, where it has it.
 type Value = fn(&Outcome) -> Option<f64>;

@@ -2,10 +2,11 @@
 
 use crate::document::Problems;
 use crate::mechanics::Medium;
+use crate::paper;
 use crate::rig::RigSpec;
 use crate::scene::{Branch, Elastomer, LoadCell, NoiseOf, SceneSpec, Servo, TaxelNoise, Taxels};
 use crate::study::bench::papers_rig;
-use crate::study::methods::specimen::{CONVERTER, REPEATABILITY_PERCENT};
+use crate::study::methods::specimen::CONVERTER;
 
 /// What a try models: a scene, and what the measurement adds to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,7 +105,7 @@ pub const TERMS: [Term; 16] = [
         in_base: true,
         on: READINGS,
         set: |model, on| {
-            let repeatability_percent = REPEATABILITY_PERCENT.to_vec();
+            let repeatability_percent = paper::repeatability_percent().to_vec();
             let of = NoiseOf::FullScale;
             model.scene.skin.noise = on.then_some(TaxelNoise { repeatability_percent, of, floor: 0.0 });
         },
@@ -115,7 +116,7 @@ pub const TERMS: [Term; 16] = [
         key: Some("taxel_noise.of"),
         in_base: false,
         on: READINGS,
-        set: |model, on| model.noise_of_reading_percent = on.then(|| REPEATABILITY_PERCENT.to_vec()),
+        set: |model, on| model.noise_of_reading_percent = on.then(|| paper::repeatability_percent().to_vec()),
     },
     Term {
         name: "hysteresis",
@@ -123,7 +124,7 @@ pub const TERMS: [Term; 16] = [
         key: Some("hysteresis"),
         in_base: true,
         on: TABLE_1,
-        set: |model, on| model.scene.skin.hysteresis_percent = on.then(|| HYSTERESIS_PERCENT.to_vec()),
+        set: |model, on| model.scene.skin.hysteresis_percent = on.then(|| paper::hysteresis_percent().to_vec()),
     },
     Term {
         name: "punch",
@@ -241,9 +242,6 @@ pub const TERMS: [Term; 16] = [
         },
     },
 ];
-
-/// Hysteresis of each of the paper's units, % (its Table 1).
-const HYSTERESIS_PERCENT: [f64; 9] = [4.11, 2.29, 2.88, 3.08, 3.39, 5.53, 3.99, 4.44, 5.19];
 
 #[cfg(test)]
 mod tests {

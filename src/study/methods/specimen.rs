@@ -1,5 +1,6 @@
 //! The specimens on which methods are compared: the paper's array with the noise of its Table 1, read in two ways.
 
+use crate::paper;
 use crate::quantity::{ArrayLayout, Place, Stream};
 use crate::scene::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise};
 use crate::solver::{Calibration, CalibrationError, CalibrationPoint};
@@ -17,8 +18,6 @@ pub const HALF_MM: f64 = 6.0;
 /// Depth of the paper's taxels, mm.
 pub const DEPTH_MM: f64 = 5.0;
 
-/// Loading repeatability of each of the paper's units, % (its Table 1); one standard deviation is a third of it.
-pub const REPEATABILITY_PERCENT: [f64; 9] = [1.60, 3.74, 2.19, 0.83, 0.51, 1.02, 0.71, 2.84, 3.97];
 /// The paper's array: units along a side, and from one to the next, mm.
 const SIDE: usize = 3;
 const PITCH_MM: f64 = 4.5;
@@ -69,12 +68,12 @@ pub struct Specimen {
 impl Specimen {
     /// The paper's 3 x 3 units with their own noise.
     pub fn papers(noise: Noise) -> Specimen {
-        Self::new(noise, ArrayLayout::grid(SIDE, SIDE, PITCH_MM), REPEATABILITY_PERCENT.to_vec())
+        Self::new(noise, ArrayLayout::grid(SIDE, SIDE, PITCH_MM), paper::repeatability_percent().to_vec())
     }
 
     /// A square of units that are all as noisy as the paper's are on average.
     pub fn square(noise: Noise, side: usize, pitch_mm: f64) -> Specimen {
-        let mean = REPEATABILITY_PERCENT.iter().sum::<f64>() / REPEATABILITY_PERCENT.len() as f64;
+        let mean = paper::repeatability_percent().iter().sum::<f64>() / paper::TABLE_1_PERCENT.len() as f64;
         Self::new(noise, ArrayLayout::grid(side, side, pitch_mm), vec![mean; side * side])
     }
 

@@ -10,10 +10,11 @@ pub use speed_accuracy::{speed_accuracy_figures, told};
 
 use super::trial::{CRAMER_RAO, Method, Row};
 use crate::chart::{Hue, Line, Look, Shape};
+use crate::paper;
 use crate::solver::BEST;
 
 /// The paper's own mean location error, mm (its section 4).
-const PAPER_MM: f64 = 0.46;
+const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// A figure: its file's name and the SVG.
 pub type Drawn = (String, String);
