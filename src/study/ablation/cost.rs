@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 const READINGS: usize = 1000;
 const PASSES: usize = 60;
 /// The same of the loop's walks, and presses along a side.
-const WALKS: usize = 3;
+const WALKS: usize = 5;
 const SIDE: usize = 5;
 
 /// What a term costs.

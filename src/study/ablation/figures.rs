@@ -52,8 +52,7 @@ fn figure(found: &Findings, title: &str, panels: &[(&str, &[Question])]) -> Figu
         notes: vec![
             pressed(found, panels),
             format!(
-                "base: the scene of rigs/paper.toml. Dotted: beyond ±{:.0} % a difference counts; of a number next to nothing from \
-                 a floor on, which is then drawn there",
+                "base: the scene of rigs/paper.toml. Dotted: beyond ±{:.0} % a difference counts, or beyond a floor that is drawn there",
                 100.0 * SHARE
             ),
             "no mark: the term can't touch it by construction".to_owned(),
