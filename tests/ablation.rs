@@ -81,10 +81,7 @@ const ALLOWED: [(&str, &str); 11] = [
     ("stiffness", "the loop's own test bench"),
     ("stage.servo_ms", "the loop's own test bench"),
     ("stage.quantum_mm", "the loop's own test bench: 0.1 um, a tenth of what the study finds to be waste"),
-    (
-        "surface.tilt_mm",
-        "waste to every question of the study: what `palpate align` and the strategy map have to learn",
-    ),
+    ("surface.tilt_mm", "the loop's own test bench: a slope is what its strategy map has to learn"),
 ];
 
 #[test]

@@ -25,7 +25,9 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
     assert_eq!(seeds, [7, 8]);
     for row in rows.iter().filter(|row| row["study"] == "validation") {
         assert_eq!((row["presses"].as_u64(), row["papers"]["points"].as_u64()), (Some(770), Some(100)));
-        assert!(row["best"]["location_error_mm"]["mean"].as_f64() < row["papers"]["location_error_mm"]["mean"].as_f64());
+        assert!(
+            row["best"]["location_error_mm"]["mean"].as_f64() < row["papers"]["location_error_mm"]["mean"].as_f64()
+        );
     }
     assert!(rows.iter().any(|row| row["verdict"] == "fails"), "claims are among the rows");
     bench.palpate_ends(0, "study validation --quick --json --seed 7 --out b");

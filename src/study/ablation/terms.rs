@@ -226,7 +226,7 @@ pub const TERMS: [Term; 16] = [
         name: "surface tilt",
         told: "at most 0.2 mm in the loading area; readings follow the force, not the depth",
         key: Some("surface.tilt_mm"),
-        in_base: true,
+        in_base: false,
         on: PRESS,
         set: |model, on| model.scene.surface_tilt_mm = if on { 0.2 } else { 0.0 },
     },
