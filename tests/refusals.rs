@@ -137,7 +137,7 @@ fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
         (
             "hysteresis = {",
             "taxel_fault = [{ unit = 10, kind = \"dead\" }]\nhysteresis = {",
-            &["there is no unit 10: the rig's array has 9", "rig.toml:41:25"],
+            &["there is no unit 10: the rig's array has 9", "rig.toml:40:25"],
         ),
         ("\"labjack-t7\"", "\"labjack-t8\"", &["there is no register map \"labjack-t8\"", "labjack-t7"]),
     ];

@@ -261,16 +261,16 @@ mod tests {
             (
                 changed("taxel_noise = {", "taxel_noise = { of = \"readings\", floor = -0.001,"),
                 vec![
-                    "40:22: `of` is \"readings\", expected one of full-scale, reading",
-                    "40:42: `floor` is -0.001, must be 0 to 1000",
+                    "39:22: `of` is \"readings\", expected one of full-scale, reading",
+                    "39:42: `floor` is -0.001, must be 0 to 1000",
                 ],
             ),
-            (changed(", 3.97]", "]"), vec!["40:41: `repeatability_percent` has 8 values for 9 units"]),
+            (changed(", 3.97]", "]"), vec!["39:41: `repeatability_percent` has 8 values for 9 units"]),
             (
                 changed("repeatability_percent", "repeatabilty_percent"),
                 vec![
-                    "40:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list, one % a unit",
-                    "40:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`",
+                    "39:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list, one % a unit",
+                    "39:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`",
                 ],
             ),
             (
@@ -280,18 +280,18 @@ mod tests {
                     "36:22: `bits` must be 1 to 32",
                 ],
             ),
-            (with_fault("unit = 10\nkind = \"dead\""), vec!["44:8: there is no unit 10: the rig's array has 9"]),
+            (with_fault("unit = 10\nkind = \"dead\""), vec!["43:8: there is no unit 10: the rig's array has 9"]),
             (
                 with_fault("unit = 5\nkind = \"stuck\""),
-                vec!["43:1: `reading` is missing in `scene.taxel_fault`: a number, -1000 to 1000"],
+                vec!["42:1: `reading` is missing in `scene.taxel_fault`: a number, -1000 to 1000"],
             ),
             (
                 with_fault("unit = 5\nkind = \"dead\"\nreading = 1.0"),
-                vec!["46:1: unknown key `reading` in `scene.taxel_fault`"],
+                vec!["45:1: unknown key `reading` in `scene.taxel_fault`"],
             ),
             (
                 with_fault("unit = 5\nkind = \"deaf\""),
-                vec!["45:8: `kind` is \"deaf\", expected one of dead, stuck, clipped, drifted"],
+                vec!["44:8: `kind` is \"deaf\", expected one of dead, stuck, clipped, drifted"],
             ),
         ] {
             let told: Vec<String> = told.into_iter().map(|line| format!("rig.toml:{line}")).collect();
