@@ -193,7 +193,7 @@ mod tests {
 
     /// The term, on a line before the one of relaxation.
     fn surface(terms: &str) -> String {
-        format!("surface = {{ {terms} }}\nrelaxation")
+        format!("surface = {{ {terms} }}\nrelaxation =")
     }
 
     #[test]
@@ -210,10 +210,10 @@ mod tests {
 
         let scene = changed("noise_n = 0.003", "noise_n = 0.003, transport_ms = 2.0, low_pass_hz = 100.0").unwrap();
         assert_eq!(scene.load_cell, Some(LoadCell { transport_s: 0.002, low_pass_hz: Some(100.0), ..cell }));
-        let scene = changed("relaxation", &surface("bumps_mm = 0.03, bumps_wavelength_mm = [1.0, 2.0]")).unwrap();
+        let scene = changed("relaxation =", &surface("bumps_mm = 0.03, bumps_wavelength_mm = [1.0, 2.0]")).unwrap();
         let short = Relief { bumps_mm: 0.03, bumps_wavelength_mm: (1.0, 2.0), roughness_mm: 0.0 };
         assert_eq!((scene.surface_tilt_mm, scene.relief), (0.0, Some(short)));
-        let scene = changed("relaxation", &surface("tilt_mm = 0.2, bumps_mm = 0.005, roughness_mm = 0.001")).unwrap();
+        let scene = changed("relaxation =", &surface("tilt_mm = 0.2, bumps_mm = 0.005, roughness_mm = 0.001")).unwrap();
         let nominal = Relief { bumps_mm: 0.005, bumps_wavelength_mm: (6.0, 12.0), roughness_mm: 0.001 };
         assert_eq!((scene.surface_tilt_mm, scene.relief), (0.2, Some(nominal)));
         let more = "stiffness = { smooth_percent = 6.0, white_percent = 0.5 }\nstage = { servo_ms = 7.0, quantum_mm = 0.0001 }\nelastomer";
@@ -243,9 +243,9 @@ mod tests {
         let last = "array = [1.0, 2.0] }";
         let fault = |text: &str| format!("{last}\n[[scene.fault]]\n{text}\n");
         for (from, to, told) in [
-            ("relaxation", &surface("bumps_wavelength_mm = [6.0, 12.0]"), "without `bumps_mm`"),
-            ("relaxation", &surface("bumps_mm = -0.1"), "bumps_mm"),
-            ("relaxation", &surface("bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]"), "bumps_wavelength_mm"),
+            ("relaxation =", surface("bumps_wavelength_mm = [6.0, 12.0]").as_str(), "without `bumps_mm`"),
+            ("relaxation =", &surface("bumps_mm = -0.1"), "bumps_mm"),
+            ("relaxation =", &surface("bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]"), "bumps_wavelength_mm"),
             ("noise_n = 0.003", "low_pass_hz = 0.0", "low_pass_hz"),
             ("noise_n = 0.003", "transport_ms = -1.0", "transport_ms"),
             ("elastomer", "stiffness = { smooth_percent = 60.0 }\nelastomer", "smooth_percent"),

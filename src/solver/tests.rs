@@ -144,3 +144,22 @@ proptest! {
         assert_sane(&rows, &readings);
     }
 }
+
+#[test]
+fn answers_are_the_same_without_an_idea_of_their_errors() {
+    let rows = grid(5, 3);
+    let calibration = Calibration::new(&points(&rows)).unwrap();
+    let readings = [row(0.3, -0.8, 3), row(-1.7, 1.1, 3)];
+    for name in SOLVERS {
+        let solved = |appraised: bool| {
+            let fitted = fit(name, &calibration, &Setting { appraised, ..Setting::default() }).unwrap();
+            let solve = |(.., outputs): &(f64, f64, f64, Vec<f64>)| fitted.solve(outputs, &mut Workspace::default());
+            readings.iter().map(|reading| solve(reading).unwrap()).collect::<Vec<Solution>>()
+        };
+        for (with, without) in solved(true).iter().zip(solved(false)) {
+            assert_eq!((with.place, with.force_n), (without.place, without.force_n), "{name}");
+            let has_map = matches!(name, "surrogate" | "physics");
+            assert_eq!(without.covariance.is_some(), has_map, "{name}");
+        }
+    }
+}

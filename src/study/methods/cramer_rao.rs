@@ -94,10 +94,11 @@ impl Least {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Specimen, Touch, anywhere};
+    use super::super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Specimen, Touch, anywhere, grid};
     use super::*;
     use crate::quantity::stream;
     use crate::scene::TaxelNoise;
+    use crate::solver::{Setting, Solver, fit};
 
     fn even(sd: f64) -> Specimen {
         Specimen::papers(Noise::T).with(|skin| {
@@ -136,6 +137,26 @@ mod tests {
             assert!((least.location_mm / location_mm - 1.0).abs() < 0.02, "{noise:?}: {least:?}");
             assert!((least.force_n / force_n - 1.0).abs() < 0.02, "{noise:?}: {least:?}");
         }
+    }
+
+    #[test]
+    fn what_a_fitted_map_expects_is_the_bound_and_the_maps_own_error() {
+        let specimen = Specimen::papers(Noise::T);
+        let mut skin = specimen.skin(1);
+        let presses = Readings::of(&mut skin, &grid(25), &mut stream(5, 0, "calibration"));
+        let setting = Setting::of_layout(Some(&specimen.layout));
+        for name in ["physics", "surrogate"] {
+            let fitted = fit(name, &presses.calibration().unwrap(), &setting).unwrap();
+            for (x_mm, y_mm) in [(0.0, 0.0), (2.25, -2.25), (4.0, 1.0), (-5.5, 5.5)] {
+                let place = Place::new(x_mm, y_mm);
+                let known = bound(&skin, &specimen.skin, FULL_SCALE_N, place, 0.5).unwrap();
+                let expected = fitted.expected(place, 0.5).unwrap();
+                let ratio = expected.mean_distance_mm() / known.mean_distance_mm();
+                assert!((0.85..1.25).contains(&ratio), "{name} at ({x_mm}, {y_mm}): {ratio}");
+            }
+        }
+        let pearson = fit("pearson", &presses.calibration().unwrap(), &setting).unwrap();
+        assert_eq!(pearson.expected(Place::default(), 0.5), None, "it has no map");
     }
 
     #[test]

@@ -20,8 +20,8 @@ use crate::solver::{Calibration, Load, Setting, Solver, Workspace, fit};
 pub fn of_run(name: &str, table: &Table, spec: &RigSpec, seed: u64) -> Result<Trial, EvaluateError> {
     let layout = &spec.array.layout;
     let calibration = calibration_of_run(table, Load::default())?;
-    let knows = knows_forces(table, |row| is_of(row, "calibration"));
-    let test = readings(table, knows, |row| is_of(row, "test"))?;
+    let knows = knows_forces(table, |row| row.is_of("calibration"));
+    let test = readings(table, knows, |row| row.is_of("test"))?;
     let mut trial = trial(name.to_owned(), calibration, test, Some(layout));
     if spec.is_simulated() {
         let full_scale_n = spec.limits.force_n;
@@ -40,10 +40,6 @@ pub fn of_tables(calibration: &Table, test: &Table) -> Result<Trial, EvaluateErr
     check_units(calibration, test)?;
     let readings = readings(test, knows_forces(calibration, |_| true), |_| true)?;
     Ok(trial(test.file.clone(), calibration_of_table(calibration, Load::default())?, readings, None))
-}
-
-fn is_of(row: &Row, phase: &str) -> bool {
-    row.record.as_ref().is_some_and(|record| record.phase == phase)
 }
 
 /// Whether a calibration is in newtons: against one that isn't, no force can be held.
