@@ -192,6 +192,17 @@ fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
     assert!(told.starts_with("2 runs compared, 2 accepted\n"), "{told}");
 }
 
+#[test]
+fn a_narrow_area_has_as_many_numbers_as_have_room() {
+    let strip = CALIBRATE.replace("y_mm = [-4.0, 4.0]", "y_mm = [-1.0, 1.0]");
+    let bench = Bench::with([("one.toml", recipe(&[&strip]).as_str())]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    bench.palpate_ends(0, "report one");
+    let page = bench.read("one/report.html");
+    let rows = figures(&page)[0].matches("class=\"end\"").count();
+    assert!((3..=6).contains(&rows), "one or two in each of three rows: {rows}");
+}
+
 /// What stands in the page's `data` elements that have a key.
 fn numbers(page: &str) -> BTreeMap<String, f64> {
     let elements = page.split("<data ").skip(1).map(|rest| rest.split('>').next().unwrap());

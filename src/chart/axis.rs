@@ -14,6 +14,8 @@ pub struct Axis {
 pub enum Scale {
     /// Evenly.
     Linear,
+    /// Evenly, and only whole numbers are told: what is counted has no halves.
+    Count,
     /// By their logarithm.
     Log,
     /// By their logarithm, with these values and no others told; what follows a line's end stands below.
@@ -24,6 +26,10 @@ pub enum Scale {
 
 /// By how much a logarithmic axis goes beyond its values.
 const ROOM: f64 = 1.12;
+/// An even axis narrower than this holds one value: it is drawn a whole wide.
+const NARROWEST: f64 = 1e-12;
+/// The most values that an even axis tells, whatever its range.
+const MOST_TICKS: usize = 100;
 
 impl Axis {
     /// An axis by the logarithm, its range widened to hold all values with a little room; at least as wide as asked for.
@@ -35,9 +41,15 @@ impl Axis {
         Axis { label: label.to_owned(), scale: Scale::Log, range: (min, max) }
     }
 
-    /// An axis of even spread.
-    pub fn linear(label: &str, range: (f64, f64)) -> Axis {
+    /// An axis of even spread; where all values are the same, it begins with them.
+    pub fn linear(label: &str, (min, max): (f64, f64)) -> Axis {
+        let range = if max - min > NARROWEST { (min, max) } else { (min, min + 1.0) };
         Axis { label: label.to_owned(), scale: Scale::Linear, range }
+    }
+
+    /// The same for what is counted.
+    pub fn count(label: &str, range: (f64, f64)) -> Axis {
+        Axis { scale: Scale::Count, ..Axis::linear(label, range) }
     }
 
     /// Rows with names.
@@ -51,22 +63,32 @@ impl Axis {
         let (min, max) = self.range;
         match self.scale {
             Scale::Log | Scale::LogAt(_) => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
-            Scale::Linear | Scale::Rows(_) => (value - min) / (max - min),
+            Scale::Linear | Scale::Count | Scale::Rows(_) => (value - min) / (max - min),
         }
     }
 
-    /// Values with a line across, and how they are told.
-    pub(super) fn ticks(&self) -> Vec<(f64, String)> {
+    /// Values with a line across, and how they are told, on an axis so many px long: of even ones only as many as have room, by
+    /// what each takes of the axis.
+    pub(super) fn ticks(&self, length_px: f64, taken_px: impl Fn(&str) -> f64) -> Vec<(f64, String)> {
         let (min, max) = self.range;
         let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
         match &self.scale {
             Scale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
             Scale::LogAt(ticks) => ticks.clone(),
-            Scale::Linear => {
-                let step = linear_step(max - min);
-                let first = (min / step).ceil() as i64;
-                let values = (first..).map(|i| i as f64 * step).take_while(within);
-                values.map(|value| (value, number(value))).collect()
+            Scale::Linear | Scale::Count if max <= min => Vec::new(),
+            Scale::Linear | Scale::Count => {
+                let least = if self.scale == Scale::Count { 1.0 } else { 0.0 };
+                let mut step = round_step((max - min) / 6.0).max(least);
+                loop {
+                    let first = (min / step).ceil() as i64;
+                    let values = (first..).map(|i| i as f64 * step).take_while(within).take(MOST_TICKS);
+                    let ticks: Vec<(f64, String)> = values.map(|value| (value, number(value, step))).collect();
+                    let widest_px = ticks.iter().map(|(_, told)| taken_px(told)).fold(0.0, f64::max);
+                    if ticks.len() < 2 || length_px * step / (max - min) >= widest_px {
+                        return ticks;
+                    }
+                    step = round_step(1.5 * step);
+                }
             }
             Scale::Log => {
                 let decades = max.log10() - min.log10();
@@ -77,21 +99,22 @@ impl Axis {
                 };
                 let (first, last) = (min.log10().floor() as i32, max.log10().ceil() as i32);
                 let values = (first..=last).flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
-                values.filter(within).map(|value| (value, number(value))).collect()
+                values.filter(within).map(|value| (value, number(value, value))).collect()
             }
         }
     }
 }
 
-fn linear_step(width: f64) -> f64 {
-    let rough = width / 6.0;
-    let decade = 10f64.powf(rough.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|step| *step >= rough).unwrap_or(decade)
+/// The least of 1, 2 and 5 times a power of ten that is no less.
+fn round_step(least: f64) -> f64 {
+    let decade = 10f64.powf(least.log10().floor());
+    [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|step| *step >= least).unwrap_or(decade)
 }
 
-/// A tick's value without the digits that rounding leaves.
-fn number(value: f64) -> String {
-    let rounded = format!("{value:.3}");
+/// A tick's value without the digits that rounding leaves: as many as its step has, at least three.
+fn number(value: f64, step: f64) -> String {
+    let digits = (1.0 - step.abs().log10().floor()).clamp(3.0, 15.0) as usize;
+    let rounded = format!("{value:.digits$}");
     let short = rounded.trim_end_matches('0').trim_end_matches('.');
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
@@ -102,10 +125,35 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        let told = |axis: Axis| axis.ticks().into_iter().map(|(_, told)| told).collect::<Vec<_>>().join(" ");
+        let told = |axis: Axis| told(&axis, 400.0);
         assert_eq!(told(Axis { range: (0.5, 3.2), ..Axis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
         assert_eq!(told(Axis { range: (1.0, 900.0), ..Axis::log("", [], (1.0, 1.0)) }), "1 10 100");
         assert_eq!(told(Axis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
         assert_eq!(told(Axis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
+    }
+
+    /// The ticks of an axis so many px long where each takes 13.
+    fn told(axis: &Axis, length_px: f64) -> String {
+        axis.ticks(length_px, |_| 13.0).into_iter().map(|(_, told)| told).collect::<Vec<_>>().join(" ")
+    }
+
+    #[test]
+    fn an_axis_of_one_value_ends() {
+        for range in [(0.0, 0.0), (0.0, f64::MIN_POSITIVE), (0.0, -0.0), (2.0, 2.0), (f64::NAN, f64::NAN)] {
+            let axis = Axis::linear("", range);
+            assert!(axis.ticks(400.0, |_| 13.0).len() < 10, "{range:?}");
+            assert!(range.0.is_nan() || axis.share(range.0).is_finite(), "{range:?}");
+        }
+        assert_eq!(told(&Axis::linear("", (2.0, 2.0)), 400.0), "2 2.2 2.4 2.6 2.8 3");
+    }
+
+    #[test]
+    fn ticks_differ_have_room_and_count_without_halves() {
+        assert_eq!(told(&Axis::linear("", (0.0, 0.0021)), 400.0), "0 0.0005 0.001 0.0015 0.002");
+        assert_eq!(told(&Axis::linear("", (-5e-5, 5e-5)), 400.0), "-0.00004 -0.00002 0 0.00002 0.00004");
+        assert_eq!(told(&Axis::linear("", (-1.5, 1.5)), 28.0), "0");
+        assert_eq!(told(&Axis::linear("", (-1.5, 1.5)), 60.0), "-1 0 1");
+        assert_eq!(told(&Axis::count("", (0.5, 2.5)), 400.0), "1 2");
+        assert_eq!(told(&Axis::count("", (0.5, 100.5)), 400.0), "20 40 60 80 100");
     }
 }

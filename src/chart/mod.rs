@@ -131,8 +131,10 @@ const LABEL_LINE: f64 = 28.0;
 const NOTE_LINE: f64 = 17.0;
 /// Letters in a line of notes.
 const NOTE_LETTERS: usize = 138;
-/// Width of a letter, amply: to know where the next entry of the legend begins.
+/// Width of a letter, amply: to know where the next entry of the legend begins, and which numbers have room below an axis.
 const LETTER_PX: f64 = 6.8;
+/// Height of the numbers beside an axis.
+const LINE_PX: f64 = 14.0;
 
 impl Figure {
     /// The figure as one SVG document.
@@ -253,7 +255,8 @@ struct Words {
 impl Panel {
     /// Room for what stands below it, px.
     fn below_px(&self) -> f64 {
-        let lines = self.x.ticks().iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1);
+        let lines =
+            self.x.ticks(f64::INFINITY, |_| 0.0).iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1);
         let of_label = if self.x.label.is_empty() { LABEL_LINE } else { 0.0 };
         BELOW_AXIS + NOTE_LINE * (lines - 1) as f64 - of_label
     }
@@ -265,7 +268,7 @@ impl Panel {
             let down = if matches!(self.y.scale, Scale::Rows(_)) { up } else { 1.0 - up };
             (area.x + area.width * self.x.share(x).clamp(0.0, 1.0), area.y + area.height * down.clamp(0.0, 1.0))
         };
-        for (value, told) in self.y.ticks() {
+        for (value, told) in self.y.ticks(area.height, |_| LINE_PX) {
             let y = at((self.x.range.0, value)).1;
             match &self.y.scale {
                 Scale::Rows(rows) if (value as usize).is_multiple_of(2) => {
@@ -284,7 +287,7 @@ impl Panel {
             }
         }
         let mut below_ticks = 0.0;
-        for (value, told) in self.x.ticks() {
+        for (value, told) in self.x.ticks(area.width, |told| LETTER_PX * (told.chars().count() + 1) as f64) {
             let x = at((value, self.y.range.0)).0;
             write_stroke(svg, "grid", (x, area.y), (x, bottom));
             for (line, told) in told.lines().enumerate().filter(|_| words.x) {
@@ -373,7 +376,7 @@ fn write_text(svg: &mut String, (x, y): (f64, f64), class: &str, told: &str) {
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
