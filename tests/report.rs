@@ -193,6 +193,27 @@ fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
 }
 
 #[test]
+fn what_units_read_of_many_forces_is_told_a_newton() {
+    let random = "
+[[step]]
+phase = \"calibration\"
+random = { count = 40, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.5, 1.5] }
+";
+    let bench = Bench::new();
+    for (name, steps) in [("random", vec![random]), ("two", vec![CALIBRATE, &CALIBRATE.replace("1.0\n", "0.5\n")])] {
+        let last = steps.last().unwrap();
+        assert!(name != "two" || last.contains("force_n = 0.5"), "{last}");
+        bench.write("one.toml", &recipe(&steps));
+        bench.palpate_ends(0, &format!("run one.toml --out {name}"));
+        bench.palpate_ends(0, &format!("report {name}"));
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(page.contains("What each unit reads of the load, a newton") && page.contains("V/N"), "{name}");
+        assert!(!page.contains("What each unit reads of 1"), "{name}");
+    }
+    assert!(bench.read("two/report.html").contains("162 presses of 0.5 to 1 N; one scale"));
+}
+
+#[test]
 fn a_narrow_area_has_as_many_numbers_as_have_room() {
     let strip = CALIBRATE.replace("y_mm = [-4.0, 4.0]", "y_mm = [-1.0, 1.0]");
     let bench = Bench::with([("one.toml", recipe(&[&strip]).as_str())]);
@@ -201,6 +222,17 @@ fn a_narrow_area_has_as_many_numbers_as_have_room() {
     let page = bench.read("one/report.html");
     let rows = figures(&page)[0].matches("class=\"end\"").count();
     assert!((3..=6).contains(&rows), "one or two in each of three rows: {rows}");
+}
+
+#[test]
+fn a_run_is_called_by_its_folder_wherever_one_stands() {
+    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str())]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    let mut command = bench.command("report .");
+    let told: support::Told = command.current_dir(bench.path("one")).output().expect("the program starts").into();
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert!(told.out.starts_with("one: not evaluated"), "{}", told.out);
+    assert!(bench.read("one/report.html").contains("<h1>one</h1>"));
 }
 
 /// What stands in the page's `data` elements that have a key.

@@ -92,6 +92,22 @@ pub fn words(words: impl Display) -> Markup {
     html! { (words.to_string()) }
 }
 
+/// How many of something, in words that fit one of them too.
+pub fn counted(count: usize, what: &str) -> String {
+    let ending = match count {
+        1 => "",
+        _ if what.ends_with('s') => "es",
+        _ => "s",
+    };
+    format!("{count} {what}{ending}")
+}
+
+/// A quantity to two digits behind the point, or as many as the largest of its kind needs.
+pub fn told(value: f64, largest: f64) -> String {
+    let digits = if largest == 0.0 { 2.0 } else { (1.0 - largest.abs().log10().floor()).clamp(2.0, 12.0) };
+    format!("{value:.0$}", digits as usize)
+}
+
 /// A time with its zone to the second, as a person writes it.
 pub fn clock(time: &str) -> String {
     let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();

@@ -16,7 +16,7 @@ mod subject;
 mod table_1;
 
 pub use comparison::{Compared, comparison};
-pub use frame::MARK;
+pub use frame::{MARK, counted};
 pub use judged::Judged;
 pub use subject::{Recorded, ReportError, Subject};
 

@@ -1,3 +1,4 @@
+use super::frame::counted;
 use crate::control::Trip;
 use crate::dataset::table::{Table, TableError};
 use crate::dataset::{Contact, DatasetError, Manifest, Record, Retouch, RunFolder};
@@ -125,8 +126,8 @@ impl Subject {
         let done: u64 = self.runs.iter().map(|run| run.manifest.presses_done).sum();
         let simulated =
             if self.runs.iter().any(|run| run.manifest.facts.simulated) { ", on a simulated rig" } else { "" };
-        let units = self.layout.len();
-        format!("{} presses of the recipe {}, {units} units{simulated}.", done, recipes.join(", "))
+        let (presses, units) = (counted(done as usize, "press"), counted(self.layout.len(), "unit"));
+        format!("{presses} of the recipe {}, {units}{simulated}.", recipes.join(", "))
     }
 
     /// The corners of the area that was calibrated; none without a calibration.
@@ -165,8 +166,10 @@ impl Recorded {
     }
 }
 
-/// A run by its folder's name.
+/// A run by its folder's name, also where it is named by a path that has none, such as `.`.
 pub fn run_name(path: &Path) -> String {
+    let whole = if path.file_name().is_none() { path.canonicalize().ok() } else { None };
+    let path = whole.as_deref().unwrap_or(path);
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 

@@ -2,9 +2,10 @@
 
 use super::WIDTH_PX;
 use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
+use crate::dataset::table::Row;
 use crate::quantity::Place;
 use crate::report::Subject;
-use crate::report::frame::Drawn;
+use crate::report::frame::{Drawn, counted, told};
 
 /// The most units that are drawn: of more, the first.
 const MOST_UNITS: usize = 16;
@@ -18,29 +19,85 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
     let places: Vec<Place> = drawn.iter().map(|row| row.place).collect();
     let units = subject.table.units.min(MOST_UNITS);
-    let outputs = || drawn.iter().flat_map(|row| &row.outputs[..units]).copied();
+    let load = Load::of(&presses);
+    let outputs = || drawn.iter().flat_map(|row| row.outputs[..units].iter().map(|output| load.share(row, *output)));
     let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
     let columns = (units as f64).sqrt().ceil().max(1.0) as usize;
     let half_mm = half_cell_mm(&places);
     let axes = Axes::around(least, most, half_mm);
     let panel = |unit: usize| {
         let share = |output: f64| (output - quietest) / (loudest - quietest).max(f64::MIN_POSITIVE);
-        let cells = drawn.iter().map(|row| cell(row.place, half_mm, share(row.outputs[unit]))).collect();
+        let cells =
+            drawn.iter().map(|row| cell(row.place, half_mm, share(load.share(row, row.outputs[unit])))).collect();
         axes.panel(vec![Mark::Cells(cells), Mark::Title(format!("unit {}", unit + 1))])
     };
-    let set_n = drawn.first().and_then(|row| row.record.as_ref()).map(|record| record.force_set_n);
     let left_out = subject.table.units - units;
     let figure = Figure {
-        title: format!("What each unit reads of {}", set_n.map_or("the load".to_owned(), |n| format!("{n} N"))),
-        subtitle: format!("{} presses; one scale for all units", presses.len()),
+        title: load.title(),
+        subtitle: format!("{}; one scale for all units", load.told(presses.len())),
         height_px: axes.height_px(columns),
         panels: (0..units).map(panel).collect(),
         grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
         notes: if left_out > 0 { vec![format!("{left_out} more units aren't drawn")] } else { Vec::new() },
         ..Figure::default()
     };
-    let ramp = Some([quietest, loudest].map(|output| format!("{output:.2} V")));
+    let largest = loudest.abs().max(quietest.abs());
+    let ramp = Some([quietest, loudest].map(|output| format!("{} {}", told(output, largest), load.unit())));
     Some(Drawn { figure, ramp })
+}
+
+/// What the presses of a calibration were loaded with, N.
+#[derive(Clone, Copy)]
+enum Load {
+    /// All with one force.
+    One(f64),
+    /// With forces from one to another: what is read of them is told a newton.
+    Many(f64, f64),
+}
+
+impl Load {
+    fn of(presses: &[&Row]) -> Load {
+        let forces = || presses.iter().map(|row| set_n(row));
+        match (forces().reduce(f64::min), forces().reduce(f64::max)) {
+            (Some(least), Some(most)) if least < most && least > 0.0 => Load::Many(least, most),
+            (least, _) => Load::One(least.unwrap_or_default()),
+        }
+    }
+
+    /// What is drawn of an output.
+    fn share(self, row: &Row, output: f64) -> f64 {
+        match self {
+            Load::One(_) => output,
+            Load::Many(..) => output / set_n(row),
+        }
+    }
+
+    fn unit(self) -> &'static str {
+        match self {
+            Load::One(_) => "V",
+            Load::Many(..) => "V/N",
+        }
+    }
+
+    fn title(self) -> String {
+        match self {
+            Load::One(force_n) => format!("What each unit reads of {force_n} N"),
+            Load::Many(..) => "What each unit reads of the load, a newton".to_owned(),
+        }
+    }
+
+    fn told(self, presses: usize) -> String {
+        let presses = counted(presses, "press");
+        match self {
+            Load::One(_) => presses,
+            Load::Many(least, most) => format!("{presses} of {least} to {most} N"),
+        }
+    }
+}
+
+/// The force that was commanded, N.
+fn set_n(row: &Row) -> f64 {
+    row.record.as_ref().map_or(0.0, |record| record.force_set_n)
 }
 
 /// Axes in x and y with one scale.
@@ -84,6 +141,9 @@ pub fn half_cell_mm(places: &[Place]) -> f64 {
         (all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first), all.len())
     };
     let ((width_mm, columns), (height_mm, rows)) = (along(|place| place.x_mm), along(|place| place.y_mm));
+    if width_mm.max(height_mm) == 0.0 {
+        return LONE_MM;
+    }
     let of_grid = |extent_mm: f64, count: usize| extent_mm / count.saturating_sub(1).max(1) as f64;
     if columns * rows <= 2 * places.len() {
         0.5 * of_grid(width_mm, columns).max(of_grid(height_mm, rows)).max(SAME_MM)
@@ -94,6 +154,8 @@ pub fn half_cell_mm(places: &[Place]) -> f64 {
 
 /// Coordinates nearer than this are the same, mm.
 const SAME_MM: f64 = 1e-4;
+/// Half the side of the cell of a single place, mm; no round number, or those of two panels would meet.
+const LONE_MM: f64 = 0.6;
 
 #[cfg(test)]
 mod tests {
@@ -110,6 +172,6 @@ mod tests {
             .map(|(x, y)| Place::new(10.0 * x, 10.0 * y))
             .collect();
         assert!((half_cell_mm(&scattered) - 0.5).abs() < 0.02);
-        assert!(half_cell_mm(&grid[..1]) > 0.0);
+        assert_eq!(half_cell_mm(&grid[..1]), LONE_MM);
     }
 }
