@@ -235,6 +235,29 @@ fn a_run_is_called_by_its_folder_wherever_one_stands() {
     assert!(bench.read("one/report.html").contains("<h1>one</h1>"));
 }
 
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_not_read_and_a_link_stays_one() {
+    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("file", "")]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    // such a device gives zeros for ever
+    let told = bench.palpate_ends(2, "report one --out /dev/zero").running();
+    assert!(told.contains("/dev/zero is there already"), "{told}");
+    bench.palpate_ends(0, "report one --out page.html");
+    std::os::unix::fs::symlink("page.html", bench.path("link.html")).unwrap();
+    bench.palpate_ends(0, "report one --out link.html");
+    assert!(bench.path("link.html").symlink_metadata().unwrap().is_symlink());
+    // a text that quotes a page is none
+    bench.write("quoting.txt", &format!("notes: {}", bench.read("page.html")));
+    bench.palpate_ends(2, "report one --out quoting.txt");
+    let told = bench.palpate_ends(5, "report one --out file/page.html").running();
+    assert!(told.contains("writing the page file/page.html: ") && told.contains("choose another --out"), "{told}");
+    assert!(!told.contains("resume"), "{told}");
+    bench.write(".page.html.new", "mine");
+    bench.palpate_ends(0, "report one --out page.html");
+    assert_eq!(bench.read(".page.html.new"), "mine");
+}
+
 /// What stands in the page's `data` elements that have a key.
 fn numbers(page: &str) -> BTreeMap<String, f64> {
     let elements = page.split("<data ").skip(1).map(|rest| rest.split('>').next().unwrap());

@@ -4,13 +4,14 @@ use super::exit::Failure;
 use super::solve::solvers;
 use super::sources::read_rig;
 use super::summary::print;
-use crate::dataset::{DatasetError, check_run};
+use crate::dataset::check_run;
 use crate::quantity::ArrayLayout;
-use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, page};
+use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
 use crate::solver::{BEST, Evaluation};
 use std::fs;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{self, ExitCode};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -71,7 +72,7 @@ fn one(runs: &[(&Path, ArrayLayout)]) -> Result<(String, String), Failure> {
 fn compare(runs: &[(&Path, ArrayLayout)], solver: &str) -> Result<(String, String), Failure> {
     let compared = Compared::read_all(runs, solver).map_err(failure)?;
     let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();
-    Ok((comparison(&compared, solver), format!("{} runs compared, {accepted} accepted", compared.len())))
+    Ok((comparison(&compared, solver), format!("{} compared, {accepted} accepted", counted(compared.len(), "run"))))
 }
 
 /// Where a run's units are, by the rig that is kept with it.
@@ -80,32 +81,47 @@ fn layout(run: &Path) -> Result<ArrayLayout, Failure> {
     Ok(read_rig(&run.join("rig.toml"))?.1.array.layout)
 }
 
-/// A page of ours may be replaced; nothing else is.
+/// A page of ours may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.
 fn check_free(out: &Path) -> Result<(), Failure> {
-    let is_ours = || fs::read_to_string(out).is_ok_and(|text| text.contains(MARK));
+    let is_ours = || {
+        let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
+        is_file && fs::read_to_string(out).is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK))
+    };
     if out.symlink_metadata().is_ok() && !is_ours() {
         let help = "choose another --out: only a page that palpate wrote is replaced";
         return Err(Failure::usage(miette::miette!(help = help, "{} is there already", out.display())));
     }
+    if out.file_name().is_none() {
+        return Err(Failure::usage(miette::miette!("{} names no file to write", out.display())));
+    }
     Ok(())
 }
 
-/// Writes the page beside its place and renames it there.
+/// How every page begins.
+const BEGINNING: &str = "<!DOCTYPE html>";
+
+/// Puts the page in its place, whole or not at all.
 fn write(out: &Path, html: &str) -> Result<(), Failure> {
-    let failed = |doing, path: &Path| {
-        let io = DatasetError::io(doing, path.to_owned());
-        move |why| Failure::dataset(io(why))
-    };
-    let name = out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    if name.is_empty() {
-        return Err(Failure::usage(miette::miette!("{} names no file to write", out.display())));
-    }
+    place(out, html).map_err(|why| {
+        let help = "no page was written; choose another --out, or make room and set the permissions right";
+        Failure::unwritten(miette::miette!(help = help, "writing the page {}: {why}", out.display()))
+    })
+}
+
+fn place(out: &Path, html: &str) -> io::Result<()> {
     if let Some(parent) = out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        fs::create_dir_all(parent).map_err(failed("making", parent))?;
+        fs::create_dir_all(parent)?;
     }
-    let beside = out.with_file_name(format!(".{name}.new"));
-    fs::write(&beside, html).map_err(failed("writing", &beside))?;
-    fs::rename(&beside, out).map_err(failed("renaming to", out))
+    let linked = fs::canonicalize(out); // a link stays one
+    let out = linked.as_deref().unwrap_or(out);
+    let beside = out.with_file_name(format!(".palpate-{}.new", process::id()));
+    let mut file = fs::File::create_new(&beside)?; // what lies there is somebody's
+    let written =
+        file.write_all(html.as_bytes()).and_then(|()| file.sync_all()).and_then(|()| fs::rename(&beside, out));
+    if written.is_err() {
+        let _ = fs::remove_file(&beside); // the first error is the one to tell
+    }
+    written
 }
 
 fn failure(error: ReportError) -> Failure {
