@@ -192,6 +192,16 @@ fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
     assert!(told.starts_with("2 runs compared, 2 accepted\n"), "{told}");
 }
 
+/// Steps at places of a list.
+fn list(phase: &str, places_mm: &str, force_n: f64) -> String {
+    format!("\n[[step]]\nphase = \"{phase}\"\nlist = {{ places_mm = {places_mm} }}\nforce_n = {force_n:?}\n")
+}
+
+/// What a text element tells.
+fn number_of(element: &str) -> &str {
+    element.rsplit('>').next().unwrap()
+}
+
 #[test]
 fn what_units_read_of_many_forces_is_told_a_newton() {
     let random = "
@@ -256,6 +266,29 @@ fn what_is_no_file_is_not_read_and_a_link_stays_one() {
     bench.write(".page.html.new", "mine");
     bench.palpate_ends(0, "report one --out page.html");
     assert_eq!(bench.read(".page.html.new"), "mine");
+}
+
+#[test]
+fn a_comparison_says_why_a_run_is_not_evaluated_and_counts_runs_whole() {
+    let bench = bench();
+    let (place, test) = (list("calibration", "[[0, 0]]", 1.0), TEST);
+    let one = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 1, columns = 1");
+    let one = one.lines().filter(|line| !line.contains("_percent")).collect::<Vec<_>>().join("\n");
+    bench.write("rig.toml", &one);
+    bench.write("one.toml", &recipe(&[&place, test]));
+    bench.palpate_ends(0, "run one.toml --rig rig.toml --out lone");
+    bench.palpate_ends(0, "report --compare all lone");
+    let page = bench.read("comparison.html");
+    assert!(page.contains("lone isn't evaluated: lone/presses.csv: can't be calibrated on: "));
+    let numbers: Vec<&str> = page.split("<text class=\"mid\" x=").skip(1).map(number_of_rest).collect();
+    assert!(numbers.contains(&"1") && numbers.contains(&"2") && !numbers.contains(&"1.5"), "{numbers:?}");
+    let told = bench.palpate_ends(0, "report --compare all").out;
+    assert!(told.starts_with("1 run compared, 1 accepted\n"), "{told}");
+    assert!(bench.read("comparison.html").contains("<h1>1 run side by side</h1>"));
+}
+
+fn number_of_rest(rest: &str) -> &str {
+    number_of(rest.split("</").next().unwrap())
 }
 
 /// What stands in the page's `data` elements that have a key.

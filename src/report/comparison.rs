@@ -1,6 +1,7 @@
 use super::ReportError;
 use super::figures::{LOOKS, WIDTH_PX};
-use super::frame::{Drawn, clock, document, figures, none, number, percent, section, table, words};
+use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
+use super::judged::with_cause;
 use super::subject::{presses, run_name};
 use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
@@ -27,6 +28,9 @@ pub struct Compared {
     gains: Vec<f64>,
 }
 
+/// The least difference for which the colours of a unit's output reach to their ends, %: the least that is told.
+const LEAST_PERCENT: f64 = 0.01;
+
 /// The paper's own method.
 const PAPERS: &str = SOLVERS[0];
 
@@ -47,7 +51,7 @@ impl Compared {
             Trial::of_run(&table, Some(layout)).and_then(|trial| Ok([trial.answers(PAPERS)?, trial.answers(solver)?]));
         match evaluated {
             Ok(both) => evaluations = both.map(Some),
-            Err(why) => why_not = Some(why.to_string()),
+            Err(why) => why_not = Some(with_cause(&why)),
         }
         let units = Staircases::of_run(&table, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));
@@ -97,14 +101,14 @@ fn gains(table: &Table) -> Vec<f64> {
 pub fn comparison(runs: &[Compared], solver: &str) -> String {
     let body = html! {
         header {
-            h1 { (runs.len()) " runs side by side" }
+            h1 { (counted(runs.len(), "run")) " side by side" }
             p.lede { "In the order they were named: sensors of a batch, or one sensor over time." }
         }
         (section("What each came to", &numbers(runs, solver)))
         (section("Errors", &figures(&errors(runs, solver))))
         @if let Some(changes) = changes(runs) { (section("How the units differ", &figures(&[changes]))) }
     };
-    document(&format!("{} runs", runs.len()), &body)
+    document(&counted(runs.len(), "run"), &body)
 }
 
 /// Two tables, since one would be too wide to print.
@@ -112,7 +116,7 @@ fn numbers(runs: &[Compared], solver: &str) -> Markup {
     let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
     html! {
         (errors_table(runs, solver))
-        p.note { "Mean errors against the commanded force; both under: 1 mm and 0.1 N, which is what is accepted of the means." }
+        p.note { "Mean errors against the commanded force. Both under: share of the presses under 1 mm and under 0.1 N. Accepted: both means are." }
         @for (run, why) in unevaluated { p.note { (run.name) " isn't evaluated: " (why) } }
         (origins_table(runs))
         p.note { "Repeatability (3 sd) and hysteresis: means over the units, % of the output at the top force." }
@@ -209,7 +213,7 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
                 subtitle: "marks: means; strokes: up to the 95th percentile".to_owned(),
                 height_px: 240.0,
                 panels: vec![Panel {
-                    x: Axis::linear("run", (0.5, runs.len() as f64 + 0.5)),
+                    x: Axis::count("run", (0.5, runs.len() as f64 + 0.5)),
                     y: Axis::linear(label, (0.0, 1.05 * most)),
                     marks,
                 }],
@@ -238,7 +242,7 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
     let percent = |run: &Compared, unit: usize| 100.0 * (run.gains[unit] / first.gains[unit] - 1.0);
     let every =
         || alike.iter().flat_map(|(_, run)| (0..units).map(|unit| percent(run, unit))).filter(|p| p.is_finite());
-    let most = every().map(f64::abs).fold(0.0, f64::max).max(1e-3);
+    let most = every().map(f64::abs).fold(0.0, f64::max).max(LEAST_PERCENT);
     let cells = alike.iter().flat_map(|(index, run)| {
         let at = (index + 1) as f64;
         (0..units).map(move |unit| {
@@ -252,8 +256,8 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
         subtitle: format!("over the calibration, a newton, against that of {}", first.told()),
         height_px: (18.0 * units as f64).clamp(80.0, 400.0),
         panels: vec![Panel {
-            x: Axis::linear("run", (0.5, runs.len() as f64 + 0.5)),
-            y: Axis::linear("unit", (0.5, units as f64 + 0.5)),
+            x: Axis::count("run", (0.5, runs.len() as f64 + 0.5)),
+            y: Axis::count("unit", (0.5, units as f64 + 0.5)),
             marks: vec![Mark::Cells(cells.collect())],
         }],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),

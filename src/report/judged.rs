@@ -20,11 +20,8 @@ pub struct Judged {
 impl Judged {
     /// Evaluates a sensor's presses.
     pub fn of(table: &Table, layout: &ArrayLayout) -> Judged {
-        let none = |why: EvaluateError| {
-            // the cause is what tells; the sentence before it says that it can't be
-            let cause = std::error::Error::source(&why).map(|cause| format!(": {cause}")).unwrap_or_default();
-            Judged { evaluations: Vec::new(), expecting: None, why_not: Some(format!("{why}{cause}")) }
-        };
+        let none =
+            |why: EvaluateError| Judged { evaluations: Vec::new(), expecting: None, why_not: Some(with_cause(&why)) };
         let trial = match Trial::of_run(table, Some(layout)) {
             Ok(trial) => trial,
             Err(why) => return none(why),
@@ -50,4 +47,10 @@ impl Judged {
     pub fn decisive(&self) -> Option<&Evaluation> {
         self.evaluations.last()
     }
+}
+
+/// Why there is no evaluation: the cause is what tells, the sentence before it says that it can't be.
+pub fn with_cause(why: &EvaluateError) -> String {
+    let cause = std::error::Error::source(why).map(|cause| format!(": {cause}")).unwrap_or_default();
+    format!("{why}{cause}")
 }

@@ -3,7 +3,7 @@
 use super::frame::{Drawn, figures, none, number, section as framed, table, words};
 use super::{Recorded, Subject};
 use crate::chart::{Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
-use crate::dataset::Contact;
+use crate::dataset::{Contact, Row};
 use crate::recipe::Phase;
 use crate::solver::ErrorSummary;
 use maud::{Markup, html};
@@ -69,7 +69,7 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     let body = html! {
         (table(&head.map(words), &rows))
         p.note { "Error: the load cell's mean in the window less the set force. The largest force is the true one, which only a "
-            "simulated run knows; negative: it stayed below. Time: from one window to the next of the same phase." }
+            "simulated run knows; negative: it stayed below. Time: from one window to the next of the same phase. Flagged presses count too." }
         (figures(&drawn))
     };
     Some(framed("How the force was controlled", &body))
@@ -78,7 +78,8 @@ pub fn section(subject: &Subject) -> Option<Markup> {
 fn held(runs: &[Recorded]) -> Vec<Held> {
     let mut held = Vec::new();
     for (index, contact) in presses(runs) {
-        for (level, row) in contact.rows.iter().enumerate().filter(|(_, row)| row.force_set_n > 0.0) {
+        let is_told = |row: &Row| row.force_set_n > 0.0 && PHASES.iter().any(|(phase, ..)| *phase == row.phase);
+        for (level, row) in contact.rows.iter().enumerate().filter(|(_, row)| is_told(row)) {
             let to_mn = |force_n: f64| 1000.0 * (force_n - row.force_set_n);
             held.push(Held {
                 phase: row.phase,
@@ -101,7 +102,7 @@ fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
     pairs
         .filter_map(|((_, before), (press, this))| {
             let ((phase_before, before_s), (phase, this_s)) = (of(before)?, of(this)?);
-            (phase_before == phase && this_s > before_s).then(|| (phase, press, this_s - before_s))
+            (phase_before == phase && this_s > before_s).then_some((phase, press, this_s - before_s))
         })
         .collect()
 }
@@ -134,7 +135,7 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], level: Optio
         }
     }
     marks.extend(level.map(|(value, told)| Mark::Level(value, told.to_owned())));
-    let x = Axis::linear("press", (0.0, last));
+    let x = Axis::count("press", (0.0, last));
     let y = Axis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
     let panels = vec![Panel { x, y, marks }];
@@ -153,11 +154,11 @@ fn errors(held: &[Held]) -> Drawn {
 fn overshoots(held: &[Held]) -> Option<Drawn> {
     let of = |held: &Held| Some((held.phase, held.press, held.over_mn?));
     let points: Vec<(Phase, f64, f64)> = held.iter().filter_map(of).collect();
-    (!points.is_empty()).then(|| ())?;
+    (!points.is_empty()).then_some(())?;
     by_press("Largest true force less the set one", "overshoot, mN", &points, Some((0.0, "")))
 }
 
 fn times_figure(times: &[(Phase, f64, f64)]) -> Option<Drawn> {
-    (!times.is_empty()).then(|| ())?;
+    (!times.is_empty()).then_some(())?;
     by_press("Time a press", "time, s", times, None)
 }
