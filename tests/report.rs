@@ -197,6 +197,38 @@ fn list(phase: &str, places_mm: &str, force_n: f64) -> String {
     format!("\n[[step]]\nphase = \"{phase}\"\nlist = {{ places_mm = {places_mm} }}\nforce_n = {force_n:?}\n")
 }
 
+#[test]
+fn presses_on_one_line_or_at_one_place_make_a_page() {
+    let line = list("calibration", "[[-4, 0], [-2, 0], [0, 0], [2, 0], [4, 0]]", 1.0);
+    let on_line = list("test", "[[-3, 0], [1, 0], [3, 0]]", 0.5);
+    let edge = list("test", "[[-4, 0], [4, 1], [3, 4], [0, -4]]", 0.5);
+    let (place, on_place) = (list("calibration", "[[0, 0]]", 1.0), list("test", "[[0, 0]]", 1.0));
+    let bench = Bench::new();
+    for (name, steps) in [("line", [&*line, &on_line]), ("edge", [CALIBRATE, &edge]), ("place", [&place, &on_place])] {
+        bench.write("one.toml", &recipe(&steps));
+        bench.palpate_ends(0, &format!("run one.toml --out {name}"));
+        // a figure whose places are all as far from the edge never came to an end
+        bench.palpate_ends(0, &format!("report {name}"));
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(!page.contains("NaN") && !page.contains("inf\""), "{name}");
+        // the panels of a line are too flat for more than a number each
+        for figure in figures(&page).into_iter().filter(|_| name != "line") {
+            let told: Vec<&str> =
+                figure.split("class=\"end\"").skip(1).map(|rest| rest.split("</").next().unwrap()).collect();
+            let [first, second, ..] = told.as_slice() else { panic!("{name}: an axis without numbers in {figure}") };
+            assert_ne!(number_of(first), number_of(second), "{name}: {figure}");
+        }
+    }
+    assert!(bench.read("edge/report.html").contains("distance from the edge"));
+    // three errors of 1 mm: none is smaller, so the share rises at 1 mm and not on the way there
+    let page = bench.read("line/report.html");
+    let errors = figures(&page).into_iter().find(|figure| figure.contains("aria-label=\"Location error\"")).unwrap();
+    let lines: Vec<&str> = errors.split("<polyline ").skip(1).map(|rest| rest.split('>').next().unwrap()).collect();
+    let corners: Vec<&str> = lines.last().unwrap().split("points=\"").nth(1).unwrap().split(' ').collect();
+    let up = |corner: &str| corner.split_once(',').unwrap().1.trim_matches(['"', '/']).to_owned();
+    assert_eq!(up(corners[0]), up(corners[1]), "{corners:?}");
+}
+
 /// What a text element tells.
 fn number_of(element: &str) -> &str {
     element.rsplit('>').next().unwrap()

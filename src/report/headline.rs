@@ -120,9 +120,7 @@ fn numbers(evaluations: &[Evaluation]) -> Markup {
             "Force errors are against the commanded force, as in the paper; by the load cell both calibration and test are. "
             "Stated sd: what a method says of its own answers; 68.3 and 95.4 % lie within one and two where that is right."
         }
-        @if let Some(left_out) = evaluations.first().map(|e| &e.left_out).filter(|left_out| !left_out.is_none()) {
-            (left_out_told(left_out))
-        }
+        @if evaluations.iter().any(|evaluation| !evaluation.left_out.is_none()) { (left_out_told(evaluations)) }
     }
 }
 
@@ -137,11 +135,13 @@ const COVERAGES: [(&str, &str, Share); 4] = [
     ("force within 2", "force_2sd", |c| c.force_2sd),
 ];
 
-fn left_out_told(left_out: &LeftOut) -> Markup {
-    let LeftOut { calibration_flagged, test_flagged, test_unsolved } = left_out;
+/// What is flagged is left out for all methods, what has no answer by one of them.
+fn left_out_told(evaluations: &[Evaluation]) -> Markup {
+    let LeftOut { calibration_flagged, test_flagged, .. } = evaluations.first().map(|e| e.left_out).unwrap_or_default();
     html! {
-        p.note { "Left out: " (calibration_flagged) " calibration and " (test_flagged) " test presses that are flagged, "
-            (test_unsolved) " test presses without an answer." }
+        p.note { "Left out: " (calibration_flagged) " calibration and " (test_flagged) " test presses that are flagged"
+            @for evaluation in evaluations { ", " (evaluation.left_out.test_unsolved) " without an answer by " (evaluation.solver) }
+            "." }
     }
 }
 

@@ -24,6 +24,9 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
         .filter(|(_, readings)| !readings.is_empty())
         .map(|(unit, readings)| (unit, readings.as_slice()))
         .collect();
+    if pressed.is_empty() {
+        return None;
+    }
     let drawn = &pressed[..pressed.len().min(MOST_UNITS)];
     let all = || drawn.iter().flat_map(|(_, readings)| *readings);
     let most_n = all().map(|reading| reading.force_n).fold(0.0, f64::max);

@@ -74,8 +74,11 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         let cumulative =
             Look { shape: None, line: if legend.is_empty() { Line::Solid } else { Line::Dashed }, ..*look };
         let one_in = errors.len().div_ceil(MOST_POINTS).max(1);
-        let risen = errors.iter().enumerate().map(|(i, error)| (error.min(last), 100.0 * (i + 1) as f64 / count));
-        let whole = [(0.0, 0.0)].into_iter().chain(risen.step_by(one_in)).chain([(last, 100.0)]);
+        // it rises at each error, not on the way there
+        let share = |count_up_to: usize| 100.0 * count_up_to as f64 / count;
+        let risen = errors.iter().map(|error| error.min(last)).enumerate().step_by(one_in);
+        let risen = risen.flat_map(|(i, error)| [(error, share(i)), (error, share(i + 1))]);
+        let whole = [(0.0, 0.0)].into_iter().chain(risen).chain([(last, 100.0)]);
         marks.push(Mark::Curve(cumulative, whole.collect()));
         legend.push(vec![(cumulative, name(evaluation))]);
     }
@@ -85,6 +88,11 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         // the lines run above, the columns below
         marks.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, told.to_owned()));
     }
+    let notes = if largest > last {
+        vec![format!("The last column holds all beyond it, up to {largest:.1} {}.", unit(kind))]
+    } else {
+        Vec::new()
+    };
     let figure = Figure {
         title: capital(kind.name),
         subtitle: format!("columns: share of the presses in each {width} {}; lines: share up to there", unit(kind)),
@@ -96,7 +104,7 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         }],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         legend,
-        ..Figure::default()
+        notes,
     };
     Some(Drawn::plain(figure))
 }
@@ -118,12 +126,15 @@ pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let force_n = |press: &PressError| forces.get(press.index).copied().unwrap_or(0.0);
     let to_edge = |press: &PressError| edge_mm(press.place_true);
     let dependence = |title: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {
+        let is_negative =
+            judged.evaluations.iter().flat_map(|evaluation| &evaluation.presses).any(|press| of(press) < 0.0);
+        let outside = if is_negative { "; negative: outside it" } else { "" };
         let panels: Vec<Panel> =
             [LOCATION, FORCE].into_iter().filter_map(|kind| panel(kind, label, of, judged)).collect();
         let legend = methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: Line::Solid, ..look }, name(e))]);
         let figure = Figure {
             title: title.to_owned(),
-            subtitle: "a mark a press; lines: means over parts of the axis".to_owned(),
+            subtitle: format!("a mark a press; lines: means over parts of the axis{outside}"),
             height_px: 200.0,
             panels,
             grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),

@@ -38,11 +38,16 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let decades = (worst / best).ln().max(f64::MIN_POSITIVE);
     let half_mm = 0.5 * (most.x_mm - least.x_mm).max(most.y_mm - least.y_mm) / SIDE as f64;
     let cells = errors.iter().map(|(place, mm)| cell(*place, half_mm, (mm / best).ln() / decades)).collect();
-    let axes = Axes::around(least, most, 0.0);
+    // a line of places has cells too
+    let is_line = least.x_mm >= most.x_mm || least.y_mm >= most.y_mm;
+    let axes = Axes::around(least, most, if is_line { half_mm } else { 0.0 });
     let mean = errors.iter().map(|(_, mm)| mm).sum::<f64>() / errors.len() as f64;
     let figure = Figure {
-        title: format!("Expected location error at {force_n:.2} N"),
-        subtitle: format!("mean over the area {mean:.3} mm; colours by the logarithm"),
+        title: format!("Expected location error at {force_n} N"),
+        subtitle: format!(
+            "by {}, at the median force of the test; mean over the area {mean:.3} mm; colours by the logarithm",
+            solver.name()
+        ),
         height_px: axes.height_px(1).min(SQUARE_PX * 1.2),
         panels: vec![axes.panel(vec![Mark::Cells(cells)])],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
