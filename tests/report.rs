@@ -175,13 +175,17 @@ fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
     assert!(told.starts_with("4 runs compared, 3 accepted\n"), "{told}");
     let page = bench.read("comparison.html");
     let shown = numbers(&page);
-    for run in ["all", "s2", "s3"] {
+    for (index, run) in ["all", "s2", "s3"].into_iter().enumerate() {
         for solver in ["pearson", "surrogate"] {
             let words = format!("evaluate {run} --json --solver {solver}");
             let evaluation = bench.palpate_ends(0, &words).json_lines().remove(0);
             for path in ["location_error_mm.mean", "force_error_n.mean", "within.both"] {
                 let expected = evaluation.pointer(&format!("/{}", path.replace('.', "/"))).and_then(Value::as_f64);
-                assert_eq!(shown.get(&format!("{run}.{solver}.{path}")).copied(), expected, "{run} {solver} {path}");
+                assert_eq!(
+                    shown.get(&format!("{}.{solver}.{path}", index + 1)).copied(),
+                    expected,
+                    "{run} {solver} {path}"
+                );
             }
         }
     }
@@ -321,6 +325,40 @@ fn a_comparison_says_why_a_run_is_not_evaluated_and_counts_runs_whole() {
 
 fn number_of_rest(rest: &str) -> &str {
     number_of(rest.split("</").next().unwrap())
+}
+
+#[test]
+fn what_was_changed_after_the_run_is_told_first() {
+    let bench = bench();
+    let presses = bench.read("all/presses.csv");
+    bench.write("all/presses.csv", &exchanged(&presses, ",calibration,-4,-4,1,", ",calibration,-4,-4,2,"));
+    bench.palpate_ends(0, "report all");
+    let page = bench.read("all/report.html");
+    assert!(page.contains("all isn't as it was written") && page.contains("verdict bad"));
+    assert!(page.contains("presses.csv isn't as it was written: its SHA-256 is another"));
+    bench.palpate_ends(0, "rebuild all");
+    bench.palpate_ends(0, "report all");
+    assert!(!bench.read("all/report.html").contains("isn't as it was written"));
+    std::fs::remove_file(bench.path("all/rig.toml")).unwrap();
+    let told = bench.palpate_ends(2, "report all").running();
+    assert!(told.contains("rig.toml is missing") && told.contains("put a copy of it back"), "{told}");
+}
+
+#[test]
+fn only_what_is_alike_is_joined_and_compared() {
+    let bench = bench();
+    bench.write("other.toml", &recipe(&[&CALIBRATE.replace("spacing_mm = 1.0", "spacing_mm = 2.0"), TEST]));
+    bench.palpate_ends(0, "run other.toml --out other");
+    bench.palpate_ends(0, "run all.toml --seed 2 --out again");
+    bench.palpate_ends(0, "report --compare all other again");
+    let page = bench.read("comparison.html");
+    assert!(page.contains("1 run left out: calibrated at other places or forces"), "units of unlike calibrations");
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "pitch_mm = 4.5", "pitch_mm = 4.0");
+    bench.write("narrow.toml", &rig);
+    bench.write("one.toml", &recipe(&[CHARACTERISE]));
+    bench.palpate_ends(0, "run one.toml --rig narrow.toml --out narrow");
+    let told = bench.palpate_ends(2, "report other narrow --out page.html").running();
+    assert!(told.contains("other has 9 units, narrow has 9 at other places"), "{told}");
 }
 
 /// What stands in the page's `data` elements that have a key.

@@ -80,7 +80,7 @@ impl Axis {
                 let least = if self.scale == Scale::Count { 1.0 } else { 0.0 };
                 let mut step = round_step((max - min) / 6.0).max(least);
                 loop {
-                    let first = (min / step).ceil() as i64;
+                    let first = (min / step - 1e-9).ceil() as i64; // -0.6 is three times 0.2 but for rounding
                     let values = (first..).map(|i| i as f64 * step).take_while(within).take(MOST_TICKS);
                     let ticks: Vec<(f64, String)> = values.map(|value| (value, number(value, step))).collect();
                     let widest_px = ticks.iter().map(|(_, told)| taken_px(told)).fold(0.0, f64::max);

@@ -78,7 +78,12 @@ fn compare(runs: &[(&Path, ArrayLayout)], solver: &str) -> Result<(String, Strin
 /// Where a run's units are, by the rig that is kept with it.
 fn layout(run: &Path) -> Result<ArrayLayout, Failure> {
     check_run(run).map_err(Failure::dataset)?; // says best that this is none
-    Ok(read_rig(&run.join("rig.toml"))?.1.array.layout)
+    let rig = run.join("rig.toml");
+    if !rig.is_file() {
+        let help = "it was kept there when the run began: put a copy of it back";
+        return Err(Failure::usage(miette::miette!(help = help, "{} is missing", rig.display())));
+    }
+    Ok(read_rig(&rig)?.1.array.layout)
 }
 
 /// A page of ours may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.

@@ -29,7 +29,7 @@ pub use manifest::{Manifest, Status};
 pub(crate) use record::round;
 pub use record::{Contact, Flag, Left, Record, Retouch, Row, RowTruth};
 pub use session::{Durability, End, Fingerprint, RunFacts, Session};
-pub use verify::{Verified, verify};
+pub use verify::{Verified, altered, verify};
 pub use views::TABLES;
 
 use miette::Diagnostic;

@@ -88,6 +88,15 @@ fn tables_anew(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<F
     made
 }
 
+/// What of a run's files isn't as its manifest vouches for, in words; nothing is said of a run under way.
+///
+/// # Errors
+/// A file that can't be read.
+pub fn altered(path: &Path, manifest: &Manifest) -> Result<Vec<String>, DatasetError> {
+    let problems = manifest.files.iter().map(|file| file.problem_in(path));
+    Ok(problems.collect::<Result<Vec<Option<String>>, DatasetError>>()?.into_iter().flatten().collect())
+}
+
 impl Verified {
     /// Holds files against their fingerprints.
     fn hold(&mut self, path: &Path, files: &[Fingerprint]) -> Result<(), DatasetError> {

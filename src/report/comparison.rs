@@ -9,7 +9,7 @@ use crate::dataset::evaluate::Trial;
 use crate::dataset::table::Table;
 use crate::dataset::{Manifest, RunFolder};
 use crate::parallel::in_parallel;
-use crate::quantity::ArrayLayout;
+use crate::quantity::{ArrayLayout, Place};
 use crate::solver::{Evaluation, SOLVERS};
 use maud::{Markup, html};
 use std::path::Path;
@@ -26,6 +26,8 @@ pub struct Compared {
     table_1: [Option<f64>; 3],
     /// Mean output of each unit over the calibration, V a newton; empty without one.
     gains: Vec<f64>,
+    /// The calibration's places with their commanded forces: gains of the same ones are comparable.
+    calibrated: Vec<(Place, f64)>,
 }
 
 /// The least difference for which the colours of a unit's output reach to their ends, %: the least that is told.
@@ -46,13 +48,14 @@ impl Compared {
     fn read(path: &Path, layout: &ArrayLayout, solver: &str) -> Result<Compared, ReportError> {
         let manifest = RunFolder::read_manifest(path)?;
         let table = presses(path, layout)?;
-        let (mut evaluations, mut why_not) = ([None, None], None);
-        let evaluated =
-            Trial::of_run(&table, Some(layout)).and_then(|trial| Ok([trial.answers(PAPERS)?, trial.answers(solver)?]));
-        match evaluated {
-            Ok(both) => evaluations = both.map(Some),
-            Err(why) => why_not = Some(with_cause(&why)),
-        }
+        let (evaluations, why_not) = match Trial::of_run(&table, Some(layout)) {
+            Ok(trial) => {
+                let answers = [PAPERS, solver].map(|solver| trial.answers(solver));
+                let why_not = answers.iter().find_map(|answers| answers.as_ref().err().map(with_cause));
+                (answers.map(Result::ok), why_not)
+            }
+            Err(why) => ([None, None], Some(with_cause(&why))),
+        };
         let units = Staircases::of_run(&table, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));
         let mean =
@@ -68,6 +71,7 @@ impl Compared {
                 mean(|unit| unit.hysteresis_percent),
             ],
             gains: gains(&table),
+            calibrated: calibrated(&table),
         })
     }
 
@@ -95,6 +99,16 @@ fn gains(table: &Table) -> Vec<f64> {
         return Vec::new();
     }
     (0..table.units).map(|unit| rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / load_n).collect()
+}
+
+/// Where a calibration pressed, and how hard, in an order that doesn't depend on that of the presses.
+fn calibrated(table: &Table) -> Vec<(Place, f64)> {
+    let rows = table.rows.iter().filter(|row| row.is_of("calibration") && !row.flagged);
+    let mut all: Vec<(Place, f64)> =
+        rows.map(|row| (row.place, row.record.as_ref().map_or(0.0, |record| record.force_set_n))).collect();
+    let key = |(place, force_n): &(Place, f64)| [place.y_mm, place.x_mm, *force_n];
+    all.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
+    all
 }
 
 /// A page about many runs, in the order they were named.
@@ -130,7 +144,7 @@ fn errors_table(runs: &[Compared], solver: &str) -> Markup {
     let row = |(index, run): (usize, &Compared)| {
         let mut cells = vec![run.numbered(index), words(run.manifest.facts.sensor.as_deref().unwrap_or("-"))];
         for evaluation in &run.evaluations {
-            let key = |evaluation: &Evaluation, what: &str| format!("{}.{}.{what}", run.name, evaluation.solver);
+            let key = |evaluation: &Evaluation, what: &str| format!("{}.{}.{what}", index + 1, evaluation.solver);
             let e = evaluation.as_ref();
             let location = e.map(|e| number(&key(e, "location_error_mm.mean"), e.location_error_mm.mean, 3, ""));
             let force = e.and_then(|e| Some(number(&key(e, "force_error_n.mean"), e.force_error_n?.mean, 4, "")));
@@ -237,8 +251,10 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
 fn changes(runs: &[Compared]) -> Option<Drawn> {
     let first = runs.iter().find(|run| !run.gains.is_empty())?;
     let units = first.gains.len();
-    let alike: Vec<(usize, &Compared)> = runs.iter().enumerate().filter(|(_, run)| run.gains.len() == units).collect();
+    let is_alike = |run: &Compared| run.gains.len() == units && run.calibrated == first.calibrated;
+    let alike: Vec<(usize, &Compared)> = runs.iter().enumerate().filter(|(_, run)| is_alike(run)).collect();
     (alike.len() > 1).then_some(())?;
+    let left_out = runs.len() - alike.len();
     let percent = |run: &Compared, unit: usize| 100.0 * (run.gains[unit] / first.gains[unit] - 1.0);
     let every =
         || alike.iter().flat_map(|(_, run)| (0..units).map(|unit| percent(run, unit))).filter(|p| p.is_finite());
@@ -261,6 +277,13 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
             marks: vec![Mark::Cells(cells.collect())],
         }],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+        notes: match left_out {
+            0 => Vec::new(),
+            _ => vec![format!(
+                "{} left out: calibrated at other places or forces, or not at all",
+                counted(left_out, "run")
+            )],
+        },
         ..Figure::default()
     };
     Some(Drawn { figure, ramp: Some([-most, most].map(|percent| format!("{percent:+.2} %"))) })

@@ -19,13 +19,20 @@ pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
 
 fn verdict(subject: &Subject, judged: &Judged) -> Markup {
     let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
+    let altered = || subject.runs.iter().filter(|run| !run.altered.is_empty());
     let class = match (broken, judged.decisive().map(Evaluation::accepted)) {
+        _ if altered().next().is_some() => "verdict bad",
         (Some(_), _) | (None, Some(false)) => "verdict bad",
         (None, Some(true)) => "verdict good",
         (None, None) => "verdict",
     };
     html! {
         div class=(class) {
+            @for run in altered() {
+                strong { (run.name) " isn't as it was written" }
+                p { (run.altered.join("; ")) ". What follows is of the files as they are; " code { "palpate rebuild" } " makes them "
+                    "anew from the journal." }
+            }
             @if let Some(run) = broken {
                 strong { (run.name) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
                     (run.manifest.facts.presses_planned) " presses" }
@@ -49,9 +56,9 @@ fn verdict(subject: &Subject, judged: &Judged) -> Markup {
                 }
                 None => {
                     @if broken.is_none() { strong { "Not evaluated" } }
-                    @if let Some(why) = &judged.why_not { p { (why) } }
                 }
             }
+            @if let Some(why) = &judged.why_not { p { (why) } }
         }
     }
 }

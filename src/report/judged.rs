@@ -13,7 +13,7 @@ pub struct Judged {
     pub evaluations: Vec<Evaluation>,
     /// A method that knows how near it is expected to come.
     pub expecting: Option<Fitted>,
-    /// Why there is no evaluation.
+    /// Why there is no evaluation, or not by both.
     pub why_not: Option<String>,
 }
 
@@ -27,20 +27,18 @@ impl Judged {
             Err(why) => return none(why),
         };
         let judged = in_parallel(&[BEST, PAPERS], |solver| trial.evaluate_fitted(solver));
-        let mut judged = match judged.into_iter().collect::<Result<Vec<(Evaluation, Fitted)>, _>>() {
-            Ok(judged) => judged,
-            Err(why) => return none(why),
-        };
+        let why_not = judged.iter().find_map(|judged| judged.as_ref().err().map(with_cause));
+        let mut judged: Vec<(Evaluation, Fitted)> = judged.into_iter().flatten().collect();
         judged.reverse(); // the one that takes longest began first
         if judged.iter().all(|(evaluation, _)| evaluation.solver == PAPERS) {
             judged.truncate(1);
         }
         let (evaluations, fitted): (Vec<Evaluation>, Vec<Fitted>) = judged.into_iter().unzip();
-        let middle = table.rows.iter().find(|row| row.is_of("calibration")).map(|row| row.place).unwrap_or_default();
-        let expects = |fitted: &Fitted| fitted.expected(middle, 1.0).is_some();
+        let mut calibrated = table.rows.iter().filter(|row| row.is_of("calibration")).map(|row| row.place);
+        let expects = |fitted: &Fitted| calibrated.any(|place| fitted.expected(place, 1.0).is_some());
         let surrogate = || trial.evaluate_fitted("surrogate").ok().map(|(_, fitted)| fitted);
         let expecting = fitted.into_iter().find(expects).or_else(surrogate);
-        Judged { evaluations, expecting, why_not: None }
+        Judged { evaluations, expecting, why_not }
     }
 
     /// The evaluation that decides: the best's.

@@ -1,7 +1,7 @@
 use super::frame::counted;
 use crate::control::Trip;
 use crate::dataset::table::{Table, TableError};
-use crate::dataset::{Contact, DatasetError, Manifest, Record, Retouch, RunFolder};
+use crate::dataset::{Contact, DatasetError, Manifest, Record, Retouch, RunFolder, altered};
 use crate::quantity::{ArrayLayout, Place};
 use miette::Diagnostic;
 use std::path::Path;
@@ -31,6 +31,8 @@ pub struct Recorded {
     pub retouches: Vec<Retouch>,
     /// What was measured, in the order it was.
     pub contacts: Vec<Contact>,
+    /// What of its files isn't as it was written.
+    pub altered: Vec<String>,
 }
 
 /// Why there is no page.
@@ -45,7 +47,10 @@ pub enum ReportError {
     #[diagnostic(transparent)]
     Table(#[from] TableError),
     /// Two runs of one page come from two arrays.
-    #[error("{first} has {first_units} units, {second} has {second_units}: they aren't of one sensor")]
+    #[error(
+        "{first} has {first_units} units, {second} has {second_units}{}: they aren't of one sensor",
+        if first_units == second_units { " at other places" } else { "" }
+    )]
     #[diagnostic(help("report them apart; to hold sensors side by side, --compare"))]
     Arrays {
         /// A run.
@@ -93,7 +98,7 @@ impl Subject {
 
     fn joined(mut self, run: Recorded, table: Table, layout: &ArrayLayout) -> Result<Subject, ReportError> {
         let first = |runs: &[Recorded]| runs[0].name.clone();
-        if self.layout.len() != layout.len() {
+        if self.layout != *layout {
             return Err(ReportError::Arrays {
                 first: first(&self.runs),
                 first_units: self.layout.len(),
@@ -148,7 +153,8 @@ impl Recorded {
         let manifest = RunFolder::read_manifest(path)?;
         let name = run_name(path);
         let (zeros, trips, retouches, contacts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut run = Recorded { name, manifest, zeros, trips, retouches, contacts };
+        let altered = altered(path, &manifest)?;
+        let mut run = Recorded { name, manifest, zeros, trips, retouches, contacts, altered };
         for next in RunFolder::read_records(path)? {
             match next.map_err(DatasetError::from)?.1 {
                 Record::Zero { t_s, offset_n, .. } => run.zeros.push((t_s, offset_n)),

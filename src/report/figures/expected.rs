@@ -1,8 +1,8 @@
 //! How near a method is expected to come, place by place, by what the calibration knows of the array and its noise.
 
-use super::map::{Axes, cell};
-use super::{SQUARE_PX, WIDTH_PX};
-use crate::chart::{Figure, Grid, Mark};
+use super::WIDTH_PX;
+use super::map::Axes;
+use crate::chart::{Cell, Figure, Grid, Mark};
 use crate::quantity::Place;
 use crate::report::frame::{Drawn, figures, section};
 use crate::report::{Judged, Subject};
@@ -22,7 +22,7 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
         .table
         .rows
         .iter()
-        .filter(|row| row.is_of("test"))
+        .filter(|row| row.is_of("test") && !row.flagged)
         .filter_map(|row| Some(row.record.as_ref()?.force_set_n))
         .collect();
     forces.sort_by(f64::total_cmp);
@@ -36,11 +36,18 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let best = errors.iter().map(|(_, mm)| *mm).reduce(f64::min).filter(|mm| *mm > 0.0)?;
     let worst = errors.iter().map(|(_, mm)| *mm).fold(best, f64::max).min(MOST_RATIO * best);
     let decades = (worst / best).ln().max(f64::MIN_POSITIVE);
-    let half_mm = 0.5 * (most.x_mm - least.x_mm).max(most.y_mm - least.y_mm) / SIDE as f64;
-    let cells = errors.iter().map(|(place, mm)| cell(*place, half_mm, (mm / best).ln() / decades)).collect();
+    let half = |least_mm: f64, most_mm: f64| 0.5 * (most_mm - least_mm) / SIDE as f64;
+    let (half_x, half_y) = (half(least.x_mm, most.x_mm), half(least.y_mm, most.y_mm));
     // a line of places has cells too
+    let (half_x, half_y) = (if half_x > 0.0 { half_x } else { half_y }, if half_y > 0.0 { half_y } else { half_x });
+    let cell = |(Place { x_mm, y_mm }, mm): &(Place, f64)| Cell {
+        x: (x_mm - half_x, x_mm + half_x),
+        y: (y_mm - half_y, y_mm + half_y),
+        share: (mm / best).ln() / decades,
+    };
+    let cells = errors.iter().map(cell).collect();
     let is_line = least.x_mm >= most.x_mm || least.y_mm >= most.y_mm;
-    let axes = Axes::around(least, most, if is_line { half_mm } else { 0.0 });
+    let axes = Axes::around(least, most, if is_line { half_x } else { 0.0 });
     let mean = errors.iter().map(|(_, mm)| mm).sum::<f64>() / errors.len() as f64;
     let figure = Figure {
         title: format!("Expected location error at {force_n} N"),
@@ -48,12 +55,12 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
             "by {}, at the median force of the test; mean over the area {mean:.3} mm; colours by the logarithm",
             solver.name()
         ),
-        height_px: axes.height_px(1).min(SQUARE_PX * 1.2),
+        height_px: axes.height_px(1),
         panels: vec![axes.panel(vec![Mark::Cells(cells)])],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         notes: vec![
-            "The bound of Cramér and Rao on the map that was fitted to the calibration, that map's own error included: no \
-             unbiased method comes nearer with this array, this noise and this calibration."
+            "The bound of Cramér and Rao on the map that was fitted to the calibration, that map's own error included: as far as \
+             map and noise are known by it, an unbiased method comes no nearer."
                 .to_owned(),
         ],
         ..Figure::default()

@@ -1,7 +1,7 @@
 //! Figure 9: where it was pressed, and where each method found it.
 
 use super::map::Axes;
-use super::{SQUARE_PX, WIDTH_PX, methods, name};
+use super::{WIDTH_PX, methods, name};
 use crate::chart::{Figure, Grid, Line, Look, Mark, Shape};
 use crate::quantity::Place;
 use crate::report::Judged;
@@ -38,7 +38,7 @@ fn one(look: Look, evaluation: &Evaluation) -> Drawn {
     let figure = Figure {
         title: name(evaluation),
         subtitle: format!("{} test presses, each true place joined to the predicted one", evaluation.points),
-        height_px: axes.height_px(1).min(SQUARE_PX * 1.2),
+        height_px: axes.height_px(1),
         panels: vec![axes.panel(marks)],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         legend: vec![vec![(look, "true".to_owned()), (predicted, "predicted".to_owned())]],

@@ -100,6 +100,10 @@ fn set_n(row: &Row) -> f64 {
     row.record.as_ref().map_or(0.0, |record| record.force_set_n)
 }
 
+/// The highest and the lowest that a map is over its width.
+const HIGHEST: f64 = 1.2;
+const LOWEST: f64 = 0.25;
+
 /// Axes in x and y with one scale.
 pub struct Axes {
     x: (f64, f64),
@@ -107,9 +111,12 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// Around an area, some room wider.
+    /// Around an area, some room wider; a strip has room beside it, so that it is neither a line nor a tower.
     pub fn around(least: Place, most: Place, room_mm: f64) -> Axes {
-        Axes { x: (least.x_mm - room_mm, most.x_mm + room_mm), y: (least.y_mm - room_mm, most.y_mm + room_mm) }
+        let (width_mm, height_mm) = (most.x_mm - least.x_mm + 2.0 * room_mm, most.y_mm - least.y_mm + 2.0 * room_mm);
+        let beside_mm = room_mm + 0.5 * (height_mm / HIGHEST - width_mm).max(0.0);
+        let above_mm = room_mm + 0.5 * (width_mm * LOWEST - height_mm).max(0.0);
+        Axes { x: (least.x_mm - beside_mm, most.x_mm + beside_mm), y: (least.y_mm - above_mm, most.y_mm + above_mm) }
     }
 
     /// A panel over the area.
@@ -117,12 +124,11 @@ impl Axes {
         Panel { x: Axis::linear("x, mm", self.x), y: Axis::linear("y, mm", self.y), marks }
     }
 
-    /// How high a panel must be for one scale, where there are so many side by side, px. A strip isn't drawn to it: it would be
-    /// a line.
+    /// How high a panel must be for one scale, where there are so many side by side, px.
     pub fn height_px(&self, columns: usize) -> f64 {
         let beside_px = 14.0 * (columns as f64 - 1.0);
         let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
-        width_px * ((self.y.1 - self.y.0) / (self.x.1 - self.x.0)).clamp(0.25, 2.0)
+        width_px * (self.y.1 - self.y.0) / (self.x.1 - self.x.0)
     }
 }
 
