@@ -1,8 +1,8 @@
 //! What a scene needs: each physical or measurement term off and on, all else as in the scene that is shipped for the paper's rig.
 //!
-//! A [`Term`] is tried on what it can touch: the methods that solve and Table 1 on skins read without a rig ([`readings`]), the
-//! press in the force loop ([`presses`]). Both tries of a seed draw the same contacts and the same noise, so that an [`Effect`]
-//! is the mean of paired differences. The [`rule`] then says for which [`Question`] a scene needs the term. What each term costs
+//! A [`Term`] is tried on what it can touch: the methods that solve and Table 1 on skins read without a rig (`readings`), the
+//! press in the force loop (`presses`). Both tries of a seed draw the same contacts and the same noise, so that an [`Effect`]
+//! is the mean of paired differences. The rule then says for which [`Question`] a scene needs the term. What each term costs
 //! is measured apart, once nothing else of the study runs.
 
 mod cost;
