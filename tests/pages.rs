@@ -56,6 +56,32 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
     println!("screenshots: {}", browser.album.display());
 }
 
+#[test]
+fn figures_of_the_studies_have_room_for_their_words() {
+    let Some(browser) = Browser::find() else { return };
+    let bench = Bench::new();
+    for study in ["curves", "ablation --quick", "budget --quick", "failures --quick", "speed-accuracy --quick"] {
+        bench.palpate_ends(0, &format!("study {study} --out {}", study.split(' ').next().expect("a name")));
+    }
+    let rig = shipped("rigs/sim.toml");
+    bench.palpate_ends(0, &format!("study curves --rig {} --out array", rig.display()));
+    let mut wrong: Vec<String> = Vec::new();
+    let mut figures = 0;
+    for study in ["curves", "array", "ablation", "budget", "failures", "speed-accuracy"] {
+        for (name, svg) in bench.bytes(study).into_iter().filter(|(name, _)| name.ends_with(".svg")) {
+            let svg = String::from_utf8(svg).expect("an SVG is text");
+            let page = format!("<!DOCTYPE html><html><body style=\"margin:0\"><figure>{svg}</figure></body></html>");
+            bench.write("figure.html", &page);
+            let seen = browser.look(&bench.path("figure.html"), 1400);
+            assert!(seen.texts > 5, "{study}/{name}");
+            wrong.extend(seen.problems.iter().map(|problem| format!("{study}/{name}: {problem}")));
+            figures += 1;
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(figures >= 12, "{figures} figures");
+}
+
 /// The look itself sees what it is there for.
 #[test]
 fn a_page_with_faults_is_found_out() {

@@ -54,6 +54,9 @@ fn every_number_of_a_page_is_that_of_evaluate() {
             let path = format!("/{}", key[name.len() + 1..].replace('.', "/"));
             assert_eq!(evaluation.pointer(&path).and_then(Value::as_f64), Some(*value), "{key}");
         }
+        if let Some(chosen @ ("physics" | "surrogate")) = evaluation["solver"].as_str() {
+            assert!(page.contains(&format!("by {chosen}, at the median force of the test")), "{chosen}");
+        }
         let decisive = evaluation["location_error_mm"]["mean"].as_f64().unwrap();
         assert!(page.contains(&format!("{decisive:.3}")), "{decisive}");
     }
@@ -145,6 +148,17 @@ fn what_broke_off_is_told_first() {
     let rule = bench.manifest("tripped")["trip"]["rule"].as_str().unwrap().to_owned();
     assert!(page.contains("tripped is tripped: 0 of 93 presses") && page.contains(&rule), "{rule}");
     assert!(page.contains("verdict bad"));
+}
+
+#[test]
+fn a_sensors_name_can_be_printed() {
+    let bench = Bench::with([("one.toml", recipe(&[TEST]).as_str())]);
+    for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(201)] {
+        let told = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
+        assert_eq!(told.status.code(), Some(2), "{name:?}");
+        assert!(String::from_utf8_lossy(&told.stderr).contains("expected 1 to 200 letters"), "{name:?}");
+        assert!(!bench.has("one"));
+    }
 }
 
 #[test]

@@ -26,13 +26,24 @@ pub struct Args {
     #[command(flatten)]
     rig: RigArgs,
     /// Who is pressed: kept with the run
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = sensor)]
     sensor: Option<String>,
     /// The folder to make; else runs/NAME, runs/NAME-2, ...
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
     session: SessionArgs,
+}
+
+/// The most letters in a sensor's name: it stands in tables and titles.
+const SENSOR_MOST_LETTERS: usize = 200;
+
+/// A name that can be printed wherever it stands.
+fn sensor(name: &str) -> Result<String, String> {
+    let is_fit =
+        !name.trim().is_empty() && name.chars().count() <= SENSOR_MOST_LETTERS && !name.chars().any(char::is_control);
+    let expected = || format!("expected 1 to {SENSOR_MOST_LETTERS} letters, none of which moves a terminal's cursor");
+    is_fit.then(|| name.to_owned()).ok_or_else(expected)
 }
 
 /// Makes the run's folder and walks its plan.

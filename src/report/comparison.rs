@@ -1,7 +1,7 @@
 use super::ReportError;
 use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
-use super::judged::with_cause;
+use super::judged::{PAPERS, with_cause};
 use super::subject::{presses, run_name};
 use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
@@ -10,7 +10,7 @@ use crate::dataset::table::Table;
 use crate::dataset::{Manifest, RunFolder};
 use crate::parallel::in_parallel;
 use crate::quantity::{ArrayLayout, Place};
-use crate::solver::{Evaluation, SOLVERS};
+use crate::solver::{ErrorSummary, Evaluation};
 use maud::{Markup, html};
 use std::path::Path;
 
@@ -32,9 +32,6 @@ pub struct Compared {
 
 /// The least difference for which the colours of a unit's output reach to their ends, %: the least that is told.
 const LEAST_PERCENT: f64 = 0.01;
-
-/// The paper's own method.
-const PAPERS: &str = SOLVERS[0];
 
 impl Compared {
     /// Reads and evaluates runs, each with the layout of its array, on all processors. `solver` stands beside the paper's method.
@@ -195,7 +192,7 @@ type Summary = fn(&[f64]) -> Option<f64>;
 
 /// None of none.
 fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    ErrorSummary::of(values).map(|sum| sum.mean)
 }
 
 /// Standard deviation (n - 1); none of fewer than two.

@@ -30,7 +30,8 @@ figcaption strong{display:block;color:var(--ink);font-size:15px}\
 .ramp{display:flex;align-items:center;gap:8px;font-size:13px;color:var(--soft);margin:2px 0 0}\
 .ramp span.colours{display:flex;flex:1;max-width:260px;height:12px}.ramp i{flex:1}\
 @media (max-width:640px){body{font-size:15px}th,td{padding:4px 6px}table{font-size:13.5px}h1{font-size:25px}}\
-@media print{main{max-width:none;padding:0}figure,table,.verdict{break-inside:avoid}h2{break-after:avoid}body{font-size:11pt}}";
+@media print{main{max-width:none;padding:0}.figures{grid-template-columns:1fr 1fr;gap:14px 20px}.tables{grid-template-columns:repeat(3,1fr)}\
+figure,table,.verdict{break-inside:avoid}h2,h3{break-after:avoid}h2{margin-top:26px}body{font-size:10.5pt}}";
 
 /// A whole page.
 pub fn document(title: &str, body: &Markup) -> String {

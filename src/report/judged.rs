@@ -5,7 +5,7 @@ use crate::quantity::ArrayLayout;
 use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver};
 
 /// The paper's own method.
-const PAPERS: &str = SOLVERS[0];
+pub const PAPERS: &str = SOLVERS[0];
 
 /// How far off the paper's method and ours are on a sensor's test, as `evaluate` has it.
 pub struct Judged {
@@ -34,8 +34,8 @@ impl Judged {
             judged.truncate(1);
         }
         let (evaluations, fitted): (Vec<Evaluation>, Vec<Fitted>) = judged.into_iter().unzip();
-        let mut calibrated = table.rows.iter().filter(|row| row.is_of("calibration")).map(|row| row.place);
-        let expects = |fitted: &Fitted| calibrated.any(|place| fitted.expected(place, 1.0).is_some());
+        let calibrated = || table.rows.iter().filter(|row| row.is_of("calibration"));
+        let expects = |fitted: &Fitted| calibrated().any(|row| fitted.expected(row.place, 1.0).is_some());
         let surrogate = || trial.evaluate_fitted("surrogate").ok().map(|(_, fitted)| fitted);
         let expecting = fitted.into_iter().find(expects).or_else(surrogate);
         Judged { evaluations, expecting, why_not }

@@ -6,6 +6,7 @@ use crate::dataset::characteristics::{
     CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, UnitCharacteristics, characterise,
 };
 use crate::paper;
+use crate::solver::ErrorSummary;
 use maud::{Markup, html};
 
 /// The definitions beside each other, and what each is called.
@@ -52,8 +53,7 @@ fn one(title: &str, column: usize, by: &[(&[UnitCharacteristics], &str)], value:
         })
         .collect();
     let mean_of = |values: &mut dyn Iterator<Item = Option<f64>>| {
-        let known: Vec<f64> = values.flatten().collect();
-        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        ErrorSummary::of(&values.flatten().collect::<Vec<f64>>()).map(|sum| sum.mean)
     };
     let means = by.iter().map(|by| cell(mean_of(&mut told.iter().map(|&unit| ours(unit, by)))));
     rows.push(
