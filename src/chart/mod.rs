@@ -114,8 +114,8 @@ const RIGHT: f64 = 24.0;
 const GAP: f64 = 44.0;
 /// Between the panels of a grid, px: room for the numbers beside them.
 const GAP_OF_GRID: f64 = 50.0;
-/// The same where their axes are told once, px.
-const GAP_SHARED: f64 = 14.0;
+/// The same where their axes are told once, px: room for the ends of two axes beside each other.
+pub const SHARED_GAP_PX: f64 = 20.0;
 /// Above the panels of a figure whose page tells its title, and what is cut off below: the page has distances of its own, px.
 const TOP_INLINE: f64 = 14.0;
 const CUT_INLINE: f64 = 22.0;
@@ -186,7 +186,7 @@ impl Figure {
         let is_shared = self.grid.is_some_and(|grid| grid.shared);
         let left = if has_rows { LEFT_OF_ROWS } else { LEFT };
         let gap = match self.grid {
-            Some(_) if is_shared => GAP_SHARED,
+            Some(_) if is_shared => SHARED_GAP_PX,
             Some(_) => GAP_OF_GRID,
             None if has_rows => GAP,
             None => GAP + LEFT,
@@ -211,7 +211,7 @@ impl Figure {
                 panel.write(&mut svg, &area, &words);
             }
             let below_px = row.iter().map(Panel::below_px).fold(0.0, f64::max);
-            y += self.height_px + if is_shared && index < last { GAP_SHARED } else { below_px };
+            y += self.height_px + if is_shared && index < last { SHARED_GAP_PX } else { below_px };
         }
         (svg, y)
     }

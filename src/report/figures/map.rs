@@ -1,7 +1,7 @@
 //! The calibration matrix: what each unit reads of the same load, place by place.
 
 use super::WIDTH_PX;
-use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
+use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
 use crate::dataset::table::Row;
 use crate::quantity::Place;
 use crate::report::Subject;
@@ -126,7 +126,7 @@ impl Axes {
 
     /// How high a panel must be for one scale, where there are so many side by side, px.
     pub fn height_px(&self, columns: usize) -> f64 {
-        let beside_px = 14.0 * (columns as f64 - 1.0);
+        let beside_px = SHARED_GAP_PX * (columns as f64 - 1.0);
         let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
         width_px * (self.y.1 - self.y.0) / (self.x.1 - self.x.0)
     }
