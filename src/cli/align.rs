@@ -1,4 +1,5 @@
 use super::exit::Failure;
+use super::place::place;
 use super::progress::Progress;
 use super::session::runtime;
 use super::signals::{First, heed};
@@ -9,7 +10,6 @@ use crate::rig;
 use crate::run::{AlignError, Alignment, align, align_plan};
 use miette::{IntoDiagnostic, WrapErr};
 use std::fmt::Write as _;
-use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 use std::{fs, io};
@@ -138,15 +138,5 @@ fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
     if fs::read_to_string(path)? != read {
         return Err(io::Error::other("it was changed while the specimen was pressed"));
     }
-    let beside = path.with_extension("toml.new");
-    let mut file = fs::File::create_new(&beside)?; // what lies there is somebody's
-    let written = file
-        .write_all(text.as_bytes())
-        .and_then(|()| file.set_permissions(fs::metadata(path)?.permissions()))
-        .and_then(|()| file.sync_all())
-        .and_then(|()| fs::rename(&beside, path));
-    if written.is_err() {
-        let _ = fs::remove_file(&beside); // the first error is the one to tell
-    }
-    written
+    place(path, &path.with_extension("toml.new"), text)
 }

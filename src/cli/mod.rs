@@ -10,6 +10,7 @@ mod doctor;
 mod emulate;
 mod evaluate;
 mod exit;
+mod place;
 mod ports;
 mod progress;
 mod provenance;

@@ -1,6 +1,7 @@
 //! `palpate report`: writes a page about a sensor's runs, or about many sensors side by side.
 
 use super::exit::Failure;
+use super::place::place;
 use super::solve::solvers;
 use super::sources::read_rig;
 use super::summary::print;
@@ -9,7 +10,7 @@ use crate::quantity::ArrayLayout;
 use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
 use crate::solver::{BEST, Evaluation};
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{self, ExitCode};
 
@@ -107,26 +108,19 @@ const BEGINNING: &str = "<!DOCTYPE html>";
 
 /// Puts the page in its place, whole or not at all.
 fn write(out: &Path, html: &str) -> Result<(), Failure> {
-    place(out, html).map_err(|why| {
+    put(out, html).map_err(|why| {
         let help = "no page was written; choose another --out, or make room and set the permissions right";
         Failure::unwritten(miette::miette!(help = help, "writing the page {}: {why}", out.display()))
     })
 }
 
-fn place(out: &Path, html: &str) -> io::Result<()> {
+fn put(out: &Path, html: &str) -> io::Result<()> {
     if let Some(parent) = out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
     let linked = fs::canonicalize(out); // a link stays one
     let out = linked.as_deref().unwrap_or(out);
-    let beside = out.with_file_name(format!(".palpate-{}.new", process::id()));
-    let mut file = fs::File::create_new(&beside)?; // what lies there is somebody's
-    let written =
-        file.write_all(html.as_bytes()).and_then(|()| file.sync_all()).and_then(|()| fs::rename(&beside, out));
-    if written.is_err() {
-        let _ = fs::remove_file(&beside); // the first error is the one to tell
-    }
-    written
+    place(out, &out.with_file_name(format!(".palpate-{}.new", process::id())), html)
 }
 
 fn failure(error: ReportError) -> Failure {

@@ -63,9 +63,15 @@ pub fn section(subject: &Subject) -> Option<Markup> {
             ])
         })
         .collect();
-    let mut drawn = vec![errors(&held)];
-    drawn.extend(overshoots(&held));
-    drawn.extend(times_figure(&times));
+    let errors: Vec<(Phase, f64, f64)> = held.iter().map(|held| (held.phase, held.press, held.error_mn)).collect();
+    let overshoots: Vec<(Phase, f64, f64)> =
+        held.iter().filter_map(|held| Some((held.phase, held.press, held.over_mn?))).collect();
+    let drawn = [
+        by_press("Force in the window less the set one", "force error, mN", &errors, true),
+        by_press("Largest true force less the set one", "overshoot, mN", &overshoots, true),
+        by_press("Time a press", "time, s", &times, false),
+    ];
+    let drawn: Vec<Drawn> = drawn.into_iter().flatten().collect();
     let body = html! {
         (table(&head.map(words), &rows))
         p.note { "Error: the load cell's mean in the window less the set force. The largest force is the true one, which only a "
@@ -116,11 +122,12 @@ fn look(hue: Hue, shape: Shape) -> Look {
     Look { hue, shape: Some(shape), filled: false, line: Line::None }
 }
 
-/// One panel of points by press, a mark for each phase that has any.
-fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], level: Option<(f64, &str)>) -> Option<Drawn> {
+/// One panel of points by press, a mark for each phase that has any; none without points.
+fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: bool) -> Option<Drawn> {
     let value = |(_, _, value): &(Phase, f64, f64)| *value;
-    let most = points.iter().map(value).chain(level.map(|level| level.0)).reduce(f64::max)?;
-    let least = points.iter().map(value).fold(level.map_or(0.0, |level| level.0.min(0.0)), f64::min);
+    let largest = points.iter().map(value).reduce(f64::max)?;
+    let most = if is_about_0 { largest.max(0.0) } else { largest };
+    let least = points.iter().map(value).fold(0.0, f64::min);
     let room = 0.05 * (most - least).max(f64::MIN_POSITIVE);
     let last = points.iter().map(|(_, press, _)| *press).fold(1.0, f64::max);
     let mut marks: Vec<Mark> = Vec::new();
@@ -134,7 +141,9 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], level: Optio
             legend.push((look(hue, shape), phase.name().to_owned()));
         }
     }
-    marks.extend(level.map(|(value, told)| Mark::Level(value, told.to_owned())));
+    if is_about_0 {
+        marks.push(Mark::Level(0.0, String::new()));
+    }
     let x = Axis::count("press", (0.0, last));
     let y = Axis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
@@ -142,23 +151,4 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], level: Optio
     let figure =
         Figure { title: title.to_owned(), height_px: 220.0, panels, grid, legend: vec![legend], ..Figure::default() };
     Some(Drawn::plain(figure))
-}
-
-fn errors(held: &[Held]) -> Drawn {
-    let points: Vec<(Phase, f64, f64)> = held.iter().map(|held| (held.phase, held.press, held.error_mn)).collect();
-    // there is a level at 0, so there is a figure
-    let drawn = by_press("Force in the window less the set one", "force error, mN", &points, Some((0.0, "")));
-    drawn.unwrap_or_else(|| Drawn::plain(Figure::default()))
-}
-
-fn overshoots(held: &[Held]) -> Option<Drawn> {
-    let of = |held: &Held| Some((held.phase, held.press, held.over_mn?));
-    let points: Vec<(Phase, f64, f64)> = held.iter().filter_map(of).collect();
-    (!points.is_empty()).then_some(())?;
-    by_press("Largest true force less the set one", "overshoot, mN", &points, Some((0.0, "")))
-}
-
-fn times_figure(times: &[(Phase, f64, f64)]) -> Option<Drawn> {
-    (!times.is_empty()).then_some(())?;
-    by_press("Time a press", "time, s", times, None)
 }

@@ -35,7 +35,8 @@ pub fn methods(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<[O
     let test = specimen.readings(&anywhere(size.tests, FORCES_N, &mut stream(seed, 0, "test contacts")), each_s);
     let (calibration, setting) = (presses.calibration()?, Setting::of_layout(Some(layout)));
     let mut workspace = Workspace::default();
-    // without the cross-validation that says how sure its answers are
+    // as the paper has it: without the cross-validation that says how sure its answers are, and with every unit, where `fit` leaves
+    // out one that seems saturated, as it can where a coarse grid is read without noise
     let papers = Pearson::fit(&calibration, setting.layout, ForceRule::ClosestUnit).ok();
     let of_papers = papers.and_then(|papers| mean_errors(&test, |outputs| papers.contact(outputs, &mut workspace)));
     let [surrogate, physics] = ["surrogate", "physics"].map(|name| {
