@@ -6,7 +6,7 @@
 use cpu_time::ProcessTime;
 use palpate::control::{Air, Lesson};
 use palpate::dataset::{
-    Contact, Durability, Ledger, Left, Origins, Record, Row, RowTruth, RunFacts, RunFolder, Session,
+    Contact, Durability, Ledger, Left, Origins, PressTruth, Record, Row, RunFacts, RunFolder, Session,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -72,7 +72,7 @@ fn contact(press: u64) -> Contact {
         z_mm: -wave(3),
     };
     let path = (0..6).map(|n| (wave(n) / 3.0, wave(n + 1) / 7.0)).collect();
-    let truth = RowTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
+    let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
     Contact {
         press,
         rows: vec![row.rounded()],

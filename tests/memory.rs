@@ -2,7 +2,7 @@
 
 use cap::Cap;
 use palpate::control::Lesson;
-use palpate::dataset::{Contact, End, Ledger, Origins, Record, Row, RowTruth, RunFacts, RunFolder, Session, Status};
+use palpate::dataset::{Contact, End, Ledger, Origins, PressTruth, Record, Row, RunFacts, RunFolder, Session, Status};
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
 use std::alloc::System;
@@ -77,7 +77,7 @@ fn contact(press: u64) -> Contact {
         flags: Vec::new(),
         z_mm: -0.5,
     };
-    let truth = RowTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
+    let truth = PressTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
     let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
     Contact { press, rows: vec![row.rounded()], truth: vec![truth], lesson, left: None }
 }

@@ -1,10 +1,10 @@
 use super::exit::Failure;
-use super::place::place;
 use super::progress::Progress;
 use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
+use crate::dataset::files;
 use crate::quantity::Frame;
 use crate::rig;
 use crate::run::{AlignError, Alignment, align, align_plan};
@@ -138,5 +138,5 @@ fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
     if fs::read_to_string(path)? != read {
         return Err(io::Error::other("it was changed while the specimen was pressed"));
     }
-    place(path, &path.with_extension("toml.new"), text)
+    files::place(path, text)
 }

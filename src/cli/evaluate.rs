@@ -2,14 +2,13 @@
 //! are.
 
 use super::exit::{Failure, accepted};
+use super::recorded::{read_run, warn_of_table};
 use super::solve::{load, solvers};
-use super::sources::read_rig;
 use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table, solvers_table};
-use crate::dataset::RunFolder;
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{Trial, is_to_evaluate};
-use crate::dataset::table::Table;
+use crate::dataset::{Presses, read_table};
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::IntoDiagnostic as _;
@@ -75,19 +74,20 @@ struct Failed<'a> {
 pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
-            let table = read_presses(run)?;
-            let layout = read_rig(&run.join("rig.toml"))?.1.array.layout;
-            let staircases = Staircases::of_run(&table, &layout);
+            let (recorded, rig) = read_run(run)?;
+            let (presses, layout) = (recorded.presses(), rig.array.layout);
+            let staircases = Staircases::of_run(&presses, &layout);
             let table_1 = staircases.map(|staircases| characteristics_table(&staircases, args.repeatability));
-            if let Some(table_1) = table_1.as_ref().filter(|_| !args.json && !table.rows.iter().any(is_to_evaluate)) {
+            if let Some(table_1) =
+                table_1.as_ref().filter(|_| !args.json && !presses.presses.iter().any(is_to_evaluate))
+            {
                 print(table_1)?;
                 return Ok(ExitCode::SUCCESS);
             }
-            evaluate_trial(args, Trial::of_run(&table, Some(&layout)).map_err(Failure::usage)?, table_1)
+            evaluate_trial(args, Trial::of_run(&presses, Some(&layout)).map_err(Failure::usage)?, table_1)
         }
         (None, Some(calibration), Some(test)) => {
-            let calibration = Table::read(calibration).map_err(Failure::usage)?;
-            let test = Table::read(test).map_err(Failure::usage)?;
+            let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
             evaluate_trial(args, Trial::of_tables(&calibration, &test).map_err(Failure::usage)?, None)
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not
@@ -131,10 +131,11 @@ fn json((solver, outcome): &(&str, Result<Evaluation, String>)) -> Result<String
     Ok(object.into_diagnostic().map_err(Failure::usage)? + "\n")
 }
 
-/// The presses of a run folder.
-pub fn read_presses(run: &Path) -> Result<Table, Failure> {
-    RunFolder::read_manifest(run).map_err(Failure::usage)?; // says best that this is no run
-    RunFolder::read_presses(run).map_err(Failure::usage)
+/// The presses of a table that is named by its path: it is read as it is.
+pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
+    let presses = read_table(table).map_err(Failure::usage)?;
+    warn_of_table(table)?;
+    Ok(presses)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@ use crate::document::Problems;
 use crate::run::{Ending, Halt};
 use crate::solver::Evaluation;
 use miette::Report;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Done, but the errors are larger than accepted.
@@ -55,8 +55,15 @@ impl Failure {
             | DatasetError::NoRun { .. }
             | DatasetError::Held { .. }
             | DatasetError::Changed { .. }
+            | DatasetError::Lost { .. }
             | DatasetError::Manifest { .. }
-            | DatasetError::Journal(JournalError::Damaged { .. }) => USAGE,
+            | DatasetError::Journal(JournalError::Damaged { .. } | JournalError::Format { .. }) => USAGE,
+            // not a regular file: nothing was read from it or written to it
+            DatasetError::Io { ref why, .. } | DatasetError::Journal(JournalError::Io { ref why, .. })
+                if why.kind() == ErrorKind::InvalidInput =>
+            {
+                USAGE
+            }
             DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,
         };
         Failure { code, report: error.into() }

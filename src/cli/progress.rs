@@ -122,7 +122,7 @@ impl Listener for Progress {
             set_template(&self.bar, "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses, {eta} left, {msg}");
         }
         if self.json {
-            let lines: String = contact.rows.iter().flat_map(|row| [row.to_json(), "\n".to_owned()]).collect();
+            let lines: String = contact.levels.iter().flat_map(|press| [press.to_json(), "\n".to_owned()]).collect();
             // what nobody can read doesn't stop a run: the record is on disk
             let told = summary::print(&lines);
             self.unheard = self.unheard.take().or(told.err());

@@ -11,6 +11,7 @@ pub fn session(durability: Durability) -> Session {
         started: now(),
         durability,
         texts: Vec::new(),
+        changes: Vec::new(),
     }
 }
 

@@ -1,7 +1,8 @@
 use super::exit::Failure;
-use super::sources::read_rig;
+use super::provenance::now;
+use super::recorded::rig_of;
 use super::summary;
-use crate::dataset::{RunFolder, check_run};
+use crate::dataset::{RunFolder, Texts};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -9,25 +10,35 @@ const EXAMPLES: &str = "\
 Examples:
   palpate rebuild runs/paper
 
-The journal is left as it is, but for a last record that a power cut has torn.";
+The journal stays as it is, except for a last record that a power cut has torn.
+Where manifest or tables hold presses that the journal lacks, nothing is changed
+(exit code 2): restore the journal from a copy. Without a copy, --accept-loss
+regenerates everything from what the journal holds, and records that it did.";
 
-/// Make a run's tables and manifest anew from its journal
+/// Regenerate a run's tables and manifest from its journal
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The run folder
     run: PathBuf,
+    /// Go on with what the journal holds, although the other files of the run hold more presses
+    #[arg(long)]
+    accept_loss: bool,
 }
 
 /// Writes every view of the journal.
 pub fn rebuild(args: &Args) -> Result<ExitCode, Failure> {
-    check_run(&args.run).map_err(Failure::dataset)?; // says best that this is none
-    let layout = read_rig(&args.run.join("rig.toml"))?.1.array.layout;
-    let mut folder = RunFolder::open(&args.run, &layout).map_err(Failure::dataset)?;
+    let (_, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
+    let layout = rig_of(&args.run, &texts)?.array.layout;
+    let opened = match args.accept_loss {
+        true => RunFolder::open_accepting_loss(&args.run, &layout, now()),
+        false => RunFolder::open(&args.run, &layout),
+    };
+    let mut folder = opened.map_err(Failure::dataset)?;
     folder.rebuild().map_err(Failure::dataset)?;
     let manifest = folder.manifest();
     summary::print(&format!(
-        "{}: {} of {} presses, {} files made anew or looked at\n",
+        "{}: {} of {} presses, {} files regenerated or checked\n",
         args.run.display(),
         manifest.presses_done,
         manifest.facts.presses_planned,

@@ -1,18 +1,17 @@
 //! `palpate report`: writes a page about a sensor's runs, or about many sensors side by side.
 
 use super::exit::Failure;
-use super::place::place;
+use super::recorded::read_run;
 use super::solve::solvers;
-use super::sources::read_rig;
 use super::summary::print;
-use crate::dataset::check_run;
+use crate::dataset::{Recorded, files};
 use crate::quantity::ArrayLayout;
 use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
 use crate::solver::{BEST, Evaluation};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{self, ExitCode};
+use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -47,17 +46,17 @@ pub fn report(args: &Args) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;
-    let runs: Vec<(&Path, ArrayLayout)> =
-        args.runs.iter().map(|run| Ok((run.as_path(), layout(run)?))).collect::<Result<_, Failure>>()?;
-    let (html, told) = if args.compare { compare(&runs, &args.solver)? } else { one(&runs)? };
+    let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array.layout));
+    let runs: Vec<(Recorded, ArrayLayout)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
+    let (html, told) = if args.compare { compare(&runs, &args.solver) } else { one(runs)? };
     write(&out, &html)?;
     print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn one(runs: &[(&Path, ArrayLayout)]) -> Result<(String, String), Failure> {
-    let subject = Subject::read(runs.iter().map(|(path, layout)| (*path, layout))).map_err(failure)?;
-    let judged = Judged::of(&subject.table, &subject.layout);
+fn one(runs: Vec<(Recorded, ArrayLayout)>) -> Result<(String, String), Failure> {
+    let subject = Subject::of(runs).map_err(failure)?;
+    let judged = Judged::of(&subject.presses, &subject.layout);
     let told = match judged.decisive() {
         Some(evaluation) => {
             let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
@@ -70,21 +69,10 @@ fn one(runs: &[(&Path, ArrayLayout)]) -> Result<(String, String), Failure> {
     Ok((page(&subject, &judged), told))
 }
 
-fn compare(runs: &[(&Path, ArrayLayout)], solver: &str) -> Result<(String, String), Failure> {
-    let compared = Compared::read_all(runs, solver).map_err(failure)?;
+fn compare(runs: &[(Recorded, ArrayLayout)], solver: &str) -> (String, String) {
+    let compared = Compared::all(runs, solver);
     let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();
-    Ok((comparison(&compared, solver), format!("{} compared, {accepted} accepted", counted(compared.len(), "run"))))
-}
-
-/// Where a run's units are, by the rig that is kept with it.
-fn layout(run: &Path) -> Result<ArrayLayout, Failure> {
-    check_run(run).map_err(Failure::dataset)?; // says best that this is none
-    let rig = run.join("rig.toml");
-    if !rig.is_file() {
-        let help = "it was kept there when the run began: put a copy of it back";
-        return Err(Failure::usage(miette::miette!(help = help, "{} is missing", rig.display())));
-    }
-    Ok(read_rig(&rig)?.1.array.layout)
+    (comparison(&compared, solver), format!("{} compared, {accepted} accepted", counted(compared.len(), "run")))
 }
 
 /// A page of ours may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.
@@ -93,6 +81,10 @@ fn check_free(out: &Path) -> Result<(), Failure> {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
         is_file && fs::read_to_string(out).is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK))
     };
+    if let Err(why) = files::check_replaceable(out) {
+        let help = "choose another --out: only a page that palpate wrote is replaced";
+        return Err(Failure::usage(miette::miette!(help = help, "{}: {why}", out.display())));
+    }
     if out.symlink_metadata().is_ok() && !is_ours() {
         let help = "choose another --out: only a page that palpate wrote is replaced";
         return Err(Failure::usage(miette::miette!(help = help, "{} is there already", out.display())));
@@ -118,9 +110,7 @@ fn put(out: &Path, html: &str) -> io::Result<()> {
     if let Some(parent) = out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
-    let linked = fs::canonicalize(out); // a link stays one
-    let out = linked.as_deref().unwrap_or(out);
-    place(out, &out.with_file_name(format!(".palpate-{}.new", process::id())), html)
+    files::place(out, html)
 }
 
 fn failure(error: ReportError) -> Failure {

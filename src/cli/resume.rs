@@ -1,10 +1,12 @@
 use super::exit::Failure;
 use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
-use super::sources::{RigArgs, Sources};
+use super::sources::{RigArgs, Sources, read};
 use super::summary;
-use crate::dataset::{RunFolder, Status};
-use std::path::PathBuf;
+use crate::dataset::{RigChange, RunFolder, Session, Status, Texts, files};
+use crate::document::TEXT_MAX_BYTES;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -22,6 +24,9 @@ repeated whole. A complete run is left alone.";
 pub struct Args {
     /// The run folder
     run: PathBuf,
+    /// Go on with this rig: links and the commands of processes may differ, limits may be tighter
+    #[arg(long, value_name = "RIG")]
+    rig: Option<PathBuf>,
     /// Go on although a safety rule was broken: a person has found the cause
     #[arg(long)]
     after_trip: bool,
@@ -31,15 +36,18 @@ pub struct Args {
 
 /// Goes on from the journal.
 pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
-    let facts = RunFolder::recall_manifest(&args.run).map_err(Failure::dataset)?.facts;
+    let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
+    let facts = manifest.facts;
     let rig = RigArgs {
-        rig: args.run.join("rig.toml"),
+        rig: args.rig.clone().unwrap_or_else(|| args.run.join("rig.toml")),
         simulate: facts.simulated,
         seed: facts.seed,
         strategy: facts.strategy,
         presses_max: facts.presses_max,
     };
-    let sources = Sources::read(&args.run.join("recipe.toml"), &rig)?;
+    let rig_text = rig_text(args, &texts)?;
+    let changes = changes(&rig.rig, &texts, &rig_text)?;
+    let sources = Sources::of_run(&args.run, &texts, &rig, &rig_text)?;
     let plan = sources.plan(facts.seed)?;
     args.session.check(&sources.rig)?;
     let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
@@ -53,10 +61,35 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
         if !is_finished {
             folder.rebuild().map_err(Failure::dataset)?;
         }
-        let told = if is_finished { "nothing to do" } else { "its tables were made anew" };
-        summary::tell(&format!("{} is complete: {told}\n", args.run.display()))?;
+        let state = if is_finished { "nothing to do" } else { "its tables were regenerated" };
+        summary::tell(&format!("{} is complete: {state}\n", args.run.display()))?;
         return Ok(ExitCode::SUCCESS);
     }
-    folder.go_on(session(args.session.durability)).map_err(Failure::dataset)?;
+    for RigChange { key, before, now } in &changes {
+        summary::tell(&format!("rig: `{key}` is {now} (it was {before} when the run began)\n"))?;
+    }
+    let session = Session { changes, ..session(args.session.durability) };
+    folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
+}
+
+/// The rig to go on with: one that is named, or that of the folder, or what the journal keeps of it.
+fn rig_text(args: &Args, texts: &Texts) -> Result<String, Failure> {
+    if let Some(rig) = &args.rig {
+        return read(rig);
+    }
+    let path = args.run.join("rig.toml");
+    match files::read_text(&path, TEXT_MAX_BYTES as u64) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(texts.rig().to_owned()),
+        Err(error) => Err(Failure::usage(miette::miette!("{}: {error}", path.display()))),
+        Ok(text) => Ok(text),
+    }
+}
+
+/// What differs from the rig that the run began with, where that is allowed.
+fn changes(path: &Path, texts: &Texts, now: &str) -> Result<Vec<RigChange>, Failure> {
+    if texts.first_rig() == now {
+        return Ok(Vec::new());
+    }
+    Err(Failure::usage(miette::miette!("{} isn't the rig that the run began with", path.display())))
 }

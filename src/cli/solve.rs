@@ -2,13 +2,12 @@
 
 use super::evaluate::read_presses;
 use super::exit::Failure;
+use super::recorded::read_run;
 use super::solutions::Solutions;
-use super::sources::read_rig;
 use super::summary::tell;
 use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::readings::{Format, ReadingError, Readings};
-use crate::dataset::table::Table;
 use crate::quantity::ArrayLayout;
 use crate::solver::{BEST, Broken, Calibration, Load, SOLVERS, Session, Setting, Solver as _};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -153,14 +152,14 @@ struct Source {
 impl Source {
     fn read(path: &Path, load: Load) -> Result<Source, Failure> {
         if path.is_dir() {
-            let table = read_presses(path)?;
-            let layout = read_rig(&path.join("rig.toml"))?.1.array.layout;
-            let calibration = calibration_of_run(&table, load).map_err(Failure::usage)?;
-            return Ok(Source { calibration, layout: Some(layout), is_relative: false });
+            let (recorded, rig) = read_run(path)?;
+            let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
+            return Ok(Source { calibration, layout: Some(rig.array.layout), is_relative: false });
         }
-        let table = Table::read(path).map_err(Failure::usage)?;
+        let table = read_presses(path)?;
         let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
-        Ok(Source { calibration, layout: None, is_relative: table.rows.iter().any(|row| row.force_n.is_none()) })
+        let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
+        Ok(Source { calibration, layout: None, is_relative })
     }
 }
 

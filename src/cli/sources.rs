@@ -1,6 +1,6 @@
 use super::exit::Failure;
 use crate::control::Strategy;
-use crate::dataset::Origins;
+use crate::dataset::{Origins, Texts};
 use crate::document::TEXT_MAX_BYTES;
 use crate::recipe::{self, PRESSES_CEILING, Plan, Recipe};
 use crate::rig::{self, MappedDevice, RigSpec, SIM_RIG};
@@ -30,7 +30,7 @@ pub struct RigArgs {
     /// Put our emulators in place of the rig's links, in virtual time
     #[arg(long)]
     pub simulate: bool,
-    /// What random places and forces are drawn from, and all simulated noise
+    /// Random seed for places, forces and simulated noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// How every press finds its force, whatever the recipe says: guarded, velocity or map
@@ -66,13 +66,29 @@ impl OneRigArgs {
 impl Sources {
     /// Reads a recipe and a rig from their files.
     pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
-        let recipe_text = read(recipe)?;
-        let recipe = recipe::parse(&recipe.display().to_string(), &recipe_text).map_err(Failure::usage);
-        let (recipe, (rig_text, spec)) = match (recipe, read_rig(&rig.rig)) {
-            (Ok(recipe), Ok(rig)) => (recipe, rig),
+        let text = read(recipe)?;
+        let understood = recipe::parse(&recipe.display().to_string(), &text).map_err(Failure::usage);
+        Sources::of((understood, text), read_rig(&rig.rig), rig)
+    }
+
+    /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.
+    pub fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, rig_text: &str) -> Result<Sources, Failure> {
+        let text = texts.recipe().to_owned();
+        let name = run.join("recipe.toml").display().to_string();
+        let spec = parse_rig(&rig.rig, rig_text, texts).map(|spec| (rig_text.to_owned(), spec));
+        Sources::of((recipe::parse(&name, &text).map_err(Failure::usage), text), spec, rig)
+    }
+
+    fn of(
+        (recipe, recipe_text): (Result<Recipe, Failure>, String),
+        spec: Result<(String, RigSpec), Failure>,
+        rig: &RigArgs,
+    ) -> Result<Sources, Failure> {
+        let (recipe, (rig_text, spec)) = match (recipe, spec) {
+            (Ok(recipe), Ok(spec)) => (recipe, spec),
             (Err(failure), Ok(_)) | (Ok(_), Err(failure)) => return Err(failure),
             (Err(recipe), Err(rig)) => {
-                recipe.report(); // both are told at once
+                recipe.report(); // both are reported at once
                 return Err(rig);
             }
         };
@@ -116,8 +132,14 @@ pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
     Ok((text, spec))
 }
 
+/// A rig's text understood, its register maps being those that a run's journal keeps.
+pub fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
+    let kept = |name: &str| texts.latest(name).map(str::to_owned).ok_or_else(|| io::ErrorKind::NotFound.into());
+    rig::parse(&path.display().to_string(), text, &kept).map_err(Failure::usage)
+}
+
 /// A file that a person wrote, as text.
-fn read(path: &Path) -> Result<String, Failure> {
+pub fn read(path: &Path) -> Result<String, Failure> {
     bounded(path).map_err(|error| {
         let help = match error.kind() {
             io::ErrorKind::InvalidData => "name a TOML text: this file holds something else",

@@ -2,7 +2,6 @@ use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
 use crate::dataset::characteristics::Repeatability;
 use crate::dataset::evaluate::evaluate_run;
-use crate::dataset::table::Table;
 use crate::dataset::{RunFolder, Status, TABLES};
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
@@ -62,9 +61,9 @@ pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Re
     if solvers.is_empty() {
         return Ok(Vec::new());
     }
-    let table = presses(folder)?;
+    let presses = folder.presses().map_err(Failure::dataset)?;
     let evaluate =
-        |solver: &String| evaluate_run(&table, Some(&spec.array.layout), solver).map_err(Failure::not_accepted);
+        |solver: &String| evaluate_run(&presses, Some(&spec.array.layout), solver).map_err(Failure::not_accepted);
     solvers.iter().map(evaluate).collect()
 }
 
@@ -107,8 +106,4 @@ fn written(mut to: impl Write, text: &str) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
-}
-
-fn presses(folder: &RunFolder) -> Result<Table, Failure> {
-    RunFolder::read_presses(folder.path()).map_err(Failure::usage)
 }

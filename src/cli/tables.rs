@@ -202,11 +202,10 @@ mod tests {
     use super::*;
     use crate::control::Branch;
     use crate::dataset::characteristics::Reading;
-    use crate::dataset::evaluate::{evaluate_run, tests::RUN};
-    use crate::dataset::table::Table;
+    use crate::dataset::evaluate::{evaluate_run, tests};
 
     fn evaluation(solver: &str) -> Evaluation {
-        evaluate_run(&Table::of_run("presses.csv", RUN).unwrap(), None, solver).unwrap()
+        evaluate_run(&tests::run(tests::RUN), None, solver).unwrap()
     }
 
     #[test]

@@ -1,7 +1,8 @@
 use super::exit::Failure;
-use super::sources::read_rig;
+use super::recorded::rig_of;
 use super::summary;
-use crate::dataset::{check_run, verify};
+use crate::dataset::{DatasetError, JournalError, Loss, Texts, verify};
+use crate::quantity::ArrayLayout;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -11,7 +12,7 @@ Examples:
 
 Exit code 1 where something isn't as it was written.";
 
-/// Hold a run's files against its journal and their SHA-256
+/// Compare a run's files with its journal and their SHA-256
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -19,18 +20,28 @@ pub struct Args {
     run: PathBuf,
 }
 
-/// Tells what isn't as it was written.
+/// Reports what isn't as it was written.
 pub fn verify_run(args: &Args) -> Result<ExitCode, Failure> {
-    check_run(&args.run).map_err(Failure::dataset)?; // says best that this is none
-    let layout = read_rig(&args.run.join("rig.toml"))?.1.array.layout;
+    let layout = match Texts::read(&args.run) {
+        Ok((_, texts)) => rig_of(&args.run, &texts)?.array.layout,
+        // what is damaged before its rig is damaged whatever the rig is
+        Err(DatasetError::Journal(JournalError::Damaged { .. })) => ArrayLayout::from_places(Vec::new()),
+        Err(error) => return Err(Failure::dataset(error)),
+    };
     let verified = verify(&args.run, &layout).map_err(Failure::dataset)?;
     let whole = format!("{} records in the journal, {} files as they were written", verified.records, verified.sound);
     if verified.problems.is_empty() {
-        let ended = if verified.has_ended { "" } else { "; the run hasn't ended: its tables aren't looked at" };
-        summary::print(&format!("{}: {whole}{ended}\n", args.run.display()))?;
+        let state = match (verified.is_under_way, verified.has_ended) {
+            (true, _) => "; the run is under way: its tables weren't compared",
+            (false, false) => "; the run hasn't ended: `palpate resume` goes on",
+            (false, true) => "",
+        };
+        let losses = |loss: &Loss| format!("{}: presses were lost, accepted {}\n", args.run.display(), loss.accepted);
+        let losses: String = verified.losses.iter().map(losses).collect();
+        summary::print(&format!("{}: {whole}{state}\n{losses}", args.run.display()))?;
         return Ok(ExitCode::SUCCESS);
     }
-    let help = "views are made anew by `palpate rebuild`; a journal, a recipe and a rig come from a copy only";
+    let help = "`palpate rebuild` regenerates tables and manifest; restore a damaged journal from a copy";
     let problems = verified.problems.join("\n");
     Err(Failure::not_accepted(miette::miette!(help = help, "{}: {whole}, but\n{problems}", args.run.display())))
 }

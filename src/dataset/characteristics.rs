@@ -9,10 +9,9 @@
 //! - **full scale** is the mean loading output at the top force;
 //! - the zero level is left out: in air nothing is there to repeat.
 
-use super::Contact;
-use super::table::{Row, Table};
+use super::{Contact, Press, Presses};
 use crate::control::Branch;
-use crate::quantity::{ArrayLayout, Place};
+use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::collections::BTreeMap;
@@ -141,26 +140,14 @@ pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Ve
 }
 
 impl Staircases {
-    /// Picks the characterisation rows of a run out of its table; none where it has none. A staircase belongs to the
-    /// unit it was pressed closest to.
-    pub fn of_run(table: &Table, layout: &ArrayLayout) -> Option<Self> {
-        let mut presses: BTreeMap<u64, Vec<(u64, f64, &Row)>> = BTreeMap::new();
-        for row in &table.rows {
-            if let Some(record) = row.record.as_ref().filter(|record| record.phase == "characterisation") {
-                presses.entry(record.press).or_default().push((record.level, record.force_set_n, row));
-            }
-        }
+    /// Picks the staircases of a run; none where it has none. A staircase belongs to the unit it was pressed closest to.
+    pub fn of_run(presses: &Presses, layout: &ArrayLayout) -> Option<Self> {
         let mut staircases = Staircases::none(layout);
-        for mut levels in presses.into_values() {
-            levels.sort_by_key(|(level, ..)| *level);
-            let held = levels.iter().map(|(_, force_set_n, row)| Held {
-                place: row.place,
-                force_set_n: *force_set_n,
-                force_n: row.force_n,
-                outputs: &row.outputs,
-                flagged: row.flagged,
-            });
-            staircases.add(&held.collect::<Vec<_>>(), layout);
+        let mut of_it: Vec<&Press> =
+            presses.presses.iter().filter(|press| press.is_of(Phase::Characterisation)).collect();
+        of_it.sort_by_key(|press| (press.press, press.level));
+        for levels in of_it.chunk_by(|a, b| a.press == b.press) {
+            staircases.add(levels, layout);
         }
         staircases.some()
     }
@@ -175,45 +162,30 @@ impl Staircases {
         (self.left_out > 0 || self.readings.iter().any(|readings| !readings.is_empty())).then_some(self)
     }
 
-    /// Adds the rows of a contact, if it is a characterisation's.
+    /// Adds the levels of a contact, if it is a characterisation's.
     pub(super) fn add_contact(&mut self, contact: &Contact, layout: &ArrayLayout) {
-        let rows = contact.rows.iter().filter(|row| row.phase == Phase::Characterisation);
-        let held = rows.map(|row| Held {
-            place: Place::new(row.x_mm, row.y_mm),
-            force_set_n: row.force_set_n,
-            force_n: Some(row.force_n),
-            outputs: &row.outputs,
-            flagged: !row.flags.is_empty(),
-        });
-        self.add(&held.collect::<Vec<_>>(), layout);
+        let levels = contact.levels.iter().filter(|press| press.is_of(Phase::Characterisation));
+        self.add(&levels.collect::<Vec<_>>(), layout);
     }
 
     /// Adds the levels of one press, in the order they were held.
-    fn add(&mut self, levels: &[Held], layout: &ArrayLayout) {
-        let top_n = levels.iter().map(|held| held.force_set_n).fold(f64::MIN, f64::max);
-        let top = levels.iter().position(|held| held.force_set_n == top_n).unwrap_or(0);
-        for (order, held) in levels.iter().enumerate() {
-            let remoteness = |unit: &usize| held.place.distance_mm(layout.places()[*unit]);
+    fn add(&mut self, levels: &[&Press], layout: &ArrayLayout) {
+        let top_n = levels.iter().filter_map(|press| press.force_set_n).fold(f64::MIN, f64::max);
+        let top = levels.iter().position(|press| press.force_set_n == Some(top_n)).unwrap_or(0);
+        for (order, press) in levels.iter().enumerate() {
+            let branch = if order <= top { Branch::Loading } else { Branch::Unloading };
+            let remoteness = |unit: &usize| press.place().distance_mm(layout.places()[*unit]);
             let closest = (0..layout.len()).min_by(|a, b| remoteness(a).total_cmp(&remoteness(b)));
-            let reading = closest.and_then(|unit| Some((unit, held.force_n?, *held.outputs.get(unit)?)));
+            let reading = closest.and_then(|unit| {
+                let (force_set_n, force_n) = press.force_set_n.zip(press.force_n)?;
+                Some((unit, Reading { branch, force_set_n, force_n, output: *press.outputs.get(unit)? }))
+            });
             match reading {
-                Some((unit, force_n, output)) if !held.flagged => {
-                    let branch = if order <= top { Branch::Loading } else { Branch::Unloading };
-                    self.readings[unit].push(Reading { branch, force_set_n: held.force_set_n, force_n, output });
-                }
+                Some((unit, reading)) if !press.is_flagged() => self.readings[unit].push(reading),
                 _ => self.left_out += 1,
             }
         }
     }
-}
-
-/// One held level, whether it comes from a table or from the journal.
-struct Held<'a> {
-    place: Place,
-    force_set_n: f64,
-    force_n: Option<f64>,
-    outputs: &'a [f64],
-    flagged: bool,
 }
 
 fn characterise_unit(unit: usize, readings: &[Reading], repeatability: Repeatability) -> UnitCharacteristics {
@@ -318,7 +290,7 @@ fn student_t95(degrees_of_freedom: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::table::Record;
+    use crate::dataset::Flag;
 
     const LEVELS: [f64; 9] = [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0, 0.5, 0.0];
 
@@ -404,26 +376,30 @@ mod tests {
 
     #[test]
     fn a_runs_staircases_go_to_the_closest_unit_and_flagged_levels_are_counted() {
-        let row = |press, level: usize, flagged, phase: &str| Row {
-            line: 2,
-            place: Place::new(2.0, 0.1),
+        let row = |press, level: usize, flagged: bool, phase| Press {
+            press,
+            level: level as u64,
+            phase: Some(phase),
+            x_mm: 2.0,
+            y_mm: 0.1,
+            force_set_n: Some(LEVELS[level]),
             force_n: Some(LEVELS[level]),
             outputs: vec![7.0, LEVELS[level]],
-            flagged,
-            record: Some(Record { phase: phase.into(), press, level: level as u64, force_set_n: LEVELS[level] }),
+            flags: if flagged { vec![Flag::Stale] } else { vec![] },
+            ..Press::default()
         };
         let layout = ArrayLayout::grid(1, 2, 4.0);
         // Flagged or not, the top tells loading from unloading.
         for flagged in [3, 4] {
-            let rows = (0..9).rev().map(|level| row(3, level, level == flagged, "characterisation"));
-            let rows = rows.chain([row(4, 0, false, "test")]).collect();
-            let table = Table { file: "presses.csv".into(), units: 2, rows };
+            let rows = (0..9).rev().map(|level| row(3, level, level == flagged, Phase::Characterisation));
+            let rows = rows.chain([row(4, 0, false, Phase::Test)]).collect();
+            let table = Presses::of_table("presses.csv", rows, vec![]);
             let staircases = Staircases::of_run(&table, &layout).unwrap();
             assert_eq!((staircases.left_out, staircases.readings[0].len()), (1, 0));
             let branches: Vec<Branch> = staircases.readings[1].iter().map(|reading| reading.branch).collect();
             assert_eq!(branches, [[Branch::Loading; 4], [Branch::Unloading; 4]].concat());
         }
-        let table = Table { file: "presses.csv".into(), units: 2, rows: vec![row(4, 0, false, "test")] };
+        let table = Presses::of_table("presses.csv", vec![row(4, 0, false, Phase::Test)], vec![]);
         assert_eq!(Staircases::of_run(&table, &layout), None);
     }
 

@@ -1,8 +1,9 @@
-//! From tables to an evaluation: which presses test, and whose force counts as true.
+//! From presses to an evaluation: which of them test, and whose force counts as true.
 
 use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection};
-use super::table::{Row, Table, TableError};
+use super::{Press, Presses};
 use crate::quantity::ArrayLayout;
+use crate::recipe::Phase;
 use crate::solver::{
     Calibration, Evaluation, EvaluationError, FitError, Fitted, Load, Setting, Solver, TestPress, Workspace, evaluate,
     fit,
@@ -17,32 +18,28 @@ const TIMED: Duration = Duration::from_millis(20);
 /// Why there is no evaluation; all of them are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum EvaluateError {
-    /// A table can't be used.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Table(#[from] TableError),
     /// Its presses can't be calibrated on, or there are none.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Calibrate(#[from] CalibrateError),
     /// The two tables come from two arrays.
-    #[error("{calibration} has {calibration_units} outputs (out_1..), {test} has {test_units}")]
+    #[error("{calibration} has {calibration_channels} outputs (out_1..), {test} has {test_channels}")]
     #[diagnostic(help("calibrate and test with the same array, and keep all its outputs in both tables"))]
-    Units {
+    Channels {
         /// The calibration's table.
         calibration: String,
         /// Its outputs.
-        calibration_units: usize,
+        calibration_channels: usize,
         /// The test's table.
         test: String,
         /// Its outputs.
-        test_units: usize,
+        test_channels: usize,
     },
     /// The test can't be evaluated.
-    #[error("{file}: can't be evaluated")]
+    #[error("{source_name}: can't be evaluated")]
     Evaluation {
-        /// The test's table.
-        file: String,
+        /// The test's run or table.
+        source_name: String,
         /// Why.
         source: EvaluationError,
     },
@@ -55,31 +52,31 @@ impl EvaluateError {
     }
 }
 
-/// A calibration and a test of known truth, to hold any number of methods against. Flagged presses are left out and counted.
+/// A calibration and a test of known truth, for any number of methods. Flagged presses are left out and counted.
 pub struct Trial<'a> {
     calibration: Selection<'a>,
     test: Selection<'a>,
     layout: Option<&'a ArrayLayout>,
     load: Load,
     force: &'static ForceColumn,
-    /// A run is held against the load cell as well.
+    /// A run is evaluated by the load cell's forces too.
     is_run: bool,
 }
 
 impl<'a> Trial<'a> {
     /// A run's calibration presses and its test presses: `force_error_n` by the commanded force throughout, as in the paper,
     /// `force_error_load_cell_n` by the load cell throughout.
-    pub fn of_run(table: &'a Table, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
-        let calibration = Selection::of_phase(table, "calibration")?;
-        let test = Selection::of_phase(table, "test")?;
+    pub fn of_run(presses: &'a Presses, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
+        let calibration = Selection::of_phase(presses, Phase::Calibration)?;
+        let test = Selection::of_phase(presses, Phase::Test)?;
         Ok(Trial { calibration, test, layout, load: Load::default(), force: &COMMANDED, is_run: true })
     }
 
     /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
-    pub fn of_tables(calibration: &'a Table, test: &'a Table) -> Result<Self, EvaluateError> {
-        check_units(calibration, test)?;
-        let calibration = Selection::new(calibration, "calibration", |_| true)?;
-        let test = Selection::new(test, "test", |_| true)?;
+    pub fn of_tables(calibration: &'a Presses, test: &'a Presses) -> Result<Self, EvaluateError> {
+        check_channels(calibration, test)?;
+        let calibration = Selection::of_all(calibration, Phase::Calibration)?;
+        let test = Selection::of_all(test, Phase::Test)?;
         Ok(Trial { calibration, test, layout: None, load: Load::default(), force: &LOAD_CELL, is_run: false })
     }
 
@@ -130,50 +127,51 @@ impl<'a> Trial<'a> {
         setting: &Setting<'_>,
     ) -> Result<(Evaluation, Fitted), EvaluateError> {
         let calibration: Calibration = self.calibration.calibration(force, self.load)?;
-        let fit_error = |source: FitError| CalibrateError::Fit { file: self.calibration.file.to_owned(), source };
+        let fit_error =
+            |source: FitError| CalibrateError::Fit { source_name: self.calibration.source().to_owned(), source };
         let fitted = fit(solver, &calibration, setting).map_err(fit_error)?;
         let mut evaluation = evaluate(&fitted, &self.presses(force))
-            .map_err(|source| EvaluateError::Evaluation { file: self.test.file.to_owned(), source })?;
+            .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
         Ok((evaluation, fitted))
     }
 
-    /// The presses to solve. Against a calibration of relative forces no force in newtons can be held.
     fn presses(&self, force: &ForceColumn) -> Vec<TestPress<'a>> {
-        let is_known = self.calibration.knows(force);
-        let force_n = |row: &Row| (force.of)(row).filter(|_| is_known);
-        let press = |row: &&'a Row| TestPress { place: row.place, force_n: force_n(row), outputs: &row.outputs };
-        self.test.rows.iter().map(press).collect()
+        self.test.to_solve(force, self.calibration.knows(force))
     }
 }
 
-/// A run held against itself with one method, see [`Trial::of_run`].
-pub fn evaluate_run(table: &Table, layout: Option<&ArrayLayout>, solver: &str) -> Result<Evaluation, EvaluateError> {
-    Trial::of_run(table, layout)?.evaluate(solver)
+/// A run's test presses by its calibration presses with one method, see [`Trial::of_run`].
+pub fn evaluate_run(
+    presses: &Presses,
+    layout: Option<&ArrayLayout>,
+    solver: &str,
+) -> Result<Evaluation, EvaluateError> {
+    Trial::of_run(presses, layout)?.evaluate(solver)
 }
 
-/// A table held against another with one method, see [`Trial::of_tables`].
-pub fn evaluate_tables(calibration: &Table, test: &Table, solver: &str) -> Result<Evaluation, EvaluateError> {
+/// A table by another with one method, see [`Trial::of_tables`].
+pub fn evaluate_tables(calibration: &Presses, test: &Presses, solver: &str) -> Result<Evaluation, EvaluateError> {
     Trial::of_tables(calibration, test)?.evaluate(solver)
 }
 
 /// Whether two tables can come from one array: as many outputs in both.
-pub fn check_units(calibration: &Table, test: &Table) -> Result<(), EvaluateError> {
-    if calibration.units != test.units {
-        return Err(EvaluateError::Units {
-            calibration: calibration.file.clone(),
-            calibration_units: calibration.units,
-            test: test.file.clone(),
-            test_units: test.units,
+pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), EvaluateError> {
+    if calibration.channels != test.channels {
+        return Err(EvaluateError::Channels {
+            calibration: calibration.source.clone(),
+            calibration_channels: calibration.channels,
+            test: test.source.clone(),
+            test_channels: test.channels,
         });
     }
     Ok(())
 }
 
-/// Whether a row of a run takes part in its evaluation, flagged or not.
-pub fn is_to_evaluate(row: &Row) -> bool {
-    row.record.as_ref().is_some_and(|record| matches!(record.phase.as_str(), "calibration" | "test"))
+/// Whether a press of a run takes part in its evaluation, flagged or not.
+pub fn is_to_evaluate(press: &Press) -> bool {
+    press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
 }
 
 /// The mean time of a solve over whole passes through the test, as many as fill [`TIMED`]; `presses` isn't empty.
@@ -196,13 +194,19 @@ fn ns_per_solve(solver: &dyn Solver, presses: &[TestPress<'_>]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use std::path::Path;
+    use crate::dataset::parse_table;
 
-    /// Reads what a file of that text holds.
-    pub(crate) fn table(text: &str, read: fn(&Path) -> Result<Table, TableError>) -> Table {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("a.csv"), text).unwrap();
-        read(&folder.path().join("a.csv")).unwrap()
+    /// Reads what a table of that text holds.
+    pub(crate) fn table(text: &str) -> Presses {
+        parse_table("a.csv", text.as_bytes()).unwrap()
+    }
+
+    /// The same of a run: a table with every column that a run's has.
+    pub(crate) fn run(text: &str) -> Presses {
+        let whole = |(index, line): (usize, &str)| {
+            format!("{line},{}\n", if index == 0 { "depth_mm,t_s,z_mm" } else { "0,0,0" })
+        };
+        table(&text.lines().enumerate().map(whole).collect::<String>())
     }
 
     /// A small run: what is flagged, unsolvable or of another phase is in it too.
@@ -219,9 +223,9 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn a_run_is_held_against_the_commanded_force_and_against_the_load_cell() {
-        let table = table(RUN, Table::read_run);
+        let run = run(RUN);
         let layout = ArrayLayout::from_places(vec![crate::quantity::Place::new(-1.0, 0.0); 2]);
-        let evaluation = evaluate_run(&table, Some(&layout), "pearson").unwrap();
+        let evaluation = evaluate_run(&run, Some(&layout), "pearson").unwrap();
         assert_eq!((evaluation.points, evaluation.location_error_mm.max), (1, 0.0));
         assert!((evaluation.force_error_n.unwrap().mean - 0.05).abs() < 1e-12); // 0.55 of 1 N against 0.5 N
         assert!((evaluation.force_error_load_cell_n.unwrap().mean - 0.04).abs() < 1e-12); // 0.55 of 0.8 N against 0.4 N
@@ -231,8 +235,8 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn plain_tables_need_no_force() {
-        let calibration = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n", Table::read);
-        let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n", Table::read);
+        let calibration = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n");
+        let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n");
         // newtons against shares of a typical press would mean nothing
         for (calibration, test) in [(&calibration, &test), (&test, &calibration), (&calibration, &calibration)] {
             let evaluation = evaluate_tables(calibration, test, "pearson").unwrap();
@@ -243,13 +247,13 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn tables_that_do_not_fit_are_refused_by_line() {
-        let good = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n", Table::read);
-        let other = table("x_mm,y_mm,out_1\n0,0,1\n", Table::read);
-        assert!(matches!(evaluate_tables(&good, &other, "pearson"), Err(EvaluateError::Units { .. })));
-        let unloaded = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,1,1,2\n\n0,0,0,1,2\n", Table::read);
+        let good = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n");
+        let other = table("x_mm,y_mm,out_1\n0,0,1\n");
+        assert!(matches!(evaluate_tables(&good, &other, "pearson"), Err(EvaluateError::Channels { .. })));
+        let unloaded = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,1,1,2\n\n0,0,0,1,2\n");
         let refusal = evaluate_tables(&unloaded, &good, "pearson").unwrap_err().to_string();
         assert!(refusal.contains("line 4, column `force_n`"), "{refusal}");
-        let flagged = table("x_mm,y_mm,out_1,out_2,flags\n0,0,1,2,bad\n", Table::read);
+        let flagged = table("x_mm,y_mm,out_1,out_2,flags\n0,0,1,2,bad\n");
         let refusal = evaluate_tables(&good, &flagged, "pearson").unwrap_err();
         let expected =
             matches!(refusal, EvaluateError::Calibrate(CalibrateError::NoPresses { phase: "test", flagged: 1, .. }));
@@ -258,7 +262,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn a_solve_is_timed_only_where_that_is_asked_for() {
-        let run = table(RUN, Table::read_run);
+        let run = run(RUN);
         let trial = Trial::of_run(&run, None).unwrap().with_load(Load::Constant);
         assert_eq!(trial.evaluate("pearson").unwrap().ns_per_solve, None);
         let ns_per_solve = trial.evaluate_timed("pearson").unwrap().ns_per_solve.unwrap();

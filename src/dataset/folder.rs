@@ -1,22 +1,26 @@
+//! A run on disk: how its folder appears, grows and ends.
+
 use super::characteristics::Staircases;
-use super::index::Index;
-use super::table::{Table, TableError};
+use super::journal::JOURNAL;
+use super::known::{Known, check_run};
+use super::lock::hold;
+use super::loss::lost;
+use super::manifest::MANIFEST;
+use super::press::{csv_header, csv_line};
+use super::recorded::{RECIPE, RIG, Texts};
 use super::verify::fingerprints;
-use super::views::{PRESSES, presses_header, presses_line, replace, write};
+use super::views::{PRESSES, replace, write};
 use super::{
-    Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Manifest, Record, Records, Row, RunFacts, Session,
+    Contact, Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Loss, Manifest, Presses, Record, Records,
+    RunFacts, Session, Text, files,
 };
 use crate::quantity::ArrayLayout;
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// How many names are tried for a new folder: `name`, `name-2`, ...
 const NAMES_MAX: usize = 100_000;
-
-const RIG: &str = "rig.toml";
-pub(super) const JOURNAL: &str = "journal.log";
-pub(super) const MANIFEST: &str = "manifest.json";
 
 /// The texts a run is made from, kept with it as given.
 #[derive(Clone, Debug)]
@@ -40,14 +44,6 @@ pub struct RunFolder {
     presses: Option<File>,
     layout: ArrayLayout,
     known: Known,
-}
-
-/// What is known of a journal without reading it again.
-#[derive(Debug)]
-pub(super) struct Known {
-    pub contacts: Index,
-    pub manifest: Manifest,
-    units: Option<usize>,
 }
 
 impl RunFolder {
@@ -80,7 +76,8 @@ impl RunFolder {
         let path = made.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
         sync_folder(parent)?;
         let lock = hold(&path)?; // not sooner: some systems rename no folder in which a file is open
-        let mut folder = Self::attach(path, lock, layout)?;
+        let (known, records) = Known::read(&path, Some(layout.channels()))?;
+        let mut folder = Opened { path, lock, records, known, layout: layout.clone() }.attach()?;
         folder.journal.keep_for(session.durability);
         folder.presses = Some(open_presses(&folder.path)?);
         Ok(folder)
@@ -89,74 +86,68 @@ impl RunFolder {
     /// Opens a run and its journal, whose torn tail is cut; nothing else is changed.
     ///
     /// # Errors
-    /// No journal, a damaged one, one that another program writes, or the operating system's.
+    /// No journal, a damaged one, one that holds fewer presses than the other files of the run, one that another program writes, or
+    /// the operating system's. Nothing is changed then.
     pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        check_run(path)?;
-        let lock = hold(path)?;
-        Self::attach(path.to_owned(), lock, layout)
+        let (folder, lost) = Self::take(path, layout)?;
+        if !lost.is_empty() {
+            return Err(DatasetError::Lost { path: path.to_owned(), lost });
+        }
+        folder.attach()
     }
 
-    /// Begins to go on with a run: its views are made anew, whatever a power cut left of them.
+    /// The same of a run whose journal has lost presses: a person accepts it, and the journal records that. `accepted` says when, with
+    /// its time zone.
     ///
     /// # Errors
-    /// A text that isn't the one the run began with (the rig may be another: a link may have got another name), or the
-    /// operating system's.
-    pub fn go_on(&mut self, mut session: Session) -> Result<(), DatasetError> {
+    /// As of [`open`](Self::open), except for presses that are missing.
+    pub fn open_accepting_loss(path: &Path, layout: &ArrayLayout, accepted: String) -> Result<RunFolder, DatasetError> {
+        let (folder, lost) = Self::take(path, layout)?;
+        let mut folder = folder.attach()?;
+        if !lost.is_empty() {
+            folder.record(&Record::Loss(Loss { accepted, lost }))?;
+        }
+        Ok(folder)
+    }
+
+    /// Begins to go on with a run by a rig that may have been changed since: its views are made again, whatever a power cut left of
+    /// them. The rig that it went by before stays in the folder under another name.
+    ///
+    /// # Errors
+    /// Another text that isn't the one the run began with, or the operating system's.
+    pub fn go_on(&mut self, mut session: Session, rig: &str) -> Result<(), DatasetError> {
+        let texts = Texts::of(&self.known.texts);
+        let is_changed = texts.rig() != rig;
         for before in self.known.manifest.texts() {
-            let (name, path) = (before.name.as_str(), self.path.join(&before.name));
-            let now = Fingerprint::of_file(&self.path, name)?;
-            if now != *before && name != RIG {
+            if before.name == RIG {
+                session.texts.push(Fingerprint::of(RIG, rig.as_bytes()));
+                continue;
+            }
+            let path = self.path.join(&before.name);
+            let now = Fingerprint::of_file(&self.path, &before.name).map_err(DatasetError::io("reading", &path))?;
+            if now != *before {
                 return Err(DatasetError::Changed { path });
             }
             session.texts.push(now);
         }
+        let mut kept = Vec::new();
+        if is_changed {
+            let name = format!("rig-{}.toml", self.known.manifest.sessions.len());
+            replace(&self.path, &name, texts.rig())?;
+            session.texts.push(Fingerprint::of(&name, texts.rig().as_bytes()));
+            kept =
+                vec![Text { name, text: texts.rig().to_owned() }, Text { name: RIG.to_owned(), text: rig.to_owned() }];
+        }
         self.journal.keep_for(session.durability);
         self.record(&Record::Session(session))?;
+        kept.into_iter().try_for_each(|text| self.record(&Record::Text(text)))?;
+        if Fingerprint::of_file(&self.path, RIG).ok() != Some(Fingerprint::of(RIG, rig.as_bytes())) {
+            replace(&self.path, RIG, rig)?;
+        }
         self.write_views()?;
         self.write_manifest()?;
         self.presses = Some(open_presses(&self.path)?);
         Ok(())
-    }
-
-    /// The manifest of a run as its file says.
-    ///
-    /// # Errors
-    /// No run, no manifest, or not one.
-    pub fn read_manifest(path: &Path) -> Result<Manifest, DatasetError> {
-        check_run(path)?;
-        Manifest::read(&path.join(MANIFEST))
-    }
-
-    /// The manifest of a run as its journal says, without the files' fingerprints.
-    ///
-    /// # Errors
-    /// No journal, or a damaged one.
-    pub fn recall_manifest(path: &Path) -> Result<Manifest, DatasetError> {
-        check_run(path)?;
-        let mut known = Known::of(None);
-        let mut records = Journal::records(&path.join(JOURNAL))?;
-        while let Some(next) = records.next() {
-            let (offset, record) = next?;
-            known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
-        }
-        Ok(known.manifest)
-    }
-
-    /// The presses of a run, as its table says.
-    ///
-    /// # Errors
-    /// No table there, or one that can't be read.
-    pub fn read_presses(path: &Path) -> Result<Table, TableError> {
-        Table::read_run(&path.join(PRESSES))
-    }
-
-    /// What the journal of a run says, record by record, whoever writes it now.
-    ///
-    /// # Errors
-    /// No journal, or one that can't be opened.
-    pub fn read_records(path: &Path) -> Result<Records, DatasetError> {
-        check_run(path)?;
-        Ok(Journal::records(&path.join(JOURNAL))?)
     }
 
     /// Ends a session: tables are as they are to stay, then the journal says how it ended, then the manifest. Where one
@@ -170,11 +161,17 @@ impl RunFolder {
         self.vouch()
     }
 
-    /// Makes tables and manifest anew from the journal.
+    /// Regenerates tables and manifest from the journal, and the texts that are missing.
     ///
     /// # Errors
     /// The operating system's.
     pub fn rebuild(&mut self) -> Result<(), DatasetError> {
+        // of several texts of one name the latest is the one in force
+        for Text { name, text } in self.known.texts.iter().rev() {
+            if self.path.join(name).symlink_metadata().is_err() {
+                replace(&self.path, name, text)?;
+            }
+        }
         self.write_views()?;
         self.vouch()
     }
@@ -185,7 +182,7 @@ impl RunFolder {
     /// A file that can't be read.
     pub fn is_finished(&self) -> Result<bool, DatasetError> {
         let files = fingerprints(&self.path, self.manifest().texts())?;
-        let told = Self::read_manifest(&self.path);
+        let told = Manifest::read(&self.path.join(MANIFEST));
         Ok(told.is_ok_and(|told| told == Manifest { files, ..self.manifest().clone() }))
     }
 
@@ -207,6 +204,15 @@ impl RunFolder {
         Ok(self.known.contacts.contacts(Journal::records(&self.path.join(JOURNAL))?))
     }
 
+    /// Its presses, in the order of the plan.
+    ///
+    /// # Errors
+    /// A journal that can't be read.
+    pub fn presses(&self) -> Result<Presses, DatasetError> {
+        let contacts = self.contacts()?.collect::<Result<Vec<Contact>, DatasetError>>()?;
+        Ok(Presses::of_contacts(&self.path.display().to_string(), &contacts))
+    }
+
     /// The staircases among them; none where there are none.
     ///
     /// # Errors
@@ -219,10 +225,13 @@ impl RunFolder {
         Ok(staircases.some())
     }
 
-    fn attach(path: PathBuf, lock: File, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        let mut known = Known::of(Some(layout.len()));
-        let journal = Journal::open(&path.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
-        Ok(RunFolder { path, _lock: lock, journal, presses: None, layout: layout.clone(), known })
+    /// Takes a run for this program alone and reads its journal; with it what the other files hold beyond it.
+    fn take(path: &Path, layout: &ArrayLayout) -> Result<(Opened, Vec<String>), DatasetError> {
+        check_run(path)?;
+        let lock = hold(path)?;
+        let (known, records) = Known::read(path, Some(layout.channels()))?;
+        let lost = lost(path, &known)?;
+        Ok((Opened { path: path.to_owned(), lock, records, known, layout: layout.clone() }, lost))
     }
 
     fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), DatasetError> {
@@ -245,33 +254,20 @@ impl RunFolder {
     }
 }
 
-impl Known {
-    /// Nothing yet of a run on an array of so many units, if that is known.
-    pub(super) fn of(units: Option<usize>) -> Known {
-        Known { contacts: Index::default(), manifest: Manifest::default(), units }
-    }
+/// A run whose journal was read, and nothing changed yet.
+struct Opened {
+    path: PathBuf,
+    lock: File,
+    records: Records,
+    known: Known,
+    layout: ArrayLayout,
+}
 
-    /// A journal begins by saying what the run is, and says it once; each entry of its plan is in it once, whole.
-    pub(super) fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
-        match record {
-            Record::Run(_) if offset > 0 => return Err("the run begins a second time".to_owned()),
-            Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
-            _ if offset == 0 => return Err("it doesn't say what the run is".to_owned()),
-            Record::Contact(contact) => {
-                let units = |row: &Row| self.units.is_none_or(|units| row.outputs.len() == units);
-                if contact.press >= self.manifest.facts.presses_planned {
-                    return Err(format!("the plan has no press {}", contact.press));
-                }
-                if !contact.rows.iter().all(|row| row.press == contact.press && units(row)) {
-                    return Err(format!("its rows aren't those of press {} on this array", contact.press));
-                }
-                self.contacts.insert(contact.press, offset)?;
-            }
-            _ => {}
-        }
-        self.manifest.take_in(record);
-        self.manifest.presses_done = self.contacts.done();
-        Ok(())
+impl Opened {
+    /// The run, its journal to be added to; a torn tail is cut.
+    fn attach(self) -> Result<RunFolder, DatasetError> {
+        let Opened { path, lock, records, known, layout } = self;
+        Ok(RunFolder { path, _lock: lock, journal: records.go_on()?, presses: None, layout, known })
     }
 }
 
@@ -292,7 +288,7 @@ impl Ledger for RunFolder {
         self.take_in(offset, record)?;
         match (record, &mut self.presses) {
             (Record::Contact(contact), Some(presses)) => {
-                let lines: String = contact.rows.iter().map(presses_line).collect();
+                let lines: String = contact.levels.iter().map(csv_line).collect();
                 let path = self.path.join(PRESSES);
                 // a view: it need not reach the disk now, since the journal has
                 presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))
@@ -311,37 +307,15 @@ impl Ledger for RunFolder {
 impl Origins {
     /// All texts with the names of their files.
     fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
-        let own = [("recipe.toml", self.recipe.as_str()), (RIG, self.rig.as_str())];
+        let own = [(RECIPE, self.recipe.as_str()), (RIG, self.rig.as_str())];
         own.into_iter().chain(self.maps.iter().map(|(name, text)| (name.as_str(), text.as_str())))
-    }
-}
-
-/// A run is a folder with a journal in it.
-///
-/// # Errors
-/// It is none.
-pub fn check_run(path: &Path) -> Result<(), DatasetError> {
-    let is_one = path.join(JOURNAL).is_file();
-    is_one.then_some(()).ok_or_else(|| DatasetError::NoRun { path: path.to_owned() })
-}
-
-/// Takes a run for this program alone. The system gives it free when the program ends, however it does. It is the journal
-/// that is locked, which nobody takes for a left-over; where a lock bars readers too, a file beside it.
-fn hold(path: &Path) -> Result<File, DatasetError> {
-    let held = path.join(if cfg!(windows) { "run.lock" } else { JOURNAL });
-    let opened = OpenOptions::new().append(true).create(cfg!(windows)).open(&held);
-    let file = opened.map_err(DatasetError::io("opening", &held))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(DatasetError::Held { path: path.to_owned() }),
-        Err(TryLockError::Error(error)) => Err(DatasetError::io("locking", held)(error)),
     }
 }
 
 /// The table of presses, to add rows to.
 fn open_presses(folder: &Path) -> Result<File, DatasetError> {
     let path = folder.join(PRESSES);
-    OpenOptions::new().append(true).create(true).open(&path).map_err(DatasetError::io("opening", path))
+    files::open_or_create(&path).map_err(DatasetError::io("opening", path))
 }
 
 /// An empty folder beside the one to be, under a name that nobody takes for a run's. One that a program was killed over stays
@@ -369,11 +343,12 @@ fn fill(
 ) -> Result<(), DatasetError> {
     let mut manifest = Manifest::default();
     let mut journal = Journal::create(&draft.join(JOURNAL))?;
-    for record in [Record::Run(facts), Record::Session(session.clone())] {
+    let texts = origins.texts().map(|(name, text)| Text { name: name.to_owned(), text: text.to_owned() });
+    for record in [Record::Run(facts), Record::Session(session.clone())].into_iter().chain(texts.map(Record::Text)) {
         journal.append(&record)?;
         manifest.take_in(&record);
     }
-    let views = [(MANIFEST, manifest.text()), (PRESSES, presses_header(layout.len()))];
+    let views = [(MANIFEST, manifest.text()), (PRESSES, csv_header(layout.channels()))];
     for (name, text) in origins.texts().chain(views.iter().map(|(name, text)| (*name, text.as_str()))) {
         let path = draft.join(name);
         let write = |text: &str| {

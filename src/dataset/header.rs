@@ -1,20 +1,8 @@
-use super::table::{MAX_COLUMNS, TableError};
-use crate::document::printable;
+//! The header of a table: which column stands where, and what to say where one is missing.
+
+use super::press::{COLUMNS, Column, Presence, output_name};
+use super::table_error::{MAX_COLUMNS, TableError, quoted};
 use csv::StringRecord;
-
-/// As much of a cell as a message quotes, characters.
-const QUOTED: usize = 40;
-
-/// What a message quotes of a cell or a column's name: not all of a long one, and nothing that a terminal would act on.
-pub(super) fn quoted(cell: &str) -> String {
-    start_of(cell, QUOTED)
-}
-
-/// The first characters of a text from outside, so that a terminal only writes them.
-pub(super) fn start_of(text: &str, most: usize) -> String {
-    let start = text.char_indices().nth(most).map_or(text, |(end, _)| &text[..end]);
-    printable(start.to_owned()) + if start.len() < text.len() { "..." } else { "" }
-}
 
 /// A header, and all that a message about it needs.
 pub(super) struct Header<'a> {
@@ -68,7 +56,7 @@ impl Header<'_> {
     /// Where `out_1`, `out_2`, ... stand: at least one, without a gap.
     pub fn outputs(&self) -> Result<Vec<usize>, TableError> {
         let count = self.count_outputs()?;
-        (1..=count.max(1)).map(|unit| self.needed(&format!("out_{unit}"))).collect()
+        (1..=count.max(1)).map(|unit| self.needed(&output_name(unit))).collect()
     }
 
     /// The largest number of an `out_N` column that the number of columns allows; 0 without any.
@@ -95,7 +83,9 @@ impl Header<'_> {
         if self.names.len() == 1 && only.contains([';', '\t']) {
             return "columns are separated by commas".to_owned();
         }
-        let is_known = |name: &str| matches!(name, "x_mm" | "y_mm" | "force_n" | "flags") || name.starts_with("out_");
+        let is_read = |column: &Column| matches!(column.presence, Presence::Needed | Presence::Optional);
+        let known: Vec<&str> = COLUMNS.iter().filter(|column| is_read(column)).map(|column| column.name).collect();
+        let is_known = |name: &str| known.contains(&name) || name.starts_with("out_");
         let unknown = self.names.iter().filter(|name| !name.is_empty() && !is_known(name));
         let scored = unknown.map(|name| (strsim::jaro_winkler(column, &name.to_lowercase()), name));
         match scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(similarity, _)| *similarity > NEAR) {

@@ -1,9 +1,15 @@
-use super::{Durability, Record};
+//! The journal of a run: append-only, one line a record, read record by record.
+
+use super::{Durability, FORMAT, Press, Record, files};
 use miette::Diagnostic;
+use serde::Deserialize;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+
+/// Its name in the run folder.
+pub(super) const JOURNAL: &str = "journal.log";
 
 /// Largest journal that is written or read, bytes: ten million presses of 64 units are some 15 GB. It is read piece by piece.
 const JOURNAL_MAX_BYTES: u64 = 64 << 30;
@@ -56,11 +62,18 @@ pub enum JournalError {
         /// What is wrong with it.
         problem: String,
     },
+    /// Another version of the program wrote it.
+    #[error("{}: a journal of format {found}; this program reads format {FORMAT}", path.display())]
+    #[diagnostic(help("read it with the version of palpate that wrote it; nothing was changed"))]
+    Format {
+        /// The journal.
+        path: PathBuf,
+        /// The format that its first record names; 1 where it names none.
+        found: u32,
+    },
     /// It couldn't be read or written.
     #[error("keeping {}: {why}", path.display())]
-    #[diagnostic(help(
-        "make room or set the permissions right, then `palpate resume` the run: what was acknowledged is safe"
-    ))]
+    #[diagnostic(help("{}", files::advice(why)))]
     Io {
         /// The journal.
         path: PathBuf,
@@ -79,23 +92,27 @@ impl Journal {
         Ok(Journal::at_end(file, path, 0, 0))
     }
 
-    /// Opens a journal to go on with it, its torn tail cut off. Its records are shown on the way, each with the byte it
-    /// begins at; one that `accept` refuses is damage.
+    /// Reads a journal to its end. Each record is shown to `accept` with the byte it begins at; one that it refuses is damage.
     ///
     /// # Errors
     /// Damage before the last line, or the operating system's.
-    pub fn open(
+    pub fn read(
         path: &Path,
         mut accept: impl FnMut(u64, &Record) -> Result<(), String>,
-    ) -> Result<Journal, JournalError> {
+    ) -> Result<Records, JournalError> {
         let mut records = Journal::records(path)?;
         while let Some((offset, record)) = records.advance()? {
             accept(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
         }
-        let file = OpenOptions::new().append(true).open(path).map_err(failed(path))?;
-        // a record that was never acknowledged may stand here and not be on the disk yet: what is built on it must be
-        file.set_len(records.offset).and_then(|()| file.sync_data()).map_err(failed(path))?;
-        Ok(Journal::at_end(file, path, records.next, records.offset))
+        Ok(records)
+    }
+
+    /// Opens a journal to go on with it, its torn tail cut off. Its records are shown on the way as by [`read`](Self::read).
+    ///
+    /// # Errors
+    /// As of [`read`](Self::read).
+    pub fn open(path: &Path, accept: impl FnMut(u64, &Record) -> Result<(), String>) -> Result<Journal, JournalError> {
+        Journal::read(path, accept)?.go_on()
     }
 
     fn at_end(file: File, path: &Path, next: u64, end: u64) -> Journal {
@@ -113,7 +130,7 @@ impl Journal {
     /// # Errors
     /// The operating system's.
     pub fn records(path: &Path) -> Result<Records, JournalError> {
-        let file = File::open(path).map_err(failed(path))?;
+        let file = files::open(path).map_err(failed(path))?;
         if file.metadata().map_err(failed(path))?.len() > JOURNAL_MAX_BYTES {
             let too_large = io::Error::new(io::ErrorKind::FileTooLarge, format!("over {JOURNAL_MAX_BYTES} bytes"));
             return Err(failed(path)(too_large));
@@ -153,7 +170,7 @@ impl Journal {
         self.line.clear();
         // writing to memory can't fail
         let _ = writeln!(self.line, "{} {:08x} {text}", self.next, checksum(self.next, &text));
-        self.check_line().map_err(failed(&self.path))?;
+        self.check_line(record).map_err(failed(&self.path))?;
         self.write_line(durability).map_err(|error| {
             // half a line would be damage as soon as another stood behind it
             self.broken = self.file.set_len(self.end).and_then(|()| self.file.sync_data()).is_err();
@@ -166,14 +183,18 @@ impl Journal {
     }
 
     /// Nothing is written that couldn't be read again.
-    fn check_line(&self) -> io::Result<()> {
+    fn check_line(&self, record: &Record) -> io::Result<()> {
         let bytes = self.line.len() as u64;
         if bytes >= RECORD_MAX_BYTES || self.end + bytes > JOURNAL_MAX_BYTES {
             let told = format!("a record of {bytes} bytes is too much for a journal of {}", self.end);
             return Err(io::Error::new(io::ErrorKind::FileTooLarge, told));
         }
-        let told = |problem| io::Error::other(format!("the record couldn't be read again: {problem}"));
-        parse(&self.line).map(drop).map_err(told)
+        let unreadable = |problem| io::Error::other(format!("the record couldn't be read again: {problem}"));
+        // JSON has no NaN: it would come back as a number that isn't known
+        if record.contact().is_some_and(|contact| !contact.levels.iter().all(Press::is_finite)) {
+            return Err(unreadable("not a finite number".to_owned()));
+        }
+        parse(&self.line).map(drop).map_err(unreadable)
     }
 
     fn write_line(&mut self, durability: Durability) -> io::Result<()> {
@@ -190,6 +211,18 @@ impl Journal {
 }
 
 impl Records {
+    /// The journal that was read to its end, to be added to; its torn tail is cut off.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub(super) fn go_on(self) -> Result<Journal, JournalError> {
+        let path = &self.path;
+        let file = files::open_to_append(path).map_err(failed(path))?;
+        // a record that was never acknowledged may stand here and not be on the disk yet: what is built on it must be
+        file.set_len(self.offset).and_then(|()| file.sync_data()).map_err(failed(path))?;
+        Ok(Journal::at_end(file, path, self.next, self.offset))
+    }
+
     /// The record that begins at a byte that the journal named; the one after it is next.
     ///
     /// # Errors
@@ -211,6 +244,12 @@ impl Records {
         }
         let offset = self.offset;
         self.read_line()?;
+        if offset == 0
+            && let Some(found) = other_format(&self.line)
+        {
+            self.is_over = true;
+            return Err(JournalError::Format { path: self.path.clone(), found });
+        }
         let parsed = parse(&self.line).and_then(|(sequence, record)| {
             let wrong = || format!("sequence number {sequence}, expected {}", self.next);
             if sequence == self.next { Ok(record) } else { Err(wrong()) }
@@ -266,8 +305,29 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> JournalError {
     move |why| JournalError::Io { path, why }
 }
 
+/// The format that a journal's first line names, if it isn't ours.
+fn other_format(line: &[u8]) -> Option<u32> {
+    #[derive(Deserialize)]
+    struct First {
+        run: Facts,
+    }
+    #[derive(Deserialize)]
+    struct Facts {
+        format: Option<u32>,
+    }
+    let (_, json) = checked(line).ok()?;
+    let found = serde_json::from_str::<First>(json).ok()?.run.format.unwrap_or(1);
+    (found != FORMAT).then_some(found)
+}
+
 /// A line's sequence number and record.
 fn parse(line: &[u8]) -> Result<(u64, Record), String> {
+    let (sequence, json) = checked(line)?;
+    Ok((sequence, serde_json::from_str(json).map_err(|error| error.to_string())?))
+}
+
+/// A line's sequence number and text, which its checksum fits.
+fn checked(line: &[u8]) -> Result<(u64, &str), String> {
     let text = std::str::from_utf8(line).map_err(|_| "not text")?;
     let text = text.strip_suffix('\n').ok_or("no line end")?;
     let mut parts = text.splitn(3, ' ');
@@ -278,7 +338,7 @@ fn parse(line: &[u8]) -> Result<(u64, Record), String> {
     if u32::from_str_radix(sum, 16) != Ok(checksum(sequence, json)) {
         return Err("the checksum doesn't fit".to_owned());
     }
-    Ok((sequence, serde_json::from_str(json).map_err(|error| error.to_string())?))
+    Ok((sequence, json))
 }
 
 fn checksum(sequence: u64, text: &str) -> u32 {
@@ -292,12 +352,12 @@ fn checksum(sequence: u64, text: &str) -> u32 {
 mod tests {
     use super::*;
     use crate::dataset::Contact;
-    use crate::dataset::record::example;
+    use crate::dataset::press::example;
 
     fn contact(press: u64) -> Record {
         Record::Contact(Contact {
             press,
-            rows: vec![example(press, 0).rounded()],
+            levels: vec![example(press, 0).rounded()],
             truth: vec![],
             lesson: None,
             left: None,
@@ -384,8 +444,8 @@ mod tests {
         let bytes = three_records(&path);
         let mut journal = Journal::open(&path, |_, _| Ok(())).unwrap();
         let mut row = example(3, 0);
-        row.force_n = f64::NAN;
-        let bad = Record::Contact(Contact { press: 3, rows: vec![row], truth: vec![], lesson: None, left: None });
+        row.force_n = Some(f64::NAN);
+        let bad = Record::Contact(Contact { press: 3, levels: vec![row], truth: vec![], lesson: None, left: None });
         assert!(journal.append(&bad).unwrap_err().to_string().contains("couldn't be read again"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
         journal.append(&contact(3)).unwrap();

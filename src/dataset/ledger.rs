@@ -73,7 +73,7 @@ mod tests {
         let mut memory = Memory::default();
         assert!(!memory.has(3));
         let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, outputs: vec![] };
-        let contact = Contact { press: 3, rows: vec![], truth: vec![], lesson: None, left: None };
+        let contact = Contact { press: 3, levels: vec![], truth: vec![], lesson: None, left: None };
         let records = [zero.clone(), Record::Contact(contact.clone()), zero];
         records.iter().for_each(|record| memory.record(record).unwrap());
         assert_eq!((memory.has(3), memory.has(2)), (true, false));

@@ -1,10 +1,14 @@
-use super::{DatasetError, End, Fingerprint, Record, RunFacts, Session};
+//! The manifest: what a run was and how it ended, in one JSON object for people and other programs.
+
+use super::{DatasetError, End, Fingerprint, Loss, Record, RunFacts, Session, Status, files};
 use crate::control::Trip;
 use crate::device::Identity;
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::Path;
+
+/// Its name in the run folder.
+pub(super) const MANIFEST: &str = "manifest.json";
 
 /// Largest manifest that is read, bytes: a run that was gone on with a thousand times is far below it.
 const MANIFEST_MAX_BYTES: u64 = 4 << 20;
@@ -38,23 +42,11 @@ pub struct Manifest {
     /// What went wrong, in a run that failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// Presses that were lost with a part of the journal, as a person accepted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub losses: Vec<Loss>,
     /// The other files of the folder as they were written; empty while a run is under way.
     pub files: Vec<Fingerprint>,
-}
-
-/// How a run ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Status {
-    /// Every entry of the plan is on disk.
-    Complete,
-    /// A person stopped it, or it is still under way.
-    #[default]
-    Stopped,
-    /// A safety rule was broken.
-    Tripped,
-    /// A device failed or the record couldn't be kept.
-    Failed,
 }
 
 impl Manifest {
@@ -82,9 +74,13 @@ impl Manifest {
                 self.failure.clone_from(failure);
             }
             Record::Contact(contact) => {
-                self.rows_flagged += contact.rows.iter().filter(|row| !row.flags.is_empty()).count() as u64;
+                self.rows_flagged += contact.levels.iter().filter(|press| press.is_flagged()).count() as u64;
             }
-            Record::Zero { .. } | Record::Retouch(_) => {}
+            Record::Loss(loss) => {
+                (self.status, self.ended) = (Status::Stopped, None);
+                self.losses.push(loss.clone());
+            }
+            Record::Text(_) | Record::Zero { .. } | Record::Retouch(_) => {}
         }
     }
 
@@ -98,19 +94,17 @@ impl Manifest {
     /// # Errors
     /// None there, too large, or not one: at which line and column.
     pub fn read(path: &Path) -> Result<Manifest, DatasetError> {
-        let mut text = String::new();
-        let read = File::open(path).and_then(|file| file.take(MANIFEST_MAX_BYTES + 1).read_to_string(&mut text));
         let problem = |at: String, problem: String| DatasetError::Manifest { path: path.to_owned(), at, problem };
-        match read {
+        let text = match files::read_text(path, MANIFEST_MAX_BYTES) {
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 return Err(problem(String::new(), "not UTF-8 text".to_owned()));
             }
             Err(error) => return Err(DatasetError::io("reading", path)(error)),
-            Ok(_) if text.len() as u64 > MANIFEST_MAX_BYTES => {
+            Ok(text) if text.len() as u64 > MANIFEST_MAX_BYTES => {
                 return Err(problem(String::new(), format!("longer than {MANIFEST_MAX_BYTES} bytes")));
             }
-            Ok(_) => {}
-        }
+            Ok(text) => text,
+        };
         Manifest::parse(&text).map_err(|error| {
             let told = error.to_string();
             let told = told.split(" at line ").next().unwrap_or_default().to_owned();
@@ -130,17 +124,5 @@ impl Manifest {
     pub(super) fn text(&self) -> String {
         // text and numbers can't fail to be written
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
-    }
-}
-
-impl Status {
-    /// The status as it stands in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Status::Complete => "complete",
-            Status::Stopped => "stopped",
-            Status::Tripped => "tripped",
-            Status::Failed => "failed",
-        }
     }
 }

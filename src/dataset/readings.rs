@@ -4,8 +4,9 @@
 //! object a line, `{"outputs": [0.1, 0.2]}`, or the bare array. `id` and `t_s` are kept with the reading; all else is passed
 //! over, and so are blank lines.
 
-use super::header::{Header, quoted, start_of};
-use super::table::TableError;
+use super::header::Header;
+use super::press::output_name;
+use super::table_error::{TableError, quoted, start_of};
 use csv::{ByteRecord, StringRecord};
 use miette::Diagnostic;
 use serde::Deserialize;
@@ -280,7 +281,7 @@ impl Columns {
         let cell = TableError::Cell {
             file: file.to_owned(),
             line,
-            column: name.unwrap_or_else(|| format!("out_{}", column + 1)),
+            column: name.unwrap_or_else(|| output_name(column + 1)),
             expected: "a number",
             found: quoted(found.trim()),
         };

@@ -1,22 +1,27 @@
 //! What a run was made from and by whom, as its journal keeps it.
 
-use super::Status;
+use super::Fingerprint;
 use crate::control::Strategy;
 use crate::recipe::Plan;
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
+/// The format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
+pub const FORMAT: u32 = 2;
+
 /// What a run is, whoever goes on with it: its first record.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunFacts {
+    /// The journal's format: [`FORMAT`].
+    pub format: u32,
     /// The recipe's name.
     pub recipe: String,
-    /// Who was pressed, if somebody said.
+    /// The sensor's ID, if one was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<String>,
     /// Entries of the plan.
     pub presses_planned: u64,
-    /// What random points, and all simulated noise, were drawn from.
+    /// The random seed for places, forces and simulated noise.
     pub seed: u64,
     /// The strategy of every press, if it was given in place of the recipe's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -28,10 +33,26 @@ pub struct RunFacts {
     pub simulated: bool,
 }
 
+/// How a run ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// Every entry of the plan is on disk.
+    Complete,
+    /// A person stopped it, or it is still under way.
+    #[default]
+    Stopped,
+    /// A safety rule was broken.
+    Tripped,
+    /// A device failed or the record couldn't be kept.
+    Failed,
+}
+
 impl RunFacts {
     /// The facts of a plan.
     pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
         RunFacts {
+            format: FORMAT,
             recipe: plan.name.clone(),
             presses_planned: plan.entries.len() as u64,
             seed: plan.seed,
@@ -60,6 +81,38 @@ pub struct Session {
     /// The texts it goes by: recipe, rig and register maps. The folder that keeps them adds this.
     #[serde(default)]
     pub texts: Vec<Fingerprint>,
+    /// The keys of the rig that differ from those with which the run began.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub changes: Vec<RigChange>,
+}
+
+/// A key of the rig that was changed between two sessions.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RigChange {
+    /// The key with the tables it stands in, such as `stage.link`.
+    pub key: String,
+    /// Its value when the run began.
+    pub before: String,
+    /// Its value now.
+    pub now: String,
+}
+
+/// A text that a run goes by, as given: its recipe, its rig, a register map.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Text {
+    /// Its file's name in the run folder.
+    pub name: String,
+    /// The text.
+    pub text: String,
+}
+
+/// Presses that were recorded once and lost with a part of the journal, which a person accepted.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Loss {
+    /// When it was accepted, with its time zone.
+    pub accepted: String,
+    /// What the other files of the folder said of it.
+    pub lost: Vec<String>,
 }
 
 /// How a program ended that could still say so.
@@ -76,17 +129,6 @@ pub struct End {
     /// What went wrong, in a run that failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-}
-
-/// A file by its content.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Fingerprint {
-    /// Its name in the run folder.
-    pub name: String,
-    /// Its size.
-    pub bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal.
-    pub sha256: String,
 }
 
 /// What an acknowledged press survives.
@@ -113,6 +155,18 @@ impl FromStr for Durability {
             "full" => Ok(Durability::Full),
             "fast" => Ok(Durability::Fast),
             _ => Err(format!("expected one of {}", Durability::NAMES.join(", "))),
+        }
+    }
+}
+
+impl Status {
+    /// The status as it stands in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Status::Complete => "complete",
+            Status::Stopped => "stopped",
+            Status::Tripped => "tripped",
+            Status::Failed => "failed",
         }
     }
 }

@@ -1,255 +1,106 @@
-//! Plain CSV tables of presses, as people keep them and as a run writes them.
+//! The door for tables from outside: plain CSV, as people keep it.
 //!
 //! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged
-//! unless its cell is empty or 0). A run's `presses.csv` has more, see [`Record`]. Columns may stand in any order;
-//! those that aren't known are ignored. A byte-order mark and either kind of line end are tolerated. What a table without
-//! `force_n` is worth is for [`calibration`](super::calibration) to say.
+//! unless its cell is empty or 0). Columns may stand in any order; those that aren't known are ignored. A byte-order mark and
+//! either kind of line end are tolerated. A table that has every column of a run's own `presses.csv` gives the presses that
+//! the run's journal gives. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
 
-use super::Contact;
-use super::header::{Header, quoted};
-use crate::quantity::Place;
+use super::header::Header;
+use super::press::{COLUMNS, Column, OUTPUTS, Presence};
+use super::table_error::{MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
+use super::{Press, Presses};
 use csv::StringRecord;
-use miette::Diagnostic;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// The largest table that is read, bytes: some 100 000 presses of 500 units, far beyond any run. What is held of it is numbers
-/// alone, mostly less than the text.
-pub const MAX_TABLE_BYTES: u64 = 512 << 20;
-/// The most rows a table may have: a stage that presses every three seconds is a month over them.
-pub const MAX_ROWS: usize = 1 << 20;
-/// The most columns a table may have: far beyond any array, and few enough to look names up one by one.
-pub const MAX_COLUMNS: usize = 4096;
-
 /// What a table needs.
-const HELP: &str = "needed are x_mm, y_mm and out_1, out_2, ... without a gap; in a run also what it wrote itself";
+const HELP: &str = "needed are x_mm, y_mm and out_1, out_2, ... without a gap";
 
-/// A table as read: at least one row, at least one unit, every number finite.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Table {
-    /// The file's name as given, for messages.
-    pub file: String,
-    /// How many outputs each row has.
-    pub units: usize,
-    /// The rows in file order.
-    pub rows: Vec<Row>,
-}
-
-/// One press.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// The line in the file, from 1.
-    pub line: u64,
-    /// Where, mm.
-    pub place: Place,
-    /// How hard, N, if the table has that column; in a run, by the load cell.
-    pub force_n: Option<f64>,
-    /// `out_1..out_n`.
-    pub outputs: Vec<f64>,
-    /// Whether something was wrong with the press.
-    pub flagged: bool,
-    /// What only a run's `presses.csv` has; none in a plain table.
-    pub record: Option<Record>,
-}
-
-/// What a run's `presses.csv` tells of a row beyond a plain table.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Record {
-    /// `phase`: characterisation, calibration, test, teach.
-    pub phase: String,
-    /// `press`: the entry of the plan; the levels of a staircase share it.
-    pub press: u64,
-    /// `level`: from 0 in the order held.
-    pub level: u64,
-    /// `force_set_n`: the commanded force, N.
-    pub force_set_n: f64,
-}
-
-impl Row {
-    /// Whether a run made the press for that phase.
-    pub fn is_of(&self, phase: &str) -> bool {
-        self.record.as_ref().is_some_and(|record| record.phase == phase)
+/// Reads a table: at least one press, at least one channel, every number finite.
+///
+/// # Errors
+/// What is wrong, with file, line and column.
+pub fn read_table(path: &Path) -> Result<Presses, TableError> {
+    let file = path.display().to_string();
+    match File::open(path) {
+        Ok(input) => parse_table(&file, input),
+        Err(source) => Err(TableError::Unreadable { file, source }),
     }
 }
 
-/// Why a table can't be used; `line` counts from 1.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-#[allow(missing_docs, reason = "the fields say what the messages say")]
-pub enum TableError {
-    /// Not there, not a file, not permitted.
-    #[error("{file}: can't be read")]
-    #[diagnostic(help("name a table that is there; that of a run is written anew by `palpate rebuild`"))]
-    Unreadable { file: String, source: io::Error },
-    /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
-    #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
-    #[diagnostic(help("leave out columns that aren't needed, or average repeated presses first"))]
-    TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
-    /// Not text.
-    #[error("{file}, line {line}: not UTF-8 text")]
-    #[diagnostic(help("save the table as CSV in UTF-8"))]
-    NotText { file: String, line: u64 },
-    /// No row below the header, or no header.
-    #[error("{file}: the table has no rows")]
-    #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row below it"))]
-    NoRows { file: String },
-    /// A needed column isn't there.
-    #[error("{file}, line {line}: column `{column}` is missing")]
-    MissingColumn {
-        file: String,
-        line: u64,
-        column: String,
-        #[help]
-        help: String,
-    },
-    /// Two columns of one name.
-    #[error("{file}, line {line}: column `{column}` stands in the header twice")]
-    #[diagnostic(help("keep one of them, or rename the other"))]
-    DuplicateColumn { file: String, line: u64, column: String },
-    /// An output column with a number that doesn't count from 1.
-    #[error("{file}, line {line}: column `{column}` doesn't count as an output")]
-    #[diagnostic(help("outputs are numbered out_1, out_2, ... from 1, without leading zeros"))]
-    OutputNumber { file: String, line: u64, column: String },
-    /// A row of another length than the header.
-    #[error("{file}, line {line}: {found} cells where the header has {expected} (up to column `{column}`)")]
-    #[diagnostic(help("every row needs one cell a column; numbers are written with a point, not a comma"))]
-    Ragged { file: String, line: u64, column: String, expected: usize, found: usize },
-    /// A cell that isn't what its column holds.
-    #[error("{file}, line {line}, column `{column}`: expected {expected}, found `{found}`")]
-    #[diagnostic(help("write what the column holds, or remove the row"))]
-    Cell { file: String, line: u64, column: String, expected: &'static str, found: String },
-}
-
-impl Table {
-    /// What a run's contacts would be read as, were they written; none of none.
-    pub fn of_contacts<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> Option<Table> {
-        let recorded = contacts.into_iter().flat_map(|contact| &contact.rows);
-        let row = |(index, row): (usize, &super::Row)| Row {
-            line: index as u64 + 2, // below the header
-            place: Place::new(row.x_mm, row.y_mm),
-            force_n: Some(row.force_n),
-            outputs: row.outputs.clone(),
-            flagged: !row.flags.is_empty(),
-            record: Some(Record {
-                phase: row.phase.name().to_owned(),
-                press: row.press,
-                level: row.level,
-                force_set_n: row.force_set_n,
-            }),
-        };
-        let rows: Vec<Row> = recorded.enumerate().map(row).collect();
-        let units = rows.first()?.outputs.len();
-        Some(Table { file: "presses.csv".to_owned(), units, rows })
-    }
-
-    /// Reads a plain table.
-    pub fn read(path: &Path) -> Result<Self, TableError> {
-        Self::open(path, Kind::Plain)
-    }
-
-    /// Reads a run's `presses.csv`: `force_n` and the columns of [`Record`] must be there.
-    pub fn read_run(path: &Path) -> Result<Self, TableError> {
-        Self::open(path, Kind::Run)
-    }
-
-    /// The same from a text; `file` is its name in messages.
-    pub fn of_run(file: &str, text: &str) -> Result<Self, TableError> {
-        Self::parse(file, text.as_bytes(), Kind::Run)
-    }
-
-    fn open(path: &Path, kind: Kind) -> Result<Self, TableError> {
-        let file = path.display().to_string();
-        match File::open(path) {
-            Ok(input) => Self::parse(&file, input, kind),
-            Err(source) => Err(TableError::Unreadable { file, source }),
+/// The same from any input; `file` is its name in messages.
+///
+/// # Errors
+/// As of [`read_table`].
+pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> {
+    let mut records = Records::new(file, input);
+    let mut header = StringRecord::new();
+    records.next(&mut header)?;
+    header.trim();
+    let columns = Columns::find(&Header { file, line: records.line, names: &header, help: HELP })?;
+    let (mut presses, mut lines, mut record) = (Vec::new(), Vec::new(), StringRecord::new());
+    while records.next(&mut record)? {
+        let line = records.line;
+        if presses.len() == MAX_ROWS {
+            let (file, line) = (file.to_owned(), Some(line));
+            return Err(TableError::TooLarge { file, line, limit: MAX_ROWS as u64, what: "rows" });
         }
-    }
-
-    fn parse(file: &str, input: impl Read, kind: Kind) -> Result<Self, TableError> {
-        let mut records = Records::new(file, input);
-        let mut header = StringRecord::new();
-        records.next(&mut header)?;
-        header.trim();
-        let columns = Columns::find(&Header { file, line: records.line, names: &header, help: HELP }, kind)?;
-        let (mut rows, mut record) = (Vec::new(), StringRecord::new());
-        while records.next(&mut record)? {
-            if rows.len() == MAX_ROWS {
-                let (file, line) = (file.to_owned(), Some(records.line));
-                return Err(TableError::TooLarge { file, line, limit: MAX_ROWS as u64, what: "rows" });
-            }
-            rows.push(columns.row(&Cells { file, line: records.line, header: &header, record: &record })?);
+        let mut press = columns.press(&Cells { file, line, header: &header, record: &record })?;
+        if !columns.is_of_run {
+            press.press = presses.len() as u64;
         }
-        if rows.is_empty() {
-            return Err(TableError::NoRows { file: file.to_owned() });
-        }
-        Ok(Table { file: file.to_owned(), units: columns.outputs.len(), rows })
+        presses.push(press);
+        lines.push(line);
     }
+    if presses.is_empty() {
+        return Err(TableError::NoRows { file: file.to_owned() });
+    }
+    Ok(Presses::of_table(file, presses, lines))
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Plain,
-    Run,
-}
-
-/// Where each known column stands.
+/// The known columns that a table has, each with the places where its cells stand.
 struct Columns {
-    x: usize,
-    y: usize,
-    force: Option<usize>,
-    flags: Option<usize>,
-    outputs: Vec<usize>,
-    record: Option<RecordColumns>,
-}
-
-struct RecordColumns {
-    phase: usize,
-    press: usize,
-    level: usize,
-    force_set: usize,
+    found: Vec<(&'static Column, Vec<usize>)>,
+    /// Whether it has every column of a run's own table.
+    is_of_run: bool,
 }
 
 impl Columns {
-    fn find(header: &Header<'_>, kind: Kind) -> Result<Self, TableError> {
+    fn find(header: &Header<'_>) -> Result<Self, TableError> {
         header.check()?;
-        let record = match kind {
-            Kind::Plain => None,
-            Kind::Run => Some(RecordColumns {
-                phase: header.needed("phase")?,
-                press: header.needed("press")?,
-                level: header.needed("level")?,
-                force_set: header.needed("force_set_n")?,
-            }),
-        };
-        let force = if kind == Kind::Run { Some(header.needed("force_n")?) } else { header.optional("force_n") };
-        let (x, y) = (header.needed("x_mm")?, header.needed("y_mm")?);
-        Ok(Columns { x, y, force, flags: header.optional("flags"), outputs: header.outputs()?, record })
+        let is_there = |column: &Column| header.optional(column.name).is_some();
+        let is_of_run = COLUMNS.iter().filter(|column| column.presence == Presence::Run).all(is_there);
+        let mut found = Vec::new();
+        for column in COLUMNS {
+            let at = match column.presence {
+                _ if column.name == OUTPUTS => Some(header.outputs()?),
+                Presence::Needed => Some(vec![header.needed(column.name)?]),
+                Presence::Optional => header.optional(column.name).map(|at| vec![at]),
+                Presence::Run | Presence::Sparse => {
+                    header.optional(column.name).filter(|_| is_of_run).map(|at| vec![at])
+                }
+            };
+            found.extend(at.map(|at| (column, at)));
+        }
+        Ok(Columns { found, is_of_run })
     }
 
-    fn row(&self, cells: &Cells<'_>) -> Result<Row, TableError> {
+    fn press(&self, cells: &Cells<'_>) -> Result<Press, TableError> {
         cells.check_length()?;
-        let record = match &self.record {
-            None => None,
-            Some(columns) => Some(Record {
-                phase: cells.text(columns.phase).to_owned(),
-                press: cells.count(columns.press)?,
-                level: cells.count(columns.level)?,
-                force_set_n: cells.number(columns.force_set)?,
-            }),
-        };
-        let mut outputs = Vec::with_capacity(self.outputs.len());
-        for &column in &self.outputs {
-            outputs.push(cells.number(column)?);
+        let mut press = Press::default();
+        let mut texts = Vec::new();
+        for (column, places) in &self.found {
+            texts.clear();
+            texts.extend(places.iter().map(|place| cells.text(*place)));
+            if column.presence == Presence::Sparse && texts.iter().all(|text| text.is_empty()) {
+                continue;
+            }
+            let read = (column.read)(&mut press, &texts);
+            read.map_err(|(index, expected)| cells.wrong(places[index], expected))?;
         }
-        Ok(Row {
-            line: cells.line,
-            place: Place::new(cells.number(self.x)?, cells.number(self.y)?),
-            force_n: self.force.map(|column| cells.number(column)).transpose()?,
-            outputs,
-            flagged: self.flags.is_some_and(|column| !matches!(cells.text(column), "" | "0")),
-            record,
-        })
+        Ok(press)
     }
 }
 
@@ -274,15 +125,6 @@ impl<'a> Cells<'a> {
 
     fn text(&self, column: usize) -> &'a str {
         self.record.get(column).unwrap_or_default().trim()
-    }
-
-    fn number(&self, column: usize) -> Result<f64, TableError> {
-        let number = self.text(column).parse().ok().filter(|number: &f64| number.is_finite());
-        number.ok_or_else(|| self.wrong(column, "a finite number"))
-    }
-
-    fn count(&self, column: usize) -> Result<u64, TableError> {
-        self.text(column).parse().map_err(|_| self.wrong(column, "a whole number from 0"))
     }
 
     fn wrong(&self, column: usize, expected: &'static str) -> TableError {
@@ -372,9 +214,14 @@ impl<R: Read> Read for Lines<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::Flag;
+    use crate::dataset::press::{csv_header, csv_line, example};
+    use crate::dataset::table_error::MAX_COLUMNS;
+    use crate::quantity::Place;
+    use miette::Diagnostic as _;
 
-    fn plain(text: &str) -> Result<Table, TableError> {
-        Table::parse("a.csv", text.as_bytes(), Kind::Plain)
+    fn plain(text: &str) -> Result<Presses, TableError> {
+        parse_table("a.csv", text.as_bytes())
     }
 
     /// Message and help of a table that is refused.
@@ -388,29 +235,31 @@ mod tests {
         let text =
             "\u{feff}out_2, x_mm ,note,y_mm,out_1\r\n4, 1 ,\"a, b\",2,3\r\n\r\n-1e-3,0.5,\"a\nb\",.25,0\r\n0,0,,0,0";
         let table = plain(text).unwrap();
-        assert_eq!((table.units, table.rows.len()), (2, 3));
-        assert_eq!((table.rows[0].place.x_mm, table.rows[0].outputs.as_slice()), (1.0, [3.0, 4.0].as_slice()));
-        assert_eq!(table.rows[1].place, Place::new(0.5, 0.25));
-        assert_eq!(table.rows.iter().map(|row| row.line).collect::<Vec<_>>(), [2, 4, 6]);
-        assert!(table.rows.iter().all(|row| row.force_n.is_none() && !row.flagged && row.record.is_none()));
+        assert_eq!((table.channels, table.presses.len()), (2, 3));
+        assert_eq!((table.presses[0].x_mm, table.presses[0].outputs.as_slice()), (1.0, [3.0, 4.0].as_slice()));
+        assert_eq!(table.presses[1].place(), Place::new(0.5, 0.25));
+        assert_eq!([0, 1, 2].map(|index| table.at(index)), [2, 4, 6].map(|line| format!("a.csv, line {line}")));
+        let is_bare = |press: &Press| press.force_n.is_none() && !press.is_flagged() && press.phase.is_none();
+        assert!(table.presses.iter().all(is_bare));
     }
 
     #[test]
-    fn a_runs_columns_are_read_from_a_run_and_ignored_elsewhere() {
-        let text = "press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,flags\n".to_owned()
-            + "7,2,test,0,0,0.5,0.49,1,\n8,0,test,0,0,1,1,1,drift\n";
-        let run = Table::parse("presses.csv", text.as_bytes(), Kind::Run).unwrap();
-        let record = Record { phase: "test".into(), press: 7, level: 2, force_set_n: 0.5 };
-        assert_eq!(run.rows[0].record, Some(record));
-        assert_eq!(run.rows.iter().map(|row| row.flagged).collect::<Vec<_>>(), [false, true]);
-        assert_eq!(plain(&text.replace("7,2,test,0,0,0.5", "a,b,c,0,0,d")).unwrap().rows[0].record, None);
-        let without = Table::parse("presses.csv", text.replace("force_n", "f").as_bytes(), Kind::Run).unwrap_err();
-        assert!(without.to_string().contains("`force_n` is missing"), "{without}");
-        let wrong = Table::parse("presses.csv", text.replace("8,0", "8,-1").as_bytes(), Kind::Run).unwrap_err();
-        assert_eq!(
-            wrong.to_string(),
-            "presses.csv, line 3, column `level`: expected a whole number from 0, found `-1`"
-        );
+    fn a_runs_own_table_gives_the_presses_it_was_written_from() {
+        let presses: Vec<Press> = (0..3).map(|press| example(press, 0).rounded()).collect();
+        let text = csv_header(2) + &presses.iter().map(csv_line).collect::<String>();
+        assert_eq!(plain(&text).unwrap().presses, presses);
+        let wrong = plain(&text.replace("1,0,calibration", "1,-1,calibration")).unwrap_err();
+        assert_eq!(wrong.to_string(), "a.csv, line 3, column `level`: expected a whole number from 0, found `-1`");
+        let wrong = plain(&text.replace("2,0,calibration", "2,0,calibratoin")).unwrap_err().to_string();
+        assert!(wrong.starts_with("a.csv, line 4, column `phase`: expected characterisation, calibration"), "{wrong}");
+    }
+
+    #[test]
+    fn a_runs_columns_are_ignored_in_a_table_from_elsewhere() {
+        let text = "press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,flags\na,b,c,0,0,d,0.49,1,drift\n";
+        let table = plain(text).unwrap();
+        let expected = Press { force_n: Some(0.49), outputs: vec![1.0], flags: vec![Flag::Other], ..Press::default() };
+        assert_eq!(table.presses, [expected]);
     }
 
     #[test]
@@ -479,11 +328,11 @@ mod tests {
 
     #[test]
     fn bytes_that_are_no_text_and_files_that_are_not_there_are_told_apart() {
-        let error = Table::parse("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice(), Kind::Plain).unwrap_err();
+        let error = parse_table("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice()).unwrap_err();
         assert_eq!(error.to_string(), "a.csv, line 2: not UTF-8 text");
         let folder = tempfile::tempdir().unwrap();
-        assert!(matches!(Table::read(&folder.path().join("none.csv")), Err(TableError::Unreadable { .. })));
-        assert!(matches!(Table::read(folder.path()), Err(TableError::Unreadable { .. })));
+        assert!(matches!(read_table(&folder.path().join("none.csv")), Err(TableError::Unreadable { .. })));
+        assert!(matches!(read_table(folder.path()), Err(TableError::Unreadable { .. })));
     }
 
     proptest::proptest! {

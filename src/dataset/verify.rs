@@ -1,15 +1,19 @@
-use super::folder::{JOURNAL, Known, MANIFEST, check_run};
-use super::views::{TABLES, write};
-use super::{DatasetError, Fingerprint, Journal, JournalError, Manifest, Record};
-use crate::quantity::ArrayLayout;
-use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{self, ErrorKind, Read};
-use std::path::Path;
+//! Whether a run folder is as it was written: journal, manifest and tables are compared in every direction.
 
-/// How much of a file is hashed at once, bytes.
-const CHUNK_BYTES: usize = 64 << 10;
+use super::fingerprint::is_plain;
+use super::journal::JOURNAL;
+use super::known::{Known, check_run};
+use super::lock::is_held;
+use super::loss::lost;
+use super::manifest::MANIFEST;
+use super::press::{csv_header, csv_line};
+use super::views::{PRESSES, TABLES, write};
+use super::{DatasetError, Fingerprint, Journal, JournalError, Loss, Manifest, files};
+use crate::quantity::ArrayLayout;
+use std::collections::HashSet;
+use std::hash::{BuildHasher, RandomState};
+use std::io::{BufRead, BufReader, ErrorKind};
+use std::path::Path;
 
 /// What became of a run since it was written.
 #[derive(Debug, Default)]
@@ -18,48 +22,53 @@ pub struct Verified {
     pub records: u64,
     /// Files that are as they were written.
     pub sound: u64,
-    /// Whether the journal says that the run has ended. Of one that was killed, or is under way, the tables aren't looked at.
+    /// Whether the journal says that the run has ended. A run that was killed, or is under way, may have tables that lack presses.
     pub has_ended: bool,
+    /// Whether a program is writing it now: its tables weren't compared.
+    pub is_under_way: bool,
+    /// Losses that a person accepted.
+    pub losses: Vec<Loss>,
     /// What isn't as it was written, in words.
     pub problems: Vec<String>,
 }
 
-/// Holds a run folder against its journal: the texts by their SHA-256 in it, the tables by making them anew, and all files by
-/// their SHA-256 in the manifest.
+/// Compares a run folder with its journal: the texts by their SHA-256 in it, the tables by making them again, all files by their
+/// SHA-256 in the manifest, and the presses that each of them holds.
 ///
 /// # Errors
-/// No run, or a file that can't be read. What is damaged is among the problems.
+/// No run, or a file that can't be read. Damage is among the problems.
 pub fn verify(path: &Path, layout: &ArrayLayout) -> Result<Verified, DatasetError> {
     check_run(path)?;
     let mut verified = Verified::default();
-    let mut known = Known::of(Some(layout.len()));
-    let mut records = Journal::records(&path.join(JOURNAL))?;
-    while let Some(next) = records.next() {
-        let taken = next.and_then(|(offset, record)| {
-            verified.has_ended = matches!(record, Record::End(_));
-            known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))
-        });
-        match taken {
-            Ok(()) => verified.records += 1,
-            Err(error @ JournalError::Damaged { .. }) => {
-                verified.problems.push(error.to_string());
-                return Ok(verified);
-            }
-            Err(error) => return Err(error.into()),
+    let known = match Known::read(path, Some(layout.channels())) {
+        Ok((known, _)) => known,
+        Err(DatasetError::Journal(error @ JournalError::Damaged { .. })) => {
+            verified.problems.push(error.to_string());
+            return Ok(verified);
         }
-    }
-    verified.hold(path, known.manifest.texts())?;
-    if !verified.has_ended {
+        Err(error) => return Err(error),
+    };
+    verified.records = known.records;
+    verified.has_ended = known.end.is_some();
+    verified.losses.clone_from(&known.manifest.losses);
+    verified.compare(path, known.manifest.texts())?;
+    if !verified.has_ended && is_held(path) {
+        verified.is_under_way = true; // its tables grow while they would be read
         return Ok(verified);
     }
-    let files = fingerprints(path, known.manifest.texts())?;
+    verified.problems.extend(lost(path, &known)?);
+    if !verified.has_ended {
+        verified.problems.extend(stray_lines(path, layout, &known)?);
+        return Ok(verified);
+    }
+    let found = fingerprints(path, known.manifest.texts())?;
     match Manifest::read(&path.join(MANIFEST)) {
         Err(error) => verified.problems.push(error.to_string()),
         Ok(told) => {
             let is_text = |file: &&Fingerprint| known.manifest.texts().iter().any(|text| text.name == file.name);
             let vouched: Vec<Fingerprint> = told.files.iter().filter(|file| !is_text(file)).cloned().collect();
-            verified.hold(path, &vouched)?;
-            for file in files.iter().filter(|file| !told.files.iter().any(|other| other.name == file.name)) {
+            verified.compare(path, &vouched)?;
+            for file in found.iter().filter(|file| !told.files.iter().any(|other| other.name == file.name)) {
                 verified.problems.push(format!("{MANIFEST} doesn't vouch for {}", file.name));
             }
             if told != (Manifest { files: told.files.clone(), ..known.manifest.clone() }) {
@@ -67,96 +76,26 @@ pub fn verify(path: &Path, layout: &ArrayLayout) -> Result<Verified, DatasetErro
             }
         }
     }
-    let anew = tables_anew(path, layout, &known)?;
+    let again = tables_again(path, layout, &known)?;
     for name in TABLES {
         let of = |files: &[Fingerprint]| files.iter().find(|file| file.name == name).cloned();
-        if of(&anew) != of(&files) {
+        if of(&again) != of(&found) {
             verified.problems.push(format!("{name} isn't what the journal says"));
         }
     }
     Ok(verified)
 }
 
-/// The tables that follow from a journal, made in a folder that is taken away again.
-fn tables_anew(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<Fingerprint>, DatasetError> {
-    let folder = std::env::temp_dir().join(format!(".palpate-verify-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
-    std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
-    let contacts = || Ok(known.contacts.contacts(Journal::records(&path.join(JOURNAL))?));
-    let made = write(&folder, layout, &contacts).and_then(|()| fingerprints(&folder, &[]));
-    std::fs::remove_dir_all(&folder).map_err(DatasetError::io("removing", &folder))?;
-    made
-}
-
-/// What of a run's files isn't as its manifest vouches for, in words; nothing is said of a run under way.
-///
-/// # Errors
-/// A file that can't be read.
-pub fn altered(path: &Path, manifest: &Manifest) -> Result<Vec<String>, DatasetError> {
-    let problems = manifest.files.iter().map(|file| file.problem_in(path));
-    Ok(problems.collect::<Result<Vec<Option<String>>, DatasetError>>()?.into_iter().flatten().collect())
-}
-
 impl Verified {
-    /// Holds files against their fingerprints.
-    fn hold(&mut self, path: &Path, files: &[Fingerprint]) -> Result<(), DatasetError> {
+    /// Compares files with their fingerprints.
+    fn compare(&mut self, path: &Path, files: &[Fingerprint]) -> Result<(), DatasetError> {
         for file in files {
-            match file.problem_in(path)? {
+            match file.problem_in(path).map_err(DatasetError::io("reading", path.join(&file.name)))? {
                 None => self.sound += 1,
                 Some(problem) => self.problems.push(problem),
             }
         }
         Ok(())
-    }
-}
-
-impl Fingerprint {
-    /// The fingerprint of some bytes under a name.
-    pub fn of(name: &str, bytes: &[u8]) -> Fingerprint {
-        Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) }
-    }
-
-    /// The fingerprint of a plain file of a folder, read piece by piece.
-    ///
-    /// # Errors
-    /// A name that leads elsewhere, what is no file, or the operating system's.
-    pub(super) fn of_file(folder: &Path, name: &str) -> Result<Fingerprint, DatasetError> {
-        let path = folder.join(name);
-        let failed = |error| DatasetError::io("reading", &path)(error);
-        if !is_plain(name) || !path.is_file() {
-            let told = format!("{name:?} is no name of a file in a run folder");
-            let kind = if is_plain(name) && !path.exists() { ErrorKind::NotFound } else { ErrorKind::InvalidInput };
-            return Err(failed(io::Error::new(kind, told)));
-        }
-        let mut file = File::open(&path).map_err(failed)?;
-        let (mut hasher, mut bytes, mut chunk) = (Sha256::new(), 0, vec![0; CHUNK_BYTES]);
-        loop {
-            match file.read(&mut chunk).map_err(failed)? {
-                0 => break,
-                count => {
-                    hasher.update(&chunk[..count]);
-                    bytes += count as u64;
-                }
-            }
-        }
-        Ok(Fingerprint { name: name.to_owned(), bytes, sha256: hex(&hasher.finalize()) })
-    }
-
-    /// What is wrong with the file of this name in a folder, in words; none where it is as it was written.
-    fn problem_in(&self, folder: &Path) -> Result<Option<String>, DatasetError> {
-        let name = &self.name;
-        Ok(match Fingerprint::of_file(folder, name) {
-            Ok(found) if found == *self => None,
-            Ok(found) if found.bytes != self.bytes => {
-                Some(format!("{name} has {} bytes; it was written with {}", found.bytes, self.bytes))
-            }
-            Ok(_) => Some(format!("{name} isn't as it was written: its SHA-256 is another")),
-            Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::NotFound => {
-                Some(format!("{name} is missing"))
-            }
-            Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::InvalidInput => Some(why.to_string()),
-            Err(error) => return Err(error),
-        })
     }
 }
 
@@ -167,21 +106,48 @@ pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<F
     for name in texts.chain([JOURNAL]).chain(TABLES).filter(|name| is_plain(name)) {
         match Fingerprint::of_file(folder, name) {
             Ok(fingerprint) => found.push(fingerprint),
-            Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(error),
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(DatasetError::io("reading", folder.join(name))(error)),
         }
     }
     Ok(found)
 }
 
-/// A name that can't lead out of its folder: one plain part.
-fn is_plain(name: &str) -> bool {
-    !name.is_empty() && !name.contains(['/', '\\', ':', '\0']) && name != "." && name != ".."
+/// The tables that follow from a journal, made in a folder that is removed again.
+fn tables_again(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<Fingerprint>, DatasetError> {
+    let folder = std::env::temp_dir().join(format!(".palpate-verify-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
+    std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
+    let contacts = || Ok(known.contacts.contacts(Journal::records(&path.join(JOURNAL))?));
+    let made = write(&folder, layout, &contacts).and_then(|()| fingerprints(&folder, &[]));
+    std::fs::remove_dir_all(&folder).map_err(DatasetError::io("removing", &folder))?;
+    made
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}"); // writing to a string can't fail
-        text
-    })
+/// Lines of a growing table of presses that no press of the journal gives; what a kill tore is no such line.
+fn stray_lines(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Option<String>, DatasetError> {
+    let table = path.join(PRESSES);
+    let failed = |error| DatasetError::io("reading", &table)(error);
+    let file = match files::open(&table) {
+        Ok(file) => file,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None), // a kill may have come before it
+        Err(error) => return Err(failed(error)),
+    };
+    let hasher = RandomState::new();
+    let mut expected = HashSet::from([hasher.hash_one(csv_header(layout.channels()).as_bytes())]);
+    for contact in known.contacts.contacts(Journal::records(&path.join(JOURNAL))?) {
+        expected.extend(contact?.levels.iter().map(|press| hasher.hash_one(csv_line(press).as_bytes())));
+    }
+    let (mut reader, mut line, mut number) = (BufReader::new(file), Vec::new(), 0);
+    loop {
+        line.clear();
+        reader.read_until(b'\n', &mut line).map_err(failed)?;
+        if line.last() != Some(&b'\n') {
+            return Ok(None);
+        }
+        number += 1;
+        if !expected.contains(&hasher.hash_one(line.as_slice())) {
+            return Ok(Some(format!("{PRESSES}, line {number} isn't what the journal says")));
+        }
+    }
 }

@@ -29,6 +29,11 @@ impl ArrayLayout {
         self.places.len()
     }
 
+    /// How many outputs the array has.
+    pub fn channels(&self) -> usize {
+        self.len()
+    }
+
     /// Whether there is no unit at all.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()

@@ -71,6 +71,9 @@ pub enum Phase {
 }
 
 impl Phase {
+    /// Every phase.
+    pub const ALL: [Phase; 4] = [Phase::Characterisation, Phase::Calibration, Phase::Test, Phase::Teach];
+
     /// The phase as it stands in files.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,18 +1,16 @@
-use super::ReportError;
 use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
 use super::judged::{PAPERS, with_cause};
-use super::subject::{presses, run_name};
+use super::subject::run_name;
 use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::dataset::evaluate::Trial;
-use crate::dataset::table::Table;
-use crate::dataset::{Manifest, RunFolder};
+use crate::dataset::{Manifest, Presses, Recorded};
 use crate::parallel::in_parallel;
 use crate::quantity::{ArrayLayout, Place};
+use crate::recipe::Phase;
 use crate::solver::{ErrorSummary, Evaluation};
 use maud::{Markup, html};
-use std::path::Path;
 
 /// One run as it stands beside others.
 pub struct Compared {
@@ -34,18 +32,14 @@ pub struct Compared {
 const LEAST_PERCENT: f64 = 0.01;
 
 impl Compared {
-    /// Reads and evaluates runs, each with the layout of its array, on all processors. `solver` stands beside the paper's method.
-    ///
-    /// # Errors
-    /// A run that can't be read.
-    pub fn read_all(runs: &[(&Path, ArrayLayout)], solver: &str) -> Result<Vec<Compared>, ReportError> {
-        in_parallel(runs, |(path, layout)| Compared::read(path, layout, solver)).into_iter().collect()
+    /// Evaluates runs, each with the layout of its array, on all processors. `solver` stands beside the paper's method.
+    pub fn all(runs: &[(Recorded, ArrayLayout)], solver: &str) -> Vec<Compared> {
+        in_parallel(runs, |(run, layout)| Compared::of(run, layout, solver))
     }
 
-    fn read(path: &Path, layout: &ArrayLayout, solver: &str) -> Result<Compared, ReportError> {
-        let manifest = RunFolder::read_manifest(path)?;
-        let table = presses(path, layout)?;
-        let (evaluations, why_not) = match Trial::of_run(&table, Some(layout)) {
+    fn of(run: &Recorded, layout: &ArrayLayout, solver: &str) -> Compared {
+        let presses = run.presses();
+        let (evaluations, why_not) = match Trial::of_run(&presses, Some(layout)) {
             Ok(trial) => {
                 let answers = [PAPERS, solver].map(|solver| trial.answers(solver));
                 let why_not = answers.iter().find_map(|answers| answers.as_ref().err().map(with_cause));
@@ -53,13 +47,13 @@ impl Compared {
             }
             Err(why) => ([None, None], Some(with_cause(&why))),
         };
-        let units = Staircases::of_run(&table, layout)
+        let units = Staircases::of_run(&presses, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));
         let mean =
             |of: fn(&UnitCharacteristics) -> Option<f64>| mean(&units.iter().filter_map(of).collect::<Vec<f64>>());
-        Ok(Compared {
-            name: run_name(path),
-            manifest,
+        Compared {
+            name: run_name(&run.path),
+            manifest: run.manifest.clone(),
             evaluations,
             why_not,
             table_1: [
@@ -67,9 +61,9 @@ impl Compared {
                 mean(|unit| unit.repeatability_unloading_percent),
                 mean(|unit| unit.hysteresis_percent),
             ],
-            gains: gains(&table),
-            calibrated: calibrated(&table),
-        })
+            gains: gains(&presses),
+            calibrated: calibrated(&presses),
+        }
     }
 
     /// Whether the sensor is good enough by the method that was asked for; none where it wasn't evaluated.
@@ -89,20 +83,21 @@ impl Compared {
 }
 
 /// Mean output of each unit over the calibration presses, a newton by the load cell.
-fn gains(table: &Table) -> Vec<f64> {
-    let rows: Vec<_> = table.rows.iter().filter(|row| row.is_of("calibration") && !row.flagged).collect();
-    let load_n: f64 = rows.iter().filter_map(|row| row.force_n).sum();
-    if rows.is_empty() || load_n <= 0.0 {
+fn gains(presses: &Presses) -> Vec<f64> {
+    let sound: Vec<_> = presses.sound(Phase::Calibration).collect();
+    let load_n: f64 = sound.iter().filter_map(|press| press.force_n).sum();
+    if sound.is_empty() || load_n <= 0.0 {
         return Vec::new();
     }
-    (0..table.units).map(|unit| rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / load_n).collect()
+    let mean = |channel: usize| sound.iter().map(|press| press.outputs[channel]).sum::<f64>() / load_n;
+    (0..presses.channels).map(mean).collect()
 }
 
 /// Where a calibration pressed, and how hard, in an order that doesn't depend on that of the presses.
-fn calibrated(table: &Table) -> Vec<(Place, f64)> {
-    let rows = table.rows.iter().filter(|row| row.is_of("calibration") && !row.flagged);
+fn calibrated(presses: &Presses) -> Vec<(Place, f64)> {
+    let sound = presses.sound(Phase::Calibration);
     let mut all: Vec<(Place, f64)> =
-        rows.map(|row| (row.place, row.record.as_ref().map_or(0.0, |record| record.force_set_n))).collect();
+        sound.map(|press| (press.place(), press.force_set_n.unwrap_or_default())).collect();
     let key = |(place, force_n): &(Place, f64)| [place.y_mm, place.x_mm, *force_n];
     all.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
     all

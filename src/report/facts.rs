@@ -1,9 +1,10 @@
 //! What the run was made with: recipe, devices, sessions, and everything out of the ordinary.
 
+use super::Subject;
 use super::frame::{clock, section as framed, words};
-use super::{Recorded, Subject};
+use super::subject::run_name;
 use crate::control::Trip;
-use crate::dataset::Flag;
+use crate::dataset::{Flag, Recorded};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
@@ -58,7 +59,7 @@ fn of_run(run: &Recorded) -> Markup {
         })
         .collect();
     html! {
-        h3 { (run.name) }
+        h3 { (run_name(&run.path)) }
         div.wide {
             table { tbody { @for (name, told) in &rows { tr { th scope="row" { (name) } td.words { (told) } } } } }
         }
@@ -80,8 +81,8 @@ fn of_run(run: &Recorded) -> Markup {
 
 fn flags(run: &Recorded) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    let rows = run.contacts.iter().flat_map(|contact| &contact.rows);
-    rows.flat_map(|row| &row.flags).for_each(|flag: &Flag| *counts.entry(flag.name()).or_default() += 1);
+    let levels = run.contacts.iter().flat_map(|contact| &contact.levels);
+    levels.flat_map(|press| &press.flags).for_each(|flag: &Flag| *counts.entry(flag.name()).or_default() += 1);
     let told: Vec<String> = counts.iter().map(|(flag, count)| format!("{count} {flag}")).collect();
     if told.is_empty() { "none".to_owned() } else { format!("{}: {}", run.manifest.rows_flagged, told.join(", ")) }
 }

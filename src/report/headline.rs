@@ -1,6 +1,7 @@
 //! Whether the sensor is accepted, and the paper's numbers beside ours.
 
 use super::frame::{none, number, percent, section as framed, table, words};
+use super::subject::run_name;
 use super::{Judged, Subject};
 use crate::dataset::Status;
 use crate::paper;
@@ -19,22 +20,15 @@ pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
 
 fn verdict(subject: &Subject, judged: &Judged) -> Markup {
     let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
-    let altered = || subject.runs.iter().filter(|run| !run.altered.is_empty());
     let class = match (broken, judged.decisive().map(Evaluation::accepted)) {
-        _ if altered().next().is_some() => "verdict bad",
         (Some(_), _) | (None, Some(false)) => "verdict bad",
         (None, Some(true)) => "verdict good",
         (None, None) => "verdict",
     };
     html! {
         div class=(class) {
-            @for run in altered() {
-                strong { (run.name) " isn't as it was written" }
-                p { (run.altered.join("; ")) ". What follows is of the files as they are; " code { "palpate rebuild" } " makes them "
-                    "anew from the journal." }
-            }
             @if let Some(run) = broken {
-                strong { (run.name) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
+                strong { (run_name(&run.path)) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
                     (run.manifest.facts.presses_planned) " presses" }
                 @match (&run.manifest.trip, &run.manifest.failure) {
                     // of a trip the failure says the same

@@ -1,7 +1,8 @@
+use crate::dataset::Presses;
 use crate::dataset::evaluate::{EvaluateError, Trial};
-use crate::dataset::table::Table;
 use crate::parallel::in_parallel;
 use crate::quantity::ArrayLayout;
+use crate::recipe::Phase;
 use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver};
 
 /// The paper's own method.
@@ -19,10 +20,10 @@ pub struct Judged {
 
 impl Judged {
     /// Evaluates a sensor's presses.
-    pub fn of(table: &Table, layout: &ArrayLayout) -> Judged {
+    pub fn of(presses: &Presses, layout: &ArrayLayout) -> Judged {
         let none =
             |why: EvaluateError| Judged { evaluations: Vec::new(), expecting: None, why_not: Some(with_cause(&why)) };
-        let trial = match Trial::of_run(table, Some(layout)) {
+        let trial = match Trial::of_run(presses, Some(layout)) {
             Ok(trial) => trial,
             Err(why) => return none(why),
         };
@@ -34,8 +35,8 @@ impl Judged {
             judged.truncate(1);
         }
         let (evaluations, fitted): (Vec<Evaluation>, Vec<Fitted>) = judged.into_iter().unzip();
-        let calibrated = || table.rows.iter().filter(|row| row.is_of("calibration"));
-        let expects = |fitted: &Fitted| calibrated().any(|row| fitted.expected(row.place, 1.0).is_some());
+        let calibrated = || presses.presses.iter().filter(|press| press.is_of(Phase::Calibration));
+        let expects = |fitted: &Fitted| calibrated().any(|press| fitted.expected(press.place(), 1.0).is_some());
         let surrogate = || trial.evaluate_fitted("surrogate").ok().map(|(_, fitted)| fitted);
         let expecting = fitted.into_iter().find(expects).or_else(surrogate);
         Judged { evaluations, expecting, why_not }

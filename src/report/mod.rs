@@ -18,7 +18,7 @@ mod table_1;
 pub use comparison::{Compared, comparison};
 pub use frame::{MARK, counted};
 pub use judged::Judged;
-pub use subject::{Recorded, ReportError, Subject};
+pub use subject::{ReportError, Subject};
 
 use maud::html;
 

@@ -1,15 +1,15 @@
 //! How the force was controlled: error, overshoot and time of every press.
 
+use super::Subject;
 use super::frame::{Drawn, figures, none, number, section as framed, table, words};
-use super::{Recorded, Subject};
 use crate::chart::{Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
-use crate::dataset::{Contact, Row};
+use crate::dataset::{Contact, Press, Recorded};
 use crate::recipe::Phase;
 use crate::solver::ErrorSummary;
 use maud::{Markup, html};
 
 /// What is told of the force of one row: the press' number in its page, and errors in mN.
-struct Held {
+struct Controlled {
     phase: Phase,
     press: f64,
     error_mn: f64,
@@ -46,7 +46,7 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     let rows: Vec<Vec<Markup>> = PHASES
         .iter()
         .filter_map(|(phase, ..)| {
-            let of_it: Vec<&Held> = held.iter().filter(|held| held.phase == *phase).collect();
+            let of_it: Vec<&Controlled> = held.iter().filter(|held| held.phase == *phase).collect();
             let errors: Vec<f64> = of_it.iter().map(|held| held.error_mn.abs()).collect();
             let error = ErrorSummary::of(&errors)?;
             let over_mn = of_it.iter().filter_map(|held| held.over_mn).reduce(f64::max);
@@ -81,19 +81,19 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     Some(framed("How the force was controlled", &body))
 }
 
-fn held(runs: &[Recorded]) -> Vec<Held> {
+fn held(runs: &[Recorded]) -> Vec<Controlled> {
     let mut held = Vec::new();
     for (index, contact) in presses(runs) {
-        let is_told = |row: &Row| row.force_set_n > 0.0 && PHASES.iter().any(|(phase, ..)| *phase == row.phase);
-        for (level, row) in contact.rows.iter().enumerate().filter(|(_, row)| is_told(row)) {
-            let to_mn = |force_n: f64| 1000.0 * (force_n - row.force_set_n);
-            held.push(Held {
-                phase: row.phase,
-                press: index,
-                error_mn: to_mn(row.force_n),
-                // on the way down the peak is that of the level before
-                over_mn: contact.truth.get(level).filter(|_| contact.rows.len() == 1).map(|t| to_mn(t.force_peak_n)),
-            });
+        let known = |press: &Press| Some((press.phase?, press.force_set_n?, press.force_n?));
+        for (level, (phase, force_set_n, force_n)) in contact.levels.iter().filter_map(known).enumerate() {
+            if force_set_n <= 0.0 || PHASES.iter().all(|(its, ..)| *its != phase) {
+                continue;
+            }
+            let to_mn = |force_n: f64| 1000.0 * (force_n - force_set_n);
+            // on the way down the peak is that of the level before
+            let truth = contact.truth.get(level).filter(|_| contact.levels.len() == 1);
+            let over_mn = truth.map(|truth| to_mn(truth.force_peak_n));
+            held.push(Controlled { phase, press: index, error_mn: to_mn(force_n), over_mn });
         }
     }
     held
@@ -102,8 +102,10 @@ fn held(runs: &[Recorded]) -> Vec<Held> {
 /// Phase, press, and time since the window before, s, where that was of the press before and of the same phase. Staircases rest
 /// between.
 fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
-    let of =
-        |contact: &Contact| contact.rows.first().filter(|_| contact.rows.len() == 1).map(|row| (row.phase, row.t_s));
+    let of = |contact: &Contact| match contact.levels.as_slice() {
+        [press] => press.phase.zip(press.t_s),
+        _ => None,
+    };
     let pairs = presses(runs).zip(presses(runs).skip(1));
     pairs
         .filter_map(|((_, before), (press, this))| {

@@ -1,8 +1,7 @@
 use super::frame::counted;
-use crate::control::Trip;
-use crate::dataset::table::{Table, TableError};
-use crate::dataset::{Contact, DatasetError, Manifest, Record, Retouch, RunFolder, altered};
+use crate::dataset::{DatasetError, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};
+use crate::recipe::Phase;
 use miette::Diagnostic;
 use std::path::Path;
 use thiserror::Error;
@@ -12,27 +11,9 @@ pub struct Subject {
     /// The runs, in the order they were named; at least one.
     pub runs: Vec<Recorded>,
     /// The presses of all of them.
-    pub table: Table,
+    pub presses: Presses,
     /// Where the units are.
     pub layout: ArrayLayout,
-}
-
-/// What one run recorded.
-pub struct Recorded {
-    /// The folder's name.
-    pub name: String,
-    /// What it was and how it ended.
-    pub manifest: Manifest,
-    /// Each zero taken in air: when, s since the run's start, and the load cell's reading, N.
-    pub zeros: Vec<(f64, f64)>,
-    /// Rules that were broken: when, s, in which press, and which.
-    pub trips: Vec<(f64, Option<u64>, Trip)>,
-    /// Places touched again before it went on.
-    pub retouches: Vec<Retouch>,
-    /// What was measured, in the order it was.
-    pub contacts: Vec<Contact>,
-    /// What of its files isn't as it was written.
-    pub altered: Vec<String>,
 }
 
 /// Why there is no page.
@@ -42,10 +23,6 @@ pub enum ReportError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Dataset(#[from] DatasetError),
-    /// Its table can't be.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Table(#[from] TableError),
     /// Two runs of one page come from two arrays.
     #[error(
         "{first} has {first_units} units, {second} has {second_units}{}: they aren't of one sensor",
@@ -75,45 +52,44 @@ pub enum ReportError {
     },
 }
 
-/// The phases that a page tells of.
-const PHASES: [&str; 3] = ["characterisation", "calibration", "test"];
+/// The phases that a page reports.
+const PHASES: [Phase; 3] = [Phase::Characterisation, Phase::Calibration, Phase::Test];
 
 impl Subject {
-    /// Reads the runs of one sensor, each with the layout of its array's units.
+    /// The runs of one sensor, each with the layout of its array's units.
     ///
     /// # Errors
-    /// A run that can't be read, or runs that don't make one page.
-    pub fn read<'a>(runs: impl IntoIterator<Item = (&'a Path, &'a ArrayLayout)>) -> Result<Subject, ReportError> {
+    /// No run, or runs that don't make one page.
+    pub fn of(runs: impl IntoIterator<Item = (Recorded, ArrayLayout)>) -> Result<Subject, ReportError> {
         let mut subject: Option<Subject> = None;
-        for (path, layout) in runs {
-            let run = Recorded::read(path)?;
-            let table = presses(path, layout)?;
+        for (run, layout) in runs {
+            let presses = run.presses();
             subject = Some(match subject {
-                None => Subject { runs: vec![run], table, layout: layout.clone() },
-                Some(subject) => subject.joined(run, table, layout)?,
+                None => Subject { runs: vec![run], presses, layout },
+                Some(subject) => subject.joined(run, presses, &layout)?,
             });
         }
         subject.ok_or_else(|| DatasetError::NoRun { path: Path::new("").to_owned() }.into())
     }
 
-    fn joined(mut self, run: Recorded, table: Table, layout: &ArrayLayout) -> Result<Subject, ReportError> {
-        let first = |runs: &[Recorded]| runs[0].name.clone();
+    fn joined(mut self, run: Recorded, presses: Presses, layout: &ArrayLayout) -> Result<Subject, ReportError> {
+        let first = |runs: &[Recorded]| run_name(&runs[0].path);
         if self.layout != *layout {
             return Err(ReportError::Arrays {
                 first: first(&self.runs),
                 first_units: self.layout.len(),
-                second: run.name,
+                second: run_name(&run.path),
                 second_units: layout.len(),
             });
         }
         for phase in PHASES {
-            let earlier = self.runs.iter().find(|earlier| earlier.has(phase));
-            if let Some(earlier) = earlier.filter(|_| run.has(phase)) {
-                return Err(ReportError::Twice { first: earlier.name.clone(), second: run.name, phase });
+            let earlier = self.runs.iter().find(|earlier| has(earlier, phase));
+            if let Some(earlier) = earlier.filter(|_| has(&run, phase)) {
+                let (first, second) = (run_name(&earlier.path), run_name(&run.path));
+                return Err(ReportError::Twice { first, second, phase: phase.name() });
             }
         }
-        self.table.file = format!("{} and {}", self.table.file, table.file);
-        self.table.rows.extend(table.rows);
+        self.presses.join(presses);
         self.runs.push(run);
         Ok(self)
     }
@@ -121,7 +97,7 @@ impl Subject {
     /// What the page is about.
     pub fn title(&self) -> String {
         let sensor = self.runs.iter().find_map(|run| run.manifest.facts.sensor.as_ref());
-        let runs: Vec<&str> = self.runs.iter().map(|run| run.name.as_str()).collect();
+        let runs: Vec<String> = self.runs.iter().map(|run| run_name(&run.path)).collect();
         sensor.map_or_else(|| runs.join(", "), |sensor| format!("Sensor {sensor}"))
     }
 
@@ -137,7 +113,8 @@ impl Subject {
 
     /// The corners of the area that was calibrated; none without a calibration.
     pub fn area(&self) -> Option<(Place, Place)> {
-        let places = self.table.rows.iter().filter(|row| row.is_of("calibration")).map(|row| row.place);
+        let calibrated = self.presses.presses.iter().filter(|press| press.is_of(Phase::Calibration));
+        let places = calibrated.map(|press| press.place());
         places.map(|place| (place, place)).reduce(|(least, most), (place, _)| {
             (
                 Place::new(least.x_mm.min(place.x_mm), least.y_mm.min(place.y_mm)),
@@ -147,29 +124,9 @@ impl Subject {
     }
 }
 
-impl Recorded {
-    /// What a run's manifest and journal say.
-    fn read(path: &Path) -> Result<Recorded, ReportError> {
-        let manifest = RunFolder::read_manifest(path)?;
-        let name = run_name(path);
-        let (zeros, trips, retouches, contacts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let altered = altered(path, &manifest)?;
-        let mut run = Recorded { name, manifest, zeros, trips, retouches, contacts, altered };
-        for next in RunFolder::read_records(path)? {
-            match next.map_err(DatasetError::from)?.1 {
-                Record::Zero { t_s, offset_n, .. } => run.zeros.push((t_s, offset_n)),
-                Record::Trip { t_s, press, trip } => run.trips.push((t_s, press, trip)),
-                Record::Retouch(retouch) => run.retouches.push(retouch),
-                Record::Contact(contact) => run.contacts.push(contact),
-                Record::Run(_) | Record::Session(_) | Record::Devices(_) | Record::End(_) => {}
-            }
-        }
-        Ok(run)
-    }
-
-    fn has(&self, phase: &str) -> bool {
-        self.contacts.iter().flat_map(|contact| &contact.rows).any(|row| row.phase.name() == phase)
-    }
+/// Whether a run has presses of a phase.
+fn has(run: &Recorded, phase: Phase) -> bool {
+    run.contacts.iter().flat_map(|contact| &contact.levels).any(|press| press.is_of(phase))
 }
 
 /// A run by its folder's name, also where it is named by a path that has none, such as `.`.
@@ -177,12 +134,4 @@ pub fn run_name(path: &Path) -> String {
     let whole = if path.file_name().is_none() { path.canonicalize().ok() } else { None };
     let path = whole.as_deref().unwrap_or(path);
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
-}
-
-/// A run's presses; a run that broke off before the first has none.
-pub fn presses(path: &Path, layout: &ArrayLayout) -> Result<Table, TableError> {
-    match RunFolder::read_presses(path) {
-        Err(TableError::NoRows { file }) => Ok(Table { file, units: layout.len(), rows: Vec::new() }),
-        read => read,
-    }
 }

@@ -17,7 +17,7 @@ type Value = fn(&UnitCharacteristics) -> Option<f64>;
 
 /// Repeatability on both branches and hysteresis of every unit, % of full scale.
 pub fn section(subject: &Subject) -> Option<Markup> {
-    let staircases = Staircases::of_run(&subject.table, &subject.layout)?;
+    let staircases = Staircases::of_run(&subject.presses, &subject.layout)?;
     let measured = DEFINITIONS.map(|(definition, name)| (characterise(&staircases, definition), name));
     let [(first, _), ..] = &measured;
     let by_all: Vec<(&[UnitCharacteristics], &str)> =

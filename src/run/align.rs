@@ -1,7 +1,7 @@
 use super::Cancel;
 use super::walk::{Ending, Errand, Listener, walk};
 use crate::control::Strategy;
-use crate::dataset::{Memory, Row};
+use crate::dataset::{Memory, Press};
 use crate::document::Problems;
 use crate::quantity::{Frame, Place};
 use crate::recipe::{self, Manner, Plan};
@@ -81,9 +81,9 @@ pub async fn align(
     if ending.halt.is_some() || ending.unparked.is_some() {
         return Err(AlignError::Halted(Box::new(ending)));
     }
-    let rows: Vec<&Row> =
-        ledger.contacts().flat_map(|contact| &contact.rows).filter(|row| row.flags.is_empty()).collect();
-    found(spec, &rows)
+    let presses: Vec<&Press> =
+        ledger.contacts().flat_map(|contact| &contact.levels).filter(|press| !press.is_flagged()).collect();
+    found(spec, &presses)
 }
 
 /// The presses, so that a person can be told of them before they are made.
@@ -108,19 +108,17 @@ pub fn plan(spec: &RigSpec, seed: u64) -> Result<Plan, Problems> {
     Plan::new(&recipe, &spec.ground(), seed)
 }
 
-fn found(spec: &RigSpec, rows: &[&Row]) -> Result<Alignment, AlignError> {
-    let points: Vec<CalibrationPoint> = rows
+fn found(spec: &RigSpec, presses: &[&Press]) -> Result<Alignment, AlignError> {
+    let points: Vec<CalibrationPoint> = presses
         .iter()
-        .map(|row| CalibrationPoint {
-            place: Place::new(row.x_mm, row.y_mm),
-            force_n: row.force_n,
-            outputs: &row.outputs,
+        .filter_map(|press| {
+            Some(CalibrationPoint { place: press.place(), force_n: press.force_n?, outputs: &press.outputs })
         })
         .collect();
     let placement = place_array(&Calibration::new(&points)?, &spec.array.layout)?;
-    let touched: Vec<(Place, f64)> = rows
+    let touched: Vec<(Place, f64)> = presses
         .iter()
-        .map(|row| (Place::new(row.x_mm, row.y_mm), spec.frame.z_from_stage(row.z_mm) - row.depth_mm))
+        .filter_map(|press| Some((press.place(), spec.frame.z_from_stage(press.z_mm?) - press.depth_mm?)))
         .collect();
     let ([height, per_x, per_y], touch_sigma_mm) = plane_through(&touched).ok_or(AlignError::Surface)?;
     let surface_mm = height + per_x * placement.origin.x_mm + per_y * placement.origin.y_mm;
@@ -129,7 +127,7 @@ fn found(spec: &RigSpec, rows: &[&Row]) -> Result<Alignment, AlignError> {
     let uncertainty_mm = tilt_mm + SURFACE_SIGMAS * touch_sigma_mm + SURFACE_LEAST_MM;
     let moved = spec.frame.moved(placement.origin, placement.rotation_deg, surface_mm);
     let frame = Frame { uncertainty_mm, ..moved };
-    Ok(Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses: rows.len() })
+    Ok(Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses: presses.len() })
 }
 
 /// Half of the sides of the box around the units, mm.

@@ -121,7 +121,7 @@ mod tests {
 
     fn contact(press: u64, lesson: Lesson) -> Record {
         let left = Left { z_mm: -0.2 - press as f64, air: None };
-        Record::Contact(Contact { press, rows: vec![], truth: vec![], lesson: Some(lesson), left: Some(left) })
+        Record::Contact(Contact { press, levels: vec![], truth: vec![], lesson: Some(lesson), left: Some(left) })
     }
 
     /// A plan of presses at these places.

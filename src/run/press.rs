@@ -2,7 +2,7 @@ use super::Halt;
 use super::walk::Walker;
 use super::window::Window;
 use crate::control::{Air, Command, Context, Event, Lesson, Moment, Press, Strategy, Task};
-use crate::dataset::{Contact, Flag, Left, Row, RowTruth};
+use crate::dataset::{self, Contact, Flag, Left, PressTruth};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
 use crate::recipe::Entry;
@@ -24,7 +24,7 @@ pub(super) struct Pressed {
 struct Held {
     window: Window,
     z_mm: f64,
-    truth: Option<RowTruth>,
+    truth: Option<PressTruth>,
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
@@ -39,10 +39,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let air = if rests || next.is_none() { None } else { Some(self.hand.cell.close_air().await?) };
         self.hand.cell.watch.pause();
         let Pressed { levels, touched_mm, lesson } = pressed;
-        let rows = levels.iter().enumerate().map(|(level, held)| self.row(entry, level, held, touched_mm)).collect();
-        let truth = levels.iter().filter_map(|held| held.truth.map(RowTruth::rounded)).collect();
+        let held = levels;
+        let levels = held.iter().enumerate().map(|(level, held)| self.row(entry, level, held, touched_mm)).collect();
+        let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
         let left = next.map(|_| Left { z_mm: self.hand.z_mm, air });
-        Ok(Contact { press: entry.press, rows, truth, lesson, left })
+        Ok(Contact { press: entry.press, levels, truth, lesson, left })
     }
 
     /// A contact at a place. All that is random in a simulated one follows from its number, so that it is the same whether it
@@ -142,24 +143,24 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
     }
 
-    fn row(&mut self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> Row {
+    fn row(&mut self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> dataset::Press {
         let Held { window, z_mm, .. } = held;
         let force_set_n = entry.task.levels[level].force_set_n;
         let in_contact = force_set_n > 0.0;
         let flags = self.flags(entry, level, held);
-        Row {
+        dataset::Press {
             press: entry.press,
             level: level as u64,
-            phase: entry.phase,
+            phase: Some(entry.phase),
             x_mm: entry.place.x_mm,
             y_mm: entry.place.y_mm,
-            force_set_n,
-            force_n: window.force_n,
-            depth_mm: touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm),
-            t_s: self.conditions.clock.at_s(window.began),
+            force_set_n: Some(force_set_n),
+            force_n: Some(window.force_n),
+            depth_mm: Some(touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm)),
+            t_s: Some(self.conditions.clock.at_s(window.began)),
             outputs: window.outputs.clone(),
             flags,
-            z_mm: self.hand.frame.to_stage(entry.place, *z_mm).z_mm,
+            z_mm: Some(self.hand.frame.to_stage(entry.place, *z_mm).z_mm),
         }
         .rounded()
     }
@@ -180,9 +181,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         all.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect()
     }
 
-    fn truth(&self) -> Option<RowTruth> {
+    fn truth(&self) -> Option<PressTruth> {
         let truth = self.hand.probe.as_ref()?.take_truth();
-        Some(RowTruth {
+        Some(PressTruth {
             force_true_n: truth.force_true_n,
             force_peak_n: truth.force_peak_n,
             depth_peak_mm: truth.depth_peak_mm,

@@ -4,8 +4,7 @@ use super::bench::walked;
 use super::{StudyError, bound};
 use crate::control::Strategy;
 use crate::dataset::evaluate::Trial;
-use crate::dataset::table::Table;
-use crate::dataset::{Contact, Row, RowTruth};
+use crate::dataset::{Contact, Press, PressTruth, Presses};
 use crate::quantity::ArrayLayout;
 use crate::recipe::{self, Phase, Plan};
 use crate::rig::RigSpec;
@@ -188,7 +187,7 @@ impl Condition {
             error_max_mn: error_mn.map(|error| grain(error.max)),
             bias_mn: error_mn.map(|_| grain(misses_mn.iter().sum::<f64>() / misses_mn.len() as f64)),
             peak_over_mn: peak_mn.map(|peak_mn| grain(peak_mn - to_mn(self.force_n))),
-            flagged: made.iter().flat_map(|contact| &contact.rows).filter(|row| !row.flags.is_empty()).count(),
+            flagged: made.iter().flat_map(|contact| &contact.levels).filter(|press| press.is_flagged()).count(),
             trips: usize::from(rule.is_some()),
             rule,
             trip_force_n: trip.filter(|trip| trip.unit == "N").map(|trip| grain(trip.measured)),
@@ -203,7 +202,7 @@ impl Condition {
 
 /// What a press was made for.
 fn phase(contact: &Contact) -> Option<Phase> {
-    contact.rows.first().map(|row| row.phase)
+    contact.levels.first().and_then(|press| press.phase)
 }
 
 /// Rounded to what is worth telling: 0.1 ms, 0.1 uN.
@@ -213,24 +212,23 @@ pub(super) fn grain(value: f64) -> f64 {
 
 /// What the paper's solver makes of the test presses, calibrated on the square.
 fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
-    Trial::of_run(&Table::of_contacts(contacts)?, Some(layout)).ok()?.answers(SOLVERS[0]).ok()
+    Trial::of_run(&Presses::of_contacts("the study", contacts), Some(layout)).ok()?.answers(SOLVERS[0]).ok()
 }
 
 fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
-    let of = |(row, truth): (&Row, &RowTruth)| to_mn(truth.force_true_n - row.force_set_n);
-    contact.rows.iter().zip(&contact.truth).map(of)
+    let of = |(press, truth): (&Press, &PressTruth)| Some(to_mn(truth.force_true_n - press.force_set_n?));
+    contact.levels.iter().zip(&contact.truth).filter_map(of)
 }
 
 /// Times from one press of the square to the next, s. What follows or precedes a press that teaches isn't one.
 fn intervals_s(contacts: &[Contact]) -> Vec<f64> {
-    let begun =
-        |contact: &Contact| contact.rows.first().filter(|row| row.phase == Phase::Calibration).map(|row| row.t_s);
+    let begun = |contact: &Contact| contact.levels.first().filter(|press| press.is_of(Phase::Calibration))?.t_s;
     contacts.windows(2).filter_map(|pair| Some(begun(&pair[1])? - begun(&pair[0])?)).collect()
 }
 
 /// When the last window of some presses ended, s from the run's start.
 fn last_s(made: &[&Contact]) -> Option<f64> {
-    made.iter().flat_map(|contact| &contact.rows).map(|row| row.t_s + WINDOW_S).reduce(f64::max)
+    made.iter().flat_map(|contact| &contact.levels).filter_map(|press| Some(press.t_s? + WINDOW_S)).reduce(f64::max)
 }
 
 fn to_mn(force_n: f64) -> f64 {

@@ -1,10 +1,9 @@
 //! `palpate study speed-accuracy | budget | failures`: the methods that solve.
 
 use super::{Begun, Common, number};
+use crate::cli::evaluate::read_presses;
 use crate::cli::exit::Failure;
-use crate::cli::sources::read_rig;
-use crate::dataset::RunFolder;
-use crate::dataset::table::Table;
+use crate::cli::recorded::read_run;
 use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::study::methods;
 use crate::study::methods::{
@@ -47,10 +46,9 @@ const QUICK: (usize, usize) = (7, 100);
 pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.common.output, "speed-accuracy")?;
     let trials = match (&args.run, &args.calibration, &args.test) {
-        (Some(run), ..) => vec![read_run(run)?],
+        (Some(run), ..) => vec![trial_of(run)?],
         (None, Some(calibration), Some(test)) => {
-            let calibration = Table::read(calibration).map_err(Failure::usage)?;
-            let test = Table::read(test).map_err(Failure::usage)?;
+            let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
             vec![of_tables(&calibration, &test).map_err(Failure::usage)?]
         }
         _ => {
@@ -92,12 +90,10 @@ pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
     })
 }
 
-fn read_run(run: &Path) -> Result<Trial, Failure> {
-    let manifest = RunFolder::read_manifest(run).map_err(Failure::usage)?;
-    let table = RunFolder::read_presses(run).map_err(Failure::usage)?;
-    let spec = read_rig(&run.join("rig.toml"))?.1;
+fn trial_of(run: &Path) -> Result<Trial, Failure> {
+    let (recorded, spec) = read_run(run)?;
     let name = run.file_name().map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned());
-    of_run(&name, &table, &spec, manifest.facts.seed).map_err(Failure::usage)
+    of_run(&name, &recorded.presses(), &spec, recorded.manifest.facts.seed).map_err(Failure::usage)
 }
 
 fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a Row>) -> String {

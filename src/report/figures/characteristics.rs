@@ -16,7 +16,7 @@ const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), fil
 
 /// A panel a unit.
 pub fn characteristics(subject: &Subject) -> Option<Drawn> {
-    let staircases = Staircases::of_run(&subject.table, &subject.layout)?;
+    let staircases = Staircases::of_run(&subject.presses, &subject.layout)?;
     let pressed: Vec<(usize, &[Reading])> = staircases
         .readings
         .iter()

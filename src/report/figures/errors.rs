@@ -3,6 +3,7 @@
 use super::{WIDTH_PX, methods, name};
 use crate::chart::{Anchor, Axis, Figure, Grid, Line, Look, Mark, Panel};
 use crate::quantity::Place;
+use crate::recipe::Phase;
 use crate::report::frame::{Drawn, figures, section};
 use crate::report::{Judged, Subject};
 use crate::solver::{Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, PressError};
@@ -116,13 +117,8 @@ pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Markup> {
         let x = (place.x_mm - least.x_mm).min(most.x_mm - place.x_mm);
         x.min((place.y_mm - least.y_mm).min(most.y_mm - place.y_mm))
     };
-    let forces: Vec<f64> = subject
-        .table
-        .rows
-        .iter()
-        .filter(|row| row.is_of("test") && !row.flagged)
-        .map(|row| row.record.as_ref().map_or(0.0, |record| record.force_set_n))
-        .collect();
+    let sound = subject.presses.sound(Phase::Test);
+    let forces: Vec<f64> = sound.map(|press| press.force_set_n.unwrap_or_default()).collect();
     let force_n = |press: &PressError| forces.get(press.index).copied().unwrap_or(0.0);
     let to_edge = |press: &PressError| edge_mm(press.place_true);
     let dependence = |title: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {

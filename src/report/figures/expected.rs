@@ -4,6 +4,7 @@ use super::WIDTH_PX;
 use super::map::Axes;
 use crate::chart::{Cell, Figure, Grid, Mark};
 use crate::quantity::Place;
+use crate::recipe::Phase;
 use crate::report::frame::{Drawn, figures, section};
 use crate::report::{Judged, Subject};
 use crate::solver::{Fitted, Solver};
@@ -18,13 +19,7 @@ const MOST_RATIO: f64 = 100.0;
 pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let (least, most) = subject.area()?;
     let solver: &Fitted = judged.expecting.as_ref()?;
-    let mut forces: Vec<f64> = subject
-        .table
-        .rows
-        .iter()
-        .filter(|row| row.is_of("test") && !row.flagged)
-        .filter_map(|row| Some(row.record.as_ref()?.force_set_n))
-        .collect();
+    let mut forces: Vec<f64> = subject.presses.sound(Phase::Test).filter_map(|press| press.force_set_n).collect();
     forces.sort_by(f64::total_cmp);
     let force_n = *forces.get(forces.len() / 2)?;
     let step = |least: f64, most: f64, i: usize| least + (most - least) * (i as f64 + 0.5) / SIDE as f64;

@@ -2,8 +2,9 @@
 
 use super::WIDTH_PX;
 use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
-use crate::dataset::table::Row;
+use crate::dataset::Press;
 use crate::quantity::Place;
+use crate::recipe::Phase;
 use crate::report::Subject;
 use crate::report::frame::{Drawn, counted, told};
 
@@ -15,10 +16,10 @@ const MOST_PRESSES: usize = 2500;
 /// A map a unit.
 pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let (least, most) = subject.area()?;
-    let presses: Vec<_> = subject.table.rows.iter().filter(|row| row.is_of("calibration") && !row.flagged).collect();
+    let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
     let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
-    let places: Vec<Place> = drawn.iter().map(|row| row.place).collect();
-    let units = subject.table.units.min(MOST_UNITS);
+    let places: Vec<Place> = drawn.iter().map(|row| row.place()).collect();
+    let units = subject.presses.channels.min(MOST_UNITS);
     let load = Load::of(&presses);
     let outputs = || drawn.iter().flat_map(|row| row.outputs[..units].iter().map(|output| load.share(row, *output)));
     let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
@@ -28,10 +29,10 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let panel = |unit: usize| {
         let share = |output: f64| (output - quietest) / (loudest - quietest).max(f64::MIN_POSITIVE);
         let cells =
-            drawn.iter().map(|row| cell(row.place, half_mm, share(load.share(row, row.outputs[unit])))).collect();
+            drawn.iter().map(|row| cell(row.place(), half_mm, share(load.share(row, row.outputs[unit])))).collect();
         axes.panel(vec![Mark::Cells(cells), Mark::Title(format!("unit {}", unit + 1))])
     };
-    let left_out = subject.table.units - units;
+    let left_out = subject.presses.channels - units;
     let figure = Figure {
         title: load.title(),
         subtitle: format!("{}; one scale for all units", load.told(presses.len())),
@@ -56,7 +57,7 @@ enum Load {
 }
 
 impl Load {
-    fn of(presses: &[&Row]) -> Load {
+    fn of(presses: &[&Press]) -> Load {
         let forces = || presses.iter().map(|row| set_n(row));
         match (forces().reduce(f64::min), forces().reduce(f64::max)) {
             (Some(least), Some(most)) if least < most && least > 0.0 => Load::Many(least, most),
@@ -65,7 +66,7 @@ impl Load {
     }
 
     /// What is drawn of an output.
-    fn share(self, row: &Row, output: f64) -> f64 {
+    fn share(self, row: &Press, output: f64) -> f64 {
         match self {
             Load::One(_) => output,
             Load::Many(..) => output / set_n(row),
@@ -96,8 +97,8 @@ impl Load {
 }
 
 /// The force that was commanded, N.
-fn set_n(row: &Row) -> f64 {
-    row.record.as_ref().map_or(0.0, |record| record.force_set_n)
+fn set_n(row: &Press) -> f64 {
+    row.force_set_n.unwrap_or_default()
 }
 
 /// The highest and the lowest that a map is over its width.

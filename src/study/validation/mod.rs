@@ -7,9 +7,9 @@ use super::StudyError;
 use super::bench::{papers_rig, walked};
 use super::curves::{Claim, curves};
 use super::methods::Told;
+use crate::dataset::Presses;
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::dataset::evaluate::Trial;
-use crate::dataset::table::Table;
 use crate::parallel::in_parallel;
 use crate::recipe::{self, Plan};
 use crate::solver::{BEST, Evaluation, SOLVERS};
@@ -81,11 +81,11 @@ fn carried_out(seed: u64) -> Result<Outcome, StudyError> {
         return Err(broken(why));
     }
     let layout = &rig.array.layout;
-    let table = Table::of_contacts(&contacts).ok_or_else(|| broken("no press was made".to_owned()))?;
-    let trial = Trial::of_run(&table, Some(layout)).map_err(|error| broken(error.to_string()))?;
+    let presses = Presses::of_contacts("the study", &contacts);
+    let trial = Trial::of_run(&presses, Some(layout)).map_err(|error| broken(error.to_string()))?;
     let evaluated = |solver| trial.evaluate(solver).map_err(|error| broken(error.to_string()));
-    let staircases = Staircases::of_run(&table, layout);
-    let last_s = contacts.iter().flat_map(|contact| &contact.rows).map(|row| row.t_s).fold(0.0, f64::max);
+    let staircases = Staircases::of_run(&presses, layout);
+    let last_s = presses.presses.iter().filter_map(|press| press.t_s).fold(0.0, f64::max);
     Ok(Outcome {
         study: "validation",
         seed,

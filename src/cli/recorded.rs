@@ -1,0 +1,39 @@
+//! A run that is read, not made: its journal is the record, and a file that says something else is reported in a line.
+
+use super::exit::Failure;
+use super::sources::parse_rig;
+use super::summary::tell;
+use crate::dataset::{Recorded, Texts};
+use crate::rig::RigSpec;
+use std::path::Path;
+
+/// What the journal of a run folder says, and the rig that it was made on.
+pub fn read_run(run: &Path) -> Result<(Recorded, RigSpec), Failure> {
+    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
+    for warning in recorded.warnings().map_err(Failure::dataset)? {
+        tell(&format!("warning: {warning}\n"))?;
+    }
+    let rig = rig_of(run, &recorded.texts)?;
+    Ok((recorded, rig))
+}
+
+/// The rig of a run, as its journal keeps it.
+pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
+    parse_rig(&run.join("rig.toml"), texts.rig(), texts)
+}
+
+/// Says in a line that a table, named by its path, isn't what the journal beside it says. It is read as it is.
+pub fn warn_of_table(table: &Path) -> Result<(), Failure> {
+    let folder = table.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let is_a_runs = table.file_name().is_some_and(|name| name == "presses.csv");
+    // a journal that can't be read is for `palpate verify` to report
+    let Some(recorded) = is_a_runs.then(|| Recorded::read(folder).ok()).flatten() else { return Ok(()) };
+    match recorded.table_problem("presses.csv") {
+        Ok(Some(problem)) => tell(&format!(
+            "warning: {} {problem}; it is read as it is (name the folder {} to read the journal)\n",
+            table.display(),
+            folder.display()
+        )),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,92 @@
+//! Why a run couldn't be recorded or read back.
+
+use super::files;
+use super::journal::JournalError;
+use miette::Diagnostic;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A run couldn't be recorded or read back.
+#[derive(Debug, Error, Diagnostic)]
+pub enum DatasetError {
+    /// The operating system refused.
+    #[error("{doing} {}: {why}", path.display())]
+    #[diagnostic(help("{}", files::advice(why)))]
+    Io {
+        /// What was being done.
+        doing: &'static str,
+        /// To which file or folder.
+        path: PathBuf,
+        /// What came back.
+        why: std::io::Error,
+    },
+    /// The journal is damaged, or can't be read or written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Journal(#[from] JournalError),
+    /// There is no journal where a run was expected.
+    #[error("{} is not a run folder (journal.log not found)", path.display())]
+    #[diagnostic(help("name the folder of a run, such as runs/paper"))]
+    NoRun {
+        /// The folder that was named.
+        path: PathBuf,
+    },
+    /// The folder to be made can't be, since what is to hold it is a file.
+    #[error("{} can't hold a run: it is not a folder", path.display())]
+    #[diagnostic(help("choose another --out"))]
+    NoFolder {
+        /// What is to hold it.
+        path: PathBuf,
+    },
+    /// The folder to be made is there already.
+    #[error("{} is there already", path.display())]
+    #[diagnostic(help("choose another --out; a folder that exists is never touched"))]
+    Exists {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Another program holds the run.
+    #[error("{} is being written by another program", path.display())]
+    #[diagnostic(help("wait for it to end, or end it: a run has one writer at a time"))]
+    Held {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A text that a run goes by isn't the one it began with.
+    #[error("{} isn't the one that the run began with", path.display())]
+    #[diagnostic(help("put it back, or begin a new run: this one would mix the presses of two plans"))]
+    Changed {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The journal holds fewer presses than the other files of the run.
+    #[error("{}: presses are missing from the journal: {}", path.display(), lost.join("; "))]
+    #[diagnostic(help(
+        "restore journal.log from a copy. Without one, copy the folder first: then `palpate rebuild --accept-loss` regenerates the \
+         tables from what the journal holds. Nothing was changed"
+    ))]
+    Lost {
+        /// The folder.
+        path: PathBuf,
+        /// What each of the other files says of it.
+        lost: Vec<String>,
+    },
+    /// A manifest that can't be understood.
+    #[error("{}{at}: {problem}", path.display())]
+    #[diagnostic(help("`palpate rebuild` regenerates it from the run's journal"))]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// Line and column, as `:3:14`; empty where there is none.
+        at: String,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+impl DatasetError {
+    pub(crate) fn io(doing: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> DatasetError {
+        let path = path.into();
+        move |why| DatasetError::Io { doing, path, why }
+    }
+}

@@ -1,0 +1,84 @@
+//! A file by its content: its size and its SHA-256.
+
+use super::files;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+use std::io::{self, ErrorKind, Read};
+use std::path::Path;
+
+/// How much of a file is hashed at once, bytes.
+const CHUNK_BYTES: usize = 64 << 10;
+
+/// A file by its content.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint {
+    /// Its name in the run folder.
+    pub name: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+}
+
+impl Fingerprint {
+    /// The fingerprint of some bytes under a name.
+    pub fn of(name: &str, bytes: &[u8]) -> Fingerprint {
+        Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) }
+    }
+
+    /// The fingerprint of a file of a folder, read piece by piece.
+    ///
+    /// # Errors
+    /// A name that leads elsewhere, a file that isn't regular, or the operating system's.
+    pub(super) fn of_file(folder: &Path, name: &str) -> io::Result<Fingerprint> {
+        Fingerprint::of_start(folder, name, u64::MAX)
+    }
+
+    /// The same of its first bytes, at most so many.
+    pub(super) fn of_start(folder: &Path, name: &str, most_bytes: u64) -> io::Result<Fingerprint> {
+        if !is_plain(name) {
+            let told = format!("{name:?} is not the name of a file in a run folder");
+            return Err(io::Error::new(ErrorKind::InvalidInput, told));
+        }
+        let mut file = files::open(&folder.join(name))?.take(most_bytes);
+        let (mut hasher, mut bytes, mut chunk) = (Sha256::new(), 0, vec![0; CHUNK_BYTES]);
+        loop {
+            match file.read(&mut chunk)? {
+                0 => break,
+                count => {
+                    hasher.update(&chunk[..count]);
+                    bytes += count as u64;
+                }
+            }
+        }
+        Ok(Fingerprint { name: name.to_owned(), bytes, sha256: hex(&hasher.finalize()) })
+    }
+
+    /// What is wrong with the file of this name in a folder, in words; none where it is as it was written.
+    pub(super) fn problem_in(&self, folder: &Path) -> io::Result<Option<String>> {
+        let name = &self.name;
+        Ok(match Fingerprint::of_file(folder, name) {
+            Ok(found) if found == *self => None,
+            Ok(found) if found.bytes != self.bytes => {
+                Some(format!("{name} has {} bytes; it was written with {}", found.bytes, self.bytes))
+            }
+            Ok(_) => Some(format!("{name} isn't as it was written: its SHA-256 differs")),
+            Err(error) if error.kind() == ErrorKind::NotFound => Some(format!("{name} is missing")),
+            Err(error) if error.kind() == ErrorKind::InvalidInput => Some(error.to_string()),
+            Err(error) => return Err(error),
+        })
+    }
+}
+
+/// A name that can't lead out of its folder: one plain part.
+pub(super) fn is_plain(name: &str) -> bool {
+    !name.is_empty() && !name.contains(['/', '\\', ':', '\0']) && name != "." && name != ".."
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}"); // writing to a string can't fail
+        text
+    })
+}

@@ -1,0 +1,162 @@
+//! Whether a journal holds all presses that the other files of its run say were recorded.
+
+use super::journal::JOURNAL;
+use super::known::Known;
+use super::manifest::MANIFEST;
+use super::views::{MATRICES, PRESSES, SCENE};
+use super::{DatasetError, Fingerprint, Manifest, Status, files};
+use std::collections::BTreeSet;
+use std::io::{self, BufRead, BufReader, ErrorKind, Read};
+use std::path::Path;
+
+/// The longest line of a table that is looked at, bytes; what is longer isn't ours.
+const LINE_MAX_BYTES: u64 = 16 << 20;
+
+/// As many stretches of press numbers as a message names.
+const STRETCHES_NAMED: usize = 8;
+
+/// What manifest and tables hold of a run beyond its journal, in words; empty where nothing is missing from the journal.
+///
+/// A journal that is whole to its last record, the end of a complete plan, can't have lost anything: what holds more is damaged
+/// itself then. A run that was killed has lost nothing either, since the journal is written first.
+///
+/// # Errors
+/// A file that can't be read. One that isn't there, or that can't be understood, says nothing.
+pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetError> {
+    if known.is_complete() {
+        return Ok(Vec::new());
+    }
+    let mut lost = Vec::new();
+    if let Ok(manifest) = Manifest::read(&folder.join(MANIFEST)) {
+        lost.extend(beyond(folder, &manifest, known)?);
+    }
+    for table in [PRESSES, SCENE] {
+        let missing: BTreeSet<u64> =
+            presses_in(&folder.join(table))?.into_iter().filter(|press| !known.contacts.has(*press)).collect();
+        if !missing.is_empty() {
+            lost.push(format!("{table} holds {} that {JOURNAL} doesn't", stretches(&missing)));
+        }
+    }
+    for (phase, table) in MATRICES {
+        let (points, levels) = (points_in(&folder.join(table))?, known.levels_of(phase));
+        if points > levels {
+            lost.push(format!("{table} holds {points} points, {JOURNAL} {levels}"));
+        }
+    }
+    Ok(lost)
+}
+
+/// What a manifest says of more than the journal holds.
+fn beyond(folder: &Path, manifest: &Manifest, known: &Known) -> Result<Vec<String>, DatasetError> {
+    let mut lost = Vec::new();
+    if let Some(vouched) = manifest.files.iter().find(|file| file.name == JOURNAL) {
+        let start = Fingerprint::of_start(folder, JOURNAL, vouched.bytes)
+            .map_err(DatasetError::io("reading", folder.join(JOURNAL)))?;
+        if start.bytes < vouched.bytes {
+            lost.push(format!(
+                "{MANIFEST} vouches for {} bytes of {JOURNAL}, which has {}",
+                vouched.bytes, start.bytes
+            ));
+        } else if start != *vouched {
+            lost.push(format!(
+                "the first {} bytes of {JOURNAL} aren't those that {MANIFEST} vouches for",
+                vouched.bytes
+            ));
+        }
+    }
+    let (told, found) = (manifest.presses_done, known.manifest.presses_done);
+    if told > found {
+        lost.push(format!("{MANIFEST} counts {told} presses, {JOURNAL} holds {found}"));
+    } else if manifest.status == Status::Complete && lost.is_empty() {
+        lost.push(format!("{MANIFEST} says that the run is complete, {JOURNAL} doesn't end so"));
+    }
+    Ok(lost)
+}
+
+/// The numbers in the column `press` of a table, of every line that is whole.
+fn presses_in(path: &Path) -> Result<BTreeSet<u64>, DatasetError> {
+    let mut presses = BTreeSet::new();
+    let Some(mut lines) = Lines::open(path)? else { return Ok(presses) };
+    let Some(header) = lines.next_line()? else { return Ok(presses) };
+    let Some(column) = header.split(',').position(|name| name.trim() == "press") else { return Ok(presses) };
+    while let Some(line) = lines.next_line()? {
+        presses.extend(line.split(',').nth(column).and_then(|cell| cell.trim().parse::<u64>().ok()));
+    }
+    Ok(presses)
+}
+
+/// How many cells the first line of a matrix has, if it is whole.
+fn points_in(path: &Path) -> Result<u64, DatasetError> {
+    let Some(mut lines) = Lines::open(path)? else { return Ok(0) };
+    Ok(lines.next_line()?.map_or(0, |line| line.split(',').count() as u64))
+}
+
+/// The whole lines of a table that may be damaged in any way.
+struct Lines<'a> {
+    path: &'a Path,
+    reader: BufReader<std::fs::File>,
+}
+
+impl<'a> Lines<'a> {
+    /// None where there is no such file.
+    fn open(path: &'a Path) -> Result<Option<Self>, DatasetError> {
+        match files::open(path) {
+            Ok(file) => Ok(Some(Lines { path, reader: BufReader::new(file) })),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(DatasetError::io("reading", path)(error)),
+        }
+    }
+
+    fn next_line(&mut self) -> Result<Option<String>, DatasetError> {
+        let mut line = Vec::new();
+        let read = (&mut self.reader).take(LINE_MAX_BYTES).read_until(b'\n', &mut line);
+        read.map_err(|error: io::Error| DatasetError::io("reading", self.path)(error))?;
+        Ok((line.pop() == Some(b'\n')).then(|| String::from_utf8_lossy(&line).into_owned()))
+    }
+}
+
+/// Numbers as a person reads them: `press 3`, `presses 3 to 9, 12`.
+fn stretches(presses: &BTreeSet<u64>) -> String {
+    let mut found: Vec<(u64, u64)> = Vec::new();
+    for &press in presses {
+        match found.last_mut() {
+            Some((_, last)) if *last + 1 == press => *last = press,
+            _ => found.push((press, press)),
+        }
+    }
+    let named: Vec<String> = found
+        .iter()
+        .take(STRETCHES_NAMED)
+        .map(|(first, last)| if first == last { first.to_string() } else { format!("{first} to {last}") })
+        .collect();
+    let more = if found.len() > STRETCHES_NAMED { " and more" } else { "" };
+    format!("{} {}{more}", if presses.len() == 1 { "press" } else { "presses" }, named.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_named_in_stretches() {
+        let of = |presses: &[u64]| stretches(&presses.iter().copied().collect());
+        assert_eq!(of(&[3]), "press 3");
+        assert_eq!(of(&[3, 4, 5, 9, 12, 13]), "presses 3 to 5, 9, 12 to 13");
+        let many: Vec<u64> = (0..20).map(|n| 2 * n).collect();
+        assert!(of(&many).ends_with("12, 14 and more"), "{}", of(&many));
+    }
+
+    #[test]
+    fn a_table_that_is_damaged_says_what_it_still_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("presses.csv");
+        let found = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            presses_in(&path).unwrap().into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!(found(b"press,x\n1,0\nfoo\n\xff\n2,0\n3,"), [1, 2], "the last line is torn");
+        assert_eq!(found(b""), []);
+        assert_eq!(found(b"a,b\n1,2\n"), []);
+        assert_eq!(presses_in(&folder.path().join("none")).unwrap().len(), 0);
+    }
+}

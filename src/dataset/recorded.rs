@@ -1,0 +1,156 @@
+//! The door for runs: everything that a run's journal says, read in one pass.
+
+use super::journal::JOURNAL;
+use super::known::{Known, check_run};
+use super::press::{csv_header, csv_line};
+use super::views::PRESSES;
+use super::{Contact, DatasetError, Journal, Manifest, Presses, Record, Retouch, Text, files};
+use crate::control::Trip;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+/// The file names of the two texts that every run goes by.
+pub(super) const RECIPE: &str = "recipe.toml";
+pub(super) const RIG: &str = "rig.toml";
+
+/// A run as its journal says.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    /// The run folder.
+    pub path: PathBuf,
+    /// What the run was and how it ended; without the files' fingerprints.
+    pub manifest: Manifest,
+    /// The texts that it goes by.
+    pub texts: Texts,
+    /// Each zero taken in air: when, s since the run's start, and the load cell's reading, N.
+    pub zeros: Vec<(f64, f64)>,
+    /// Rules that were broken: when, s, in which press, and which.
+    pub trips: Vec<(f64, Option<u64>, Trip)>,
+    /// Places touched again before it went on.
+    pub retouches: Vec<Retouch>,
+    /// What was measured, in the order it was.
+    pub contacts: Vec<Contact>,
+    /// Whether nothing came after its end.
+    pub has_ended: bool,
+}
+
+/// The texts of a run, as its journal keeps them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Texts {
+    all: Vec<Text>,
+}
+
+impl Recorded {
+    /// Reads a run's journal.
+    ///
+    /// # Errors
+    /// No run, or a journal that is damaged or can't be read.
+    pub fn read(path: &Path) -> Result<Recorded, DatasetError> {
+        check_run(path)?;
+        let mut known = Known::of(None);
+        let (mut zeros, mut trips, mut retouches, mut contacts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut records = Journal::records(&path.join(JOURNAL))?;
+        while let Some(next) = records.next() {
+            let (offset, record) = next?;
+            known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
+            match record {
+                Record::Zero { t_s, offset_n, .. } => zeros.push((t_s, offset_n)),
+                Record::Trip { t_s, press, trip } => trips.push((t_s, press, trip)),
+                Record::Retouch(retouch) => retouches.push(retouch),
+                Record::Contact(contact) => contacts.push(contact),
+                _ => {}
+            }
+        }
+        let has_ended = known.end.is_some();
+        let (manifest, texts) = (known.manifest, Texts { all: known.texts });
+        Ok(Recorded { path: path.to_owned(), manifest, texts, zeros, trips, retouches, contacts, has_ended })
+    }
+
+    /// The presses, in the order of the plan.
+    pub fn presses(&self) -> Presses {
+        Presses::of_contacts(&self.path.display().to_string(), &self.contacts)
+    }
+
+    /// What the files for people say other than the journal, in a line each; none of these files was read. The table of a run that
+    /// was killed or is under way may lack presses.
+    ///
+    /// # Errors
+    /// A file that can't be read.
+    pub fn warnings(&self) -> Result<Vec<String>, DatasetError> {
+        let path = self.path.display();
+        let mut warnings = Vec::new();
+        if let Some(problem) = self.has_ended.then(|| self.table_problem(PRESSES)).transpose()?.flatten() {
+            warnings.push(format!(
+                "{path}: {PRESSES} {problem}; the journal was read (`palpate rebuild` regenerates the table)"
+            ));
+        }
+        for text in self.manifest.texts() {
+            if let Some(problem) =
+                text.problem_in(&self.path).map_err(DatasetError::io("reading", self.path.join(&text.name)))?
+            {
+                warnings.push(format!("{path}: {problem}; the text that the journal keeps was read"));
+            }
+        }
+        Ok(warnings)
+    }
+
+    /// In what a table, named by its path, isn't what the journal says; none where it is.
+    ///
+    /// # Errors
+    /// A file that can't be read.
+    pub fn table_problem(&self, name: &str) -> Result<Option<&'static str>, DatasetError> {
+        let table = self.path.join(name);
+        let presses = self.presses();
+        let lines = presses.presses.iter().map(csv_line);
+        let expected = csv_header(presses.channels) + &lines.collect::<String>();
+        let read = files::open(&table).and_then(|file| {
+            let mut found = Vec::new();
+            file.take(expected.len() as u64 + 1).read_to_end(&mut found).map(|_| found)
+        });
+        match read {
+            Ok(found) if found == expected.as_bytes() => Ok(None),
+            // an array without a press has no channels that the journal knows
+            Ok(_) if presses.presses.is_empty() => Ok(None),
+            Ok(_) => Ok(Some("isn't what the journal says")),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(Some("is missing")),
+            Err(error) if error.kind() == ErrorKind::InvalidInput => Ok(Some("isn't a regular file with one name")),
+            Err(error) => Err(DatasetError::io("reading", table)(error)),
+        }
+    }
+}
+
+impl Texts {
+    /// What the journal of a run keeps of its texts, and what else it says of the run but its presses.
+    ///
+    /// # Errors
+    /// As of [`Recorded::read`].
+    pub fn read(path: &Path) -> Result<(Manifest, Texts), DatasetError> {
+        check_run(path)?;
+        let (known, _) = Known::read(path, None)?;
+        Ok((known.manifest, Texts { all: known.texts }))
+    }
+
+    pub(super) fn of(texts: &[Text]) -> Texts {
+        Texts { all: texts.to_vec() }
+    }
+
+    /// The recipe.
+    pub fn recipe(&self) -> &str {
+        self.latest(RECIPE).unwrap_or_default()
+    }
+
+    /// The rig that the run goes by.
+    pub fn rig(&self) -> &str {
+        self.latest(RIG).unwrap_or_default()
+    }
+
+    /// The rig that it began with.
+    pub fn first_rig(&self) -> &str {
+        self.all.iter().find(|text| text.name == RIG).map_or("", |text| text.text.as_str())
+    }
+
+    /// The text of that name that came last.
+    pub fn latest(&self, name: &str) -> Option<&str> {
+        self.all.iter().rfind(|text| text.name == name).map(|text| text.text.as_str())
+    }
+}

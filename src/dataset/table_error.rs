@@ -1,0 +1,74 @@
+//! Why a table can't be read, and how much of one is read.
+
+use crate::document::printable;
+use miette::Diagnostic;
+use std::io;
+
+/// The largest table that is read, bytes: some 100 000 presses of 500 units, far beyond any run. What is held of it is numbers
+/// alone, mostly less than the text.
+pub const MAX_TABLE_BYTES: u64 = 512 << 20;
+/// The most rows a table may have: a stage that presses every three seconds is a month over them.
+pub const MAX_ROWS: usize = 1 << 20;
+/// The most columns a table may have: far beyond any array, and few enough to look names up one by one.
+pub const MAX_COLUMNS: usize = 4096;
+
+/// Why a table can't be used; `line` counts from 1.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the fields say what the messages say")]
+pub enum TableError {
+    /// Not there, not a file, not permitted.
+    #[error("{file}: can't be read")]
+    #[diagnostic(help("name a table that is there; that of a run is written anew by `palpate rebuild`"))]
+    Unreadable { file: String, source: io::Error },
+    /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
+    #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
+    #[diagnostic(help("leave out columns that aren't needed, or average repeated presses first"))]
+    TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
+    /// Not text.
+    #[error("{file}, line {line}: not UTF-8 text")]
+    #[diagnostic(help("save the table as CSV in UTF-8"))]
+    NotText { file: String, line: u64 },
+    /// No row below the header, or no header.
+    #[error("{file}: the table has no rows")]
+    #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row below it"))]
+    NoRows { file: String },
+    /// A needed column isn't there.
+    #[error("{file}, line {line}: column `{column}` is missing")]
+    MissingColumn {
+        file: String,
+        line: u64,
+        column: String,
+        #[help]
+        help: String,
+    },
+    /// Two columns of one name.
+    #[error("{file}, line {line}: column `{column}` stands in the header twice")]
+    #[diagnostic(help("keep one of them, or rename the other"))]
+    DuplicateColumn { file: String, line: u64, column: String },
+    /// An output column with a number that doesn't count from 1.
+    #[error("{file}, line {line}: column `{column}` doesn't count as an output")]
+    #[diagnostic(help("outputs are numbered out_1, out_2, ... from 1, without leading zeros"))]
+    OutputNumber { file: String, line: u64, column: String },
+    /// A row of another length than the header.
+    #[error("{file}, line {line}: {found} cells where the header has {expected} (up to column `{column}`)")]
+    #[diagnostic(help("every row needs one cell a column; numbers are written with a point, not a comma"))]
+    Ragged { file: String, line: u64, column: String, expected: usize, found: usize },
+    /// A cell that isn't what its column holds.
+    #[error("{file}, line {line}, column `{column}`: expected {expected}, found `{found}`")]
+    #[diagnostic(help("write what the column holds, or remove the row"))]
+    Cell { file: String, line: u64, column: String, expected: &'static str, found: String },
+}
+
+/// As much of a cell as a message quotes, characters.
+const QUOTED: usize = 40;
+
+/// What a message quotes of a cell or a column's name: not all of a long one, and nothing that a terminal would act on.
+pub(super) fn quoted(cell: &str) -> String {
+    start_of(cell, QUOTED)
+}
+
+/// The first characters of a text from outside, so that a terminal only writes them.
+pub(super) fn start_of(text: &str, most: usize) -> String {
+    let start = text.char_indices().nth(most).map_or(text, |(end, _)| &text[..end]);
+    printable(start.to_owned()) + if start.len() < text.len() { "..." } else { "" }
+}
