@@ -1,7 +1,10 @@
 //! What the integration tests share: the program in a folder of its own, and what it said.
-#![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
+#![allow(dead_code, reason = "each program uses its part of this")]
 
+pub mod alone;
 pub mod bad_line;
+pub mod mutation;
+pub mod phases;
 pub mod printed;
 pub mod python;
 pub mod rows;

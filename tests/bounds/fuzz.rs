@@ -1,0 +1,265 @@
+//! Every parser of what comes over a link, fed with real messages that were mutated: none panics, none takes more memory than
+//! a message is worth.
+//!
+//! 100,000 inputs each by default; `PALPATE_FUZZ=10000000 cargo test --release --test bounds fuzz:: -- --nocapture` for as many.
+
+use crate::HEAP;
+use crate::support::alone::ran_alone;
+use crate::support::mutation::{INPUT_MOST, mutated};
+use palpate::device::{Reins, Stage};
+use palpate::driver::grbl::parse_report;
+use palpate::driver::modbus::{Client, Function, Profile, Transport};
+use palpate::driver::process::answer_in;
+use palpate::driver::xps::parse_answer;
+use palpate::driver::{AnyStage, Esp301};
+use palpate::emulator::{INBOX_MOST, Instrument};
+use palpate::quantity::{Axis, stream};
+use palpate::rig;
+use palpate::wire::Connector;
+use std::hint::black_box;
+use std::sync::{Arc, Mutex};
+use std::time::Instant as Wall;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
+
+/// Inputs of each parser; fewer in a debug build, so that `cargo test` stays quick.
+const INPUTS: usize = if cfg!(debug_assertions) { 5_000 } else { 100_000 };
+
+/// Most that parsing one message may hold at once, bytes: the longest message there is, several times over.
+const HELD_MOST: usize = 1 << 20;
+
+/// Most that the process may ever hold, bytes: an emulated rig, and a message in hand.
+const EVER_HELD_MOST: usize = 16 << 20;
+
+/// What real devices say and are told (PROTOCOLS).
+const ESP301_ANSWERS: &[&str] = &[
+    "-10.2370\r\n",
+    "1\r\n0.0000\r\n",
+    "0, -2139482948, NO ERROR DETECTED\r\n",
+    "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED\r\n",
+    "ESP301 Version 1.1.1 16/01/14\r\n",
+    "ILS100CCL, SNB171743\r\n",
+    "-12.0015, 49.3300, 0.000\r\n",
+];
+const XPS_ANSWERS: &[&str] = &[
+    "0,,",
+    "0,XPS-DRV03;VP-25XL,",
+    "0,-1.25,3.5e-05,0.0049999999,",
+    "-17,GroupMoveAbsolute (Axis.Pos,380),",
+    "-20,GroupPositionCurrentGet(Group1,double *),",
+];
+const XPS_CALLS: &[&str] = &[
+    "GroupMoveAbsolute (Axis.Pos,380)",
+    "GroupPositionCurrentGet(Group1,double *)",
+    "GroupPositionCurrentGet(XYZ,double *,double *,double *)",
+    "GroupKill(XYZ)",
+];
+const GRBL_ANSWERS: &[&str] = &[
+    "ok",
+    "error:9",
+    "ALARM:3",
+    "<Idle|MPos:0.000,0.000,0.000|FS:0,0>",
+    "<Hold:1|WPos:1.000,-2.500,0.010|F:500|WCO:0.000,0.000,0.000>",
+    "$110=500.000",
+    "Grbl 1.1h ['$' for help]",
+    "[VER:1.1h.20190825:]",
+];
+const PROCESS_ANSWERS: &[&str] = &[
+    r#"{"id": 7, "error": "what happened, in words"}"#,
+    r#"{"id": 7, "moving": false, "position_mm": {"x": 0.0, "y": 0.0, "z": -0.25}}"#,
+    r#"{"id": 7, "outputs": [0.011, 0.012, 0.3]}"#,
+    r#"{"id": 7, "role": "stage", "protocol": 1, "identity": "model and serial number"}"#,
+];
+const ESP301_REQUESTS: &[&str] = &[
+    "1PA1.5;2PR-0.5\r",
+    "1MD?;2MD?;1TP\r",
+    "VE?\r\n",
+    "1OR1\r1WS0\r1MD?\r",
+    "1SL-12.5;1SR12.5;1AC50;1AG50\r",
+    "TB?\r",
+    "01TP?\r",
+];
+const XPS_REQUESTS: &[&str] = &[
+    "GroupMoveAbsolute(XYZ,1,2,3)",
+    "GroupInitialize(XYZ)",
+    "GroupPositionCurrentGet(XYZ,double *,double *,double *)",
+    "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,2,0,0,0,XYZ.SGamma.MotionState,0,0,0,0)",
+    "GatheringConfigurationSet(XYZ.X.CurrentPosition,GPIO2.ADC1)GatheringRun(100,10)",
+    "GPIOAnalogGet(GPIO2.ADC1,double *)",
+];
+const GRBL_REQUESTS: &[&str] =
+    &["$J=G90 G21 G53 X1.5 F600\n", "$X\n", "$$\n", "?", "G1 X2 Y3 F100\n", "$110=500\n", "G4P0.1\n", "!~\u{18}"];
+const PROCESS_REQUESTS: &[&str] = &[
+    "{\"id\": 3, \"do\": \"move\", \"to_mm\": {\"z\": -0.25}, \"speed_mm_s\": 1.5}\n",
+    "{\"id\": 4, \"do\": \"status\"}\n",
+    "{\"id\": 2, \"do\": \"prepare\", \"travel_mm\": {\"x\": [-12.5, 12.5], \"y\": [-12.5, 12.5], \"z\": [-12.5, 12.5]}, \"away\": 1, \"speed_mm_s\": 10.0, \"acceleration_mm_s2\": 100.0}\n",
+    "{\"do\": \"stop\"}\n{\"do\": \"speed\", \"speed_mm_s\": 0.5}\n",
+];
+const RTU: &[&[u8]] = &[
+    &[0x01, 0x03, 0x04, 0x00, 0x00, 0x00, 0x84, 0xFA, 0x50],
+    &[0x01, 0x03, 0x00, 0x50, 0x00, 0x02, 0xC4, 0x1A],
+    &[0x01, 0x83, 0x02, 0xC0, 0xF1],
+    &[0x01, 0x10, 0x00, 0x54, 0x00, 0x02, 0x04, 0x7F, 0xFF, 0xFF, 0xFF],
+];
+const TCP: &[&[u8]] = &[
+    &[0, 0, 0, 0, 0, 7, 1, 3, 4, 0x3F, 0x80, 0, 0],
+    &[0, 1, 0, 0, 0, 6, 1, 3, 0, 26, 0, 2],
+    &[0, 2, 0, 0, 0, 3, 1, 0x83, 2],
+    &[0, 0, 0, 0, 0, 11, 1, 0x10, 0, 0, 0, 2, 4, 0, 0, 0, 0],
+];
+
+/// Every second frame with the check sum that belongs to it: what has none gets no further.
+fn sealed(frame: &[u8], nth: &mut usize) -> Vec<u8> {
+    *nth += 1;
+    if nth.is_multiple_of(2) || frame.len() < 2 {
+        return frame.to_vec();
+    }
+    let body = &frame[..frame.len() - 2];
+    let mut sum = 0xFFFFu16;
+    for byte in body {
+        sum ^= u16::from(*byte);
+        for _ in 0..8 {
+            sum = if sum & 1 == 1 { sum >> 1 ^ 0xA001 } else { sum >> 1 };
+        }
+    }
+    [body, &sum.to_le_bytes()].concat()
+}
+
+fn bytes<'a>(seeds: &[&'a str]) -> Vec<&'a [u8]> {
+    seeds.iter().map(|seed| seed.as_bytes()).collect()
+}
+
+/// Feeds a parser, and says how much and how fast.
+fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
+    let inputs = std::env::var("PALPATE_FUZZ").ok().and_then(|inputs| inputs.parse().ok()).unwrap_or(INPUTS);
+    let mut rng = stream(1, 0, name);
+    let mut input = Vec::with_capacity(2 * INPUT_MOST);
+    parse(seeds[0]); // what it holds for good, it holds by now
+    let (before, began) = (HEAP.allocated(), Wall::now());
+    for n in 0..inputs {
+        mutated(seeds, &mut rng, &mut input);
+        parse(&input);
+        if n % 64 == 0 {
+            let held = HEAP.allocated().saturating_sub(before);
+            assert!(held < HELD_MOST, "{name} holds {held} bytes after {n} inputs, the last {input:?}");
+        }
+    }
+    assert!(HEAP.max_allocated() < EVER_HELD_MOST, "{name} held {} bytes at most", HEAP.max_allocated());
+    let took_s = began.elapsed().as_secs_f64();
+    println!("{name}: {inputs} inputs in {took_s:.1} s, {:.0} a second", inputs as f64 / took_s);
+}
+
+/// Links whose far ends answer whatever comes with the same bytes, and are closed then.
+fn answered(input: Arc<Mutex<Vec<u8>>>) -> Connector {
+    Connector::Memory(Box::new(move || {
+        let (near, far) = duplex(4096);
+        tokio::spawn(answer(far, input.lock().expect("a test that goes on").clone()));
+        near
+    }))
+}
+
+async fn answer(mut far: DuplexStream, input: Vec<u8>) {
+    let mut request = [0; 256];
+    if far.read(&mut request).await.is_ok() {
+        let _ = far.write_all(&input).await; // whoever has gone needs no answer
+    }
+}
+
+/// An emulator's framing and parser together, on a scene that goes on; it starts anew now and then.
+fn fuzz_emulator(
+    name: &str,
+    text: &str,
+    seeds: &[&[u8]],
+    pick: impl Fn(&rig::SimulatedRig) -> Arc<Mutex<dyn Instrument>>,
+) {
+    let spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated();
+    let begin = || {
+        let rig = spec.emulators(1).expect("emulators");
+        let device = pick(&rig);
+        (device, rig.scene)
+    };
+    let (mut device, mut scene) = begin();
+    let (mut fed, mut nth, mut now_s) = (0, 0, 0.0);
+    let mut inbox = Vec::with_capacity(2 * INBOX_MOST);
+    fuzz(name, seeds, |input| {
+        fed += 1;
+        if fed % 1000 == 0 {
+            (device, scene) = begin();
+            now_s = 0.0;
+            inbox.clear();
+        }
+        now_s += 0.001;
+        if name == "rtu requests" {
+            inbox.extend_from_slice(&sealed(input, &mut nth));
+        } else {
+            inbox.extend_from_slice(input);
+        }
+        inbox.truncate(INBOX_MOST);
+        let (mut device, mut scene) = (device.lock().expect("no panic"), scene.lock().expect("no panic"));
+        while let Some(request) = device.take_request(&mut inbox) {
+            black_box(device.answer(&request, &mut scene, now_s));
+        }
+        if inbox.len() == INBOX_MOST || device.silence().is_some() {
+            if let Some(request) = device.fall_silent(&mut inbox) {
+                black_box(device.answer(&request, &mut scene, now_s));
+            }
+            inbox.clear();
+        }
+        black_box(device.owed(&mut scene, now_s));
+    });
+}
+
+#[test]
+fn no_message_upsets_a_parser() {
+    if ran_alone("fuzz::no_message_upsets_a_parser") {
+        return;
+    }
+    fuzz("grbl answers", &bytes(GRBL_ANSWERS), |input| {
+        black_box(parse_report(&String::from_utf8_lossy(input)));
+    });
+    let mut call = 0;
+    fuzz("xps answers", &bytes(XPS_ANSWERS), |input| {
+        call = (call + 1) % XPS_CALLS.len();
+        black_box(parse_answer(&String::from_utf8_lossy(input), XPS_CALLS[call]));
+    });
+    fuzz("process answers", &bytes(PROCESS_ANSWERS), |input| {
+        black_box(answer_in(&String::from_utf8_lossy(input), 7));
+    });
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
+    let input = Arc::new(Mutex::new(Vec::new()));
+    fuzz("esp301 answers", &bytes(ESP301_ANSWERS), |bytes| {
+        *input.lock().expect("no panic") = bytes.to_vec();
+        runtime.block_on(async {
+            let mut stage = AnyStage::Esp301(Esp301::new(answered(input.clone()), "fuzz".into()));
+            black_box(stage.position_mm(Axis::Z, &Reins::default()).await.is_ok());
+        });
+    });
+    for (name, map, transport, seeds) in
+        [("rtu client", "generic-rs485", Transport::Rtu, RTU), ("tcp client", "labjack-t7", Transport::Tcp, TCP)]
+    {
+        let profile = Profile::shipped(map).expect("it is shipped");
+        let mut nth = 0;
+        fuzz(name, seeds, |bytes| {
+            let rtu = transport == Transport::Rtu;
+            *input.lock().expect("no panic") = if rtu { sealed(bytes, &mut nth) } else { bytes.to_vec() };
+            runtime.block_on(async {
+                let mut client = Client::new(answered(input.clone()), transport, &profile, "fuzz", "fuzz");
+                black_box(client.read("fuzzing", Function::Holding, 80, 2).await.is_ok());
+            });
+        });
+    }
+    let grbl = include_str!("../../rigs/grbl.toml");
+    fuzz_emulator("esp301 requests", include_str!("../../rigs/esp301.toml"), &bytes(ESP301_REQUESTS), |rig| {
+        rig.stage.instrument().expect("it has a link").clone()
+    });
+    fuzz_emulator("xps requests", include_str!("../../rigs/xps.toml"), &bytes(XPS_REQUESTS), |rig| {
+        rig.stage.instrument().expect("it has a link").clone()
+    });
+    fuzz_emulator("grbl requests", grbl, &bytes(GRBL_REQUESTS), |rig| {
+        rig.stage.instrument().expect("it has a link").clone()
+    });
+    fuzz_emulator("process requests", include_str!("../../rigs/process.toml"), &bytes(PROCESS_REQUESTS), |rig| {
+        rig.stage.instrument().expect("it has a link").clone()
+    });
+    fuzz_emulator("rtu requests", grbl, RTU, |rig| rig.load_cell.instrument().expect("it has a link").clone());
+    fuzz_emulator("tcp requests", grbl, TCP, |rig| rig.array.instrument().expect("it has a link").clone());
+}

@@ -1,0 +1,219 @@
+//! Every file that comes from outside, fed with real ones that were mutated: none upsets the program, none takes more memory
+//! or time than it is worth, and what is wrong with it is told with its place.
+//!
+//! Few inputs by default; `PALPATE_FUZZ_MINUTES=60 cargo test --release --test bounds fuzz_files::recipes -- --nocapture` for an
+//! hour's worth of one target.
+
+mod feeding;
+mod seeds;
+
+use crate::support::mutation::{TEXT_MOST, rewritten};
+use feeding::{fuzz, fuzz_file, resealed};
+use palpate::dataset::readings::{Format, ReadingError, Readings};
+use palpate::dataset::table::{Table, TableError};
+use palpate::dataset::{Journal, Manifest};
+use palpate::document::Problems;
+use palpate::quantity::Axis;
+use palpate::recipe::{self, PRESSES_MAX, Plan};
+use palpate::rig::{self, RigSpec, SIM_RIG};
+use seeds::{root, run, sim_rig, texts_in};
+use std::fs;
+use std::path::Path;
+
+/// Presses that teach at most.
+const TEACHES: usize = 5;
+
+/// How many problems of an input are drawn as a person sees them, and how much each may take, bytes: its lines, twice over.
+const DRAWN: usize = 2;
+const DRAWN_MOST: usize = TEXT_MOST + (64 << 10);
+
+/// A name of a file in messages, that no mutation writes.
+const FILE: &str = "outside";
+
+#[test]
+fn recipes() {
+    let (spec, seeds) = (sim_rig(), texts_in("recipes", "toml"));
+    fuzz("recipes", 1000, &seeds, |input| {
+        let text = String::from_utf8_lossy(input);
+        match recipe::parse(FILE, &text).and_then(|recipe| Plan::new(&recipe, &spec.ground(), 1)) {
+            Ok(plan) => check_plan(&plan, &spec),
+            Err(problems) => check_problems(problems, &text),
+        }
+    });
+}
+
+#[test]
+fn rigs() {
+    let seeds = texts_in("rigs", "toml");
+    let map = fs::read_to_string(root().join("profiles/generic-rs485.toml")).expect("a shipped map");
+    fuzz("rigs", 1000, &seeds, |input| {
+        let text = String::from_utf8_lossy(input);
+        match rig::parse(FILE, &text, &|_| Ok(map.clone())) {
+            Ok(spec) => _ = spec.simulated().emulators(1).is_ok(),
+            Err(problems) => check_problems(problems, &text),
+        }
+    });
+}
+
+#[test]
+fn register_maps() {
+    let seeds = texts_in("profiles", "toml");
+    let rig = SIM_RIG.replace("generic-rs485", "own.toml");
+    fuzz("register maps", 1000, &seeds, |input| {
+        let text = String::from_utf8_lossy(input);
+        if let Err(problems) = rig::parse(FILE, &rig, &|_| Ok(text.to_string())) {
+            check_problems(problems, &rig);
+        }
+        if let Err(problems) = palpate::driver::modbus::Profile::parse(FILE, &text) {
+            check_problems(problems, &text);
+        }
+    });
+}
+
+#[test]
+fn tables() {
+    let plain = b"x_mm,y_mm,out_1,out_2,flags\n0,0,0.1,0.2,\n1,-1,0.3,0.4,0\n2.5,1e-3,-0.3,4,stale\n".to_vec();
+    let seeds = [plain, run().presses.clone()];
+    fuzz_file("tables", 10_000, &seeds, rewritten, |path, input| check_table(Table::read(path), path, input));
+}
+
+#[test]
+fn presses() {
+    let seeds = [run().presses.clone()];
+    fuzz_file("presses", 4000, &seeds, rewritten, |path, input| check_table(Table::read_run(path), path, input));
+}
+
+#[test]
+fn readings() {
+    let seeds: Vec<Vec<u8>> = [
+        "out_1,out_2\n0.1,0.2\n0.3,nan\n",
+        "0.1,0.2\n0.3,0.4\n",
+        "id,t_s,out_2,out_1,x\n7,0.5,1,2,\"a,b\"\n\n8,0.6,3,4,\n",
+        "{\"outputs\": [0.1, 0.2], \"id\": \"a\", \"t_s\": 1.5}\n[0.1, null]\n",
+    ]
+    .iter()
+    .map(|text| text.as_bytes().to_vec())
+    .collect();
+    let mut nth = 0;
+    fuzz("readings", 40_000, &seeds, |input| {
+        nth += 1;
+        let format = [None, Some(Format::Csv), Some(Format::Ndjson)][nth % 3];
+        let mut readings = Readings::new(FILE, input, 2, format);
+        let lines = lines(input);
+        for nth_reading in 0..=lines {
+            match readings.read_next() {
+                Ok(Some(reading)) => {
+                    assert!(reading.outputs.len() == 2 && (1..=lines as u64).contains(&reading.line), "{reading:?}");
+                }
+                Ok(None) => return,
+                Err(ReadingError::Cells(TableError::NoRows { .. })) if nth_reading == 0 => return,
+                Err(error) => return check_line(&error.to_string(), FILE, input),
+            }
+        }
+        panic!("more readings than {lines} lines");
+    });
+}
+
+#[test]
+fn journals() {
+    fuzz_file("journals", 1500, std::slice::from_ref(&run().journal), resealed, |path, input| {
+        let most = lines(input) + 1;
+        let sound = Journal::records(path).expect("a file").take_while(Result::is_ok).count();
+        assert!(sound <= most, "{sound} records of {most} lines");
+        let damaged = Journal::records(path).expect("a file").take(most).find_map(Result::err);
+        let mut taken = 0;
+        let opened = Journal::open(path, |_, _| {
+            taken += 1;
+            Ok(())
+        });
+        assert_eq!(taken, sound);
+        match opened {
+            Ok(_) => {
+                assert!(damaged.is_none(), "it was opened, and is damaged: {damaged:?}");
+                let again = Journal::records(path).expect("a file").filter(Result::is_ok).count();
+                assert_eq!(again, sound, "records after its torn tail was cut off");
+            }
+            Err(error) => {
+                let told = error.to_string();
+                assert!(told.starts_with(&path.display().to_string()) && told.contains("at byte "), "{told}");
+                assert_eq!(fs::read(path).expect("a file"), input, "a damaged journal was touched");
+            }
+        }
+    });
+}
+
+#[test]
+fn manifests() {
+    let seeds = [run().manifest.clone()];
+    fuzz("manifests", 20_000, &seeds, |input| {
+        let Ok(manifest) = Manifest::parse(&String::from_utf8_lossy(input)) else { return };
+        let text = serde_json::to_string(&manifest).expect("text and numbers");
+        assert_eq!(Manifest::parse(&text).expect("what was written"), manifest);
+    });
+}
+
+// ---- what is asked of an answer ------------------------------------------------------------------------------------
+
+/// No plan is longer than it may be, or leaves what the rig allows.
+fn check_plan(plan: &Plan, spec: &RigSpec) {
+    let entries = &plan.entries;
+    assert!(!entries.is_empty() && entries.len() <= PRESSES_MAX + TEACHES, "{} entries", entries.len());
+    for entry in entries {
+        let position = spec.frame.to_stage(entry.place, 0.0);
+        let within =
+            [Axis::X, Axis::Y].into_iter().all(|axis| spec.stage.travel.along(axis).contains(position.along(axis)));
+        assert!(within && entry.task.most_n() <= spec.limits.force_n && !entry.task.levels.is_empty(), "{entry:?}");
+        assert!(entry.rest_after_s >= 0.0 && (entry.press as usize) < entries.len(), "{entry:?}");
+    }
+}
+
+/// Each problem is one line, without anything that a terminal would act on, at a place within the text.
+fn check_problems(problems: Problems, text: &str) {
+    let told = problems.lines();
+    assert!(!told.is_empty(), "refused without a reason");
+    let mut widths: Vec<usize> = text.split('\n').map(|line| line.chars().count()).collect();
+    if text.is_empty() || text.len() > palpate::document::TEXT_MAX_BYTES {
+        widths = vec![0];
+    }
+    for line in &told {
+        let mut parts = line.splitn(4, ':');
+        let mut part = || parts.next().unwrap_or_default();
+        assert_eq!(part(), FILE, "{line}");
+        let (at, column): (usize, usize) = (part().parse().unwrap_or(0), part().parse().unwrap_or(0));
+        let width = widths.get(at.wrapping_sub(1)).copied();
+        assert!(width.is_some_and(|width| (1..=width + 1).contains(&column)), "no such place: {line}");
+        let message = part();
+        assert!(message.len() > 1, "{line}");
+        assert!(!message.chars().any(char::is_control), "control characters in {line:?}");
+    }
+    let drawn: usize = problems.into_reports().take(DRAWN).map(|report| format!("{report:?}").len()).sum();
+    assert!(drawn < DRAWN * DRAWN_MOST, "{drawn} bytes are drawn");
+}
+
+fn check_table(table: Result<Table, TableError>, path: &Path, input: &[u8]) {
+    match table {
+        Ok(table) => {
+            assert!(!table.rows.is_empty() && table.rows.len() <= lines(input));
+            let sound =
+                |outputs: &[f64]| outputs.len() == table.units && outputs.iter().all(|output| output.is_finite());
+            assert!(table.rows.iter().all(|row| sound(&row.outputs) && row.place.x_mm.is_finite()));
+        }
+        Err(error @ (TableError::TooLarge { line: None, .. } | TableError::NoRows { .. })) => {
+            assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");
+        }
+        Err(error) => check_line(&error.to_string(), &path.display().to_string(), input),
+    }
+}
+
+/// A message that names a file and a line of it, and on which a terminal doesn't act.
+fn check_line(told: &str, file: &str, input: &[u8]) {
+    let line = told.strip_prefix(file).and_then(|rest| rest.strip_prefix(", line "));
+    let line = line.and_then(|rest| rest.split([',', ':']).next()).and_then(|line| line.parse::<usize>().ok());
+    assert!(line.is_some_and(|line| (1..=lines(input)).contains(&line)), "{told:?} of {} lines", lines(input));
+    assert!(!told.contains(char::is_control), "control characters in {told:?}");
+}
+
+/// How many lines there can be, whatever ends them.
+fn lines(input: &[u8]) -> usize {
+    1 + input.iter().filter(|&&byte| byte == b'\n' || byte == b'\r').count()
+}

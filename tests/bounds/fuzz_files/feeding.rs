@@ -1,0 +1,117 @@
+//! Feeds readers with what was mutated, and watches what each input costs.
+
+use super::FILE;
+use crate::HEAP;
+use crate::support::mutation::rewritten;
+use cpu_time::ThreadTime;
+use palpate::quantity::{Stream, stream};
+use rand::RngExt;
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+use std::time::Instant as Wall;
+
+/// Most that the process may ever hold, bytes: the targets beside each other, each with the plan of 100,000 presses.
+const EVER_HELD_MOST: usize = 192 << 20;
+
+/// Longest that one input may take of the processor, s: that plan, some times over.
+const INPUT_S_MOST: f64 = if cfg!(debug_assertions) { 20.0 } else { 2.0 };
+
+/// After how many inputs it is told how far it has come.
+const PROGRESS: usize = 100_000;
+
+/// Feeds a reader, and says how much, how fast, and what took longest.
+pub fn fuzz(name: &str, inputs: usize, seeds: &[Vec<u8>], read: impl FnMut(&[u8])) {
+    fuzz_with(name, inputs, seeds, rewritten, read);
+}
+
+/// The same with a reader of a file.
+pub fn fuzz_file(
+    name: &str,
+    inputs: usize,
+    seeds: &[Vec<u8>],
+    mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
+    mut read: impl FnMut(&Path, &[u8]),
+) {
+    let home = tempfile::tempdir().expect("a folder");
+    let path = home.path().join(FILE);
+    fuzz_with(name, inputs, seeds, mutate, |input| {
+        let _ = fs::remove_file(&path); // a new file is written faster than one that is cut off first
+        fs::write(&path, input).expect("a file");
+        read(&path, input);
+    });
+}
+
+fn fuzz_with(
+    name: &str,
+    inputs: usize,
+    seeds: &[Vec<u8>],
+    mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
+    mut read: impl FnMut(&[u8]),
+) {
+    // for so long of the processor's time, or so many of them
+    let minutes = std::env::var("PALPATE_FUZZ_MINUTES").ok().and_then(|minutes| minutes.parse::<f64>().ok());
+    let few = if cfg!(debug_assertions) { inputs / 20 } else { inputs };
+    let (mut rng, mut input, mut longest_s) = (stream(1, 0, name), Vec::new(), 0.0f64);
+    let (began, cpu_began, mut inputs) = (Wall::now(), ThreadTime::now(), 0);
+    while minutes.map_or(inputs < few, |minutes| cpu_began.elapsed().as_secs_f64() < 60.0 * minutes) {
+        let n = inputs;
+        inputs += 1;
+        if n > 0 && n.is_multiple_of(PROGRESS) {
+            println!("{name}: {n} inputs so far, the longest {longest_s:.3} s, {} bytes", HEAP.max_allocated());
+        }
+        mutate(seeds, &mut rng, &mut input);
+        let started = ThreadTime::now();
+        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| read(&input)));
+        let took_s = started.elapsed().as_secs_f64();
+        longest_s = longest_s.max(took_s);
+        let wrong = match done {
+            Err(_) => "it panicked".to_owned(),
+            Ok(()) if took_s > INPUT_S_MOST => format!("it took {took_s:.1} s"),
+            Ok(()) if HEAP.max_allocated() > EVER_HELD_MOST => format!("it held {} bytes", HEAP.max_allocated()),
+            Ok(()) => continue,
+        };
+        panic!("{name}: input {n}: {wrong}:\n{}", excerpt(&input));
+    }
+    let (took_s, held) = (began.elapsed().as_secs_f64(), HEAP.max_allocated());
+    let rate = inputs as f64 / took_s;
+    println!(
+        "{name}: {inputs} inputs in {took_s:.1} s, {rate:.0} a second, the longest {longest_s:.3} s, {held} bytes"
+    );
+}
+
+/// As much of an input as a person looks at.
+fn excerpt(input: &[u8]) -> String {
+    let text = String::from_utf8_lossy(input);
+    let shown: String = text.chars().take(4000).collect();
+    if shown.len() < text.len() { format!("{shown}... ({} bytes)", input.len()) } else { shown }
+}
+
+/// A journal after some mutations, the check sums and the numbers of most of its lines put right: what has none gets no
+/// further.
+pub fn resealed(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
+    rewritten(seeds, rng, into);
+    if rng.random_bool(0.2) {
+        return;
+    }
+    let renumbers = rng.random_bool(0.7);
+    let mut sealed = Vec::with_capacity(into.len());
+    let mut sequence = 0u64;
+    for line in into.split_inclusive(|&byte| byte == b'\n') {
+        let text = String::from_utf8_lossy(line);
+        let mut parts = text.trim_end_matches('\n').splitn(3, ' ');
+        let (Some(number), Some(_), Some(json)) = (parts.next(), parts.next(), parts.next()) else {
+            sealed.extend_from_slice(line);
+            continue;
+        };
+        let number = if renumbers { sequence } else { number.parse().unwrap_or(sequence) };
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(&number.to_le_bytes());
+        hasher.update(json.as_bytes());
+        let mut line = String::new();
+        let _ = writeln!(line, "{number} {:08x} {json}", hasher.finalize());
+        sealed.extend_from_slice(line.as_bytes());
+        sequence += 1;
+    }
+    *into = sealed;
+}

@@ -1,0 +1,70 @@
+//! A recipe of a million points is refused at once and costs nothing; where it is allowed, it is planned.
+
+use crate::HEAP;
+use crate::support::alone::ran_alone;
+use cpu_time::ThreadTime;
+use palpate::recipe::{self, Plan};
+use palpate::rig::{self, RigSpec, SIM_RIG};
+
+const MILLION: usize = 1_000_000;
+
+/// What a refusal may take: time of the processor, s, and memory, bytes.
+const REFUSAL_S: f64 = if cfg!(debug_assertions) { 0.5 } else { 0.05 };
+const REFUSAL_BYTES: usize = 20 << 20;
+
+/// What the plan of so many presses may take on the way, bytes a press.
+const PRESS_BYTES: usize = 300;
+
+/// Every kind of a step that a few words make a million presses of.
+const STEPS: [&str; 4] = [
+    "grid = { x_mm = [-5, 4.99], y_mm = [-5, 4.99], spacing_mm = 0.01 }\nforce_n = 1.0",
+    "random = { count = 1000000, x_mm = [-5, 5], y_mm = [-5, 5] }\nforce_n = 1.0",
+    "random = { count = 1000000, x_mm = [-5, 5], y_mm = [-5, 5], force_n = [0.1, 1.0] }",
+    "random = { count = 1000, x_mm = [-5, 5], y_mm = [-5, 5] }\n\
+     staircase = { to_n = 1.0, step_n = 0.1, repeats = 1000 }",
+];
+
+#[test]
+fn a_million_points_are_refused_for_nothing_and_planned_where_they_are_allowed() {
+    if ran_alone("long_plan::a_million_points_are_refused_for_nothing_and_planned_where_they_are_allowed") {
+        return;
+    }
+    let spec = rig::parse("sim.toml", SIM_RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig");
+    let text = |step| format!("name = \"long\"\n[[step]]\nphase = \"test\"\n{step}\n");
+    // the refusals first: what was held at most is never forgotten
+    for step in STEPS {
+        let (refused, cost) = measured(|| planned(&spec, &text(step), recipe::PRESSES_MAX));
+        println!("refused: {:.6} s, {} bytes", cost.cpu_s, cost.bytes);
+        let place = if step.starts_with("grid") { "4:8" } else { "4:10" };
+        assert_eq!(refused.unwrap_err(), [format!("r.toml:{place}: the plan comes to 1000000 presses, over 100000")]);
+        assert!(cost.cpu_s < REFUSAL_S && cost.bytes < REFUSAL_BYTES, "{step}: {cost:?}");
+    }
+    for step in STEPS {
+        let (allowed, cost) = measured(|| planned(&spec, &text(step), MILLION));
+        println!("planned: {:.3} s, {:.1} MB at most so far", cost.cpu_s, cost.bytes as f64 / 1e6);
+        assert_eq!(allowed.expect("it is allowed"), MILLION);
+        assert!(cost.bytes < MILLION * PRESS_BYTES, "{step}: {cost:?}");
+    }
+}
+
+/// How many presses the plan has that a recipe comes to where so many are allowed.
+fn planned(spec: &RigSpec, text: &str, presses_max: usize) -> Result<usize, Vec<String>> {
+    let recipe = recipe::parse("r.toml", text).map_err(|problems| problems.lines())?;
+    let plan = Plan::new(&recipe.with_presses_max(presses_max), &spec.ground(), 1).map_err(|problems| problems.lines());
+    plan.map(|plan| plan.entries.len())
+}
+
+/// What something cost.
+#[derive(Debug)]
+struct Cost {
+    cpu_s: f64,
+    /// The most that was held at once until now.
+    bytes: usize,
+}
+
+fn measured<T>(work: impl FnOnce() -> T) -> (T, Cost) {
+    let (before, began) = (HEAP.allocated(), ThreadTime::now());
+    let result = work();
+    let cpu_s = began.elapsed().as_secs_f64();
+    (result, Cost { cpu_s, bytes: HEAP.max_allocated().saturating_sub(before) })
+}

@@ -1,0 +1,16 @@
+//! How much memory and time anything from outside may take.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+use cap::Cap;
+use std::alloc::System;
+
+mod allocations;
+mod fuzz;
+mod fuzz_files;
+mod long_plan;
+mod memory;
+
+#[global_allocator]
+static HEAP: Cap<System> = Cap::new(System, usize::MAX);

@@ -1,0 +1,86 @@
+//! A run takes no more memory as it grows: what it has measured is on the disk, and only there.
+
+use crate::HEAP;
+use crate::support::alone::ran_alone;
+use palpate::control::Lesson;
+use palpate::dataset::{Contact, End, Ledger, Origins, PressTruth, Record, Row, RunFacts, RunFolder, Session, Status};
+use palpate::quantity::{ArrayLayout, Place};
+use palpate::recipe::Phase;
+
+/// Contacts that are recorded; each would take more than a kilobyte if it were held.
+const PRESSES: u64 = 5000;
+
+/// Outputs of each, so many that a matrix of them is made in two parts.
+const UNITS: usize = 11 * 11;
+
+/// Room for what is held of a press: where it stands in the journal.
+const HELD_BYTES_A_PRESS: usize = 16;
+
+/// Room for the outputs in hand while the matrix is turned, whatever the number of presses.
+const TURNED_BYTES: usize = 8 << 20;
+
+/// Room for buffers, whatever the number of presses.
+const BUFFERS_BYTES: usize = 64 << 10;
+
+#[test]
+fn a_folder_holds_places_of_contacts_and_no_contacts() {
+    if ran_alone("memory::a_folder_holds_places_of_contacts_and_no_contacts") {
+        return;
+    }
+    let home = tempfile::tempdir().unwrap();
+    let path = home.path().join("run");
+    let layout = ArrayLayout::grid(11, 11, 4.5);
+    let origins = Origins { recipe: String::new(), rig: String::new(), maps: Vec::new() };
+    let bound = PRESSES as usize * HELD_BYTES_A_PRESS + BUFFERS_BYTES;
+
+    let before = HEAP.allocated();
+    let mut folder = RunFolder::create(Some(&path), &origins, facts(), Session::default(), &layout).unwrap();
+    // every second one first, as a plan may visit them
+    for press in (0..PRESSES).step_by(2).chain((1..PRESSES).step_by(2)) {
+        folder.record(&Record::Contact(contact(press))).unwrap();
+    }
+    let held = HEAP.allocated() - before;
+    assert!(held < bound, "{held} bytes are held for {PRESSES} presses");
+    drop(folder);
+
+    let mut folder = RunFolder::open(&path, &layout).unwrap();
+    let held = HEAP.allocated() - before;
+    assert!(held < bound, "{held} bytes are held when {PRESSES} presses are opened");
+    let (status, ended) = (Status::Complete, String::new());
+    folder.finish(End { status, t_s: 0.0, ended, wall_s: 0.0, failure: None }).unwrap();
+    let most = HEAP.max_allocated() - before;
+    assert!(most < bound + TURNED_BYTES, "{most} bytes were held at most while {PRESSES} presses were read");
+
+    assert_eq!(folder.manifest().presses_done, PRESSES);
+    assert_eq!(folder.manifest().rows_flagged, 0);
+    assert!((0..PRESSES).all(|press| folder.has(press)) && !folder.has(PRESSES));
+    assert!(folder.contacts().unwrap().map(Result::unwrap).eq((0..PRESSES).map(contact)), "in order, as recorded");
+    let matrix = std::fs::read_to_string(path.join("calibration_matrix.csv")).unwrap();
+    let points: Vec<usize> = matrix.lines().map(|line| line.split(',').count()).collect();
+    assert_eq!(points, [PRESSES as usize; UNITS]);
+    assert!(matrix.starts_with("0,0.001,0.002,"), "in the order of the numbers");
+}
+
+fn contact(press: u64) -> Contact {
+    let row = Row {
+        press,
+        level: 0,
+        phase: Phase::Calibration,
+        x_mm: 1.0,
+        y_mm: -1.0,
+        force_set_n: 1.0,
+        force_n: 1.0,
+        depth_mm: 0.5,
+        t_s: 3.0 * press as f64,
+        outputs: vec![press as f64 * 1e-3; UNITS],
+        flags: Vec::new(),
+        z_mm: -0.5,
+    };
+    let truth = PressTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
+    let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
+    Contact { press, rows: vec![row.rounded()], truth: vec![truth], lesson, left: None }
+}
+
+fn facts() -> RunFacts {
+    RunFacts { recipe: "memory".to_owned(), presses_planned: PRESSES, ..RunFacts::default() }
+}

@@ -1,0 +1,343 @@
+//! Every fault, alone and with every other, on both benches, at any instant of a run: nothing the load cell, the specimen or
+//! a link does may cost the specimen its limits. Judged by the scene's truth from the first message until all is at rest.
+
+use crate::support::walks::{BENCHES, Walked, Worst, bench, end_of, in_parallel, must_be_none, plan, walked};
+use palpate::control::{Reaction, Strategy, safe_speed_mm_s};
+use palpate::quantity::stream;
+use palpate::recipe::Plan;
+use palpate::rig::RigSpec;
+use palpate::scene::{Fault, FaultKind};
+use rand::RngExt;
+use std::collections::BTreeMap;
+
+/// In a debug build only some of the runs are made, so that `cargo test` stays quick.
+const THINNED: bool = cfg!(debug_assertions);
+
+/// Of so many of them one is made there; it goes with neither rigs nor speeds.
+const THINNED_BY: usize = 5;
+
+/// Seeds of each fault, rig and speed with the map's presses; with the others; of each pair of faults.
+const SEEDS: u64 = if THINNED { 1 } else { 20 };
+const OTHER_SEEDS: u64 = if THINNED { 1 } else { 4 };
+const PAIR_SEEDS: u64 = if THINNED { 1 } else { 3 };
+const OTHER_PAIR_SEEDS: u64 = 1;
+
+/// Speeds of the stage, mm/s; the last is the benches' own.
+const SPEEDS_MM_S: [f64; 4] = [0.5, 2.0, 5.0, 25.0];
+const OTHER_SPEEDS_MM_S: [f64; 2] = [2.0, 25.0];
+const PAIR_SPEED_MM_S: f64 = 5.0;
+
+/// Of how many seeds one has its fault strike before the first press.
+const EARLY: u64 = 5;
+
+/// Presses of a plan: those that teach, and ordinary ones; fewer where each takes long.
+const TEACHES: usize = 5;
+const ORDINARY: usize = 5;
+const ORDINARY_SLOW: usize = 2;
+const SLOW_MM_S: f64 = 1.0;
+
+/// How much longer than without a fault a run may take, s: a link that falls silent is waited for, and parking tried again.
+const LONGER_S: f64 = 120.0;
+
+/// One run to make.
+#[derive(Clone, Debug)]
+struct Case {
+    bench: &'static str,
+    speed_mm_s: f64,
+    strategy: Strategy,
+    force_n: f64,
+    kinds: Vec<FaultKind>,
+    seed: u64,
+}
+
+/// What came of it.
+struct Outcome {
+    case: Case,
+    faults: Vec<Fault>,
+    worst: Worst,
+    end: &'static str,
+    told: Option<String>,
+    virtual_s: f64,
+    longer_s: f64,
+}
+
+impl Case {
+    fn spec(&self) -> RigSpec {
+        let mut spec = bench(self.bench);
+        spec.stage.speed_mm_s = self.speed_mm_s;
+        spec
+    }
+
+    /// Presses near each other, so that the ways between them are short; few of them, but those that teach among them.
+    fn plan(&self, spec: &RigSpec) -> Plan {
+        let (strategy, force_n) = (self.strategy.name(), self.force_n);
+        let text = format!(
+            "name = \"faults\"\n[press]\nforce_tolerance_n = 0.01\nhold_s = 0.0\nsample_s = 0.1\n\
+             strategy = \"{strategy}\"\n[[step]]\nphase = \"calibration\"\n\
+             random = {{ count = 10, x_mm = [-0.4, 0.4], y_mm = [-0.4, 0.4] }}\nforce_n = {force_n:?}\n"
+        );
+        let mut plan = plan(spec, &text, self.seed);
+        let ordinary = if self.speed_mm_s < SLOW_MM_S { ORDINARY_SLOW } else { ORDINARY };
+        plan.entries.truncate(if self.strategy == Strategy::Map { TEACHES + ordinary } else { ordinary });
+        plan
+    }
+
+    /// The same without its faults.
+    fn sound(&self) -> Case {
+        Case { kinds: Vec::new(), seed: 0, ..self.clone() }
+    }
+
+    fn key(&self) -> String {
+        format!("{} at {} mm/s, {}, {} N", self.bench, self.speed_mm_s, self.strategy.name(), self.force_n)
+    }
+
+    /// A run, each fault striking at any instant that a sound one has.
+    fn run(&self, sound: &Sound) -> Outcome {
+        let mut spec = self.spec();
+        let plan = self.plan(&spec);
+        let mut rng = stream(self.seed, 0, "onset");
+        let from_to_s =
+            if self.seed.is_multiple_of(EARLY) { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s) };
+        let mut fault = |&kind| Fault { kind, from_s: rng.random_range(from_to_s.0..from_to_s.1), value: None };
+        spec.scene.faults = self.kinds.iter().map(&mut fault).collect();
+        let Walked { ending, truth, virtual_s, .. } = &walked(&spec, &plan);
+        Outcome {
+            case: self.clone(),
+            faults: spec.scene.faults.clone(),
+            worst: *truth,
+            end: end_of(ending),
+            told: ending.told(),
+            virtual_s: *virtual_s,
+            longer_s: virtual_s - sound.virtual_s,
+        }
+    }
+
+    /// Whether this speed is safe on what the fault puts in the specimen's place (I3): that is the rig's to declare.
+    fn is_judged(&self) -> bool {
+        let spec = self.spec();
+        let hard = self.kinds.contains(&FaultKind::HardContact);
+        !hard || self.speed_mm_s <= hard_speed_mm_s(&spec)
+    }
+}
+
+/// The fastest approach that stays within the force limit on a hard contact, mm/s.
+fn hard_speed_mm_s(spec: &RigSpec) -> f64 {
+    let latencies = &spec.scene.latencies;
+    let reaction = Reaction {
+        conversion_s: 1.0 / spec.load_cell.conversions_hz,
+        load_cell_s: latencies.load_cell_s.1,
+        stage_s: latencies.stage_s.1,
+        lag_s: spec.load_cell.lag_s,
+    };
+    let hard_n_mm = FaultKind::HardContact.usual().expect("a stiffness");
+    safe_speed_mm_s(spec.limits.force_n - 0.03, hard_n_mm, reaction.worst_s(), spec.stage.acceleration_mm_s2)
+}
+
+/// How a run without faults goes.
+struct Sound {
+    ready_s: f64,
+    virtual_s: f64,
+}
+
+fn name(kind: FaultKind) -> &'static str {
+    FaultKind::ALL.iter().find(|(_, other)| *other == kind).expect("a kind").0
+}
+
+fn named(kinds: &[FaultKind]) -> String {
+    kinds.iter().map(|&kind| name(kind)).collect::<Vec<_>>().join(" + ")
+}
+
+/// Runs all cases, each against a sound run of its own rig, speed and strategy.
+fn run_all(cases: &[Case]) -> Vec<Outcome> {
+    let sound_cases: BTreeMap<String, Case> = cases.iter().map(|case| (case.key(), case.sound())).collect();
+    let (keys, sound_cases): (Vec<String>, Vec<Case>) = sound_cases.into_iter().unzip();
+    let sounds = in_parallel(&sound_cases, |case| {
+        let spec = case.spec();
+        let Walked { ending, ready_s, virtual_s, .. } = walked(&spec, &case.plan(&spec));
+        assert!(ending.halt.is_none() && ending.unparked.is_none(), "{}: {:?}", case.key(), ending.told());
+        Sound { ready_s, virtual_s }
+    });
+    let sounds: BTreeMap<String, Sound> = keys.into_iter().zip(sounds).collect();
+    in_parallel(cases, |case| case.run(&sounds[&case.key()]))
+}
+
+fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: f64, seeds: u64) -> Vec<Case> {
+    let mut cases = Vec::new();
+    for kinds in kinds {
+        for (bench, _) in BENCHES {
+            for &speed_mm_s in speeds {
+                for seed in 1..=seeds {
+                    // one seed alone would have its faults strike at one place in every run
+                    let seed = if THINNED { 1 + cases.len() as u64 } else { seed };
+                    cases.push(Case { bench, speed_mm_s, strategy, force_n, kinds: kinds.clone(), seed });
+                }
+            }
+        }
+    }
+    if THINNED {
+        cases = cases.into_iter().step_by(THINNED_BY).collect();
+        println!("debug build: thinned to {} runs", cases.len());
+    }
+    cases
+}
+
+fn singles() -> Vec<Vec<FaultKind>> {
+    FaultKind::ALL.iter().map(|&(_, kind)| vec![kind]).collect()
+}
+
+fn pairs() -> Vec<Vec<FaultKind>> {
+    let all = FaultKind::ALL.map(|(_, kind)| kind);
+    let pair = |i: usize| (0..i).map(move |j| vec![all[j], all[i]]);
+    (0..all.len()).flat_map(pair).collect()
+}
+
+/// One line a fault: how many runs, over which limit, the peaks, what ended them. Gives the runs that break a limit though
+/// they may not.
+fn report(outcomes: &[Outcome]) -> Vec<String> {
+    let mut rows: BTreeMap<String, Vec<&Outcome>> = BTreeMap::new();
+    for outcome in outcomes {
+        rows.entry(named(&outcome.case.kinds)).or_default().push(outcome);
+    }
+    let mut broken = Vec::new();
+    for (kinds, outcomes) in &rows {
+        let limits = outcomes[0].case.spec().limits;
+        let (judged, printed): (Vec<&&Outcome>, Vec<&&Outcome>) = outcomes.iter().partition(|o| o.case.is_judged());
+        let count = |over: &dyn Fn(&Worst) -> bool| judged.iter().filter(|o| over(&o.worst)).count();
+        let over = [
+            count(&|w| w.force_n > limits.force_n),
+            count(&|w| w.depth_mm > limits.depth_mm),
+            count(&|w| w.slid_mm > 0.0),
+        ];
+        let worst = worst_of(judged.iter().map(|o| o.worst));
+        let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
+        outcomes.iter().for_each(|o| *ends.entry(o.end).or_default() += 1);
+        let longest_s = outcomes.iter().map(|o| o.longer_s).fold(f64::NEG_INFINITY, f64::max);
+        let noticed = 100 * outcomes.iter().filter(|o| o.end != "-").count() / outcomes.len();
+        println!(
+            "{kinds}: {} runs, {over:?} over force, depth, slid; {:.3} N, {:.3} mm; \
+             {longest_s:+.0} s; noticed {noticed} %: {ends:?}",
+            judged.len(),
+            worst.force_n,
+            worst.depth_mm,
+        );
+        if !printed.is_empty() {
+            let mut speeds: BTreeMap<String, Worst> = BTreeMap::new();
+            for o in printed.iter() {
+                let key = format!("{} at {} mm/s", o.case.bench, o.case.speed_mm_s);
+                speeds.entry(key).or_default().join(o.worst);
+            }
+            let told = |(key, w): (&String, &Worst)| {
+                format!("{key}: {:.2} N, {:.2} mm, slid {}", w.force_n, w.depth_mm, w.slid_mm)
+            };
+            println!("    faster than is safe there: {}", speeds.iter().map(told).collect::<Vec<_>>().join("; "));
+        }
+        broken.extend(judged.iter().filter(|o| !o.worst.is_within(&o.case.spec())).map(|o| o.told()));
+        // whatever the speed, a hard contact is no deeper and nothing slides
+        let deep = |o: &&&&Outcome| o.worst.depth_mm > limits.depth_mm || o.worst.slid_mm > 0.0;
+        broken.extend(printed.iter().filter(deep).map(|o| o.told()));
+    }
+    broken
+}
+
+fn worst_of(all: impl Iterator<Item = Worst>) -> Worst {
+    all.fold(Worst::default(), |mut worst, other| {
+        worst.join(other);
+        worst
+    })
+}
+
+/// What a fault may be noticed by; `device` is an instrument whose driver gives up before a rule is asked.
+fn fitting(kind: FaultKind) -> &'static [&'static str] {
+    match kind {
+        // a cell that sticks before it is zeroed has no noise, so that repeating itself says nothing
+        FaultKind::Stuck => &["frozen", "no-response", "no-contact"],
+        FaultKind::NoSensor | FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
+        // between two looks at a contact its force seems to have gone
+        FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen"],
+        FaultKind::Saturated => &["frozen", "no-response"],
+        // one that slips before it touches is felt as softer than it can be
+        FaultKind::Slip => &["fallen", "no-response", "out-of-reach"],
+        FaultKind::HardContact => &["hard-contact", "over-force"],
+        FaultKind::Stale => &["stale", "device"],
+        FaultKind::StageLost => &["stage-silent", "device"],
+        FaultKind::SlowStage => &["stage-silent"],
+        // in a contact ten times the noise can look like a force that does anything
+        FaultKind::Noisy => &["noisy", "wrong-sign", "no-response", "hard-contact"],
+        // half a newton that is gone while it presses could be anything's
+        FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen"],
+    }
+}
+
+impl Outcome {
+    /// Whether what ended the run is something that its fault looks like.
+    fn is_fitting(&self) -> bool {
+        self.end == "-" || fitting(self.case.kinds[0]).contains(&self.end)
+    }
+
+    fn told(&self) -> String {
+        let faults = self.faults.iter().map(|fault| format!("{} from {:.3} s", name(fault.kind), fault.from_s));
+        let Outcome { case, worst, .. } = self;
+        let Worst { force_n, depth_mm, slid_mm } = worst;
+        format!(
+            "{}: {}, seed {}: {force_n:.3} N, {depth_mm:.3} mm, slid {slid_mm} mm, {:.0} s: {}",
+            faults.collect::<Vec<_>>().join(", "),
+            case.key(),
+            case.seed,
+            self.virtual_s,
+            self.told.as_deref().unwrap_or("the plan was done"),
+        )
+    }
+}
+
+#[test]
+fn no_fault_costs_a_limit_and_each_is_noticed_by_what_it_is() {
+    let mut all = Vec::new();
+    for (strategy, speeds_mm_s, seeds) in [
+        (Strategy::Map, &SPEEDS_MM_S[..], SEEDS),
+        (Strategy::Guarded, &OTHER_SPEEDS_MM_S, OTHER_SEEDS),
+        (Strategy::Velocity, &OTHER_SPEEDS_MM_S, OTHER_SEEDS),
+    ] {
+        println!("-- {}", strategy.name());
+        let outcomes = run_all(&cases(&singles(), speeds_mm_s, strategy, 1.0, seeds));
+        report(&outcomes);
+        all.extend(outcomes);
+    }
+    println!("-- all");
+    let broken = report(&all);
+    let long: Vec<String> = all.iter().filter(|o| o.longer_s > LONGER_S).map(Outcome::told).collect();
+    let unfitting: Vec<String> = all.iter().filter(|o| !o.is_fitting()).map(Outcome::told).collect();
+    must_be_none(&[broken, long, unfitting].concat());
+}
+
+#[test]
+fn no_two_faults_together_cost_a_limit() {
+    let mut all = Vec::new();
+    for (strategy, seeds) in
+        [(Strategy::Map, PAIR_SEEDS), (Strategy::Guarded, OTHER_PAIR_SEEDS), (Strategy::Velocity, OTHER_PAIR_SEEDS)]
+    {
+        all.extend(run_all(&cases(&pairs(), &[PAIR_SPEED_MM_S], strategy, 1.0, seeds)));
+    }
+    must_be_none(&report(&all));
+}
+
+/// At the force limit itself a cell that lies leaves the depth limit alone: what it bears there may be above the force limit.
+#[test]
+fn under_a_lying_load_cell_a_press_at_the_limit_keeps_its_depth() {
+    const LYING: [FaultKind; 6] = [
+        FaultKind::Stuck,
+        FaultKind::NoSensor,
+        FaultKind::WrongSign,
+        FaultKind::Saturated,
+        FaultKind::Noisy,
+        FaultKind::DriftedZero,
+    ];
+    let kinds: Vec<Vec<FaultKind>> = LYING.iter().map(|&kind| vec![kind]).collect();
+    let outcomes = run_all(&cases(&kinds, &[5.0], Strategy::Map, 2.0, OTHER_SEEDS));
+    let spec = bench(BENCHES[0].0);
+    let branches_n: f64 = spec.scene.relaxation.iter().map(|branch| branch.share).sum();
+    let at_limit_n = (1.0 + branches_n) * spec.scene.contact.force_n(spec.limits.depth_mm);
+    println!("at the depth limit the nominal curve bears {at_limit_n:.3} N to a sudden load");
+    report(&outcomes);
+    let deep = outcomes.iter().filter(|o| o.worst.depth_mm > spec.limits.depth_mm || o.worst.slid_mm > 0.0);
+    must_be_none(&deep.map(Outcome::told).collect::<Vec<_>>());
+}

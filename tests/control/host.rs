@@ -1,0 +1,277 @@
+//! The host and its links may die at any instant: whatever the devices were told by then is safe to finish. Judged by the
+//! scene's truth until all is at rest.
+
+use crate::support::walks::{BENCHES, Deaths, Walked, Worst, bench, in_parallel, plan, walked_with};
+use palpate::control::Strategy;
+use palpate::emulator::{Instrument, Shared};
+use palpate::rig::{RigSpec, SimulatedRig};
+use palpate::scene::{Device, Scene};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// In a debug build only each so many-th command meets with a mishap, so that `cargo test` stays quick.
+const EVERY: usize = if cfg!(debug_assertions) { 97 } else { 1 };
+
+/// How late what is late is, s.
+const LATE_S: f64 = 10.0;
+
+/// Presses that teach, and presses.
+const TEACHES: usize = 5;
+const PRESSES: usize = 3;
+
+/// How much of a peak a scene may pass over between two looks, N.
+const PEAK_N: f64 = 0.0005;
+
+/// Longest a run with a mishap may take, s.
+const LONGEST_S: f64 = 180.0;
+
+/// What happens when the stage takes one of its commands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Mishap {
+    /// Nothing.
+    None,
+    /// The stage's link is cut before it.
+    StageCut,
+    /// The stage's link is cut behind it: it is acted on, as is what comes after it, and nothing is answered any more.
+    StageMute,
+    /// It lies on the link before it is acted on, and what is sent meanwhile waits behind it.
+    CommandLate,
+    /// It is acted on, but its answer lies on the link.
+    AnswerLate,
+    /// It is answered as if it had been taken, and nothing moves.
+    CommandIgnored,
+    /// The load cell's link is cut.
+    CellCut,
+    /// The load cell answers nothing for a while, then everything.
+    CellLate,
+}
+
+impl Mishap {
+    const ALL: [Mishap; 7] = [
+        Mishap::StageCut,
+        Mishap::StageMute,
+        Mishap::CommandLate,
+        Mishap::AnswerLate,
+        Mishap::CommandIgnored,
+        Mishap::CellCut,
+        Mishap::CellLate,
+    ];
+}
+
+/// A rig, and how it is pressed with.
+#[derive(Clone, Copy, Debug)]
+struct Setup {
+    bench: &'static str,
+    speed_mm_s: f64,
+    strategy: Strategy,
+}
+
+impl Setup {
+    fn spec(&self) -> RigSpec {
+        let mut spec = bench(self.bench);
+        spec.stage.speed_mm_s = self.speed_mm_s;
+        spec
+    }
+
+    fn walked(&self, deaths: Deaths, seed: u64, tamper: &dyn Fn(&mut SimulatedRig)) -> Walked {
+        let text = format!(
+            "name = \"host\"\n[press]\nforce_tolerance_n = 0.01\nhold_s = 0.0\nsample_s = 0.1\nstrategy = \"{}\"\n\
+             [[step]]\nphase = \"calibration\"\nrandom = {{ count = 10, x_mm = [-0.4, 0.4], y_mm = [-0.4, 0.4] }}\n\
+             force_n = 1.0\n",
+            self.strategy.name()
+        );
+        let spec = self.spec();
+        let mut plan = plan(&spec, &text, seed);
+        plan.entries.truncate(if self.strategy == Strategy::Map { TEACHES + PRESSES } else { PRESSES });
+        walked_with(&spec, &plan, deaths, tamper)
+    }
+
+    /// The same with a mishap at the stage's `at`-th command; how many commands there were.
+    fn struck(&self, mishap: Mishap, at: usize) -> (Walked, usize) {
+        let commands = Arc::new(AtomicUsize::new(0));
+        let walked = self.walked(Deaths::Ignored, 4, &|rig| {
+            let fate =
+                Arc::new(Mutex::new(Fate { mishap, at, commands: commands.clone(), struck_s: None, now_s: 0.0 }));
+            for device in [&mut rig.stage, &mut rig.load_cell] {
+                let instrument = device.instrument().expect("it has a link").clone();
+                device.replace(Arc::new(Mutex::new(Beset { device: instrument, fate: fate.clone(), held: None })));
+            }
+        });
+        (walked, commands.load(Ordering::Relaxed))
+    }
+}
+
+fn setups(speeds_mm_s: &[f64]) -> Vec<Setup> {
+    let with_speed = |&speed_mm_s: &f64| {
+        BENCHES
+            .into_iter()
+            .flat_map(move |(bench, _)| Strategy::ALL.map(|strategy| Setup { bench, speed_mm_s, strategy }))
+    };
+    speeds_mm_s.iter().flat_map(with_speed).collect()
+}
+
+/// What is in store for a rig.
+struct Fate {
+    mishap: Mishap,
+    /// At which of the stage's commands, counted from 0.
+    at: usize,
+    commands: Arc<AtomicUsize>,
+    struck_s: Option<f64>,
+    now_s: f64,
+}
+
+/// A device on a link with which something happens.
+struct Beset {
+    device: Shared<dyn Instrument>,
+    fate: Shared<Fate>,
+    /// An answer that lies on the link.
+    held: Option<Vec<u8>>,
+}
+
+/// Whether a message to the stage has it do something: go, go faster, stop, home.
+fn is_command(request: &[u8]) -> bool {
+    ["PA", "VA", "ST", "OR"].iter().any(|word| request.windows(2).any(|two| two == word.as_bytes()))
+}
+
+/// What a message to the stage asks, without what it commands.
+fn questions(request: &[u8]) -> Vec<u8> {
+    let text = String::from_utf8_lossy(request);
+    let asks: Vec<&str> =
+        text.trim_end().split(';').filter(|part| part.ends_with('?') || part.ends_with("TP")).collect();
+    asks.join(";").into_bytes()
+}
+
+impl Instrument for Beset {
+    fn device(&self) -> Device {
+        self.device.lock().unwrap().device()
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        let request = self.device.lock().unwrap().take_request(inbox)?;
+        if self.device() == Device::Stage && is_command(&request) {
+            let mut fate = self.fate.lock().unwrap();
+            if fate.commands.fetch_add(1, Ordering::Relaxed) == fate.at {
+                fate.struck_s = Some(fate.now_s);
+            }
+        }
+        Some(request)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let device = self.device();
+        let (mishap, struck_s) = {
+            let mut fate = self.fate.lock().unwrap();
+            fate.now_s = now_s;
+            (fate.mishap, fate.struck_s)
+        };
+        if mishap == Mishap::CommandIgnored && device == Device::Stage && struck_s.is_some() && self.held.is_none() {
+            self.held = Some(Vec::new());
+            return self.device.lock().unwrap().answer(&questions(request), scene, now_s);
+        }
+        let Some(struck_s) = struck_s else { return self.device.lock().unwrap().answer(request, scene, now_s) };
+        let mut answer = || self.device.lock().unwrap().answer(request, scene, now_s);
+        match (mishap, device) {
+            (Mishap::StageCut, Device::Stage) | (Mishap::CellCut, Device::LoadCell) => Vec::new(),
+            (Mishap::StageMute, Device::Stage) => {
+                answer();
+                Vec::new()
+            }
+            (Mishap::AnswerLate, Device::Stage) => {
+                let answer = answer();
+                match &self.held {
+                    None if !answer.is_empty() => {
+                        self.held = Some(answer);
+                        Vec::new()
+                    }
+                    // what was held comes in front of the first answer after its time
+                    Some(held) if !held.is_empty() && now_s > struck_s + LATE_S => {
+                        let late = std::mem::take(self.held.as_mut().expect("it is held"));
+                        [late, answer].concat()
+                    }
+                    _ => answer,
+                }
+            }
+            _ => answer(),
+        }
+    }
+
+    fn silence(&self) -> Option<std::time::Duration> {
+        self.device.lock().unwrap().silence()
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        let device = self.device();
+        let fate = self.fate.lock().unwrap();
+        let own_s = self.device.lock().unwrap().deaf_until_s();
+        match (fate.mishap, device, fate.struck_s) {
+            (Mishap::CommandLate, Device::Stage, Some(struck_s))
+            | (Mishap::CellLate, Device::LoadCell, Some(struck_s)) => own_s.max(struck_s + LATE_S),
+            _ => own_s,
+        }
+    }
+}
+
+/// Nothing but a message to the stage changes a motion, and every one of those is tried: what readers are asked decides
+/// nothing any more once the host is dead.
+#[test]
+fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
+    let speeds: &[f64] = if cfg!(debug_assertions) { &[25.0] } else { &[0.5, 5.0, 25.0] };
+    let seeds = if cfg!(debug_assertions) { 1 } else { 2 };
+    let jobs: Vec<(Setup, u64)> =
+        setups(speeds).into_iter().flat_map(|setup| (1..=seeds).map(move |seed| (setup, seed))).collect();
+    let walks = in_parallel(&jobs, |(setup, seed)| setup.walked(Deaths::Tried, *seed, &|_| {}));
+    let mut messages = 0;
+    let mut all = Worst::default();
+    for ((setup, seed), Walked { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&walks) {
+        assert!(ending.halt.is_none(), "{setup:?}, seed {seed}: {:?}", ending.told());
+        assert!(orphaned.force_n >= truth.force_n - PEAK_N, "{setup:?}: {truth:?}, {orphaned:?}");
+        assert!(orphaned.is_within(&setup.spec()), "{setup:?}, seed {seed}: {orphaned:?}");
+        all.join(*orphaned);
+        messages += taken;
+    }
+    println!("{messages} deaths: at most {:.3} N and {:.3} mm", all.force_n, all.depth_mm);
+}
+
+/// What the runs with one mishap came to.
+#[derive(Default)]
+struct Row {
+    runs: usize,
+    worst: Worst,
+    longest_s: f64,
+    ends: BTreeMap<&'static str, usize>,
+}
+
+#[test]
+fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit() {
+    let mut jobs = Vec::new();
+    for setup in setups(&[25.0]) {
+        let (sound, commands) = setup.struck(Mishap::None, 0);
+        assert!(sound.ending.halt.is_none(), "{setup:?}: {:?}", sound.ending.told());
+        let struck = |mishap| (0..commands).step_by(EVERY).map(move |at| (setup, mishap, at));
+        jobs.extend(Mishap::ALL.into_iter().flat_map(struck));
+    }
+    if EVERY > 1 {
+        println!("debug build: thinned to every {EVERY}th command");
+    }
+    let walks = in_parallel(&jobs, |&(setup, mishap, at)| setup.struck(mishap, at).0);
+    let mut broken = Vec::new();
+    let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+    for ((setup, mishap, at), walked) in jobs.iter().zip(&walks) {
+        let row = rows.entry(format!("{mishap:?}")).or_default();
+        row.runs += 1;
+        row.worst.join(walked.truth);
+        row.longest_s = row.longest_s.max(walked.virtual_s);
+        *row.ends.entry(crate::support::walks::end_of(&walked.ending)).or_default() += 1;
+        if !walked.truth.is_within(&setup.spec()) || walked.virtual_s > LONGEST_S {
+            let told = walked.ending.told();
+            broken
+                .push(format!("{setup:?} {mishap:?} at {at}: {:?}, {:.0} s, {told:?}", walked.truth, walked.virtual_s));
+        }
+    }
+    for (mishap, Row { runs, worst, longest_s, ends }) in rows {
+        let Worst { force_n, depth_mm, .. } = worst;
+        println!("{mishap}: {runs} runs, at most {force_n:.3} N, {depth_mm:.3} mm, {longest_s:.0} s: {ends:?}");
+    }
+    assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));
+}

@@ -1,0 +1,12 @@
+//! How a press is controlled: the machine alone, and whole walks on specimens, links and cells that aren't as they should be.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod false_trips;
+mod faults;
+mod host;
+mod machine;
+mod reaction;
+mod safety;
+mod trips;

@@ -1,0 +1,272 @@
+//! How long a rig takes from a force to a stop on the wire, for every stage driver: what comes and goes is seen on the links
+//! themselves. See the histograms with `cargo test --release --test control reaction:: -- --nocapture`.
+
+use crate::support::walks::{in_virtual_time, plan};
+use crate::support::{exchanged, shipped_text};
+use palpate::dataset::Memory;
+use palpate::driver::grbl::Grbl;
+use palpate::driver::modbus::{ModbusLoadCell, Transport};
+use palpate::driver::process::{ProcessLoadCell, ProcessStage};
+use palpate::driver::xps::{Xps, XpsAnalog};
+use palpate::driver::{AnyLoadCell, AnyStage, Esp301};
+use palpate::emulator::{Instrument, Shared, serve};
+use palpate::recipe::Entry;
+use palpate::rig::{EmulatedDevice, LoadCellDriver, RigSpec, StageDriver};
+use palpate::run::{Cancel, Errand, Halt, Listener, walk_on};
+use palpate::scene::{Fault, FaultKind, Scene};
+use palpate::wire::Connector;
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
+use tokio::time::Instant;
+
+const RECIPE: &str = "
+name = \"reaction\"
+[[step]]
+phase = \"calibration\"
+list = { places_mm = [[0.0, 0.0], [1.0, 0.5], [-2.0, 1.0]] }
+force_n = 1.0
+";
+
+/// What the cell reads more from the fault on, N: far over any limit, and beyond the range of any converter here.
+const LEAP_N: f64 = 50.0;
+
+/// Runs of each rig; the fault comes at another moment of the presses in each.
+const RUNS: usize = 60;
+
+/// When something was on a wire.
+#[derive(Default)]
+struct Heard {
+    /// The first reading over the limit, as it came in.
+    over: Option<Instant>,
+    /// The first stop after it, or it itself where the motion before had been stopped already.
+    stop: Option<Instant>,
+    /// Whether the last that the stage was told is to stop.
+    stopped: bool,
+}
+
+impl Heard {
+    fn is_over(&mut self) {
+        let now = Instant::now();
+        if self.over.is_none() {
+            (self.over, self.stop) = (Some(now), self.stopped.then_some(now));
+        }
+    }
+
+    /// What the stage is told at once is one piece of the stream.
+    fn told(&mut self, piece: &[u8], stop: &[u8], motion: &[u8]) {
+        let has = |word: &[u8]| piece.windows(word.len()).any(|window| window == word);
+        if has(stop) {
+            self.stopped = true;
+            if self.over.is_some() {
+                self.stop.get_or_insert(Instant::now());
+            }
+        } else if has(motion) {
+            self.stopped = false;
+        }
+    }
+}
+
+/// Notes when the presses begin.
+struct Begin(Option<Instant>);
+
+impl Listener for Begin {
+    fn begins(&mut self, _: &Entry) {
+        self.0.get_or_insert(Instant::now());
+    }
+}
+
+/// How a stop and a motion look on a stage's wire.
+type Words = [&'static [u8]; 2];
+
+/// The rigs: a name, the rig's text, and how its stage's stop and motions look on the wire.
+fn rigs() -> [(&'static str, String, Words); 4] {
+    // a cell whose every answer is a force
+    let force_alone = |text: String| exchanged(&text, "modbus = \"generic-rs485\"", "modbus = \"labjack-t7\"");
+    [
+        ("esp301", force_alone(shipped_text("rigs/esp301.toml")), [b"ST\r", b"PA"]),
+        (
+            "xps",
+            exchanged(&shipped_text("rigs/xps.toml"), ", guard = true", ""),
+            [b"GroupMoveAbort", b"GroupMoveAbsolute"],
+        ),
+        ("grbl", force_alone(shipped_text("rigs/grbl.toml")), [b"\x85", b"$J="]),
+        ("process", shipped_text("rigs/process.toml"), [b"{\"do\":\"stop\"}", b"\"do\":\"move\""]),
+    ]
+}
+
+#[test]
+fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_it() {
+    for (name, text, words) in rigs() {
+        let spec = palpate::rig::parse(name, &text, &|_| unreachable!()).expect("a rig").simulated();
+        let period = Duration::from_secs_f64(1.0 / spec.load_cell.conversions_hz);
+        let mut from_force_ms = Vec::new();
+        let mut longest = Duration::ZERO;
+        let presses_s = presses_s(&spec);
+        for run in 0..RUNS {
+            let share = (run as f64 + 0.5) / RUNS as f64;
+            let from_s = presses_s.start + share * (presses_s.end - presses_s.start);
+            let (heard, origin) = tripped(&spec, from_s, words);
+            let (Some(over), Some(stopped)) = (heard.over, heard.stop) else {
+                panic!("{name}, fault at {from_s} s: over the limit {:?}, stop {:?}", heard.over, heard.stop)
+            };
+            longest = longest.max(stopped - over);
+            from_force_ms.push(1000.0 * ((stopped - origin).as_secs_f64() - from_s));
+        }
+        println!(
+            "{name}: from the sample to the stop at most {longest:?}, period {period:?}; from the force to the stop"
+        );
+        print!("{}", histogram(&from_force_ms));
+        assert!(longest <= period, "{name}: {longest:?} from the sample to the stop");
+    }
+}
+
+/// When the presses begin and end where nothing goes wrong, s.
+fn presses_s(spec: &RigSpec) -> Range<f64> {
+    in_virtual_time(async {
+        let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
+        let (mut ledger, mut begin) = (Memory::default(), Begin(None));
+        let errand = Errand { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(spec.open(1).expect("drivers"), errand, &mut begin).await;
+        assert!(ending.halt.is_none(), "{:?}", ending.told());
+        let last_s = ledger.contacts().last().expect("a press").rows[0].t_s;
+        (begin.0.expect("presses") - origin).as_secs_f64()..last_s
+    })
+}
+
+/// Runs into a force far over the limit; what was on the wires, and when the scene's time began.
+fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
+    let mut spec = spec.clone();
+    spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
+    in_virtual_time(async {
+        let (plan, origin) = (plan(&spec, RECIPE, 1), Instant::now());
+        let simulated = spec.emulators(1).expect("emulators");
+        let heard = Arc::new(Mutex::new(Heard::default()));
+        let tapped = |device: &EmulatedDevice, tap: Tap| {
+            let line = Line {
+                instrument: device.instrument().expect("a link").clone(),
+                scene: simulated.scene.clone(),
+                origin,
+                heard: heard.clone(),
+                tap,
+            };
+            move || line.connector()
+        };
+        let to_stage = tapped(&simulated.stage, Tap::Stage(words));
+        let from = origin + Duration::from_secs_f64(from_s);
+        let to_cell = tapped(&simulated.load_cell, Tap::Over(spec.limits.force_n, from));
+        let mut rig = spec.open_on(simulated).expect("drivers");
+        rig.instruments.stage = stage(&spec, &to_stage);
+        rig.instruments.load_cell = load_cell(&spec, to_cell(), origin);
+        let (mut ledger, cancel) = (Memory::default(), Cancel::default());
+        let errand = Errand { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(rig, errand, &mut Begin(None)).await;
+        assert!(matches!(ending.halt, Some(Halt::Tripped(_))), "at {from_s} s: {:?}", ending.told());
+        let heard = std::mem::take(&mut *heard.lock().unwrap());
+        (heard, origin)
+    })
+}
+
+fn stage(spec: &RigSpec, link: &dyn Fn() -> Connector) -> AnyStage {
+    let name = "tapped".to_owned();
+    match &spec.stage.driver {
+        StageDriver::Esp301 => AnyStage::Esp301(Esp301::new(link(), name)),
+        StageDriver::Xps { group, .. } => {
+            AnyStage::Xps(Box::new(Xps::new([link(), link(), link()], name, group.clone(), None)))
+        }
+        StageDriver::Grbl => AnyStage::Grbl(Grbl::new(link(), name)),
+        StageDriver::Process => AnyStage::Process(ProcessStage::new(link(), name)),
+    }
+}
+
+fn load_cell(spec: &RigSpec, link: Connector, origin: Instant) -> AnyLoadCell {
+    let (name, hz) = ("tapped".to_owned(), spec.load_cell.conversions_hz);
+    match &spec.load_cell.driver {
+        LoadCellDriver::Modbus(map) => {
+            let cell = ModbusLoadCell::new(link, Transport::Tcp, map.profile.clone(), &name, hz, origin);
+            AnyLoadCell::Modbus(cell.expect("a map with a force"))
+        }
+        LoadCellDriver::Xps(input) => {
+            AnyLoadCell::Xps(XpsAnalog::new(link, name, &input.input, input.newton_per_volt, hz, origin))
+        }
+        LoadCellDriver::Process => AnyLoadCell::Process(ProcessLoadCell::new(link, name, hz, origin)),
+        LoadCellDriver::Daqmx { .. } => unreachable!("a library has no wire to tap"),
+    }
+}
+
+/// What is listened for on a link.
+#[derive(Clone, Copy)]
+enum Tap {
+    /// Stops and motions to the device.
+    Stage(Words),
+    /// A force over this from it, N, from a moment on: what a device is asked while it is identified are no forces.
+    Over(f64, Instant),
+}
+
+/// A device behind a link that is listened to.
+struct Line {
+    instrument: Shared<dyn Instrument>,
+    scene: Shared<Scene>,
+    origin: Instant,
+    heard: Arc<Mutex<Heard>>,
+    tap: Tap,
+}
+
+impl Line {
+    fn connector(&self) -> Connector {
+        let (instrument, scene, origin) = (self.instrument.clone(), self.scene.clone(), self.origin);
+        let (heard, tap) = (self.heard.clone(), self.tap);
+        Connector::Memory(Box::new(move || {
+            let ((near, beside), (behind, far)) = (duplex(4096), duplex(4096));
+            tokio::spawn(serve(far, instrument.clone(), scene.clone(), origin));
+            tokio::spawn(relay(beside, behind, heard.clone(), tap));
+            near
+        }))
+    }
+}
+
+/// Passes on at once what comes from either side.
+async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<Heard>>, tap: Tap) {
+    let (mut there, mut back) = ([0; 1024], [0; 1024]);
+    loop {
+        tokio::select! {
+            biased;
+            Ok(count @ 1..) = near.read(&mut there) => {
+                if let Tap::Stage([stop, motion]) = tap {
+                    heard.lock().unwrap().told(&there[..count], stop, motion);
+                }
+                let _ = far.write_all(&there[..count]).await;
+            }
+            Ok(count @ 1..) = far.read(&mut back) => {
+                if let Tap::Over(limit_n, from) = tap
+                    && Instant::now() >= from
+                    && force_n(&back[..count]).is_some_and(|force_n| force_n > limit_n)
+                {
+                    heard.lock().unwrap().is_over();
+                }
+                let _ = near.write_all(&back[..count]).await;
+            }
+            else => return,
+        }
+    }
+}
+
+/// The force in an answer: a float in a Modbus TCP frame, a voltage of an XPS, a JSON number.
+fn force_n(answer: &[u8]) -> Option<f64> {
+    if let (Ok(text), Some(b'0' | b'{')) = (str::from_utf8(answer), answer.first()) {
+        let number = match text.strip_prefix("0,") {
+            Some(xps) => xps.split(',').next()?.to_owned(),
+            None => serde_json::from_str::<serde_json::Value>(text).ok()?.get("force_n")?.to_string(),
+        };
+        return number.parse().ok();
+    }
+    let float: [u8; 4] = answer.get(9..13)?.try_into().ok()?;
+    (answer.len() == 13).then(|| f64::from(f32::from_be_bytes(float)))
+}
+
+fn histogram(times_ms: &[f64]) -> String {
+    let mut counts = std::collections::BTreeMap::new();
+    times_ms.iter().for_each(|ms| *counts.entry((ms / 5.0).floor() as i64 * 5).or_insert(0) += 1);
+    counts.iter().map(|(from, count)| format!("  {from:>4} to {:>3} ms {}\n", from + 5, "#".repeat(*count))).collect()
+}

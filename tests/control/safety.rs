@@ -1,0 +1,164 @@
+//! Safety, end to end: whatever the specimen, its mount and the load cell are like, force and depth stay within their limits
+//! over a whole walk; and a person's stop at any moment of it parks.
+
+use crate::support::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthful};
+use palpate::dataset::Status;
+use palpate::quantity::{Axis, Down, Place, Range};
+use palpate::run::Halt;
+use palpate::scene::{Branch, Contact, LoadCell};
+
+// ---- force and depth -----------------------------------------------------------------------------------------------
+
+#[test]
+fn the_force_at_the_limit_never_exceeds_it_over_forty_seeds() {
+    for seed in 1..=40 {
+        let place = ["[[0, 0]]", "[[5.5, -4]]", "[[-6, 6]]", "[[-3, -6]]"][seed as usize % 4];
+        Bench::new(rig_with(|_, _| {}), &recipe(place, STAIRCASE), seed).must_complete(&format!("seed {seed}"));
+    }
+}
+
+#[test]
+fn a_rig_mounted_any_way_round_presses_the_same() {
+    let mount = |down: Down, surface_z_mm: f64, origin: Place, z: Range| {
+        rig_with(|spec, _| {
+            spec.frame.down = down;
+            spec.frame.surface_z_mm = surface_z_mm;
+            spec.frame.origin = origin;
+            spec.stage.travel.axes[Axis::Z.index()] = z;
+        })
+    };
+    let whole = Range { min: -12.5, max: 12.5 };
+    for (i, (down, z_mm, x_mm, y_mm, z)) in [
+        (Down::Plus, 0.0, 0.0, 0.0, whole),
+        (Down::Plus, 9.25, 5.0, -4.5, Range { min: -3.0, max: 12.0 }),
+        (Down::Plus, -8.0, -6.0, 6.0, whole),
+        (Down::Minus, -7.125, 6.0, -6.0, Range { min: -12.5, max: 2.0 }),
+        (Down::Minus, 11.0, -6.5, 2.25, whole),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let spec = mount(down, z_mm, Place::new(x_mm, y_mm), z);
+        let text = recipe("[[-5, 5], [5, 5], [0, -5]]", STAIRCASE);
+        Bench::new(spec, &text, 100 + i as u64).must_complete(&format!("mount {i}"));
+    }
+}
+
+#[test]
+fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
+    let branch = |share, time_s| Branch { share, time_s };
+    for (i, (contact, relaxation, declared, force_n)) in [
+        (linear(1.8), vec![branch(0.05, 0.3), branch(0.05, 5.0)], 1.98, 2.0),
+        (linear(2.0), vec![], 2.0, 2.0),
+        (linear(1.0), vec![branch(0.5, 0.05), branch(0.5, 5.0)], 2.0, 1.8),
+        (Contact { linear_n_mm: 0.8, quadratic_n_mm2: 0.5, toe_mm: 0.05 }, vec![], 2.2, 2.0),
+        (linear(18.0), vec![branch(0.1, 1.0)], 20.0, 2.0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        for seed in 1..=4 {
+            let spec = rig_with(|spec, scene| {
+                spec.limits.stiffness_n_mm = declared;
+                (scene.contact, scene.relaxation) = (contact, relaxation.clone());
+            });
+            let told = format!("specimen {i}, seed {seed}");
+            let text = recipe("[[-5, 5], [4, -3]]", &format!("force_n = {force_n:?}"));
+            Bench::new(spec, &text, seed).must_complete(&told);
+        }
+    }
+}
+
+#[test]
+fn a_load_cell_that_is_slow_is_waited_for() {
+    // a conversion that was held before a motion ended isn't the force after it
+    for conversions_hz in [10.0, 20.0, 50.0, 1000.0] {
+        for seed in 1..=4 {
+            let spec = rig_with(|spec, scene| {
+                spec.load_cell.conversions_hz = conversions_hz;
+                spec.limits.stiffness_n_mm = 1.98;
+                scene.contact = linear(1.8);
+            });
+            let told = format!("{conversions_hz} Hz, seed {seed}");
+            Bench::new(spec, &recipe("[[-5, 5], [4, -3]]", "force_n = 2.0"), seed).must_complete(&told);
+        }
+    }
+}
+
+#[test]
+fn an_offset_of_the_load_cell_is_no_force() {
+    for offset_n in [-1.5, -0.4, 0.4, 1.5] {
+        let spec =
+            rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n, ..LoadCell::default() }));
+        Bench::new(spec, &recipe("[[1, 2]]", STAIRCASE), 5).must_complete(&format!("offset {offset_n} N"));
+    }
+}
+
+#[test]
+fn a_noisy_load_cell_doesnt_cost_force() {
+    for seed in 1..=10 {
+        let spec = rig_with(|_, scene| {
+            scene.load_cell = Some(LoadCell { noise_n: 0.02, offset_n: 0.0, ..LoadCell::default() })
+        });
+        let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
+        let walked = bench.walk(None);
+        assert!(walked.ending.unparked.is_none());
+        let (peak_n, depth_mm) = bench.worst();
+        assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
+    }
+}
+
+#[test]
+fn depth_is_held_where_the_specimen_yields_late() {
+    // a soft start: contact is felt well after it began, and the depth limit is what binds
+    for (i, contact) in [
+        Contact { linear_n_mm: 0.1, quadratic_n_mm2: 1.0, toe_mm: 0.0 },
+        Contact { linear_n_mm: 0.6, quadratic_n_mm2: 0.0, toe_mm: 0.3 },
+        Contact { linear_n_mm: 0.05, quadratic_n_mm2: 0.4, toe_mm: 0.0 },
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let spec = rig_with(|spec, scene| {
+            spec.limits.stiffness_n_mm = 4.0;
+            scene.contact = contact;
+            truthful(scene);
+        });
+        // as much as the specimen bears at the depth limit, so that the press ends there, done or tripped
+        let deepest_n = contact.force_n(spec.limits.depth_mm);
+        let load = format!("force_n = {:.3}", (deepest_n * 1.02).min(2.0));
+        let mut bench = Bench::new(spec, &recipe("[[-4, 1], [3, 3]]", &load), 3);
+        let walked = bench.walk(None);
+        assert!(walked.ending.unparked.is_none(), "specimen {i}");
+        let (peak_n, depth_mm) = bench.worst();
+        assert!(peak_n <= 2.0 && depth_mm <= 1.6, "specimen {i}: {peak_n} N, {depth_mm} mm");
+        // 10 % for what the branches add
+        assert!(walked.shown_most_n <= 1.1 * deepest_n, "specimen {i}: {} of {deepest_n} N", walked.shown_most_n);
+    }
+}
+
+// ---- a person's stop -----------------------------------------------------------------------------------------------
+
+#[test]
+fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
+    let text = recipe("[[-4, 3], [4.5, 4.5]]", "staircase = { to_n = 1.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }");
+    let whole = Bench::new(rig_with(|_, _| {}), &text, 9).walk(None).readings;
+    assert!(whole > 500, "{whole} readings");
+    // five levels at each of two places, each once
+    let rows: Vec<(u64, u64)> = (0..2).flat_map(|press| (0..5).map(move |level| (press, level))).collect();
+    let mut stopped_at = 0;
+    while stopped_at < whole {
+        let told = format!("stop at reading {stopped_at} of {whole}");
+        let mut bench = Bench::new(rig_with(|_, _| {}), &text, 9);
+        let walked = bench.walk(Some(stopped_at));
+        assert!(matches!(walked.ending.halt, Some(Halt::Cancelled)), "{told}: {:?}", walked.ending.told());
+        assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
+        assert_eq!(walked.ending.status(), Status::Stopped, "{told}");
+        assert!(walked.readings <= stopped_at + 1, "{told}: {} readings", walked.readings);
+        bench.folder.finish(walked.ending.end(String::new(), 0.0)).unwrap();
+        bench.must_complete(&told);
+        bench.folder.rebuild().unwrap();
+        assert_eq!(bench.rows_on_disk(), rows, "{told}");
+        stopped_at += 83;
+    }
+}

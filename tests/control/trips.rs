@@ -1,0 +1,126 @@
+//! What is refused, end to end: a specimen, a surface or a load cell that isn't as declared ends a walk with a trip, and the
+//! permit that every advance needs isn't given on anything that is no number.
+
+use crate::support::safety::{Bench, COUNT_N, linear, recipe, rig_with, truthful};
+use palpate::control::{Permit, Rule, Standing, Zero};
+use palpate::dataset::Status;
+use palpate::quantity::Limits;
+use palpate::scene::LoadCell;
+
+#[test]
+fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
+    for seed in 1..=5 {
+        let spec = rig_with(|_, scene| {
+            scene.contact = linear(0.3);
+            scene.relaxation.clear();
+            truthful(scene);
+        });
+        let depth_limit_mm = spec.limits.depth_mm;
+        let mut bench = Bench::new(spec, &recipe("[[2, -2]]", "force_n = 1.0"), seed);
+        let walked = bench.must_trip(&[Rule::OutOfReach], &format!("seed {seed}"));
+        // nothing relaxes and nothing is noise, so that the force tells the depth
+        let depth_mm = (walked.shown_most_n - COUNT_N) / 0.3;
+        assert!(depth_mm <= depth_limit_mm, "seed {seed}: {depth_mm} mm");
+    }
+}
+
+#[test]
+fn without_a_specimen_it_trips_where_the_surface_must_have_been() {
+    let spec = rig_with(|_, scene| {
+        scene.contact = linear(1e-6);
+        scene.relaxation.clear();
+    });
+    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[Rule::NoContact], "no specimen");
+}
+
+#[test]
+fn a_surface_beyond_the_declared_uncertainty_is_not_pressed_beyond_the_limit() {
+    let mut tripped = 0;
+    for seed in 1..=30 {
+        let spec = rig_with(|spec, scene| {
+            spec.limits.stiffness_n_mm = 1.98;
+            scene.surface_tilt_mm = 1.2;
+            scene.contact = linear(1.8);
+            truthful(scene);
+        });
+        let mut bench = Bench::new(spec, &recipe("[[-5, -5]]", "force_n = 2.0"), seed);
+        let walked = bench.walk(None);
+        assert!(walked.ending.unparked.is_none(), "seed {seed}: {:?}", walked.ending.told());
+        assert!(walked.shown_most_n <= 2.0 + COUNT_N, "seed {seed}: {} N", walked.shown_most_n);
+        let (peak_n, depth_mm) = bench.worst();
+        assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
+        tripped += u32::from(walked.ending.status() == Status::Tripped);
+    }
+    assert!(tripped > 0, "some surface lies beyond the declared uncertainty");
+}
+
+#[test]
+fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
+    for conversions_hz in [20.0, 50.0, 200.0] {
+        let spec = rig_with(|spec, scene| {
+            spec.load_cell.conversions_hz = conversions_hz;
+            spec.limits.stiffness_n_mm = 0.5;
+            // more than the limit where its depth ends, less than the cell's range
+            scene.contact = linear(2.0);
+            scene.relaxation.clear();
+            truthful(scene);
+        });
+        let told = format!("{conversions_hz} Hz");
+        Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.9"), 2)
+            .must_trip(&[Rule::OverForce, Rule::HardContact], &told);
+    }
+}
+
+#[test]
+fn a_cell_beyond_its_range_in_air_trips_and_the_trip_is_recorded() {
+    let spec =
+        rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n: 6.0, ..LoadCell::default() }));
+    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[Rule::Unhealthy], "offset beyond range");
+}
+
+// ---- the permit ----------------------------------------------------------------------------------------------------
+
+fn permit() -> Permit {
+    let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+    Permit::new(
+        limits,
+        0.05,
+        100.0,
+        &Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None },
+    )
+}
+
+#[test]
+fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
+    // a bump: the force is there 0.2 mm before the earliest surface that the learned plane allows
+    let standing = Standing { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0 };
+    let deepest_mm = permit().deepest_mm(&standing);
+    let force_n = 0.1 + 2.0 * (deepest_mm + 0.2);
+    assert!(force_n <= 2.0, "{force_n} N at {deepest_mm} mm");
+    // with force to spare it is the depth that binds, and it counts from no later than here
+    let limits = Limits { force_n: 50.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+    let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
+    let depth_mm = Permit::new(limits, 0.05, 100.0, &zero).deepest_mm(&standing) + 0.2;
+    assert!(depth_mm <= 1.6, "{depth_mm} mm");
+}
+
+#[test]
+fn nothing_is_granted_on_what_is_not_a_number() {
+    let good = Standing { z_mm: -1.0, force_n: 0.0, sigma_n: 0.001, age_s: 0.0, first_mm: -0.1 };
+    assert!(permit().advance(&good, -0.5, 1.0).is_ok());
+    for bad in [
+        Standing { z_mm: f64::NAN, ..good },
+        Standing { force_n: f64::NAN, ..good },
+        Standing { sigma_n: f64::NAN, ..good },
+        Standing { age_s: f64::NAN, ..good },
+        Standing { first_mm: f64::NAN, ..good },
+        Standing { force_n: f64::NEG_INFINITY, ..good },
+    ] {
+        assert!(permit().advance(&bad, -0.5, 1.0).is_err(), "{bad:?}");
+    }
+    for speed_mm_s in [0.0, -1.0, f64::NAN] {
+        assert!(permit().advance(&good, -0.5, speed_mm_s).is_err(), "{speed_mm_s} mm/s");
+    }
+    let granted = permit().advance(&good, -0.5, f64::INFINITY).unwrap();
+    assert!(granted.speed_mm_s() < 25.0, "{} mm/s", granted.speed_mm_s());
+}

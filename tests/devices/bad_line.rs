@@ -1,0 +1,221 @@
+//! Every driver on a line that drops, delays, doubles, cuts short, garbles and swaps messages, and is closed now and then. No
+//! call hangs or panics, no value is taken that can be told to be wrong, and a stage ends where it was sent or stopped.
+//!
+//! `PALPATE_BAD_LINE=100000` for that many runs of all drivers together, `PALPATE_BAD_LINE_ONLY=Xps` for one driver's.
+
+mod readers;
+mod stages;
+
+use crate::support::alone::ran_alone;
+use crate::support::walks::{in_parallel, in_virtual_time};
+use palpate::rig::{self, RigSpec};
+use palpate::scene::{Contact, Latencies};
+use std::collections::BTreeMap;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::Mutex;
+
+/// Runs of all drivers together; fewer in a debug build, so that `cargo test` stays quick.
+const RUNS: u64 = if cfg!(debug_assertions) { 1000 } else { 10_000 };
+
+/// Part of the values that a line may falsify without anybody being able to tell: what garbles 15 % of all messages garbles
+/// some digit of at most so many answers.
+const UNSEEN_MOST: f64 = 0.05;
+
+/// Most that is told of what is broken.
+const SHOWN_MOST: usize = 40;
+
+/// What is tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Subject {
+    Esp301,
+    Xps,
+    Grbl,
+    ProcessStage,
+    CellRtu,
+    CellTcp,
+    CellLaumas,
+    CellXps,
+    CellDaqmx,
+    CellProcess,
+    ArrayTcp,
+    ArrayDaqmx,
+    ArrayProcess,
+}
+
+/// Each with its part of the runs: a stage has more that can go wrong.
+const SUBJECTS: [(Subject, u64); 13] = [
+    (Subject::Esp301, 4),
+    (Subject::Xps, 4),
+    (Subject::Grbl, 4),
+    (Subject::ProcessStage, 4),
+    (Subject::CellRtu, 2),
+    (Subject::CellTcp, 2),
+    (Subject::CellLaumas, 2),
+    (Subject::CellXps, 2),
+    (Subject::CellDaqmx, 2),
+    (Subject::CellProcess, 2),
+    (Subject::ArrayTcp, 2),
+    (Subject::ArrayDaqmx, 1),
+    (Subject::ArrayProcess, 1),
+];
+
+impl Subject {
+    /// A check sum covers the bytes.
+    fn has_check_sum(self) -> bool {
+        matches!(self, Subject::CellRtu | Subject::CellLaumas)
+    }
+
+    /// Answers name their requests.
+    fn numbers_answers(self) -> bool {
+        use Subject::{ArrayProcess, ArrayTcp, CellProcess, CellTcp, ProcessStage};
+        matches!(self, ProcessStage | CellTcp | CellProcess | ArrayTcp | ArrayProcess)
+    }
+}
+
+/// What a run came to.
+#[derive(Default)]
+struct Outcome {
+    values: usize,
+    altered: usize,
+    stray: usize,
+    errors: usize,
+    /// A stage that went where nobody sent it, its command garbled, and how many of those nobody noticed.
+    elsewhere: usize,
+    unnoticed: usize,
+    /// What must not be.
+    broken: Vec<String>,
+    /// The longest call of each name, s, and the most messages of one.
+    longest: BTreeMap<&'static str, (f64, usize)>,
+}
+
+impl Outcome {
+    /// Judges a wrong value by what happened on the line while it was asked for.
+    fn judge(&mut self, subject: Subject, altered: bool, stray: bool, told: impl FnOnce() -> String) {
+        self.values += 1;
+        if altered && !subject.has_check_sum() {
+            self.altered += 1;
+        } else if stray && !subject.numbers_answers() {
+            self.stray += 1;
+        } else {
+            self.broken.push(told());
+        }
+    }
+
+    fn took(&mut self, call: &'static str, took_s: f64, messages: usize) {
+        let longest = self.longest.entry(call).or_default();
+        *longest = (longest.0.max(took_s), longest.1.max(messages));
+    }
+
+    fn join(&mut self, other: Outcome) {
+        self.values += other.values;
+        self.altered += other.altered;
+        self.stray += other.stray;
+        self.errors += other.errors;
+        self.elsewhere += other.elsewhere;
+        self.unnoticed += other.unnoticed;
+        self.broken.extend(other.broken);
+        other.longest.into_iter().for_each(|(call, (took_s, messages))| self.took(call, took_s, messages));
+    }
+}
+
+/// A rig in which all that is read is exact, so that what is false shows.
+fn rig(stage: &str, load_cell: &str, array: &str) -> RigSpec {
+    let text = format!(
+        "[stage]\ndriver = {stage}\nlink = \"sim\"\n\
+         travel_mm = {{ x = [-12.5, 12.5], y = [-12.5, 12.5], z = [-12.5, 12.5] }}\n\
+         speed_mm_s = 10.0\nacceleration_mm_s2 = 100.0\nsettle_ms = 10.0\n\
+         [load_cell]\ndriver = {load_cell}\nlink = \"sim\"\nconversions_hz = 200.0\nlag_ms = 0.0\n\
+         [array]\ndriver = {array}\nlink = \"sim\"\ngrid = {{ rows = 3, columns = 3, pitch_mm = 4.5 }}\n\
+         [limits]\nforce_n = 2.0\ndepth_mm = 1.6\nstiffness_n_mm = 2.0\n\
+         [frame]\nsurface_mm = {{ z = 0.0, uncertainty = 0.3 }}\norigin_mm = {{ x = 0.0, y = 0.0 }}\ndown = \"-z\"\n"
+    );
+    let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!("no map of its own"))
+        .unwrap_or_else(|problems| panic!("{:?}", problems.lines()));
+    spec.scene.contact = Contact { linear_n_mm: readers::STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    (spec.scene.relaxation, spec.scene.surface_tilt_mm) = (Vec::new(), 0.0);
+    (spec.scene.relief, spec.scene.stiffness, spec.scene.stage, spec.scene.load_cell) = (None, None, None, None);
+    (spec.scene.skin.noise, spec.scene.skin.hysteresis_percent) = (None, None);
+    spec.scene.latencies =
+        Latencies { stage_s: (0.01, 0.03), load_cell_s: (0.001, 0.003), array_s: (0.001, 0.003), stage_spikes: None };
+    spec
+}
+
+fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+    let tried = panic::catch_unwind(AssertUnwindSafe(|| {
+        in_virtual_time(async {
+            match subject {
+                Subject::Esp301 | Subject::Xps | Subject::Grbl | Subject::ProcessStage => {
+                    stages::run(subject, seed, bad).await
+                }
+                _ => readers::run(subject, seed, bad).await,
+            }
+        })
+    }));
+    tried.unwrap_or_else(|_| Outcome { broken: vec!["it panicked".into()], ..Outcome::default() })
+}
+
+/// Panics of this process: one in a task of its own would go unseen.
+static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+fn note_panics() {
+    panic::set_hook(Box::new(|panic| {
+        let told = format!("{panic}");
+        PANICS.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(told);
+    }));
+}
+
+fn campaign(runs: u64, bad: bool) {
+    note_panics();
+    let parts: u64 = SUBJECTS.iter().map(|(_, part)| part).sum();
+    let count = |part: u64| (runs * part).div_ceil(parts);
+    let only = std::env::var("PALPATE_BAD_LINE_ONLY").ok();
+    let jobs: Vec<(Subject, u64)> = SUBJECTS
+        .iter()
+        .filter(|(subject, _)| only.as_ref().is_none_or(|only| format!("{subject:?}") == *only))
+        .flat_map(|&(subject, part)| (1..=count(part)).map(move |seed| (subject, seed)))
+        .collect();
+    let mut rows: BTreeMap<Subject, (usize, Outcome)> = BTreeMap::new();
+    let mut broken = Vec::new();
+    for ((subject, seed), outcome) in jobs.iter().zip(in_parallel(&jobs, |&(subject, seed)| run(subject, seed, bad))) {
+        broken.extend(outcome.broken.iter().map(|told| format!("{subject:?}, seed {seed}: {told}")));
+        let row = rows.entry(*subject).or_default();
+        row.0 += 1;
+        row.1.join(outcome);
+    }
+    let mut unseen = Vec::new();
+    for (subject, (runs, row)) in &rows {
+        let share = |part: usize| 100.0 * part as f64 / row.values.max(1) as f64;
+        println!(
+            "{subject:?}: {runs} runs, {} values, garbled unseen {} ({:.2} %), of another moment {} ({:.2} %), {} errors, \
+             elsewhere {} ({} unnoticed)",
+            row.values,
+            row.altered,
+            share(row.altered),
+            row.stray,
+            share(row.stray),
+            row.errors,
+            row.elsewhere,
+            row.unnoticed
+        );
+        let longest = row.longest.iter().map(|(call, (s, messages))| format!("{call} {s:.1} s {messages}"));
+        println!("    longest and most messages: {}", longest.collect::<Vec<_>>().join(", "));
+        if (row.altered + row.stray) as f64 > UNSEEN_MOST * row.values as f64 {
+            unseen.push(format!("{subject:?}: {} of {}", row.altered + row.stray, row.values));
+        }
+    }
+    drop(panic::take_hook());
+    let panics = std::mem::take(&mut *PANICS.lock().expect("the hook doesn't panic"));
+    let told: Vec<&String> = panics.iter().chain(&broken).take(SHOWN_MOST).collect();
+    assert!(told.is_empty(), "{} panics, {} broken: {told:#?}", panics.len(), broken.len());
+    assert!(unseen.is_empty(), "more is falsified unseen than can be: {unseen:?}");
+}
+
+#[test]
+fn nothing_that_can_be_told_from_the_truth_is_taken_for_it() {
+    if ran_alone("bad_line::nothing_that_can_be_told_from_the_truth_is_taken_for_it") {
+        return;
+    }
+    let runs = std::env::var("PALPATE_BAD_LINE").ok().and_then(|runs| runs.parse().ok()).unwrap_or(RUNS);
+    campaign(runs / 20, false); // what is judged here holds on a good line
+    campaign(runs, true);
+}

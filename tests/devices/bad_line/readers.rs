@@ -1,0 +1,314 @@
+//! Load cells and arrays: what is read is held against the force that there can have been.
+
+use super::{Outcome, Subject, rig};
+use crate::support::bad_line::{BAD_SHARE, Fate, Framing, connector, lock, passes};
+use palpate::device::{DeviceError, LoadCell, SensorArray};
+use palpate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
+use palpate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
+use palpate::driver::process::{ProcessArray, ProcessLoadCell};
+use palpate::driver::xps::XpsAnalog;
+use palpate::driver::{AnyArray, AnyLoadCell};
+use palpate::emulator::{DaqmxEmulator, Shared};
+use palpate::quantity::{Axis, Stream, stream};
+use palpate::scene::{Scene, Trajectory};
+use palpate::wire::Connector;
+use palpate::wire::daqmx::{Functions, NiDaqmx, Task};
+use rand::RngExt;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::time::{Instant, sleep, timeout};
+
+pub const STIFFNESS_N_MM: f64 = 2.0;
+
+/// How far a true reading may be off, N: what a device rounds to.
+const TOLERANCE_N: f64 = 0.0025;
+
+/// How old the newest conversion is at most, s.
+const CONVERSION_S: f64 = 0.012;
+
+/// Longest `prepare` and `read` of any of them, s: a few exchanges, each tried a few times.
+const CALL_S: f64 = 15.0;
+
+/// Most messages of one call.
+const MESSAGES_MOST: usize = 64;
+
+const READS: u64 = 25;
+const UNITS: usize = 9;
+
+enum Reader {
+    Cell(AnyLoadCell),
+    Array(AnyArray),
+}
+
+impl Reader {
+    async fn prepare(&mut self) -> Result<(), DeviceError> {
+        match self {
+            Reader::Cell(cell) => cell.prepare().await.map(|_| ()),
+            Reader::Array(array) => array.prepare().await.map(|_| ()),
+        }
+    }
+
+    /// What is read, in units of the reading for 1 N; none: it says of itself that it can't be relied on.
+    async fn read(&mut self) -> Result<Option<Vec<f64>>, DeviceError> {
+        match self {
+            Reader::Cell(cell) => {
+                let reading = cell.read().await?;
+                Ok((!reading.health.saturated && !reading.health.fault).then(|| vec![reading.force_n]))
+            }
+            Reader::Array(array) => {
+                let mut outputs = vec![0.0; UNITS];
+                array.read(&mut outputs).await.map(|()| Some(outputs))
+            }
+        }
+    }
+}
+
+pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+    let origin = Instant::now();
+    let (load_cell, array) = match subject {
+        Subject::CellRtu => (r#"{ modbus = "generic-rs485" }"#, r#"{ modbus = "labjack-t7" }"#),
+        Subject::CellLaumas => (r#"{ modbus = "laumas-tlb" }"#, r#"{ modbus = "labjack-t7" }"#),
+        Subject::CellXps => (r#"{ xps = "GPIO2.ADC1", newton_per_volt = 1.0 }"#, r#"{ modbus = "labjack-t7" }"#),
+        Subject::CellProcess | Subject::ArrayProcess => (r#"{ process = ["x"] }"#, r#"{ process = ["x"] }"#),
+        _ => (r#"{ modbus = "labjack-t7" }"#, r#"{ modbus = "labjack-t7" }"#),
+    };
+    let stage = if subject == Subject::CellXps { r#"{ xps = "XYZ" }"# } else { r#""esp301""# };
+    let spec = rig(stage, load_cell, array);
+    let simulated = spec.emulators(seed).expect("emulators");
+    let scene = simulated.scene.clone();
+    let fate = Fate::new(seed, scene.clone(), origin);
+    let mut rng = stream(seed, 1, "bad line");
+    let (press, pattern) = begin_to_press(&scene, &mut rng);
+    let framing = match subject {
+        Subject::CellRtu | Subject::CellLaumas => Framing::Rtu,
+        Subject::CellXps => Framing::Xps,
+        Subject::CellProcess | Subject::ArrayProcess => Framing::Process,
+        _ => Framing::Tcp,
+    };
+    let array = matches!(subject, Subject::ArrayTcp | Subject::ArrayProcess);
+    let device = if array { &simulated.array } else { &simulated.load_cell };
+    let device = device.instrument().expect("it has a link").clone();
+    let link = connector(framing, device, scene.clone(), origin, fate.clone());
+    let mut reader = match subject {
+        Subject::CellDaqmx | Subject::ArrayDaqmx => {
+            let emulator = DaqmxEmulator::new(scene.clone(), origin, "Dev1", Some(0), 1, 1.0);
+            let rng = Mutex::new(stream(seed, 2, "bad line"));
+            let (fate, last) = (fate.clone(), Mutex::default());
+            daqmx(subject, BadTable { table: emulator, fate, rng, last }, origin)
+        }
+        _ => reader(subject, link, origin),
+    };
+
+    let mut outcome = Outcome::default();
+    let clean = rng.random_bool(0.7);
+    lock(&fate).bad = bad && !clean;
+    let prepared = call("prepare", &mut outcome, &fate, reader.prepare()).await;
+    assert!(prepared.is_ok() || !clean && bad, "{:?}", prepared.err().map(|error| error.to_string()));
+    if prepared.is_err() {
+        outcome.errors += 1;
+        return outcome;
+    }
+    lock(&fate).bad = bad;
+    if bad && rng.random_bool(0.2) {
+        lock(&fate).close_in = Some(rng.random_range(1..40));
+    }
+    for _ in 0..READS {
+        sleep(Duration::from_secs_f64(rng.random_range(0.0..0.2))).await;
+        let from_s = lock(&fate).now_s();
+        let read = call("read", &mut outcome, &fate, reader.read()).await;
+        let to_s = lock(&fate).now_s();
+        let Ok(values) = read else {
+            outcome.errors += 1;
+            assert!(bad, "an error on a good line: {:?}", read.err().map(|error| error.to_string()));
+            continue;
+        };
+        let Some(values) = values else {
+            assert!(bad, "out of range on a good line");
+            continue;
+        };
+        let scale = |at: usize| if values.len() == 1 { 1.0 } else { pattern[at] };
+        let window = (from_s - CONVERSION_S, to_s);
+        let is_true = |(at, value): (usize, &f64)| could_read(&press, window, *value, scale(at));
+        if values.iter().enumerate().all(is_true) {
+            outcome.values += 1;
+            continue;
+        }
+        let finite = values.iter().all(|value| value.is_finite());
+        let (altered, stray) = lock(&fate).happened(from_s, to_s);
+        let told = || format!("read {values:?} between {from_s} and {to_s} s, altered {altered}, stray {stray}");
+        outcome.judge(subject, altered && finite, stray && finite, told);
+    }
+    outcome
+}
+
+/// Puts z on an endless way up and down across the surface; what each unit reads of 1 N.
+fn begin_to_press(scene: &Shared<Scene>, rng: &mut Stream) -> (Trajectory, Vec<f64>) {
+    let mut scene = lock(scene);
+    for axis in [Axis::X, Axis::Y] {
+        let from_mm = scene.motion(axis).end_mm();
+        scene.set_motion(axis, Trajectory::to(0.0, (from_mm, 0.0), 0.3, 100.0, 1e4), 0.0);
+    }
+    let from_mm = scene.motion(Axis::Z).end_mm();
+    let mut way = Trajectory::to(0.0, (from_mm, 0.0), 0.1, 100.0, 1e4);
+    for n in 0..80 {
+        let target_mm = if n % 2 == 0 { rng.random_range(-0.5..-0.1) } else { rng.random_range(-0.05..0.1) };
+        let leg = Trajectory::to(way.end_s(), (way.end_mm(), 0.0), target_mm, rng.random_range(0.05..0.4), 100.0);
+        way = way.then(&leg);
+    }
+    scene.set_motion(Axis::Z, way.clone(), 0.0);
+    let mut later = scene.clone();
+    let mut outputs = vec![0.0; UNITS];
+    let mut at_s = 1.0;
+    while later.true_force_n(at_s) < 0.2 {
+        at_s += 0.05;
+    }
+    later.outputs(at_s, &mut outputs);
+    let force_n = later.true_force_n(at_s);
+    (way, outputs.iter().map(|output| output / force_n).collect())
+}
+
+/// Whether a unit that reads `scale` of 1 N can have read this in a stretch of time.
+fn could_read(press: &Trajectory, window: (f64, f64), value: f64, scale: f64) -> bool {
+    let force_n = value / scale;
+    let (tolerance_mm, at_mm) = (TOLERANCE_N / STIFFNESS_N_MM / scale.abs().min(1.0), -force_n / STIFFNESS_N_MM);
+    let in_air = |at_s: f64| press.position_mm(at_s) > 0.0;
+    let touches = passes(press, window, at_mm, tolerance_mm) && at_mm <= tolerance_mm;
+    touches || force_n.abs() <= TOLERANCE_N && (in_air(window.0) || in_air(window.1) || passes(press, window, 0.0, 0.0))
+}
+
+async fn call<T>(name: &'static str, outcome: &mut Outcome, fate: &Shared<Fate>, done: impl Future<Output = T>) -> T {
+    let (began, sent) = (Instant::now(), lock(fate).sent);
+    let came = timeout(Duration::from_secs_f64(CALL_S), done).await;
+    let (took_s, messages) = (began.elapsed().as_secs_f64(), lock(fate).sent - sent);
+    outcome.took(name, took_s, messages);
+    assert!(messages <= MESSAGES_MOST, "{name} took {messages} messages");
+    came.unwrap_or_else(|_| panic!("{name} hangs"))
+}
+
+fn reader(subject: Subject, link: Connector, origin: Instant) -> Reader {
+    let hz = 200.0;
+    let name = || "bad".to_owned();
+    let profile = |name| Profile::shipped(name).expect("it is shipped");
+    match subject {
+        Subject::CellRtu => Reader::Cell(cell(link, Transport::Rtu, profile("generic-rs485"), hz, origin)),
+        Subject::CellLaumas => Reader::Cell(cell(link, Transport::Rtu, profile("laumas-tlb"), hz, origin)),
+        Subject::CellTcp => Reader::Cell(cell(link, Transport::Tcp, profile("labjack-t7"), hz, origin)),
+        Subject::CellXps => Reader::Cell(AnyLoadCell::Xps(XpsAnalog::new(link, name(), "GPIO2.ADC1", 1.0, hz, origin))),
+        Subject::CellProcess => Reader::Cell(AnyLoadCell::Process(ProcessLoadCell::new(link, name(), hz, origin))),
+        Subject::ArrayTcp => {
+            let array = ModbusArray::new(link, Transport::Tcp, profile("labjack-t7"), "bad", UNITS);
+            Reader::Array(AnyArray::Modbus(array.expect("it has outputs")))
+        }
+        Subject::ArrayProcess => Reader::Array(AnyArray::Process(ProcessArray::new(link, name(), UNITS))),
+        _ => unreachable!("{subject:?} has no link"),
+    }
+}
+
+fn cell(link: Connector, transport: Transport, profile: Profile, hz: f64, origin: Instant) -> AnyLoadCell {
+    AnyLoadCell::Modbus(ModbusLoadCell::new(link, transport, profile, "bad", hz, origin).expect("it has a force"))
+}
+
+fn daqmx(subject: Subject, table: BadTable, origin: Instant) -> Reader {
+    let inputs =
+        |physical: &str, count| Inputs { physical: physical.into(), count, terminal: Terminal::Rse, range_v: 10.0 };
+    let both = vec![inputs("Dev1/ai0", 1), inputs("Dev1/ai1:9", UNITS)];
+    let acquisition = Acquisition::new(Functions::Here(Arc::new(table)), both, 200.0, "bad".into());
+    let acquisition = Arc::new(tokio::sync::Mutex::new(acquisition));
+    let identity = palpate::device::Identity {
+        role: "load_cell".into(),
+        identity: "bad".into(),
+        link: "bad".into(),
+        warnings: Vec::new(),
+    };
+    match subject {
+        Subject::CellDaqmx => {
+            Reader::Cell(AnyLoadCell::Daqmx(DaqmxLoadCell::new(acquisition, 0, 1.0, 10.0, 200.0, origin, identity)))
+        }
+        _ => Reader::Array(AnyArray::Daqmx(DaqmxArray::new(acquisition, 1, UNITS, identity))),
+    }
+}
+
+/// NI's functions, some of whose reads fail, or give what was read before, or garbled.
+struct BadTable {
+    table: DaqmxEmulator,
+    fate: Shared<Fate>,
+    rng: Mutex<Stream>,
+    /// What was read last.
+    last: Mutex<Vec<f64>>,
+}
+
+/// Errors that reads end with: not there in time, overrun, gone.
+const ERRORS: [i32; 3] = [-200_284, -200_279, -201_003];
+
+impl BadTable {
+    fn garble(&self, buffer: &mut [f64], read: &mut i32) -> i32 {
+        let (mut rng, mut fate) = (lock(&self.rng), lock(&self.fate));
+        let now_s = fate.now_s();
+        let channels = 1 + UNITS;
+        let count = usize::try_from(*read).unwrap_or(0) * channels;
+        match rng.random_range(0..6) {
+            0 => return ERRORS[rng.random_range(0..ERRORS.len())],
+            1 => *read = 0,
+            2 => {
+                // what was there before, once more
+                let last = lock(&self.last);
+                let length = last.len().min(buffer.len());
+                buffer[..length].copy_from_slice(&last[..length]);
+                *read = (length / channels) as i32;
+                fate.stray_s.push(now_s);
+            }
+            3 => *read = [i32::MAX, -1, i32::MIN][rng.random_range(0..3)],
+            4 if count > 0 => {
+                let no_voltage = [f64::NAN, f64::INFINITY, 1e9, -11.0];
+                buffer[count - channels + rng.random_range(0..channels)] = no_voltage[rng.random_range(0..4)];
+                // nobody can know better of the numbers among them than that they can't be
+            }
+            _ if count > 0 => {
+                let at = count - channels + rng.random_range(0..channels);
+                buffer[at] = f64::from_bits(buffer[at].to_bits() ^ 1 << rng.random_range(0..64));
+                fate.altered_s.push(now_s);
+            }
+            _ => {}
+        }
+        if *read > 0 && *read < i32::MAX {
+            *lock(&self.last) = buffer[..usize::try_from(*read).unwrap_or(0) * channels].to_vec();
+        }
+        0
+    }
+}
+
+impl NiDaqmx for BadTable {
+    fn create_task(&self, name: &str, task: &mut Task) -> i32 {
+        self.table.create_task(name, task)
+    }
+    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32 {
+        self.table.create_ai_voltage_channel(task, physical, terminal, least_v, most_v)
+    }
+    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32 {
+        self.table.configure_sample_clock(task, rate_hz, samples_per_channel)
+    }
+    fn start_task(&self, task: Task) -> i32 {
+        self.table.start_task(task)
+    }
+    fn stop_task(&self, task: Task) -> i32 {
+        self.table.stop_task(task)
+    }
+    fn clear_task(&self, task: Task) -> i32 {
+        self.table.clear_task(task)
+    }
+    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
+        let status = self.table.read_analog_f64(task, samples_per_channel, buffer, read);
+        let struck = {
+            let mut fate = lock(&self.fate);
+            fate.sent += 1;
+            fate.bad && lock(&self.rng).random_bool(BAD_SHARE)
+        };
+        if struck { self.garble(buffer, read) } else { status }
+    }
+    fn extended_error_info(&self) -> String {
+        self.table.extended_error_info()
+    }
+    fn error_string(&self, code: i32) -> String {
+        self.table.error_string(code)
+    }
+}

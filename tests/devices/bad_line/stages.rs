@@ -1,0 +1,333 @@
+//! Stages: where they say they are is held against where they can have been, and where they end against where they were sent.
+
+use super::{Outcome, Subject, rig};
+use crate::support::bad_line::{Fate, Framing, connector, lock};
+use palpate::device::{DeviceError, Reins, Stage, StageUse};
+use palpate::driver::grbl::Grbl;
+use palpate::driver::process::ProcessStage;
+use palpate::driver::xps::{Group, Xps};
+use palpate::driver::{AnyStage, Esp301};
+use palpate::emulator::{Instrument, Shared};
+use palpate::quantity::{Axis, Range, Stream, Travel, stream};
+use palpate::scene::Scene;
+use rand::RngExt;
+use std::time::Duration;
+use tokio::time::{Instant, sleep, timeout};
+
+/// How far a true place may be off, mm: a step of GRBL's, and a last decimal.
+const TOLERANCE_MM: f64 = 0.003;
+
+/// How far from its target an axis has arrived elsewhere, mm: what a caller would notice.
+const NOTICED_MM: f64 = 0.02;
+
+/// How long is waited until all that was begun has ended, s.
+const AFTERWARDS: Duration = Duration::from_secs(60);
+
+/// Longest calls, s, from the deadlines and tries that the drivers name. Each begins with what brings a link back into step.
+struct Deadlines {
+    /// One question.
+    ask_s: f64,
+    begin_s: f64,
+    stop_s: f64,
+    /// Beyond what the motion should take.
+    follow_s: f64,
+    prepare_s: f64,
+}
+
+/// Most messages of a call, and a second of it: a driver that waits for a motion asks on and on.
+const MESSAGES_MOST: usize = 128;
+const MESSAGES_A_SECOND: f64 = 520.0;
+
+fn deadlines(subject: Subject) -> Deadlines {
+    match subject {
+        Subject::Esp301 => Deadlines { ask_s: 40.0, begin_s: 40.0, stop_s: 6.0, follow_s: 60.0, prepare_s: 600.0 },
+        Subject::Xps => Deadlines { ask_s: 4.0, begin_s: 50.0, stop_s: 8.0, follow_s: 80.0, prepare_s: 300.0 },
+        Subject::Grbl => Deadlines { ask_s: 45.0, begin_s: 60.0, stop_s: 1.0, follow_s: 180.0, prepare_s: 300.0 },
+        _ => Deadlines { ask_s: 4.0, begin_s: 4.0, stop_s: 2.0, follow_s: 20.0, prepare_s: 130.0 },
+    }
+}
+
+/// A stage under trial.
+struct Trial {
+    subject: Subject,
+    stage: AnyStage,
+    fate: Shared<Fate>,
+    rng: Stream,
+    bad: bool,
+    outcome: Outcome,
+    /// True place less counted, mm, of each axis: what it was switched on with, and none once it is homed.
+    off_mm: [Vec<f64>; 3],
+    /// Where each axis was sent, and where it may be without, true mm.
+    sent_mm: [Vec<f64>; 3],
+    /// Whether it was stopped, or may have been: an error leaves that open.
+    stopped: bool,
+    noticed: bool,
+    /// Something was garbled while it was prepared: it may count from anywhere.
+    lost: bool,
+}
+
+pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+    let origin = Instant::now();
+    let stage = match subject {
+        Subject::Esp301 => r#""esp301""#,
+        Subject::Xps => r#"{ xps = "XYZ" }"#,
+        Subject::Grbl => r#""grbl""#,
+        _ => r#"{ process = ["x"] }"#,
+    };
+    let cell = if subject == Subject::ProcessStage { r#"{ process = ["x"] }"# } else { r#"{ modbus = "labjack-t7" }"# };
+    let simulated = rig(stage, cell, cell).emulators(seed).expect("emulators");
+    let scene = simulated.scene.clone();
+    let device = simulated.stage.instrument().expect("it has a link").clone();
+    let fate = Fate::new(seed, scene.clone(), origin);
+    let mut rng = stream(seed, 1, "bad line");
+    let power_on_mm = Axis::ALL.map(|axis| lock(&scene).motion(axis).end_mm());
+    if subject == Subject::Esp301 && rng.random_bool(0.9) {
+        switch_on(&device, &scene); // a search for home takes some thousand messages
+    }
+    let trial = Trial {
+        subject,
+        stage: driver(subject, device, &scene, origin, &fate),
+        fate,
+        rng,
+        bad,
+        outcome: Outcome::default(),
+        off_mm: power_on_mm.map(|place_mm| vec![0.0, place_mm]),
+        // where each looks for home: an end, off it, or the middle
+        sent_mm: power_on_mm.map(|place_mm| vec![place_mm, 0.0, -12.5, 12.0, 12.5]),
+        stopped: false,
+        noticed: false,
+        lost: false,
+    };
+    trial.run(&scene).await
+}
+
+impl Trial {
+    async fn run(mut self, scene: &Shared<Scene>) -> Outcome {
+        let clean = self.rng.random_bool(0.75);
+        lock(&self.fate).bad = self.bad && !clean;
+        let usage = StageUse {
+            travel: Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] },
+            away: 1.0,
+            speed_mm_s: 10.0,
+            acceleration_mm_s2: 100.0,
+        };
+        let reins = Reins::default();
+        let limit_s = deadlines(self.subject).prepare_s;
+        let fate = self.fate.clone();
+        let prepared = call("prepare", limit_s, &mut self.outcome, &fate, self.stage.prepare(&usage, &reins)).await;
+        let prepared = self.note(prepared).is_some();
+        assert!(prepared || !clean && self.bad, "it can't be prepared on a good line");
+        self.lost = !lock(&fate).altered_s.is_empty();
+        if prepared {
+            // whatever it took to prepare it: from here on it goes where it is sent
+            let at_mm = Axis::ALL.map(|axis| lock(scene).motion(axis).end_mm());
+            (self.sent_mm, self.stopped) = (at_mm.map(|place_mm| vec![place_mm]), false);
+            lock(&fate).bad = self.bad;
+            if self.bad && self.rng.random_bool(0.25) {
+                lock(&fate).close_in = Some(self.rng.random_range(1..60));
+            }
+            for _ in 0..self.rng.random_range(2..6) {
+                self.act().await;
+            }
+        }
+        let Trial { stage, fate, mut outcome, sent_mm, stopped, noticed, .. } = self;
+        drop(stage);
+        sleep(AFTERWARDS).await;
+        let now_s = lock(&fate).now_s();
+        for axis in Axis::ALL {
+            let motion = lock(scene).motion(axis).clone();
+            let (end_mm, sent_mm) = (motion.position_mm(now_s), &sent_mm[axis.index()]);
+            let is_sent = sent_mm.iter().any(|sent_mm| (sent_mm - end_mm).abs() < TOLERANCE_MM);
+            let (least_mm, most_mm) = sent_mm.iter().fold((f64::MAX, f64::MIN), |(a, b), mm| (a.min(*mm), b.max(*mm)));
+            let on_the_way = stopped && end_mm > least_mm - TOLERANCE_MM && end_mm < most_mm + TOLERANCE_MM;
+            let altered = lock(&fate).altered_command;
+            if motion.moving(now_s) && !altered {
+                outcome.broken.push(format!("{} still moves after it all", axis.name()));
+            } else if !is_sent && !on_the_way {
+                if altered {
+                    outcome.elsewhere += 1;
+                    outcome.unnoticed += usize::from(!noticed);
+                } else {
+                    outcome.broken.push(format!("{} ends at {end_mm} mm, sent to {sent_mm:?}", axis.name()));
+                }
+            }
+        }
+        outcome
+    }
+
+    /// One thing that is done with a stage.
+    async fn act(&mut self) {
+        match self.rng.random_range(0..10) {
+            0..7 => self.move_somewhere().await,
+            7..9 => {
+                let axis = Axis::ALL[self.rng.random_range(0..3)];
+                self.ask(axis).await;
+            }
+            _ => self.stop().await,
+        }
+    }
+
+    async fn move_somewhere(&mut self) {
+        let mut axes = Axis::ALL.to_vec();
+        let gone = self.rng.random_range(0..3);
+        axes.remove(gone);
+        axes.truncate(self.rng.random_range(1..3));
+        let targets: Vec<(Axis, f64)> =
+            axes.iter().map(|&axis| (axis, (self.rng.random_range(-3.0..3.0f64) * 1e3).round() / 1e3)).collect();
+        for (axis, target_mm) in &targets {
+            let offs_mm = self.off_mm[axis.index()].clone();
+            self.sent_mm[axis.index()].extend(offs_mm.iter().map(|off_mm| (target_mm + off_mm).clamp(-12.5, 12.5)));
+        }
+        let speed_mm_s = self.rng.random_range(2.0..10.0);
+        let (fate, deadlines) = (self.fate.clone(), deadlines(self.subject));
+        let begun = call(
+            "begin",
+            deadlines.begin_s,
+            &mut self.outcome,
+            &fate,
+            self.stage.begin(&targets, speed_mm_s, &Reins::default()),
+        )
+        .await;
+        if self.note(begun).is_none() && self.rng.random_bool(0.5) {
+            return;
+        }
+        if self.rng.random_bool(0.2) {
+            self.ask(axes[0]).await; // under way
+        }
+        let expected = Duration::from_secs_f64(6.0 / speed_mm_s + 0.2);
+        let reins = Reins::default();
+        let pulls = if self.rng.random_bool(0.3) { Some(self.rng.random_range(0.0..1.0)) } else { None };
+        let speed = if self.rng.random_bool(0.2) { Some(self.rng.random_range(0.0..0.5)) } else { None };
+        let pull = async {
+            if let Some(after_s) = speed {
+                sleep(Duration::from_secs_f64(after_s)).await;
+                reins.speed(1.0 + 5.0 * after_s);
+            }
+            if let Some(after_s) = pulls {
+                sleep(Duration::from_secs_f64(after_s)).await;
+                reins.stop();
+            }
+        };
+        // one of its speeds stops and goes on
+        self.stopped |= pulls.is_some() || speed.is_some();
+        let from_s = lock(&fate).now_s();
+        let limit_s = 2.0 * expected.as_secs_f64() + deadlines.follow_s;
+        let follow = async {
+            let followed = self.stage.follow(&axes, expected, &reins);
+            tokio::pin!(followed);
+            tokio::select! {
+                biased;
+                followed = &mut followed => followed,
+                () = async { pull.await; std::future::pending().await } => unreachable!("it waits for ever"),
+            }
+        };
+        let followed = call("follow", limit_s, &mut self.outcome, &fate, follow).await;
+        let Some(places_mm) = self.note(followed) else { return };
+        lock(&fate).look();
+        let to_s = lock(&fate).now_s();
+        for ((axis, target_mm), place_mm) in targets.iter().zip(&places_mm) {
+            let stands = !lock(&fate).moves(*axis);
+            self.judge("follow", *axis, *place_mm, (from_s, to_s), stands);
+            self.noticed |= pulls.is_none() && (target_mm - place_mm).abs() > NOTICED_MM;
+        }
+    }
+
+    async fn ask(&mut self, axis: Axis) {
+        let (fate, limit_s) = (self.fate.clone(), deadlines(self.subject).ask_s);
+        let from_s = lock(&fate).now_s();
+        let asked =
+            call("position", limit_s, &mut self.outcome, &fate, self.stage.position_mm(axis, &Reins::default())).await;
+        let Some(place_mm) = self.note(asked) else { return };
+        lock(&fate).look();
+        let to_s = lock(&fate).now_s();
+        self.judge("position", axis, place_mm, (from_s, to_s), true);
+    }
+
+    async fn stop(&mut self) {
+        self.stopped = true;
+        let (fate, limit_s) = (self.fate.clone(), deadlines(self.subject).stop_s);
+        let stopped = call("stop", limit_s, &mut self.outcome, &fate, self.stage.stop()).await;
+        self.note(stopped);
+    }
+
+    fn judge(&mut self, name: &str, axis: Axis, place_mm: f64, (from_s, to_s): (f64, f64), stands: bool) {
+        let fate = lock(&self.fate);
+        let is_true = self.off_mm[axis.index()]
+            .iter()
+            .any(|off_mm| fate.could_be(axis, (from_s, to_s), place_mm + off_mm, TOLERANCE_MM));
+        if is_true && stands {
+            self.outcome.values += 1;
+            return;
+        }
+        let in_range = place_mm.abs() <= 12.5 + 0.1;
+        let (altered, stray) = fate.happened(from_s, to_s);
+        drop(fate);
+        let altered = altered || self.lost;
+        let told = || {
+            format!(
+                "{name} of {} gave {place_mm} mm between {from_s} and {to_s} s, stands {stands}, altered {altered}, stray \
+                 {stray}",
+                axis.name()
+            )
+        };
+        self.outcome.judge(self.subject, altered && in_range, stray && in_range, told);
+    }
+
+    /// What a call gave, its error counted.
+    fn note<T>(&mut self, came: Result<T, DeviceError>) -> Option<T> {
+        if let Err(error) = &came {
+            assert!(self.bad, "an error on a good line: {error}");
+            self.outcome.errors += 1;
+            (self.noticed, self.stopped) = (true, true);
+        }
+        came.ok()
+    }
+}
+
+/// Does what it is asked within a limit of time and messages.
+async fn call<T>(
+    name: &'static str,
+    limit_s: f64,
+    outcome: &mut Outcome,
+    fate: &Shared<Fate>,
+    done: impl Future<Output = T>,
+) -> T {
+    let (began, sent) = (Instant::now(), lock(fate).sent);
+    let came = timeout(Duration::from_secs_f64(limit_s), done).await;
+    let (took_s, messages) = (began.elapsed().as_secs_f64(), lock(fate).sent - sent);
+    outcome.took(name, took_s, messages);
+    let most = MESSAGES_MOST + (MESSAGES_A_SECOND * took_s) as usize;
+    assert!(messages <= most, "{name} took {messages} messages in {took_s} s");
+    came.unwrap_or_else(|_| panic!("{name} hangs"))
+}
+
+/// Motors on: to the driver it knows where it is.
+fn switch_on(device: &Shared<dyn Instrument>, scene: &Shared<Scene>) {
+    let (mut device, mut scene) = (lock(device), lock(scene));
+    let mut inbox = b"1MO;2MO;3MO\r".to_vec();
+    while let Some(request) = device.take_request(&mut inbox) {
+        device.answer(&request, &mut scene, 0.0);
+    }
+}
+
+fn driver(
+    subject: Subject,
+    device: Shared<dyn Instrument>,
+    scene: &Shared<Scene>,
+    origin: Instant,
+    fate: &Shared<Fate>,
+) -> AnyStage {
+    let link = |framing| connector(framing, device.clone(), scene.clone(), origin, fate.clone());
+    let name = || "bad".to_owned();
+    match subject {
+        Subject::Esp301 => AnyStage::Esp301(Esp301::new(link(Framing::Esp301), name())),
+        Subject::Xps => {
+            let positioners = ["X", "Y", "Z"].map(str::to_owned);
+            let group = Group { name: "XYZ".to_owned(), positioners, home_search: true };
+            let links = [link(Framing::Xps), link(Framing::Xps), link(Framing::Xps)];
+            AnyStage::Xps(Box::new(Xps::new(links, name(), group, None)))
+        }
+        Subject::Grbl => AnyStage::Grbl(Grbl::new(link(Framing::Grbl), name())),
+        _ => AnyStage::Process(ProcessStage::new(link(Framing::Process), name())),
+    }
+}

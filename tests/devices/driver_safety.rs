@@ -1,0 +1,340 @@
+//! What the drivers owe to safety, each against an emulated device or a far end that the test plays, in virtual time: where
+//! things are is asked of the scene.
+
+use crate::support::safety::{rig_with, truthful};
+use crate::support::walks::in_virtual_time;
+use palpate::device::{LoadCell as _, Reins, Stage, StageUse};
+use palpate::driver::Esp301;
+use palpate::driver::modbus::{ModbusLoadCell, Transport};
+use palpate::emulator::{Instrument, Shared, serve};
+use palpate::quantity::{Axis, Down};
+use palpate::rig::{RigSpec, SimulatedRig};
+use palpate::scene::{Scene, Trajectory};
+use palpate::wire::Connector;
+use std::future::Future;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, sleep};
+
+// ---- the stage's driver against its emulator -----------------------------------------------------------------------
+
+/// The emulated stage of a rig, with a driver on it and a hand in its scene.
+struct StageBench {
+    driver: Esp301,
+    instrument: Shared<dyn Instrument>,
+    scene: Shared<Scene>,
+    usage: StageUse,
+    origin: Instant,
+}
+
+impl StageBench {
+    fn new(spec: &RigSpec) -> StageBench {
+        let origin = Instant::now();
+        let SimulatedRig { scene, stage, .. } = spec.emulators(1).unwrap();
+        let instrument = stage.instrument().expect("it has a link").clone();
+        let (far_instrument, far_scene) = (instrument.clone(), scene.clone());
+        let dial = move || {
+            let (near, far) = duplex(4096);
+            let (instrument, scene) = (far_instrument.clone(), far_scene.clone());
+            tokio::spawn(async move { serve(far, instrument, scene, origin).await });
+            near
+        };
+        let usage = StageUse {
+            travel: spec.permitted_travel(),
+            away: -spec.frame.down.sign(),
+            speed_mm_s: spec.stage.speed_mm_s,
+            acceleration_mm_s2: spec.stage.acceleration_mm_s2,
+        };
+        let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
+        StageBench { driver, instrument, scene, usage, origin }
+    }
+
+    fn now_s(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64()
+    }
+
+    /// A command as another client of the controller would send it, acted on at once.
+    fn command(&self, line: &str) {
+        let now_s = self.now_s();
+        self.instrument.lock().unwrap().answer(line.as_bytes(), &mut self.scene.lock().unwrap(), now_s);
+    }
+
+    fn at_mm(&self, axis: Axis) -> f64 {
+        let now_s = self.now_s();
+        self.scene.lock().unwrap().axis(axis, now_s).0
+    }
+}
+
+/// Whether x or y moved while z was within reach of the specimen, looked at each ms.
+async fn sideways_in_contact(scene: Shared<Scene>, origin: Instant, contact_below_mm: f64) -> bool {
+    let look = || {
+        let now_s = origin.elapsed().as_secs_f64();
+        let mut scene = scene.lock().unwrap();
+        Axis::ALL.map(|axis| scene.axis(axis, now_s))
+    };
+    let mut seen = false;
+    loop {
+        let [x, y, z] = look();
+        seen |= (x.1 != 0.0 || y.1 != 0.0) && z.0 < contact_below_mm;
+        if seen {
+            return true;
+        }
+        sleep(Duration::from_millis(1)).await;
+    }
+}
+
+#[test]
+fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
+    // z was homed and still presses; the x motor is off (a following error, or a hand on the front panel)
+    in_virtual_time(async {
+        let spec = rig_with(|_, _| {});
+        let mut bench = StageBench::new(&spec);
+        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
+        bench.driver.begin(&[(Axis::Z, -1.0)], 10.0, &Reins::default()).await.unwrap();
+        bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Reins::default()).await.unwrap();
+        bench.command("1PA3");
+        sleep(Duration::from_secs(2)).await;
+        bench.command("1MF");
+        assert!(bench.at_mm(Axis::Z) < -0.9, "pressing");
+        let watch = sideways_in_contact(bench.scene.clone(), bench.origin, 0.3);
+        // whether it homes x after a retreat of its own or refuses to go on is its choice
+        let never = Reins::default();
+        let moved = tokio::select! {
+            biased;
+            moved = watch => moved,
+            _ = bench.driver.prepare(&bench.usage, &never) => false,
+        };
+        assert!(!moved, "x moved with the indenter {} mm in the specimen", -bench.at_mm(Axis::Z));
+    });
+}
+
+#[test]
+fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
+    // a program that was killed left a motion behind; the next one must not take where it is for where it stays
+    in_virtual_time(async {
+        let spec = rig_with(|_, _| {});
+        let mut bench = StageBench::new(&spec);
+        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
+        bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &Reins::default()).await.unwrap();
+        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
+        let here_mm = bench.driver.position_mm(Axis::Z, &Reins::default()).await.unwrap();
+        sleep(Duration::from_secs(1)).await;
+        assert!((bench.at_mm(Axis::Z) - here_mm).abs() < 0.001, "from {here_mm} mm to {} mm", bench.at_mm(Axis::Z));
+    });
+}
+
+#[test]
+fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
+    for down in [Down::Minus, Down::Plus] {
+        in_virtual_time(async {
+            let spec = rig_with(|spec, _| spec.frame.down = down);
+            let bench = StageBench::new(&spec);
+            let into = down.sign();
+            bench.scene.lock().unwrap().set_motion(Axis::Z, Trajectory::at_rest(into), 0.0);
+            // the controller is switched on there
+            let StageBench { scene, usage, origin, .. } = bench;
+            let instrument: Shared<dyn Instrument> =
+                Arc::new(Mutex::new(palpate::emulator::Esp301::new(&scene.lock().unwrap())));
+            let far_scene = scene.clone();
+            let dial = move || {
+                let (near, far) = duplex(4096);
+                let (instrument, scene) = (instrument.clone(), far_scene.clone());
+                tokio::spawn(async move { serve(far, instrument, scene, origin).await });
+                near
+            };
+            let mut driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
+            let deepest = async {
+                let mut deepest_mm = f64::NEG_INFINITY;
+                let mut sideways = false;
+                loop {
+                    let now_s = origin.elapsed().as_secs_f64();
+                    let [x, _, z] = Axis::ALL.map(|axis| scene.lock().unwrap().axis(axis, now_s));
+                    deepest_mm = deepest_mm.max(z.0 * into);
+                    sideways |= x.1 != 0.0 && z.0 * into > -0.3;
+                    assert!(deepest_mm <= 1.0 && !sideways, "{down:?}: {deepest_mm} mm");
+                    sleep(Duration::from_millis(2)).await;
+                }
+            };
+            let never = Reins::default();
+            tokio::select! {
+                biased;
+                () = deepest => {}
+                prepared = driver.prepare(&usage, &never) => drop(prepared.unwrap()),
+            }
+        });
+    }
+}
+
+/// A driver whose far end is played by the test: line by line.
+fn scripted<F: Future<Output = ()> + Send + 'static>(play: impl FnOnce(DuplexStream) -> F) -> Esp301 {
+    let (near, far) = duplex(4096);
+    tokio::spawn(play(far));
+    let near = Mutex::new(Some(near));
+    Esp301::new(Connector::Memory(Box::new(move || near.lock().unwrap().take().unwrap())), "script".to_owned())
+}
+
+async fn line_from(far: &mut DuplexStream) -> Option<String> {
+    let mut line = Vec::new();
+    while line.last() != Some(&b'\r') {
+        line.push(far.read_u8().await.ok()?);
+    }
+    Some(String::from_utf8(line).unwrap().trim().to_owned())
+}
+
+#[test]
+fn an_answer_that_came_twice_is_not_taken_for_the_next() {
+    in_virtual_time(async {
+        let mut driver = scripted(|mut far| async move {
+            let mut first = true;
+            while let Some(line) = line_from(&mut far).await {
+                let answer: &[u8] = match line.as_str() {
+                    // the line stutters once
+                    "3MD?;3TP;TB?" if std::mem::take(&mut first) => b"1\r\n1\r\n-0.4321\r\n0, 1, NO ERROR DETECTED\r\n",
+                    "3MD?;3TP;TB?" => b"1\r\n-0.4321\r\n0, 2, NO ERROR DETECTED\r\n",
+                    "3TP" => b"-0.4321\r\n",
+                    "VE?" => b"ESP301 Version 1.1.1 16/01/14\r\n",
+                    _ => b"",
+                };
+                far.write_all(answer).await.unwrap();
+            }
+        });
+        assert_eq!(driver.follow(&[Axis::Z], Duration::ZERO, &Reins::default()).await.unwrap(), [-0.4321]);
+        assert_eq!(driver.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -0.4321);
+    });
+}
+
+#[test]
+fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
+    in_virtual_time(async {
+        let stopped_s = Arc::new(Mutex::new(None));
+        let (told, began) = (stopped_s.clone(), Instant::now());
+        let mut driver = scripted(move |mut far| async move {
+            let mut garbled = false;
+            while let Some(line) = line_from(&mut far).await {
+                let answer: &[u8] = match line.as_str() {
+                    "3MD?;3TP;TB?" if garbled => b"1\r\n-0.4321\r\n0, 1, NO ERROR DETECTED\r\n",
+                    "3MD?;3TP;TB?" => {
+                        garbled = true;
+                        b"E what?\r\n-0.4321\r\n0, 1, NO ERROR DETECTED\r\n"
+                    }
+                    "VE?" => {
+                        sleep(Duration::from_secs(1)).await;
+                        b"ESP301 Version 1.1.1 16/01/14\r\n"
+                    }
+                    "ST" => {
+                        *told.lock().unwrap() = Some(began.elapsed().as_secs_f64());
+                        b""
+                    }
+                    _ => b"",
+                };
+                far.write_all(answer).await.unwrap();
+            }
+        });
+        let reins = Reins::default();
+        let ask_for_it = async {
+            sleep(Duration::from_millis(30)).await;
+            reins.stop();
+        };
+        let (followed, ()) = tokio::join!(driver.follow(&[Axis::Z], Duration::ZERO, &reins), ask_for_it);
+        followed.unwrap();
+        let stopped_s = stopped_s.lock().unwrap().expect("ST was sent");
+        assert!(stopped_s < 0.05, "asked for at 0.03 s, sent at {stopped_s} s");
+    });
+}
+
+// ---- the load cell's driver ----------------------------------------------------------------------------------------
+
+/// Dials a serial line that outlives its openings, as a real one does: the device answers one request after another, and
+/// an answer goes to whoever has the port open by then. Answers may be late, by as much as `late` says for each request.
+fn serial_line(
+    instrument: Shared<dyn Instrument>,
+    scene: Shared<Scene>,
+    origin: Instant,
+    late: impl Fn(usize) -> Duration + Send + 'static,
+) -> Connector {
+    let (requests, mut requested) = mpsc::unbounded_channel::<Vec<u8>>();
+    let port: Arc<tokio::sync::Mutex<Option<tokio::io::WriteHalf<DuplexStream>>>> = Arc::default();
+    let (device, writer) = (instrument.clone(), port.clone());
+    tokio::spawn(async move {
+        let mut count = 0;
+        while let Some(request) = requested.recv().await {
+            let now_s = origin.elapsed().as_secs_f64();
+            let answer = device.lock().unwrap().answer(&request, &mut scene.lock().unwrap(), now_s);
+            sleep(Duration::from_millis(2) + late(count)).await;
+            count += 1;
+            if let Some(writer) = writer.lock().await.as_mut() {
+                // who has closed the port meanwhile misses the answer
+                let _ = writer.write_all(&answer).await;
+            }
+        }
+    });
+    Connector::Memory(Box::new(move || {
+        let (near, far) = duplex(4096);
+        let (mut reader, writer) = tokio::io::split(far);
+        *port.try_lock().unwrap() = Some(writer);
+        let (instrument, requests) = (instrument.clone(), requests.clone());
+        tokio::spawn(async move {
+            let mut inbox = Vec::new();
+            while let Ok(byte) = reader.read_u8().await {
+                inbox.push(byte);
+                while let Some(request) = instrument.lock().unwrap().take_request(&mut inbox) {
+                    let _ = requests.send(request);
+                }
+            }
+        });
+        near
+    }))
+}
+
+#[test]
+fn a_reading_beyond_the_range_says_so_with_itself() {
+    in_virtual_time(async {
+        let spec = rig_with(|_, scene| truthful(scene));
+        let origin = Instant::now();
+        let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
+        let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, |_| {
+            Duration::ZERO
+        });
+        let profile = spec.load_cell.driver.map().expect("a register map").profile.clone();
+        let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
+        cell.prepare().await.unwrap();
+        cell.read().await.unwrap();
+        let now_s = origin.elapsed().as_secs_f64();
+        scene.lock().unwrap().set_motion(Axis::Z, Trajectory::at_rest(-6.0), now_s);
+        sleep(Duration::from_millis(20)).await;
+        // a mean of four, as a step is decided on: its last reading at least knows
+        let mut health = Default::default();
+        for _ in 0..4 {
+            health = cell.read().await.unwrap().health;
+        }
+        assert!(health.saturated, "four readings of a saturated cell passed for good ones");
+    });
+}
+
+#[test]
+fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
+    in_virtual_time(async {
+        let spec = rig_with(|_, scene| truthful(scene));
+        let origin = Instant::now();
+        let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
+        // the fifth request is answered after the driver gave it up (200 ms) and found the line quiet
+        let late = |count| Duration::from_millis(if count == 4 { 240 } else { 0 });
+        let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, late);
+        let profile = spec.load_cell.driver.map().expect("a register map").profile.clone();
+        let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
+        cell.prepare().await.unwrap(); // three requests
+        assert_eq!(cell.read().await.unwrap().force_n, 0.0);
+        let press = async {
+            sleep(Duration::from_millis(100)).await;
+            let now_s = origin.elapsed().as_secs_f64();
+            scene.lock().unwrap().set_motion(Axis::Z, Trajectory::at_rest(-1.0), now_s);
+        };
+        let (reading, ()) = tokio::join!(cell.read(), press);
+        // refusing it is right, and so is the force of now; the force of before isn't
+        for reading in [reading, cell.read().await, cell.read().await].into_iter().flatten() {
+            assert!(reading.force_n > 0.5, "{} N at {} s, after 1 mm at 0.1 s", reading.force_n, reading.at_s);
+        }
+    });
+}

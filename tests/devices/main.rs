@@ -1,0 +1,10 @@
+//! Drivers on lines and devices that fail, and rigs of every kind.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod bad_line;
+mod driver_safety;
+mod rig_checks;
+mod rigs;
+mod unplugged;

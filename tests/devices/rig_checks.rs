@@ -1,0 +1,127 @@
+//! `palpate doctor` and `palpate align` as their user meets them.
+
+use crate::support::{Bench, exchanged, shipped, shipped_text};
+
+const RIGS: [&str; 8] = ["sim", "paper", "esp301", "xps", "grbl", "process", "bench-fast", "bench-esp301"];
+
+/// Where a simulated specimen really lies, beside where the rig says: x, y and z in mm, and degrees.
+const MOUNTING: &str = "mounting = { x_mm = 0.6, y_mm = -0.4, z_mm = 0.1, rotation_deg = 3.0 }\n";
+
+#[test]
+fn the_doctor_finds_every_shipped_rig_in_order_in_80_columns() {
+    for rig in RIGS {
+        let file = shipped(&format!("rigs/{rig}.toml"));
+        let told = Bench::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
+        assert!(told.out.ends_with("nothing to put right\n"), "{rig}: {}", told.out);
+        for expected in ["stage", "load_cell", "array", "noise of a reading", "an approach is at most at"] {
+            assert!(told.out.contains(expected), "{rig}: no {expected:?} in\n{}", told.out);
+        }
+        let widest = told.out.lines().map(|line| line.chars().count()).max();
+        assert!(widest <= Some(80), "{rig}: {widest:?} columns");
+    }
+}
+
+#[test]
+fn the_doctor_measures_what_a_run_reckons_with() {
+    let told = Bench::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
+    let found = &told.json_lines()[0];
+    let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("no {key}: {found}"));
+    assert!((number("noise_n") - 0.003).abs() < 0.0005 && number("zero_n").abs() < 0.001, "{found}");
+    // conversion 5 ms, half as much again as the longest exchanges of 20 and 10 ms, servo 10 ms
+    assert_eq!(number("reaction_worst_ms"), 60.0);
+    assert_eq!(found["reaction_ms"].as_array().map(Vec::len), Some(200));
+    assert!((number("approach_mm_s") - 9.26).abs() < 0.01, "{found}");
+    assert_eq!(found["advice"].as_array().map(Vec::len), Some(0));
+}
+
+#[test]
+fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_same() {
+    let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
+    let told = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(0, "doctor noisy.toml");
+    let said = told.out.split_whitespace().collect::<Vec<_>>().join(" ");
+    for expected in
+        ["is over 2 % of the force limit: a run won't begin", "in air. That is taken off, but is it preloaded"]
+    {
+        assert!(said.contains(expected), "no {expected:?} in\n{}", told.out);
+    }
+    let slow = exchanged(&shipped_text("rigs/sim.toml"), "speed_mm_s = 10.0 ", "speed_mm_s = 100.0 ");
+    let told = Bench::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
+    assert!(told.running().contains("goes at most 25 mm/s, under the rig's speed_mm_s of 100"), "{}", told.err);
+    assert!(told.out.contains("stage      doesn't work: see below") && told.out.contains("LabJack T7"), "{}", told.out);
+}
+
+#[test]
+fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
+    let rig = shipped_text("rigs/sim.toml") + MOUNTING;
+    let bench = Bench::with([("rig.toml", rig.as_str())]);
+    let told = bench.palpate_ends(0, "align rig.toml");
+    assert!(told.out.ends_with("written: [frame] of rig.toml\n"), "{}", told.out);
+    let written = bench.read("rig.toml");
+    let of =
+        |key: &str| written.lines().find(|line| line.starts_with(key)).unwrap_or_else(|| panic!("no {key}")).to_owned();
+    let numbers = |line: &str| -> Vec<f64> {
+        let before = line.split('#').next().unwrap_or_default();
+        let parts = before.split(|c: char| !(c.is_ascii_digit() || ".-".contains(c)));
+        parts.filter_map(|part| part.parse().ok()).collect()
+    };
+    let origin = numbers(&of("origin_mm"));
+    assert!((origin[0] - 0.6).hypot(origin[1] + 0.4) < 0.15, "{origin:?}");
+    assert!((numbers(&of("rotation_deg"))[0] - 3.0).abs() < 1.5, "{}", of("rotation_deg"));
+    // down is -z; the specimen's own plane is up to 0.07 mm off in its middle
+    assert!((numbers(&of("surface_mm"))[0] + 0.1).abs() < 0.08, "{}", of("surface_mm"));
+    assert!(of("origin_mm").contains("# aligned, +-"), "{written}");
+    let others = |text: &str| -> Vec<String> {
+        let own = ["surface_mm", "origin_mm", "rotation_deg"];
+        text.lines().filter(|line| !own.iter().any(|key| line.starts_with(key))).map(str::to_owned).collect()
+    };
+    assert_eq!(others(&written), others(&rig));
+    bench.palpate_ends(0, &format!("check {} --rig rig.toml", shipped("recipes/paper.toml").display()));
+}
+
+#[test]
+fn align_writes_nothing_of_a_poor_fit_a_dry_run_or_a_real_rigs_simulation() {
+    let swapped = exchanged(&shipped_text("rigs/paper.toml"), "Dev1/ai1:9", "Dev1/ai1:4,Dev1/ai9,Dev1/ai6:8,Dev1/ai5");
+    let bench = Bench::with([
+        ("swapped.toml", swapped.as_str()),
+        ("sim.toml", &shipped_text("rigs/sim.toml")),
+        ("real.toml", &shipped_text("rigs/esp301.toml")),
+    ]);
+    let told = bench.palpate_ends(1, "align swapped.toml");
+    assert!(told.running().contains("where the array is can't be told"), "{}", told.err);
+    assert!(bench.palpate_ends(0, "align sim.toml --dry-run").out.ends_with("not written (--dry-run)\n"));
+    let told = bench.palpate_ends(0, "align real.toml --simulate");
+    assert!(told.out.ends_with("not written (a real rig isn't where a simulated one is)\n"), "{}", told.out);
+    for (file, rig) in [("swapped.toml", &swapped), ("sim.toml", &shipped_text("rigs/sim.toml"))] {
+        assert_eq!(&bench.read(file), rig);
+    }
+    assert_eq!(bench.read("real.toml"), shipped_text("rigs/esp301.toml"));
+}
+
+#[test]
+fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_marlin_is_with_its_reason() {
+    let mixed = exchanged(
+        &shipped_text("rigs/sim.toml"),
+        "driver = { modbus = \"labjack-t7\" }\nlink = \"sim\"                             # tcp://192.168.1.10:502",
+        "driver = { process = [\"python3\", \"array.py\"] }",
+    );
+    let marlin = exchanged(&shipped_text("rigs/grbl.toml"), "\"grbl\"", "\"marlin\"");
+    let bench = Bench::with([("mixed.toml", mixed.as_str()), ("marlin.toml", &marlin)]);
+    let told = bench.palpate_ends(2, "doctor mixed.toml");
+    assert!(told.running().contains("some links are simulated and some are real"), "{}", told.err);
+    let told = bench.palpate_ends(2, "doctor marlin.toml");
+    assert!(
+        told.running().contains("Marlin can't press with a force: it tells where a motion will end"),
+        "{}",
+        told.err
+    );
+}
+
+#[test]
+fn emulate_names_what_has_no_socket_and_refuses_a_port_for_it() {
+    let rig = shipped("rigs/paper.toml");
+    let bench = Bench::new();
+    let told = bench.palpate_ends(2, &format!("emulate {} --port array=0", rig.display()));
+    assert!(told.running().contains("daqmx has no socket"), "{}", told.err);
+    let told = bench.palpate_ends(2, &format!("emulate {} --port stag=0", rig.display()));
+    assert!(told.running().contains("there is no device of that name"), "{}", told.err);
+}

@@ -1,0 +1,251 @@
+//! A device is lost in the middle of a press: unplugged, silent or garbled from one message on, whatever the press is at. The
+//! run ends by itself and says which device, nothing is hurt, what was recorded stays, and the run goes on when it is back.
+//!
+//! `PALPATE_UNPLUGGED=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase of a
+//! press, `all` at every message.
+
+mod far;
+mod kept;
+
+use crate::support::phases::Phase;
+use crate::support::walks::{Worst, bench, in_parallel, plan};
+use far::{Fate, Loss};
+use kept::{Kept, Walked};
+use palpate::control::Strategy;
+use palpate::dataset::Status;
+use palpate::recipe::Plan;
+use palpate::rig::{self, RigSpec};
+use palpate::scene::Device;
+use std::collections::BTreeMap;
+
+/// How often each device is lost in each way in each phase.
+const LOSSES: usize = 1;
+
+/// Of so many cases one is made by default: on a bench, and on another rig.
+const EVERY: usize = if cfg!(debug_assertions) { 5 } else { 2 };
+const EVERY_ELSEWHERE: usize = if cfg!(debug_assertions) { 7 } else { 3 };
+
+/// Presses that teach, and presses in which something is lost: a staircase, a plain one, and one for that to depart to.
+const TEACHES: usize = 5;
+const PRESSES: usize = 3;
+
+/// How much longer than without a loss a run may take, s: a link is waited for, and parking is tried again.
+const LONGER_S: f64 = 120.0;
+
+/// How far from where it is parked an axis may stand, mm: as far as a read-back may be off.
+const PARKED_MM: f64 = 0.003;
+
+const RECIPE: &str = r#"
+name = "unplugged"
+[press]
+force_tolerance_n = 0.05
+hold_s = 0.25
+sample_s = 0.1
+strategy = "STRATEGY"
+[[step]]
+phase = "characterisation"
+units = [1]
+staircase = { to_n = 1.0, step_n = 1.0, repeats = 1 }
+[[step]]
+phase = "calibration"
+random = { count = 10, x_mm = [-2, 2], y_mm = [-2, 2] }
+force_n = 1.0
+"#;
+
+/// The rigs that aren't benches.
+const ELSEWHERE: [(&str, &str); 4] = [
+    ("esp301", include_str!("../../rigs/esp301.toml")),
+    ("xps", include_str!("../../rigs/xps.toml")),
+    ("grbl", include_str!("../../rigs/grbl.toml")),
+    ("process", include_str!("../../rigs/process.toml")),
+];
+
+/// A rig, how it is pressed with, and how often something is lost there.
+#[derive(Clone, Copy, Debug)]
+struct Setup {
+    rig: &'static str,
+    strategy: Strategy,
+    losses: usize,
+    every: usize,
+}
+
+/// A case: a setup by its number, the fate, and the phase it strikes in.
+struct Case {
+    setup: usize,
+    fate: Fate,
+    phase: Phase,
+}
+
+/// A setup's plan, and the run in which nothing is lost.
+struct Sound {
+    setup: Setup,
+    spec: RigSpec,
+    plan: Plan,
+    walked: Walked,
+}
+
+#[test]
+fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing() {
+    let sounds = in_parallel(&setups(), |&setup| Sound::of(setup));
+    let cases: Vec<Case> = sounds.iter().enumerate().flat_map(|(i, sound)| sound.cases(i)).collect();
+    let ends = in_parallel(&cases, |case| sounds[case.setup].lose(case));
+    let mut rows: BTreeMap<(&str, Loss, Phase), [usize; 2]> = BTreeMap::new();
+    let (mut all, mut longest_s) = (Worst::default(), 0.0f64);
+    let mut broken = Vec::new();
+    for (case, end) in cases.iter().zip(&ends) {
+        let row = rows.entry((case.fate.device.name(), case.fate.loss, case.phase)).or_default();
+        row[usize::from(end.ended)] += 1;
+        all.join(end.worst);
+        longest_s = longest_s.max(end.longer_s);
+        let setup = sounds[case.setup].setup;
+        broken.extend(end.wrong.iter().map(|wrong| format!("{setup:?} {:?} {:?}: {wrong}", case.fate, case.phase)));
+    }
+    for ((device, loss, phase), [went_on, ended]) in &rows {
+        println!("{device:>9} {loss:?} in {phase:?}: {ended} ended, {went_on} went on to the end");
+    }
+    println!(
+        "{} cases: at most {:.3} N, {:.3} mm, {longest_s:.0} s longer; {} broken",
+        cases.len(),
+        all.force_n,
+        all.depth_mm,
+        broken.len()
+    );
+    assert!(broken.is_empty(), "{} of {} cases:\n{}", broken.len(), cases.len(), broken.join("\n"));
+    assert_eq!(rows.len(), 3 * Loss::ALL.len() * Phase::ALL.len(), "each device in each way in each phase");
+}
+
+fn setups() -> Vec<Setup> {
+    let asked = std::env::var("PALPATE_UNPLUGGED").ok();
+    let asked = asked.map(|asked| if asked == "all" { usize::MAX } else { asked.parse().expect("a number, or all") });
+    let losses = asked.unwrap_or(LOSSES);
+    let every = |every| if asked.is_some() { 1 } else { every };
+    let bench = |rig| {
+        let every = every(EVERY);
+        Strategy::ALL.map(|strategy| Setup { rig, strategy, losses, every })
+    };
+    let elsewhere = |(rig, _)| Setup { rig, strategy: Strategy::Guarded, losses, every: every(EVERY_ELSEWHERE) };
+    let benches = ["bench-fast", "bench-esp301"].into_iter().flat_map(bench);
+    benches.chain(ELSEWHERE.into_iter().map(elsewhere)).collect()
+}
+
+impl Sound {
+    fn of(setup: Setup) -> Sound {
+        let spec = setup.spec();
+        let mut plan = plan(&spec, &RECIPE.replace("STRATEGY", setup.strategy.name()), 1);
+        plan.entries.truncate(if setup.strategy == Strategy::Map { TEACHES + PRESSES } else { PRESSES });
+        let walked = Kept::new(&spec, &plan).walk(&spec, &plan, None);
+        assert_eq!(walked.ending.status(), Status::Complete, "{setup:?}: {:?}", walked.ending.told());
+        assert_eq!(walked.contacts.len(), plan.entries.len(), "{setup:?}");
+        for phase in Phase::ALL {
+            // each press ends above the place of the next: a run's first travels alone, which of a map's teaches
+            let may_miss = phase == Phase::Travel && setup.strategy == Strategy::Map;
+            assert!(may_miss || walked.phases.contains(&Some(phase)), "{setup:?} has no {phase:?}");
+        }
+        Sound { setup, spec, plan, walked }
+    }
+
+    /// Every phase with each device lost in each way, at messages all over it.
+    fn cases(&self, setup: usize) -> Vec<Case> {
+        let mut cases = Vec::new();
+        let combined: Vec<(Device, Loss)> =
+            self.devices().into_iter().flat_map(|device| Loss::ALL.map(|loss| (device, loss))).collect();
+        for phase in Phase::ALL {
+            let messages: Vec<usize> =
+                (0..self.walked.phases.len()).filter(|&at| self.walked.phases[at] == Some(phase)).collect();
+            let losses = self.setup.losses.min(messages.len());
+            for (i, &(device, loss)) in combined.iter().enumerate() {
+                // each device in each way at messages of its own
+                let nth = |k: usize| messages[(k * combined.len() + i) * messages.len() / (losses * combined.len())];
+                cases.extend((0..losses).map(|k| Case { setup, fate: Fate { device, loss, at: nth(k) }, phase }));
+            }
+        }
+        cases.into_iter().skip(setup % self.setup.every).step_by(self.setup.every).collect()
+    }
+
+    /// The devices that can be lost by themselves: a load cell on the stage's own controller can't.
+    fn devices(&self) -> Vec<Device> {
+        let shared = self.spec.emulators(1).is_ok_and(|rig| rig.load_cell.is_same(&rig.stage));
+        Device::ALL.into_iter().filter(|&device| device != Device::LoadCell || !shared).collect()
+    }
+
+    /// Loses the device, then goes on with the run on a rig that is whole again; all that isn't as it must be.
+    fn lose(&self, case: &Case) -> End {
+        let Sound { spec, plan, .. } = self;
+        let mut kept = Kept::new(spec, plan);
+        let walked = kept.walk(spec, plan, Some(case.fate));
+        let mut wrong = self.wrong_with(case, &walked);
+        wrong.extend(kept.wrong_on_disk(&walked.ending, &walked.contacts, plan));
+        let ended = walked.ending.halt.is_some();
+        if ended {
+            kept = kept.reopen(spec);
+            let resumed = kept.walk(spec, plan, None);
+            if resumed.ending.status() != Status::Complete {
+                wrong.push(format!("resumed, it ended {:?}", resumed.ending.told()));
+            }
+            if !resumed.worst.is_within(spec) {
+                wrong.push(format!("resumed: {:?}", resumed.worst));
+            }
+            let contacts = [&walked.contacts[..], &resumed.contacts].concat();
+            wrong.extend(kept.wrong_on_disk(&resumed.ending, &contacts, plan).map(|wrong| format!("resumed: {wrong}")));
+        }
+        let longer_s = walked.virtual_s - self.walked.virtual_s;
+        End { ended, worst: walked.worst, longer_s, wrong }
+    }
+
+    /// What is wrong with a walk in which a device was lost.
+    fn wrong_with(&self, case: &Case, walked: &Walked) -> Vec<String> {
+        let Fate { device, at, .. } = case.fate;
+        let Walked { ending, worst, z_mm, at_rest, .. } = walked;
+        let mut wrong = Vec::new();
+        let mut check = |right: bool, told: String| wrong.extend((!right).then_some(told));
+        check(walked.phases.get(at) == Some(&Some(case.phase)), "it struck in another phase".to_owned());
+        check(walked.virtual_s < self.walked.virtual_s + LONGER_S, format!("it took {:.0} s", walked.virtual_s));
+        check(worst.is_within(&self.spec), format!("{worst:?}"));
+        check(*at_rest, "an axis moves on".to_owned());
+        check(self.walked.contacts.starts_with(&walked.contacts), "what was recorded is another".to_owned());
+        let must_park = device != Device::Stage || ending.unparked.is_none();
+        let parked = *z_mm <= self.spec.clear_mm() + PARKED_MM;
+        check(!must_park || parked, format!("it isn't parked: z is {z_mm} mm, {:?}", ending.told()));
+        check(device == Device::Stage || ending.unparked.is_none(), format!("not parked: {:?}", ending.told()));
+        match &ending.halt {
+            None => check(walked.contacts.len() == self.plan.entries.len(), "it ended too soon".to_owned()),
+            Some(_) => {
+                let failed = matches!(ending.status(), Status::Failed | Status::Tripped);
+                check(failed, format!("{:?}", ending.status()));
+                let told = ending.told().unwrap_or_default();
+                // what is said of parking names the stage in any case
+                let halted = told.split("; the stage could not be parked").next().unwrap_or_default();
+                let shared = self.devices().len() < Device::ALL.len();
+                let names: &[&str] = match device {
+                    Device::Stage if shared => &["stage", "load cell"],
+                    Device::Stage => &["stage"],
+                    Device::LoadCell => &["load cell"],
+                    Device::Array => &["array"],
+                };
+                check(names.iter().any(|name| halted.contains(name)), format!("it says {told:?}"));
+            }
+        }
+        wrong
+    }
+}
+
+/// What came of a case.
+struct End {
+    /// Whether the loss ended the run.
+    ended: bool,
+    worst: Worst,
+    /// How much longer than a sound run it took, s.
+    longer_s: f64,
+    wrong: Vec<String>,
+}
+
+impl Setup {
+    fn spec(&self) -> RigSpec {
+        match ELSEWHERE.iter().find(|(name, _)| *name == self.rig) {
+            None => bench(self.rig),
+            Some((name, text)) => {
+                rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+            }
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! A rig's devices on links on which one of them is lost.
+
+use crate::support::phases::Watcher;
+use palpate::emulator::{Instrument, Owed, Shared};
+use palpate::quantity::stream;
+use palpate::rig::SimulatedRig;
+use palpate::scene::{Device, Scene};
+use rand::RngExt;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::sync::Notify;
+
+/// How a device is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Loss {
+    /// Its link is closed, and so is every one that is opened again.
+    Unplugged,
+    /// It takes everything and answers nothing.
+    Silenced,
+    /// Every answer is damaged; in every second case its line ends are not.
+    Garbled,
+}
+
+impl Loss {
+    pub const ALL: [Loss; 3] = [Loss::Unplugged, Loss::Silenced, Loss::Garbled];
+}
+
+/// What is lost, how, and at which of the rig's messages.
+#[derive(Clone, Copy, Debug)]
+pub struct Fate {
+    pub device: Device,
+    pub loss: Loss,
+    pub at: usize,
+}
+
+/// Puts every device of a rig on a link that is watched, and on which one device is lost.
+pub fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<Fate>) {
+    let lost = Arc::new(Mutex::new(Lost { at: fate.map(|fate| fate.at), struck: false, bells: Vec::new() }));
+    let shared = rig.load_cell.is_same(&rig.stage);
+    for (device, role) in
+        [(&mut rig.stage, Device::Stage), (&mut rig.load_cell, Device::LoadCell), (&mut rig.array, Device::Array)]
+    {
+        let Some(instrument) = device.instrument().cloned() else { continue };
+        let loss =
+            fate.filter(|fate| fate.device == role || shared && fate.device == Device::Stage && role != Device::Array);
+        device.replace(Far::put(instrument, watcher.clone(), lost.clone(), loss));
+    }
+}
+
+/// What the links of a rig know together.
+struct Lost {
+    at: Option<usize>,
+    struck: bool,
+    /// What wakes the links that wait, to be closed.
+    bells: Vec<Arc<Notify>>,
+}
+
+/// A device on a link on which it may be lost.
+struct Far {
+    device: Shared<dyn Instrument>,
+    watcher: Shared<Watcher>,
+    lost: Shared<Lost>,
+    /// How this device is lost, if it is this one.
+    fate: Option<Fate>,
+    bell: Arc<Notify>,
+}
+
+impl Far {
+    fn put(
+        device: Shared<dyn Instrument>,
+        watcher: Shared<Watcher>,
+        lost: Shared<Lost>,
+        fate: Option<Fate>,
+    ) -> Shared<dyn Instrument> {
+        let bell = device.lock().expect("a device that lives").bell().unwrap_or_default();
+        lost.lock().expect("a test that goes on").bells.push(bell.clone());
+        Arc::new(Mutex::new(Far { device, watcher, lost, fate, bell }))
+    }
+
+    fn device<R>(&self, ask: impl FnOnce(&mut dyn Instrument) -> R) -> R {
+        ask(&mut *self.device.lock().expect("a device that lives"))
+    }
+
+    /// A message has come, and with it maybe the end.
+    fn heard(&self, message: Option<Vec<u8>>) -> Option<Vec<u8>> {
+        let message = message?;
+        let mut watcher = self.watcher.lock().expect("a test that goes on");
+        let mut lost = self.lost.lock().expect("a test that goes on");
+        if lost.at == Some(watcher.phases.len()) {
+            lost.struck = true;
+            lost.bells.iter().for_each(|bell| bell.notify_waiters());
+        }
+        watcher.hears(self.device(|device| device.device()));
+        Some(message)
+    }
+
+    fn loss(&self) -> Option<Fate> {
+        self.fate.filter(|_| self.lost.lock().expect("a test that goes on").struck)
+    }
+
+    /// Lets the device do something; the watcher looks at what a stage does.
+    fn act<R>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> R) -> R {
+        let mut watcher = self.watcher.lock().expect("a test that goes on");
+        self.device(|device| match device.device() {
+            Device::Stage => watcher.acts(scene, now_s, |scene| act(device, scene)),
+            _ => act(device, scene),
+        })
+    }
+
+    /// What of an answer arrives.
+    fn arrives(&self, answer: Vec<u8>) -> Vec<u8> {
+        match self.loss() {
+            None => answer,
+            Some(Fate { loss: Loss::Garbled, at, .. }) => damaged(answer, at),
+            Some(_) => Vec::new(),
+        }
+    }
+}
+
+impl Instrument for Far {
+    fn device(&self) -> Device {
+        self.device(|device| device.device())
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        self.heard(self.device(|device| device.take_request(inbox)))
+    }
+
+    fn silence(&self) -> Option<Duration> {
+        self.device(|device| device.silence())
+    }
+
+    fn fall_silent(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        self.heard(self.device(|device| device.fall_silent(inbox)))
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        self.arrives(self.act(scene, now_s, |device, scene| device.answer(request, scene, now_s)))
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        self.device(|device| device.deaf_until_s())
+    }
+
+    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+        let own = self.device(|device| device.accept())?;
+        Some(Far::put(own, self.watcher.clone(), self.lost.clone(), self.fate))
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        Some(self.bell.clone())
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        if self.loss().is_some_and(|fate| fate.loss == Loss::Unplugged) {
+            return Owed::HungUp;
+        }
+        match self.act(scene, now_s, |device, scene| device.owed(scene, now_s)) {
+            Owed::Ready(answer) => Owed::Ready(self.arrives(answer)),
+            owed => owed,
+        }
+    }
+}
+
+/// An answer of which no byte is what it was, but for line ends in every second case.
+fn damaged(mut answer: Vec<u8>, at: usize) -> Vec<u8> {
+    let mut rng = stream(1, (at + answer.len()) as u64, "damage");
+    let keeps_lines = at.is_multiple_of(2);
+    for byte in answer.iter_mut().filter(|byte| !(keeps_lines && b"\r\n".contains(byte))) {
+        *byte ^= 0x80 | rng.random::<u8>(); // never text again
+    }
+    answer
+}

@@ -1,0 +1,143 @@
+//! A run in a folder, as the program keeps one, walked on a rig on which a device may be lost.
+
+use super::RECIPE;
+use super::far::{Fate, beset};
+use crate::support::phases::{Phase, Watcher};
+use crate::support::walks::{Worst, in_virtual_time};
+use palpate::dataset::{Contact, Origins, RunFacts, RunFolder, Session};
+use palpate::emulator::Shared;
+use palpate::recipe::{Entry, Plan};
+use palpate::rig::RigSpec;
+use palpate::run::{Cancel, Ending, Errand, Listener, walk_on};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tempfile::TempDir;
+use tokio::time::{Instant, sleep, timeout};
+
+/// No run here is as long: one that is doesn't end by itself.
+const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
+
+/// How long after a run's end all must be at rest: the longest way there is takes 3 s.
+const AFTERWARDS: Duration = Duration::from_secs(5);
+
+/// How a walk went.
+pub struct Walked {
+    pub ending: Ending,
+    /// What was recorded, in its order.
+    pub contacts: Vec<Contact>,
+    pub phases: Vec<Option<Phase>>,
+    pub worst: Worst,
+    /// Where z ended in the specimen frame, mm.
+    pub z_mm: f64,
+    pub at_rest: bool,
+    pub virtual_s: f64,
+}
+
+/// A run in a folder, as the program keeps one. Nothing else here knows of run folders.
+pub struct Kept {
+    folder: RunFolder,
+    home: TempDir,
+}
+
+impl Kept {
+    pub fn new(spec: &RigSpec, plan: &Plan) -> Kept {
+        let home = tempfile::tempdir().expect("a folder");
+        let (out, facts) = (home.path().join("run"), facts_of(plan));
+        let origins = Origins { recipe: RECIPE.to_owned(), rig: String::new(), maps: Vec::new() };
+        let folder = RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout);
+        let folder = folder.expect("a run");
+        Kept { folder, home }
+    }
+
+    /// Lets go of the run and takes it up again, as another program would.
+    pub fn reopen(self, spec: &RigSpec) -> Kept {
+        let Kept { folder, home } = self;
+        let path = folder.path().to_owned();
+        drop(folder); // a run has one writer
+        let mut folder = RunFolder::open(&path, &spec.array.layout).expect("a run that was kept");
+        folder.go_on(Session::default()).expect("a run that goes on");
+        Kept { folder, home }
+    }
+
+    /// Walks what is left of the plan and ends the run.
+    pub fn walk(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Walked {
+        let folder = &mut self.folder;
+        let walked = in_virtual_time(async {
+            let mut rig = spec.emulators(plan.seed).expect("emulators");
+            let watcher = Arc::new(Mutex::new(Watcher::new(rig.scene.clone(), spec.frame)));
+            beset(&mut rig, &watcher, fate);
+            let (cancel, began) = (Cancel::default(), Instant::now());
+            let rig = spec.open_on(rig).expect("drivers");
+            let errand = Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
+            let mut notes = Notes { watcher: watcher.clone(), contacts: Vec::new() };
+            let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut notes)).await.expect("it doesn't end by itself");
+            let virtual_s = began.elapsed().as_secs_f64();
+            sleep(AFTERWARDS).await;
+            let mut watcher = watcher.lock().expect("the walk is over");
+            let (z_mm, at_rest) = watcher.z_mm_and_rest();
+            let (worst, phases) = (watcher.worst(), std::mem::take(&mut watcher.phases));
+            Walked { ending, contacts: notes.contacts, phases, worst, z_mm, at_rest, virtual_s }
+        });
+        folder.finish(walked.ending.end(String::new(), 0.0)).expect("a run that ends");
+        walked
+    }
+
+    /// What of a run that ended isn't on the disk as it must be: its verdict, and these contacts, each once.
+    pub fn wrong_on_disk(
+        &self,
+        ending: &Ending,
+        contacts: &[Contact],
+        plan: &Plan,
+    ) -> impl Iterator<Item = String> + use<> {
+        let mut wrong = Vec::new();
+        let mut check = |right: bool, told: String| wrong.extend((!right).then_some(told));
+        let manifest = RunFolder::read_manifest(self.folder.path()).expect("a manifest");
+        check(manifest.status == ending.status(), format!("the manifest says {:?}", manifest.status));
+        check(manifest.failure == ending.told(), format!("the manifest tells {:?}", manifest.failure));
+        let mut expected = contacts.to_vec();
+        expected.sort_by_key(|contact| contact.press);
+        let journal: Vec<Contact> = self.folder.contacts().expect("a journal").map(Result::unwrap).collect();
+        check(journal == expected, "the journal holds other contacts".to_owned());
+        let rows: Vec<(u64, u64)> =
+            expected.iter().flat_map(|contact| contact.rows.iter().map(|row| (row.press, row.level))).collect();
+        check(self.rows() == rows, format!("presses.csv holds {:?}, not {rows:?}", self.rows()));
+        if ending.halt.is_none() {
+            let levels =
+                |entry: &Entry| (0..entry.task.levels.len() as u64).map(|level| (entry.press, level)).collect();
+            let all: BTreeSet<(u64, u64)> = plan.entries.iter().flat_map::<Vec<_>, _>(levels).collect();
+            check(rows.len() == all.len() && rows.into_iter().eq(all), "not each level of each press once".to_owned());
+        }
+        wrong.into_iter()
+    }
+
+    /// The press and the level of each line of `presses.csv`.
+    fn rows(&self) -> Vec<(u64, u64)> {
+        let mut table = csv::Reader::from_path(self.folder.path().join("presses.csv")).expect("a table");
+        let row = |line: csv::StringRecord| (line[0].parse().expect("a press"), line[1].parse().expect("a level"));
+        table.records().map(|line| row(line.expect("a row"))).collect()
+    }
+}
+
+/// Notes what is recorded, and tells the watcher of each press.
+struct Notes {
+    watcher: Shared<Watcher>,
+    contacts: Vec<Contact>,
+}
+
+impl Listener for Notes {
+    fn begins(&mut self, entry: &Entry) {
+        let teaches = entry.phase == palpate::recipe::Phase::Teach;
+        self.watcher.lock().expect("a test that goes on").begins(!teaches);
+    }
+
+    fn recorded(&mut self, contact: &Contact) {
+        self.contacts.push(contact.clone());
+    }
+}
+
+/// The facts of a plan of which only a part is walked: its entries keep their numbers.
+fn facts_of(plan: &Plan) -> RunFacts {
+    let presses_planned = plan.entries.iter().map(|entry| entry.press + 1).max().unwrap_or(0);
+    RunFacts { presses_planned, ..RunFacts::new(plan, true) }
+}

@@ -1,0 +1,4 @@
+//! What the project asks of its own files.
+
+mod floors;
+mod promises;

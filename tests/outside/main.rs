@@ -1,0 +1,9 @@
+//! Programs and libraries of others, on the real clock.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod daqmx;
+mod emulate;
+mod programs;
+mod servers;

@@ -1,0 +1,158 @@
+//! Programs of others talk to our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer.
+//!
+//! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program
+//! itself; without them it says that it is skipped, and passes.
+#![cfg(unix)]
+
+use crate::support::python::{Python, said, skipped};
+use crate::support::served::Served;
+use crate::support::{Bench, exchanged, shipped, shipped_text};
+use std::process::Command;
+
+#[test]
+fn pymeasure_drives_the_esp301_over_a_serial_line() {
+    let statement = "import pymeasure, pyvisa_py, serial";
+    let Some(python) = Python::with("pymeasure over a serial line", statement) else { return };
+    let served = Served::new(&shipped_text("rigs/sim.toml"), "");
+    let resource = format!("ASRL{}::INSTR", served.address("stage"));
+    assert_eq!(said(python.script("esp300.py", [resource])), "x at 0.250 mm\n");
+}
+
+#[test]
+fn pymeasure_drives_the_esp301_over_tcp() {
+    let Some(python) = Python::with("pymeasure over TCP", "import pymeasure, pyvisa_py") else { return };
+    let served = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
+    let [host, port] = served.host_and_port("stage");
+    let resource = format!("TCPIP::{host}::{port}::SOCKET");
+    assert_eq!(said(python.script("esp300.py", [resource])), "x at 0.250 mm\n");
+}
+
+#[test]
+fn newportxps_drives_the_xps() {
+    let Some(python) = Python::with("newportxps", "import newportxps") else { return };
+    let served = Served::new(&shipped_text("rigs/paper.toml"), "");
+    let told = said(python.script("newport_xps.py", served.host_and_port("stage")));
+    assert!(told.lines().last().is_some_and(|line| line.starts_with("y stopped at ")), "{told}");
+}
+
+#[test]
+fn newports_own_driver_drives_the_xps() {
+    let statement =
+        "import importlib.util as u, numpy; assert u.find_spec('pymodaq_plugins_newport'), 'it is not there'";
+    let Some(python) = Python::with("pymodaq_plugins_newport", statement) else { return };
+    let served = Served::new(&shipped_text("rigs/paper.toml"), "");
+    let told = said(python.script("vendor_xps.py", served.host_and_port("stage")));
+    assert_eq!(told, "x at 1.250 mm\n");
+}
+
+#[test]
+fn pymodbus_asks_the_labjack_over_tcp() {
+    let Some(python) = Python::with("pymodbus over TCP", "import pymodbus") else { return };
+    let served = Served::new(&shipped_text("rigs/sim.toml"), "");
+    let [host, port] = served.host_and_port("array");
+    let volts = said(python.script("modbus_client.py", ["t7", host, port]));
+    assert!(volts.trim().parse::<f64>().is_ok_and(|volts| volts < 0.1), "{volts}");
+}
+
+#[test]
+fn pymodbus_asks_every_transmitter_over_a_serial_line() {
+    let Some(python) = Python::with("pymodbus over a serial line", "import pymodbus, serial") else { return };
+    for (script, map) in [("rs485", "generic-rs485"), ("tlb", "laumas-tlb"), ("zsg", "seneca-zsg")] {
+        let served = Served::new(&with_cell(map), "");
+        said(python.script("modbus_client.py", [script, served.address("load_cell")]));
+    }
+}
+
+#[test]
+fn mbpoll_asks_the_labjack_over_tcp() {
+    if !has_mbpoll("mbpoll over TCP") {
+        return;
+    }
+    let served = Served::new(&shipped_text("rigs/sim.toml"), "");
+    let [host, port] = served.host_and_port("array");
+    let ask = |words: &str| mbpoll(&format!("-m tcp -p {port} {words}"), host);
+    for unit in [1, 17] {
+        for function in [3, 4] {
+            // PRODUCT_ID and TEST: both word orders, in both kinds of registers, whatever the unit
+            let words = format!("-a {unit} -t {function}:float -B -r 60000");
+            assert_eq!(ask(&words), Ok(vec!["7".into()]), "{words}");
+        }
+    }
+    assert_eq!(ask("-t 4:hex -r 55100 -c 2"), Ok(vec!["0x0011".into(), "0x2233".into()]));
+    assert_eq!(ask("-t 4:int -r 55100"), Ok(vec![0x2233_0011.to_string()]), "the low word first");
+    let volts = ask("-t 3:float -B -r 0 -c 14").expect("all inputs");
+    assert_eq!(volts.len(), 14);
+    assert!(volts.iter().all(|volts| volts.parse::<f64>().is_ok_and(|volts| volts.abs() < 0.1)), "{volts:?}");
+    refuses(ask("-t 0 -r 0 -c 1"), "Illegal function");
+    refuses(ask("-t 4 -r 30000 -c 1"), "Illegal data address");
+    refuses(ask("-t 4 -r 0 -c 3"), "Illegal data value");
+}
+
+#[test]
+fn mbpoll_asks_the_transmitter_over_a_serial_line() {
+    if !has_mbpoll("mbpoll over a serial line") {
+        return;
+    }
+    let served = Served::new(&with_cell("generic-rs485"), "");
+    let ask = |words: &str| mbpoll(&format!("-m rtu -b 9600 -P none -a 1 {words}"), served.address("load_cell"));
+    let gross = ask("-t 4:int -B -r 80").expect("a weight");
+    assert!(gross[0].parse::<i32>().is_ok_and(|counts| counts.abs() < 100), "{gross:?}");
+    assert_eq!(ask("-t 4:hex -r 0 -c 100").expect("the whole map").len(), 100);
+    refuses(ask("-t 0 -r 0 -c 1"), "Illegal function");
+    refuses(ask("-t 4 -r 99 -c 2"), "Illegal data address");
+    // another unit's request isn't answered
+    refuses(ask("-a 2 -o 0.3 -t 4 -r 8"), "Connection timed out");
+}
+
+#[test]
+fn grbl_streamer_drives_the_grbl() {
+    let Some(python) = Python::with("grbl-streamer", "import grbl_streamer") else { return };
+    let served = Served::new(&shipped_text("rigs/grbl.toml"), "");
+    let told = said(python.script("grbl.py", [served.address("stage")]));
+    assert!(told.starts_with("x at "), "{told}");
+}
+
+#[test]
+fn the_examples_are_devices_of_a_rig() {
+    let test = "the examples";
+    if Command::new("python3").arg("--version").output().is_err() {
+        return skipped(test, "there is no python3");
+    }
+    let mut command = Bench::new().command("doctor rigs/process.toml --json");
+    command.current_dir(shipped(""));
+    let told: serde_json::Value = serde_json::from_str(&said(command)).expect("JSON");
+    let identity = |device: usize| told["devices"][device]["identity"]["identity"].as_str().unwrap_or_default();
+    for (device, name) in ["stage", "load cell", "array"].iter().enumerate() {
+        assert!(identity(device).contains(name), "{told}");
+    }
+    assert!(told["noise_n"].as_f64().is_some_and(|noise_n| noise_n > 0.0), "{told}");
+}
+
+/// The simulated rig with another transmitter.
+fn with_cell(map: &str) -> String {
+    exchanged(&shipped_text("rigs/sim.toml"), "\"generic-rs485\"", &format!("\"{map}\""))
+}
+
+fn has_mbpoll(test: &str) -> bool {
+    let found = Command::new("mbpoll").arg("-V").output();
+    found.inspect_err(|error| skipped(test, &format!("mbpoll: {error}"))).is_ok()
+}
+
+/// What mbpoll reads, once: the values, or what it complains of.
+fn mbpoll(words: &str, device: &str) -> Result<Vec<String>, String> {
+    let output = Command::new("mbpoll").args(["-0", "-1", "-q"]).args(words.split_whitespace()).arg(device).output();
+    let output = output.expect("mbpoll starts");
+    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
+    if !output.status.success() {
+        return Err(text(&output.stderr) + &text(&output.stdout));
+    }
+    // [60000]: 	7
+    let values = text(&output.stdout);
+    let value = |line: &str| Some(line.strip_prefix('[')?.split_once(':')?.1.split_whitespace().next()?.to_owned());
+    Ok(values.lines().filter_map(value).collect())
+}
+
+fn refuses(answer: Result<Vec<String>, String>, told: &str) {
+    let error = answer.expect_err("an exception");
+    assert!(error.contains(told), "{error}");
+}

@@ -1,0 +1,85 @@
+//! Our drivers read devices that others serve: load cells of pymodbus, over TCP and over a pseudo-terminal.
+//!
+//! Needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`; without it the tests say
+//! that they are skipped, and pass.
+#![cfg(unix)]
+
+use crate::support::python::Python;
+use crate::support::served::Served;
+use crate::support::{Bench, Live, exchanged, shipped_text};
+use serde_json::Value;
+
+/// What the server's script says: the middle of its forces, and the most they are away from it.
+const FORCE_N: f64 = 0.250;
+const SPREAD_N: f64 = 0.002;
+
+/// A map of the user's own, whose words are the other way round.
+const SWAPPED: &str = "name = \"swapped transmitter\"\ntransport = \"tcp\"\nunit_id = 1\ndeadline_ms = 500\n[force]\naddress \
+                       = 26\ntype = \"f32\"\nword_order = \"little\"\nnewton_per_unit = 1.0\n";
+
+#[test]
+fn a_load_cell_served_over_tcp() {
+    let Some(python) = Python::with("a load cell served over TCP", "import pymodbus") else { return };
+    let stage = stage();
+    for (map, driver) in [("transmitter", "generic-rs485"), ("t7", "labjack-t7"), ("swapped", "swapped.toml")] {
+        let server = Live::start(python.script("modbus_server.py", ["tcp", map]));
+        let address = server.line().expect("its address");
+        examined(&stage, driver, &format!("tcp://{address}"));
+    }
+}
+
+#[test]
+fn a_load_cell_served_over_a_serial_line() {
+    let Some(python) = Python::with("a load cell served over a serial line", "import pymodbus, serial") else { return };
+    let server = Live::start(python.script("modbus_server.py", ["rtu", "transmitter"]));
+    let address = server.line().expect("its address");
+    examined(&stage(), "generic-rs485", &format!("serial://{address}?baud=115200"));
+}
+
+/// It has none of the registers that the map's probe asks for.
+#[test]
+fn a_served_device_that_isnt_what_the_map_says_is_refused() {
+    let Some(python) = Python::with("a served device of another kind", "import pymodbus") else { return };
+    let server = Live::start(python.script("modbus_server.py", ["tcp", "swapped"]));
+    let bench = bench(&stage(), "labjack-t7", &format!("tcp://{}", server.line().expect("its address")));
+    let told = bench.palpate_ends(3, "doctor rig.toml --json");
+    let error = told.json_lines()[0]["devices"][1]["error"].as_str().unwrap_or_default().to_owned();
+    assert!(error.contains("PRODUCT_ID"), "{error}");
+}
+
+/// An ESP301 and an array of our own, on TCP.
+fn stage() -> Served {
+    Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0")
+}
+
+/// A bench with a rig whose load cell is elsewhere.
+fn bench(served: &Served, driver: &str, load_cell: &str) -> Bench {
+    let mut rig = shipped_text("rigs/esp301.toml");
+    for (from, to) in [
+        ("serial:///dev/ttyUSB0?baud=921600", format!("tcp://{}", served.address("stage")).as_str()),
+        ("serial:///dev/ttyUSB1?baud=115200", load_cell),
+        ("tcp://192.168.1.10:502", &format!("tcp://{}", served.address("array"))),
+        ("generic-rs485", driver),
+    ] {
+        rig = exchanged(&rig, from, to);
+    }
+    Bench::with([("rig.toml", rig.as_str()), ("swapped.toml", SWAPPED)])
+}
+
+/// What doctor finds: three devices, and the served force in its place.
+fn examined(served: &Served, driver: &str, load_cell: &str) {
+    let told = bench(served, driver, load_cell).palpate_ends(0, "doctor rig.toml --json");
+    let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
+    let identity = |device: usize, key: &str| told["devices"][device]["identity"][key].as_str().unwrap_or_default();
+    assert!(identity(0, "identity").contains("ESP301 Version"), "{told}");
+    let name = match driver {
+        "labjack-t7" => "LabJack T7",
+        "generic-rs485" => "generic RS485 load-cell transmitter",
+        _ => "swapped transmitter",
+    };
+    assert!(identity(1, "identity").contains(name), "{told}");
+    assert_eq!(identity(1, "link"), load_cell);
+    let number = |key: &str| told[key].as_f64().unwrap_or(f64::NAN);
+    assert!((number("zero_n") - FORCE_N).abs() < SPREAD_N, "{driver}: {told}");
+    assert!((0.1 * SPREAD_N..SPREAD_N).contains(&number("noise_n")), "{driver}: {told}");
+}

@@ -1,0 +1,129 @@
+//! `palpate study ablation`: a small one runs and says the same twice; what the whole one found is what a smaller one finds; and the
+//! shipped scenes carry no more than it justifies.
+
+use crate::support::printed::{is_narrow, is_well_formed};
+use crate::support::{Bench, shipped};
+use palpate::study::ablation::{NEEDED, Needed, Question, Size, TERMS, ablation};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs;
+
+#[test]
+fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice_but_for_its_times() {
+    let bench = Bench::new();
+    assert!(bench.palpate_ends(0, "study --help").out.contains("ablation"));
+    let told = bench.palpate_ends(0, "study ablation --quick --out a --json");
+    assert_eq!(bench.read("a/rows.ndjson"), told.out);
+    let rows = told.json_lines();
+    let (costs, rows): (Vec<Value>, Vec<Value>) = rows.into_iter().partition(|row| row["cost"].is_string());
+
+    let tried = |row: &Value| (row["term"].to_string(), row["question"].to_string());
+    let each: BTreeSet<(String, String)> = rows.iter().map(tried).collect();
+    let touched = TERMS.iter().flat_map(|term| Question::ALL.iter().filter(|question| term.touches(question.of())));
+    assert_eq!((each.len(), rows.len()), (touched.count(), each.len()), "a row a term and a question it can touch");
+    for row in &rows {
+        let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key} in {row}"));
+        assert!((number("on") - number("off") - number("difference")).abs() < 3e-6, "{row}");
+        let base = if row["in_base"] == true { "on" } else { "off" };
+        assert_eq!(number("base"), number(base), "{row}");
+        assert!(
+            number("within") >= 0.0 && number("counts_from") >= 0.05 * number("base").abs() && number("seeds") == 3.0
+        );
+        assert!(["yes", "no", "undecided"].iter().any(|verdict| row["needed"] == *verdict), "{row}");
+    }
+    for cost in &costs {
+        let number = |key: &str| cost[key].as_f64().unwrap_or_else(|| panic!("{key} in {cost}"));
+        assert!(number("off") > 0.0 && number("on") > 0.0 && number("ratio") > 0.0, "{cost}");
+    }
+    assert!(costs.iter().any(|cost| cost["term"] == "all terms"), "{costs:?}");
+
+    let again = bench.palpate_ends(0, "study ablation --quick --out b");
+    is_narrow(&again.out);
+    for name in ["ablation-methods.svg", "ablation-rig.svg"] {
+        let svg = bench.read(&format!("a/{name}"));
+        is_well_formed(name, &svg);
+        assert_eq!(svg, bench.read(&format!("b/{name}")));
+    }
+    let timeless =
+        |rows: &str| rows.lines().filter(|row| !row.contains("\"cost\"")).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(timeless(&bench.read("a/rows.ndjson")), timeless(&bench.read("b/rows.ndjson")));
+    let other = bench.palpate_ends(0, "study ablation --quick --out c --seed 2 --json");
+    assert_ne!(timeless(&bench.read("a/rows.ndjson")), timeless(&other.out));
+}
+
+#[test]
+fn what_the_whole_study_found_is_not_refuted_by_a_smaller_one() {
+    let size = Size { seeds: 6, side: 25, tests: 200, presses: 5 };
+    let found = ablation(size, 101, &|_, _| {}).expect("the shipped scene is sound");
+    for row in &found.rows {
+        let surely_counts = row.effect.difference.abs() - row.effect.within > row.counts_from;
+        let is_listed = NEEDED.iter().any(|(term, questions)| *term == row.term && questions.contains(&row.question));
+        let is_refuted = if is_listed { row.needed == Needed::No } else { surely_counts };
+        assert!(!is_refuted, "{} for {:?}: {:?}, counts from {}", row.term, row.question, row.effect, row.counts_from);
+    }
+    // and a listed one is no lucky guess: most are found again
+    let listed = NEEDED.iter().map(|(_, questions)| questions.len()).sum::<usize>();
+    let again = found.rows.iter().filter(|row| row.needed == Needed::Yes).count();
+    assert!(4 * again >= 3 * listed, "{again} of {listed}");
+}
+
+/// What a shipped scene may carry without a term of the study that needs it, and why.
+const ALLOWED: [(&str, &str); 11] = [
+    ("elastomer.depth_mm", "geometry"),
+    ("contact", "the specimen itself: without it there is no press"),
+    ("latency_ms", "a rig's exchanges take their time: the loop is timed against them"),
+    ("load_cell.transport_ms", "the loop's own test bench"),
+    ("load_cell.low_pass_hz", "the loop's own test bench"),
+    ("surface.bumps_mm", "the loop's own test bench"),
+    ("surface.roughness_mm", "the loop's own test bench"),
+    ("stiffness", "the loop's own test bench"),
+    ("stage.servo_ms", "the loop's own test bench"),
+    ("stage.quantum_mm", "the loop's own test bench: 0.1 um, a tenth of what the study finds to be waste"),
+    ("surface.tilt_mm", "the loop's own test bench: a slope is what its strategy map has to learn"),
+];
+
+#[test]
+fn no_shipped_scene_carries_a_term_that_nothing_needs() {
+    let mut scenes = 0;
+    for entry in fs::read_dir(shipped("rigs")).expect("rigs are shipped") {
+        let path = entry.expect("an entry").path();
+        let rig: toml::Table = fs::read_to_string(&path).expect("a text").parse().expect("TOML");
+        let Some(scene) = rig.get("scene").and_then(toml::Value::as_table) else { continue };
+        scenes += 1;
+        let waste = unjustified(scene);
+        assert!(waste.is_empty(), "{}: nothing needs {waste:?}", path.display());
+    }
+    assert_eq!(scenes, 4, "rigs with a scene");
+}
+
+#[test]
+fn a_scene_with_more_than_is_needed_is_told_of() {
+    let scene = |text: &str| unjustified(&text.parse().expect("TOML"));
+    assert_eq!(scene("indenter = { radius_mm = 0.5 }\ntaxel_noise = { repeatability_percent = [1.0] }"), ["indenter"]);
+    assert_eq!(
+        scene("elastomer = { depth_mm = 5.0 }\ntaxels = { radius_mm = 1.0, place_spread_mm = 0.1 }"),
+        ["taxels.place_spread_mm"]
+    );
+    assert_eq!(scene("converter = { bits = 16, range = 10.0 }\nnovelty = 1.0"), ["converter", "novelty"]);
+}
+
+/// The keys of a scene that no needed term stands for, and that aren't allowed.
+fn unjustified(scene: &toml::Table) -> Vec<String> {
+    let is_needed = |name: &str| NEEDED.iter().any(|(term, _)| *term == name);
+    let is_justified = |key: &str| {
+        let needed = TERMS.iter().filter(|term| is_needed(term.name)).filter_map(|term| term.key);
+        needed.chain(ALLOWED.iter().map(|(allowed, _)| *allowed)).any(|justified| justified == key)
+    };
+    let mut waste = Vec::new();
+    for (key, value) in scene {
+        match value.as_table() {
+            _ if is_justified(key) => {}
+            Some(table) if TERMS.iter().all(|term| term.key != Some(key)) => {
+                waste.extend(table.keys().map(|of| format!("{key}.{of}")).filter(|path| !is_justified(path)));
+            }
+            _ => waste.push(key.clone()),
+        }
+    }
+    waste.sort();
+    waste
+}

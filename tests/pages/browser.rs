@@ -1,0 +1,200 @@
+//! Pages in a real browser without a screen: nothing complains, no text is cut or lies over another, every figure shows
+//! something, on a desk and on a telephone. Where there is no browser, it says so.
+//!
+//! The screenshots are left in the folder that is printed, for a person to look at.
+
+use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use serde_json::Value;
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Widths of the window, px: a desk and a telephone.
+const WIDTHS: [u32; 2] = [1280, 390];
+/// Browsers that take the same words, by name.
+const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
+/// What looks at a page.
+const LOOK: &str = include_str!("browser/look.js");
+
+#[test]
+fn pages_are_whole_on_a_desk_and_on_a_telephone() {
+    let Some(browser) = Browser::find() else { return };
+    let bench = Bench::new();
+    let paper = shipped("recipes/paper.toml");
+    bench.palpate_ends(0, &format!("run {} --out paper", paper.display()));
+    bench.palpate_ends(0, "report paper --out paper.html");
+    for seed in 1..=12 {
+        bench.write("small.toml", SMALL);
+        let sensor =
+            if seed == 3 { "a-sensor-of-a-batch-with-a-long-name-0003".to_owned() } else { format!("A-{seed}") };
+        bench.palpate(&format!("run small.toml --seed {seed} --sensor {sensor} --out s{seed}"));
+    }
+    bench.palpate_ends(0, "report s3 --out small.html");
+    let runs: String = (1..=12).map(|seed| format!(" s{seed}")).collect();
+    bench.palpate_ends(0, &format!("report --compare{runs} paper --out batch.html"));
+    let soft = exchanged(&shipped_text("rigs/sim.toml"), "linear_n_mm = 1.1", "linear_n_mm = 0.2");
+    bench.write("soft.toml", &soft);
+    bench.palpate_ends(4, "run small.toml --rig soft.toml --out tripped");
+    bench.palpate_ends(0, "report tripped --out tripped.html");
+
+    let mut wrong: Vec<String> = Vec::new();
+    for page in ["paper", "small", "batch", "tripped"] {
+        let path = bench.path(&format!("{page}.html"));
+        for width in WIDTHS {
+            let seen = browser.look(&path, width);
+            assert_eq!(seen.width, u64::from(width), "{page}: the window");
+            assert!(seen.texts > 20, "{page} at {width}: {} texts", seen.texts);
+            let found = seen.problems.iter().chain(&seen.console);
+            wrong.extend(found.map(|problem| format!("{page} at {width} px: {problem}")));
+            browser.photograph(&path, &format!("{page}-{width}"), (width, seen.height));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    println!("screenshots: {}", browser.album.display());
+}
+
+#[test]
+fn figures_of_the_studies_have_room_for_their_words() {
+    let Some(browser) = Browser::find() else { return };
+    let bench = Bench::new();
+    for study in ["curves", "ablation --quick", "budget --quick", "failures --quick", "speed-accuracy --quick"] {
+        bench.palpate_ends(0, &format!("study {study} --out {}", study.split(' ').next().expect("a name")));
+    }
+    let rig = shipped("rigs/sim.toml");
+    bench.palpate_ends(0, &format!("study curves --rig {} --out array", rig.display()));
+    let mut wrong: Vec<String> = Vec::new();
+    let mut figures = 0;
+    for study in ["curves", "array", "ablation", "budget", "failures", "speed-accuracy"] {
+        for (name, svg) in bench.bytes(study).into_iter().filter(|(name, _)| name.ends_with(".svg")) {
+            let svg = String::from_utf8(svg).expect("an SVG is text");
+            let page = format!("<!DOCTYPE html><html><body style=\"margin:0\"><figure>{svg}</figure></body></html>");
+            bench.write("figure.html", &page);
+            let seen = browser.look(&bench.path("figure.html"), 1400);
+            assert!(seen.texts > 5, "{study}/{name}");
+            wrong.extend(seen.problems.iter().map(|problem| format!("{study}/{name}: {problem}")));
+            figures += 1;
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(figures >= 12, "{figures} figures");
+}
+
+/// The look itself sees what it is there for.
+#[test]
+fn a_page_with_faults_is_found_out() {
+    let Some(browser) = Browser::find() else { return };
+    let faulty = |body: &str| {
+        let bench = Bench::with([("page.html", format!("<!DOCTYPE html><html><body>{body}</body></html>").as_str())]);
+        browser.look(&bench.path("page.html"), 390)
+    };
+    let svg = |inside: &str| format!("<figure><svg width=\"200\" viewBox=\"0 0 200 50\">{inside}</svg></figure>");
+    for (body, problem) in [
+        ("<div style=\"width:900px\">wide</div>".to_owned(), "the page is"),
+        (svg("<path d=\"M0 0L9 9\"/><text x=\"190\" y=\"30\">beyond the edge</text>"), "cut: \"beyond the edge\""),
+        (
+            svg("<path d=\"M0 0L9 9\"/><text x=\"9\" y=\"30\">one</text><text x=\"12\" y=\"32\">two</text>"),
+            "over each other: \"one\"",
+        ),
+        (svg("<path d=\"M0 0L9 9\"/><text x=\"9\" y=\"30\" style=\"font-size:6px\">small</text>"), "too small, 6.0 px"),
+        (svg("<path d=\"M0 0\"/>"), "1 figures show nothing"),
+    ] {
+        let seen = faulty(&body);
+        assert!(seen.problems.iter().any(|found| found.contains(problem)), "{problem}: {:?}", seen.problems);
+    }
+    let seen = faulty("<p>one line</p><script>console.error('a complaint')</script>");
+    assert!(seen.problems.is_empty() && seen.console.iter().any(|line| line.contains("a complaint")), "{seen:?}");
+}
+
+/// A browser without a screen.
+struct Browser {
+    program: PathBuf,
+    album: PathBuf,
+}
+
+/// What a page looks like.
+#[derive(Debug)]
+struct Seen {
+    width: u64,
+    height: u64,
+    texts: u64,
+    problems: Vec<String>,
+    console: Vec<String>,
+}
+
+impl Browser {
+    /// The one that is named by `PALPATE_BROWSER`, or the first on the path; none is said.
+    fn find() -> Option<Browser> {
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        let named = std::env::var_os("PALPATE_BROWSER").map(PathBuf::from);
+        let on_path = BROWSERS.iter().flat_map(|name| std::env::split_paths(&path).map(move |at| at.join(name)));
+        let Some(program) = named.or_else(|| on_path.into_iter().find(|program| program.is_file())) else {
+            println!("skipped: no browser ({}) is there; PALPATE_BROWSER can name one", BROWSERS.join(", "));
+            return None;
+        };
+        let album = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pages");
+        fs::create_dir_all(&album).expect("a folder for screenshots");
+        Some(Browser { program, album })
+    }
+
+    /// Opens a page with what looks at it, in a frame of that width: a window has a least width of its own.
+    fn look(&self, page: &Path, width: u32) -> Seen {
+        let text = fs::read_to_string(page).expect("a page");
+        let (watched, framed) = (page.with_extension("watched.html"), page.with_extension("framed.html"));
+        let end = text.rfind("</body>").expect("a page has a body");
+        fs::write(&watched, format!("{}<script>{LOOK}</script>{}", &text[..end], &text[end..])).expect("a page");
+        let name = watched.file_name().expect("a name").to_string_lossy();
+        let frame = format!(
+            "<!DOCTYPE html><body style=\"margin:0\"><script>addEventListener('message', (told) => {{\
+             const pre = document.createElement('pre'); pre.id = 'looked'; pre.textContent = told.data;\
+             document.body.append(pre); }})</script>\
+             <iframe src=\"{name}\" style=\"border:0;width:{width}px;height:2000px\"></iframe></body>"
+        );
+        fs::write(&framed, frame).expect("a page");
+        let (out, err) = self.run(&framed, (1280, 2000), "--dump-dom".into());
+        let looked = out.split("<pre id=\"looked\">").nth(1).and_then(|rest| rest.split("</pre>").next());
+        let looked = looked.unwrap_or_else(|| panic!("the page wasn't looked at:\n{err}"));
+        let looked = looked.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
+        let looked: Value = serde_json::from_str(&looked).unwrap_or_else(|error| panic!("{error}: {looked}"));
+        let problems = looked["problems"].as_array().expect("a list");
+        Seen {
+            width: looked["width"].as_u64().expect("a width"),
+            height: looked["height"].as_u64().expect("a height"),
+            texts: looked["texts"].as_u64().expect("a count"),
+            problems: problems.iter().map(|problem| problem.as_str().unwrap_or_default().to_owned()).collect(),
+            console: err.lines().filter(|line| line.contains(":CONSOLE")).map(str::to_owned).collect(),
+        }
+    }
+
+    /// Keeps a picture of a page.
+    fn photograph(&self, page: &Path, name: &str, size: (u32, u64)) {
+        let picture = self.album.join(format!("{name}.png"));
+        let mut word = OsString::from("--screenshot=");
+        word.push(&picture);
+        self.run(page, size, word);
+        let bytes = fs::read(&picture).expect("a screenshot");
+        let side =
+            |at: usize| bytes.get(at..at + 4).map(|four| u32::from_be_bytes(four.try_into().expect("four bytes")));
+        assert!(bytes.starts_with(b"\x89PNG") && side(16) == Some(size.0), "{name}: {} bytes", bytes.len());
+        assert!(bytes.len() > 10_000, "{name}: hardly anything is in a picture of {} bytes", bytes.len());
+    }
+
+    fn run(&self, page: &Path, (width, height): (u32, u64), what: OsString) -> (String, String) {
+        let profile = tempfile::tempdir().expect("a folder");
+        let mut command = Command::new(&self.program);
+        let words = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            "--no-first-run",
+            "--virtual-time-budget=10000",
+        ];
+        command.args(words).args(["--enable-logging=stderr", "--v=0"]).stdin(Stdio::null());
+        command.arg(format!("--user-data-dir={}", profile.path().display()));
+        command.arg(format!("--window-size={width},{height}")).arg(what).arg(format!("file://{}", page.display()));
+        let output = command.output().expect("the browser starts");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (text(&output.stdout), text(&output.stderr))
+    }
+}

@@ -1,0 +1,11 @@
+//! Reports and studies: what their pages say, and how they look.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod ablation;
+mod browser;
+mod curves;
+mod report;
+mod study;
+mod validation;

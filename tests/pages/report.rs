@@ -1,0 +1,397 @@
+//! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
+
+use crate::support::{Bench, Told, exchanged, shipped_text};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Staircases, a calibration and a test, each small.
+const CHARACTERISE: &str = "
+[[step]]
+phase = \"characterisation\"
+units = [1, 5]
+staircase = { to_n = 2.0, step_n = 0.5, repeats = 3 }
+";
+const CALIBRATE: &str = "
+[[step]]
+phase = \"calibration\"
+grid = { x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], spacing_mm = 1.0 }
+force_n = 1.0
+";
+const TEST: &str = "
+[[step]]
+phase = \"test\"
+random = { count = 12, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.1, 1.0] }
+";
+
+fn recipe(steps: &[&str]) -> String {
+    format!("name = \"small\"\n{}", steps.concat())
+}
+
+/// A bench with a run of everything, called `all`.
+fn bench() -> Bench {
+    let bench = Bench::with([("all.toml", recipe(&[CHARACTERISE, CALIBRATE, TEST]).as_str())]);
+    bench.palpate_ends(0, "run all.toml --out all");
+    bench
+}
+
+#[test]
+fn every_number_of_a_page_is_that_of_evaluate() {
+    let bench = bench();
+    let told = bench.palpate_ends(0, "report all");
+    assert!(told.out.starts_with("all: accepted, ") && told.out.contains("all/report.html: "), "{}", told.out);
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let page = bench.read("all/report.html");
+    let shown = numbers(&page);
+    for (name, solver) in [("pearson", "pearson"), ("best", "best")] {
+        let evaluation =
+            bench.palpate_ends(0, &format!("evaluate all --json --solver {solver}")).json_lines().remove(0);
+        let of_it: Vec<(&String, &f64)> =
+            shown.iter().filter(|(key, _)| key.starts_with(&format!("{name}."))).collect();
+        assert!(of_it.len() >= 16, "{name}: {of_it:?}");
+        for (key, value) in of_it {
+            let path = format!("/{}", key[name.len() + 1..].replace('.', "/"));
+            assert_eq!(evaluation.pointer(&path).and_then(Value::as_f64), Some(*value), "{key}");
+        }
+        if let Some(chosen @ ("physics" | "surrogate")) = evaluation["solver"].as_str() {
+            assert!(page.contains(&format!("by {chosen}, at the median force of the test")), "{chosen}");
+        }
+        let decisive = evaluation["location_error_mm"]["mean"].as_f64().unwrap();
+        assert!(page.contains(&format!("{decisive:.3}")), "{decisive}");
+    }
+}
+
+#[test]
+fn a_page_needs_nothing_else_and_is_the_same_twice() {
+    let bench = bench();
+    bench.palpate_ends(0, "report all");
+    let page = bench.read("all/report.html");
+    for foreign in ["http:", "https:", "<script", "url(", " src=", "@import", "NaN", "inf ", "inf<"] {
+        assert!(!page.contains(foreign), "{foreign} is in the page");
+    }
+    assert_eq!(page.matches("<link").count(), page.matches("href=\"data:,\"").count());
+    assert!(page.len() < 2_000_000, "{} bytes", page.len());
+    for figure in figures(&page) {
+        assert!(has_data(figure), "nothing is drawn in {figure}");
+    }
+    let titles = [
+        "Table 1",
+        "Figure 8",
+        "calibration matrix",
+        "Figure 9",
+        "Figure 10",
+        "depend on",
+        "can be expected",
+        "force was controlled",
+        "made with",
+    ];
+    for title in titles {
+        assert!(page.contains(title), "{title}");
+    }
+    assert_eq!(figures(&page).len(), 12, "one a figure of the paper, method, dependence, map and record");
+    bench.palpate_ends(0, "report all --out again.html");
+    assert_eq!(bench.read("again.html"), page);
+    bench.palpate_ends(0, "verify all");
+}
+
+#[test]
+fn three_runs_of_a_sensor_make_the_page_of_one() {
+    let bench = bench();
+    for (name, step) in [("characterise", CHARACTERISE), ("calibrate", CALIBRATE), ("test", TEST)] {
+        bench.write("one.toml", &recipe(&[step]));
+        bench.palpate_ends(0, &format!("run one.toml --out {name} --sensor A<7>&co"));
+    }
+    bench.palpate_ends(0, "report characterise calibrate test --out page.html");
+    let page = bench.read("page.html");
+    assert_eq!(figures(&page).len(), 12);
+    assert!(page.contains("Sensor A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
+    let told = bench.palpate_ends(2, "report all test --out other.html").running();
+    assert!(told.contains("all and test both have test presses"), "{told}");
+    let four = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 2, columns = 2");
+    let four = four.lines().filter(|line| !line.contains("_percent")).collect::<Vec<_>>().join("\n");
+    bench.write("four.toml", &four);
+    bench.palpate("run one.toml --rig four.toml --out four");
+    let told = bench.palpate_ends(2, "report calibrate four --out other.html").running();
+    assert!(told.contains("calibrate has 9 units, four has 4"), "{told}");
+    assert!(!bench.has("other.html"));
+}
+
+#[test]
+fn a_part_of_a_run_has_the_page_of_that_part() {
+    let bench = Bench::new();
+    for (name, steps, has, lacks) in [
+        ("characterise", vec![CHARACTERISE], "Figure 8", "How near it comes"),
+        ("calibrate", vec![CALIBRATE], "What each unit reads of 1 N", "Figure 9"),
+        ("test", vec![TEST], "force was controlled", "Figure 9"),
+    ] {
+        bench.write("one.toml", &recipe(&steps));
+        bench.palpate_ends(0, &format!("run one.toml --out {name}"));
+        let told = bench.palpate_ends(0, &format!("report {name}"));
+        assert!(told.out.contains("not evaluated"), "{}", told.out);
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(page.contains(has) && !page.contains(lacks) && page.contains("Not evaluated"), "{name}");
+        assert!(figures(&page).into_iter().all(has_data), "{name}");
+    }
+}
+
+#[test]
+fn what_broke_off_is_told_first() {
+    let bench = Bench::with([
+        ("soft.toml", exchanged(&shipped_text("rigs/sim.toml"), "linear_n_mm = 1.1", "linear_n_mm = 0.2").as_str()),
+        ("all.toml", &recipe(&[CALIBRATE, TEST])),
+    ]);
+    bench.palpate_ends(4, "run all.toml --rig soft.toml --out tripped");
+    let told = bench.palpate_ends(0, "report tripped");
+    assert!(told.out.contains("not evaluated"), "{}", told.out);
+    let page = bench.read("tripped/report.html");
+    let rule = bench.manifest("tripped")["trip"]["rule"].as_str().unwrap().to_owned();
+    assert!(page.contains("tripped is tripped: 0 of 93 presses") && page.contains(&rule), "{rule}");
+    assert!(page.contains("verdict bad"));
+}
+
+#[test]
+fn a_sensors_name_can_be_printed() {
+    let bench = Bench::with([("one.toml", recipe(&[TEST]).as_str())]);
+    for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(201)] {
+        let told = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
+        assert_eq!(told.status.code(), Some(2), "{name:?}");
+        assert!(String::from_utf8_lossy(&told.stderr).contains("expected 1 to 200 letters"), "{name:?}");
+        assert!(!bench.has("one"));
+    }
+}
+
+#[test]
+fn only_a_page_of_ours_is_replaced() {
+    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("mine.html", "text")]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    let told = bench.palpate_ends(2, "report one --out mine.html").running();
+    assert!(told.contains("mine.html is there already"), "{told}");
+    assert_eq!(bench.read("mine.html"), "text");
+    bench.palpate_ends(0, "report one --out pages/one.html");
+    bench.palpate_ends(0, "report one --out pages/one.html");
+    let told = bench.palpate_ends(2, "report nowhere").running();
+    assert!(told.contains("nowhere is no run"), "{told}");
+    bench.palpate_ends(2, "report one --solver physics"); // of a comparison only
+    let files: Vec<String> = bench.bytes("pages").into_iter().map(|(name, _)| name).collect();
+    assert_eq!(files, ["one.html"]);
+}
+
+#[test]
+fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
+    let bench = bench();
+    for seed in [2, 3] {
+        bench.palpate_ends(0, &format!("run all.toml --out s{seed} --seed {seed} --sensor A-{seed}"));
+    }
+    bench.write("one.toml", &recipe(&[CHARACTERISE]));
+    bench.palpate_ends(0, "run one.toml --out part");
+    let told = bench.palpate_ends(0, "report --compare all s2 s3 part").out;
+    assert!(told.starts_with("4 runs compared, 3 accepted\n"), "{told}");
+    let page = bench.read("comparison.html");
+    let shown = numbers(&page);
+    for (index, run) in ["all", "s2", "s3"].into_iter().enumerate() {
+        for solver in ["pearson", "surrogate"] {
+            let words = format!("evaluate {run} --json --solver {solver}");
+            let evaluation = bench.palpate_ends(0, &words).json_lines().remove(0);
+            for path in ["location_error_mm.mean", "force_error_n.mean", "within.both"] {
+                let expected = evaluation.pointer(&format!("/{}", path.replace('.', "/"))).and_then(Value::as_f64);
+                assert_eq!(
+                    shown.get(&format!("{}.{solver}.{path}", index + 1)).copied(),
+                    expected,
+                    "{run} {solver} {path}"
+                );
+            }
+        }
+    }
+    assert!(page.contains("part isn't evaluated: ") && page.contains("A-3"));
+    assert_eq!(figures(&page).len(), 3);
+    assert!(figures(&page).into_iter().all(has_data));
+    let told = bench.palpate_ends(0, "report --compare all s2 --solver physics --out b.html").out;
+    assert!(told.starts_with("2 runs compared, 2 accepted\n"), "{told}");
+}
+
+/// Steps at places of a list.
+fn list(phase: &str, places_mm: &str, force_n: f64) -> String {
+    format!("\n[[step]]\nphase = \"{phase}\"\nlist = {{ places_mm = {places_mm} }}\nforce_n = {force_n:?}\n")
+}
+
+#[test]
+fn presses_on_one_line_or_at_one_place_make_a_page() {
+    let line = list("calibration", "[[-4, 0], [-2, 0], [0, 0], [2, 0], [4, 0]]", 1.0);
+    let on_line = list("test", "[[-3, 0], [1, 0], [3, 0]]", 0.5);
+    let edge = list("test", "[[-4, 0], [4, 1], [3, 4], [0, -4]]", 0.5);
+    let (place, on_place) = (list("calibration", "[[0, 0]]", 1.0), list("test", "[[0, 0]]", 1.0));
+    let bench = Bench::new();
+    for (name, steps) in [("line", [&*line, &on_line]), ("edge", [CALIBRATE, &edge]), ("place", [&place, &on_place])] {
+        bench.write("one.toml", &recipe(&steps));
+        bench.palpate_ends(0, &format!("run one.toml --out {name}"));
+        // a figure whose places are all as far from the edge never came to an end
+        bench.palpate_ends(0, &format!("report {name}"));
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(!page.contains("NaN") && !page.contains("inf\""), "{name}");
+        // the panels of a line are too flat for more than a number each
+        for figure in figures(&page).into_iter().filter(|_| name != "line") {
+            let told: Vec<&str> =
+                figure.split("class=\"end\"").skip(1).map(|rest| rest.split("</").next().unwrap()).collect();
+            let [first, second, ..] = told.as_slice() else { panic!("{name}: an axis without numbers in {figure}") };
+            assert_ne!(number_of(first), number_of(second), "{name}: {figure}");
+        }
+    }
+    assert!(bench.read("edge/report.html").contains("distance from the edge"));
+    // three errors of 1 mm: none is smaller, so the share rises at 1 mm and not on the way there
+    let page = bench.read("line/report.html");
+    let errors = figures(&page).into_iter().find(|figure| figure.contains("aria-label=\"Location error\"")).unwrap();
+    let lines: Vec<&str> = errors.split("<polyline ").skip(1).map(|rest| rest.split('>').next().unwrap()).collect();
+    let corners: Vec<&str> = lines.last().unwrap().split("points=\"").nth(1).unwrap().split(' ').collect();
+    let up = |corner: &str| corner.split_once(',').unwrap().1.trim_matches(['"', '/']).to_owned();
+    assert_eq!(up(corners[0]), up(corners[1]), "{corners:?}");
+}
+
+/// What a text element tells.
+fn number_of(element: &str) -> &str {
+    element.rsplit('>').next().unwrap()
+}
+
+#[test]
+fn what_units_read_of_many_forces_is_told_a_newton() {
+    let random = "
+[[step]]
+phase = \"calibration\"
+random = { count = 40, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.5, 1.5] }
+";
+    let bench = Bench::new();
+    for (name, steps) in [("random", vec![random]), ("two", vec![CALIBRATE, &CALIBRATE.replace("1.0\n", "0.5\n")])] {
+        let last = steps.last().unwrap();
+        assert!(name != "two" || last.contains("force_n = 0.5"), "{last}");
+        bench.write("one.toml", &recipe(&steps));
+        bench.palpate_ends(0, &format!("run one.toml --out {name}"));
+        bench.palpate_ends(0, &format!("report {name}"));
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(page.contains("What each unit reads of the load, a newton") && page.contains("V/N"), "{name}");
+        assert!(!page.contains("What each unit reads of 1"), "{name}");
+    }
+    assert!(bench.read("two/report.html").contains("162 presses of 0.5 to 1 N; one scale"));
+}
+
+#[test]
+fn a_narrow_area_has_as_many_numbers_as_have_room() {
+    let strip = CALIBRATE.replace("y_mm = [-4.0, 4.0]", "y_mm = [-1.0, 1.0]");
+    let bench = Bench::with([("one.toml", recipe(&[&strip]).as_str())]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    bench.palpate_ends(0, "report one");
+    let page = bench.read("one/report.html");
+    let rows = figures(&page)[0].matches("class=\"end\"").count();
+    assert!((3..=6).contains(&rows), "one or two in each of three rows: {rows}");
+}
+
+#[test]
+fn a_run_is_called_by_its_folder_wherever_one_stands() {
+    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str())]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    let mut command = bench.command("report .");
+    let told: Told = command.current_dir(bench.path("one")).output().expect("the program starts").into();
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert!(told.out.starts_with("one: not evaluated"), "{}", told.out);
+    assert!(bench.read("one/report.html").contains("<h1>one</h1>"));
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_not_read_and_a_link_stays_one() {
+    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("file", "")]);
+    bench.palpate_ends(0, "run one.toml --out one");
+    // such a device gives zeros for ever
+    let told = bench.palpate_ends(2, "report one --out /dev/zero").running();
+    assert!(told.contains("/dev/zero is there already"), "{told}");
+    bench.palpate_ends(0, "report one --out page.html");
+    std::os::unix::fs::symlink("page.html", bench.path("link.html")).unwrap();
+    bench.palpate_ends(0, "report one --out link.html");
+    assert!(bench.path("link.html").symlink_metadata().unwrap().is_symlink());
+    // a text that quotes a page is none
+    bench.write("quoting.txt", &format!("notes: {}", bench.read("page.html")));
+    bench.palpate_ends(2, "report one --out quoting.txt");
+    let told = bench.palpate_ends(5, "report one --out file/page.html").running();
+    assert!(told.contains("writing the page file/page.html: ") && told.contains("choose another --out"), "{told}");
+    assert!(!told.contains("resume"), "{told}");
+    bench.write(".page.html.new", "mine");
+    bench.palpate_ends(0, "report one --out page.html");
+    assert_eq!(bench.read(".page.html.new"), "mine");
+}
+
+#[test]
+fn a_comparison_says_why_a_run_is_not_evaluated_and_counts_runs_whole() {
+    let bench = bench();
+    let (place, test) = (list("calibration", "[[0, 0]]", 1.0), TEST);
+    let one = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 1, columns = 1");
+    let one = one.lines().filter(|line| !line.contains("_percent")).collect::<Vec<_>>().join("\n");
+    bench.write("rig.toml", &one);
+    bench.write("one.toml", &recipe(&[&place, test]));
+    bench.palpate_ends(0, "run one.toml --rig rig.toml --out lone");
+    bench.palpate_ends(0, "report --compare all lone");
+    let page = bench.read("comparison.html");
+    assert!(page.contains("lone isn't evaluated: lone/presses.csv: can't be calibrated on: "));
+    let numbers: Vec<&str> = page.split("<text class=\"mid\" x=").skip(1).map(number_of_rest).collect();
+    assert!(numbers.contains(&"1") && numbers.contains(&"2") && !numbers.contains(&"1.5"), "{numbers:?}");
+    let told = bench.palpate_ends(0, "report --compare all").out;
+    assert!(told.starts_with("1 run compared, 1 accepted\n"), "{told}");
+    assert!(bench.read("comparison.html").contains("<h1>1 run side by side</h1>"));
+}
+
+fn number_of_rest(rest: &str) -> &str {
+    number_of(rest.split("</").next().unwrap())
+}
+
+#[test]
+fn what_was_changed_after_the_run_is_told_first() {
+    let bench = bench();
+    let presses = bench.read("all/presses.csv");
+    bench.write("all/presses.csv", &exchanged(&presses, ",calibration,-4,-4,1,", ",calibration,-4,-4,2,"));
+    bench.palpate_ends(0, "report all");
+    let page = bench.read("all/report.html");
+    assert!(page.contains("all isn't as it was written") && page.contains("verdict bad"));
+    assert!(page.contains("presses.csv isn't as it was written: its SHA-256 is another"));
+    bench.palpate_ends(0, "rebuild all");
+    bench.palpate_ends(0, "report all");
+    assert!(!bench.read("all/report.html").contains("isn't as it was written"));
+    std::fs::remove_file(bench.path("all/rig.toml")).unwrap();
+    let told = bench.palpate_ends(2, "report all").running();
+    assert!(told.contains("rig.toml is missing") && told.contains("put a copy of it back"), "{told}");
+}
+
+#[test]
+fn only_what_is_alike_is_joined_and_compared() {
+    let bench = bench();
+    bench.write("other.toml", &recipe(&[&CALIBRATE.replace("spacing_mm = 1.0", "spacing_mm = 2.0"), TEST]));
+    bench.palpate_ends(0, "run other.toml --out other");
+    bench.palpate_ends(0, "run all.toml --seed 2 --out again");
+    bench.palpate_ends(0, "report --compare all other again");
+    let page = bench.read("comparison.html");
+    assert!(page.contains("1 run left out: calibrated at other places or forces"), "units of unlike calibrations");
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "pitch_mm = 4.5", "pitch_mm = 4.0");
+    bench.write("narrow.toml", &rig);
+    bench.write("one.toml", &recipe(&[CHARACTERISE]));
+    bench.palpate_ends(0, "run one.toml --rig narrow.toml --out narrow");
+    let told = bench.palpate_ends(2, "report other narrow --out page.html").running();
+    assert!(told.contains("other has 9 units, narrow has 9 at other places"), "{told}");
+}
+
+/// What stands in the page's `data` elements that have a key.
+fn numbers(page: &str) -> BTreeMap<String, f64> {
+    let elements = page.split("<data ").skip(1).map(|rest| rest.split('>').next().unwrap());
+    let attribute = |element: &str, name: &str| {
+        let rest = element.split(&format!("{name}=\"")).nth(1).unwrap();
+        rest.split('"').next().unwrap().to_owned()
+    };
+    let pairs = elements.map(|e| (attribute(e, "data-key"), attribute(e, "value").parse().expect("a number")));
+    pairs.filter(|(key, _)| !key.is_empty()).collect()
+}
+
+/// The pictures of a page.
+fn figures(page: &str) -> Vec<&str> {
+    page.split("<svg ").skip(1).map(|rest| rest.split("</svg>").next().unwrap()).collect()
+}
+
+/// Whether anything is drawn that is no axis, no grid and no legend: more than a handful of marks, or a path of many.
+fn has_data(figure: &str) -> bool {
+    let marks = ["<circle ", "<polygon ", "<path "].map(|mark| figure.matches(mark).count()).iter().sum::<usize>();
+    let corners = figure.split(" d=\"").skip(1).map(|path| path.split('"').next().unwrap().matches('M').count());
+    marks + corners.sum::<usize>() > 6
+}

@@ -1,0 +1,225 @@
+//! `palpate study`: a small one of each runs, says the same twice, and leaves rows and figures that another program can read.
+
+use crate::support::printed::{is_narrow, is_well_formed};
+use crate::support::{Bench, SMALL};
+use serde_json::Value;
+use std::collections::BTreeSet;
+
+#[test]
+fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
+    let bench = Bench::new();
+    let told = bench.palpate_ends(0, "study control --quick --out a --json");
+    let rows = told.json_lines();
+    assert_eq!(bench.read("a/rows.ndjson"), told.out);
+
+    let text = |row: &Value, key: &str| row[key].as_str().unwrap_or_default().to_owned();
+    let of = |part: &str| rows.iter().filter(|row| row["part"] == part).cloned().collect::<Vec<_>>();
+    let scenes = of("scenes");
+    let names: BTreeSet<String> = scenes.iter().map(|row| text(row, "scene")).collect();
+    let each: BTreeSet<(String, String, String)> =
+        scenes.iter().map(|row| (text(row, "rig"), text(row, "scene"), text(row, "strategy"))).collect();
+    assert_eq!((names.len(), each.len(), scenes.len()), (13, 78, 78), "two benches, 13 scenes, three strategies");
+    assert_eq!((of("tolerance").len(), of("mismatch").len(), of("caution").len()), (30, 12, 18));
+    assert_eq!(of("stability").len(), 28);
+
+    for row in rows.iter().filter(|row| row["part"] != "stability") {
+        let (points, done, trips) = (row["points"].as_u64(), row["done"].as_u64(), row["trips"].as_u64());
+        assert_eq!(row["rule"].is_null(), trips == Some(0), "{row}");
+        assert_eq!(done == points, trips == Some(0), "{row}");
+        for key in ["force_set_n", "tolerance_n", "bound_s"] {
+            assert!(row[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {row}");
+        }
+        for key in ["median_s", "p95_s", "ratio", "error_mean_mn", "error_p95_mn", "error_max_mn", "peak_over_mn"] {
+            assert!(row[key].is_number() || done < Some(2), "{key} in {row}");
+        }
+    }
+    assert_eq!(pareto(&of("tolerance")), pareto_again(&of("tolerance")));
+
+    let figures: Vec<(String, Vec<u8>)> =
+        bench.bytes("a").into_iter().filter(|(name, _)| name.ends_with(".svg")).collect();
+    assert_eq!(figures.len(), 5);
+    for (name, bytes) in &figures {
+        is_well_formed(name, std::str::from_utf8(bytes).expect("an SVG is text"));
+    }
+
+    let told = bench.palpate_ends(0, "study control --quick --out b");
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    assert_eq!(bench.bytes("a"), bench.bytes("b"));
+}
+
+#[test]
+fn a_folder_that_is_there_is_not_touched() {
+    let bench = Bench::with([("mine", "text")]);
+    let told = bench.palpate_ends(2, "study control --quick --out mine");
+    assert!(told.running().contains("mine is there already"), "{}", told.err);
+    assert_eq!(bench.read("mine"), "text");
+}
+
+#[test]
+fn a_small_study_of_speed_marks_those_that_no_other_beats() {
+    let bench = Bench::new();
+    let rows = bench.palpate_ends(0, "study speed-accuracy --quick --out a --json").json_lines();
+    check_rows(&rows, &["T", "Q"]);
+    for scene in ["T", "Q"] {
+        let of_it: Vec<Value> = rows.iter().filter(|row| row["scene"] == scene).cloned().collect();
+        let mark = |row: &Value| Some((row["ns_per_solve"].as_f64()?, row["location_error_mm"]["mean"].as_f64()?));
+        let is_best = |row: &Value| {
+            let (ns, mm) = mark(row).expect("every method is tried");
+            let beats =
+                |(other_ns, other_mm): (f64, f64)| other_ns <= ns && other_mm <= mm && (other_ns, other_mm) != (ns, mm);
+            !of_it.iter().filter_map(mark).any(beats)
+        };
+        assert_eq!(pareto(&of_it), of_it.iter().map(is_best).collect::<Vec<_>>(), "{scene}");
+        assert!(of_it.iter().all(|row| row["bound"] == "cramer-rao" && row["location_bound_mm"].is_number()));
+    }
+    is_well_formed("speed", &bench.read("a/speed-accuracy.svg"));
+
+    let again = bench.palpate_ends(0, "study speed-accuracy --quick --out b");
+    is_narrow(&again.out);
+    assert_eq!(timeless(&bench.read("a/rows.ndjson")), timeless(&bench.read("b/rows.ndjson")));
+    let other = bench.palpate_ends(0, "study speed-accuracy --quick --out c --seed 2 --json");
+    assert_ne!(timeless(&bench.read("a/rows.ndjson")), timeless(&other.out));
+}
+
+#[test]
+fn a_small_study_of_the_budget_or_of_failures_is_the_same_twice() {
+    let bench = Bench::new();
+    for (study, figures) in [("budget", 1), ("failures", 2)] {
+        let rows = bench.palpate_ends(0, &format!("study {study} --quick --out {study}-a --json")).json_lines();
+        check_rows(&rows, &["T", "Q"]);
+        is_narrow(&bench.palpate_ends(0, &format!("study {study} --quick --out {study}-b")).out);
+        let [a, b] = ["a", "b"].map(|run| bench.bytes(&format!("{study}-{run}")));
+        let svgs = |files: &[(String, Vec<u8>)]| -> Vec<(String, Vec<u8>)> {
+            files.iter().filter(|(name, _)| name.ends_with(".svg")).cloned().collect()
+        };
+        assert_eq!(svgs(&a).len(), figures);
+        assert_eq!(svgs(&a), svgs(&b));
+        for (name, svg) in svgs(&a) {
+            is_well_formed(&name, std::str::from_utf8(&svg).expect("an SVG is text"));
+        }
+        let [a, b] = ["a", "b"].map(|run| bench.read(&format!("{study}-{run}/rows.ndjson")));
+        assert_eq!(timeless(&a), timeless(&b));
+    }
+}
+
+#[test]
+fn a_run_and_two_tables_are_studied_for_what_they_are() {
+    let bench = Bench::with([
+        ("grid.csv", GRID),
+        ("test.csv", "x_mm,y_mm,out_1,out_2,out_3\n0.5,0.5,0.8,0.4,0.4\n1.5,0.4,0.4,0.8,0.3\n"),
+        ("other.csv", "x_mm,y_mm,out_1\n0,0,1\n"),
+    ]);
+    let rows = bench
+        .palpate_ends(0, "study speed-accuracy --calibration grid.csv --test test.csv --out a --json")
+        .json_lines();
+    check_rows(&rows, &["test.csv"]);
+    assert!(rows.iter().all(|row| row["force_error_n"].is_null() && row["bound"] != "cramer-rao"), "{rows:?}");
+
+    bench.write("small.toml", &SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5"));
+    bench.palpate("run small.toml --out small"); // accepted or not
+    let rows = bench.palpate_ends(0, "study speed-accuracy small --out b --json").json_lines();
+    check_rows(&rows, &["small"]);
+    assert!(rows.iter().all(|row| row["bound"] == "cramer-rao" && row["calibration_presses"] == 81), "{rows:?}");
+    assert!(rows.iter().all(|row| row["force_error_n"].is_object()), "by the load cell");
+
+    for (words, told) in [
+        ("nowhere", "nowhere"),
+        ("--calibration grid.csv", "--test"),
+        ("small --calibration grid.csv --test test.csv", "cannot be used with"),
+        ("--calibration grid.csv --test other.csv", "has 1"),
+    ] {
+        let refusal = bench.palpate_ends(2, &format!("study speed-accuracy {words} --out c"));
+        assert!(refusal.err.contains(told), "{words}: {}", refusal.err);
+        assert!(!bench.has("c"), "{words}");
+    }
+}
+
+#[test]
+fn every_study_has_help_and_leaves_a_folder_alone() {
+    let bench = Bench::with([("mine", "text")]);
+    let whole = bench.palpate_ends(0, "study --help").out;
+    for study in ["control", "speed-accuracy", "budget", "failures"] {
+        assert!(whole.contains(study), "{whole}");
+        let help = bench.palpate_ends(0, &format!("study {study} --help")).out;
+        for option in ["--out", "--json", "--quick", "--seed"] {
+            assert!(help.contains(option), "{help}");
+        }
+        let told = bench.palpate_ends(2, &format!("study {study} --quick --out mine"));
+        assert!(told.err.contains("there already"), "{}", told.err);
+    }
+    assert_eq!(bench.read("mine"), "text");
+}
+
+/// 3 units that read the less the farther a press of 1 N is, at 3 x 3 places.
+const GRID: &str = "\
+x_mm,y_mm,force_n,out_1,out_2,out_3
+0,0,1,0.9,0.3,0.3
+1,0,1,0.7,0.7,0.2
+2,0,1,0.3,0.9,0.1
+0,1,1,0.7,0.2,0.7
+1,1,1,0.5,0.5,0.5
+2,1,1,0.2,0.7,0.3
+0,2,1,0.3,0.1,0.9
+1,2,1,0.2,0.3,0.7
+2,2,1,0.1,0.3,0.4
+";
+
+/// Every method of every scene has its rows, and every number is one or null.
+fn check_rows(rows: &[Value], scenes: &[&str]) {
+    let of = |key: &str| rows.iter().map(|row| row[key].as_str().unwrap_or_default()).collect::<BTreeSet<&str>>();
+    assert_eq!(of("scene"), scenes.iter().copied().collect());
+    let names: BTreeSet<&str> = palpate::solver::SOLVERS.into_iter().chain([palpate::solver::BEST]).collect();
+    assert_eq!(of("solver"), names);
+    assert_eq!(rows.len() % (scenes.len() * names.len()), 0);
+    for row in rows {
+        for key in ["value", "calibration_presses", "points", "answers"] {
+            assert!(row[key].is_number(), "{key} in {row}");
+        }
+        for key in ["location_error_mm", "force_error_n"] {
+            let errors = &row[key];
+            let is_whole = ["mean", "median", "p95"].iter().all(|part| errors[part].is_number());
+            assert!(errors.is_null() || is_whole, "{key} in {row}");
+        }
+        for key in ["flagged", "wrong", "wrong_unflagged"] {
+            let is_share = row[key].as_f64().is_some_and(|share| (0.0..=1.0).contains(&share));
+            assert!(is_share || row["refused"].is_string(), "{key} in {row}");
+        }
+        let share = |key: &str| row[key].as_f64().unwrap_or(0.0);
+        assert!(share("wrong_unflagged") <= share("wrong"), "{row}");
+        for key in ["ns_per_solve", "location_bound_mm", "force_bound_n", "location_error_within_mm"] {
+            assert!(row[key].is_number() || row[key].is_null(), "{key} in {row}");
+        }
+    }
+}
+
+/// Rows without what is measured by a clock, and what follows from it.
+fn timeless(rows: &str) -> Vec<Value> {
+    let without = |line: &str| {
+        let mut row: Value = serde_json::from_str(line).expect("a row is JSON");
+        let fields = row.as_object_mut().expect("an object");
+        fields.remove("ns_per_solve");
+        fields.remove("pareto");
+        row
+    };
+    rows.lines().map(without).collect()
+}
+
+/// Which rows say that they are the best of their bench.
+fn pareto(rows: &[Value]) -> Vec<bool> {
+    rows.iter().map(|row| row["pareto"] == true).collect()
+}
+
+/// The same, recomputed from their numbers.
+fn pareto_again(rows: &[Value]) -> Vec<bool> {
+    let mark = |row: &Value| {
+        let error_mn = row["error_p95_mn"].as_f64().filter(|_| row["rule"].is_null())?;
+        Some((row["rig"].clone(), row["median_s"].as_f64()?, error_mn))
+    };
+    let beats = |other: &Value, (rig, s, mn): &(Value, f64, f64)| {
+        mark(other).is_some_and(|(its_rig, its_s, its_mn)| {
+            its_rig == *rig && its_s <= *s && its_mn <= *mn && (its_s, its_mn) != (*s, *mn)
+        })
+    };
+    let best = |row: &Value| mark(row).is_some_and(|mark| !rows.iter().any(|other| beats(other, &mark)));
+    rows.iter().map(best).collect()
+}

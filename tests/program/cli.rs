@@ -1,0 +1,151 @@
+//! The command line as a user and another program meet it: help, acknowledgements, tables, a complete run left alone.
+
+use crate::support::{Bench, SMALL, SMALL_PRESSES, SMALL_ROWS, shipped};
+use serde_json::{Value, json};
+
+#[test]
+fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
+    let bench = Bench::new();
+    let whole = bench.palpate_ends(0, "--help").out;
+    for subcommand in ["check", "run", "resume", "evaluate", "solve", "study", "emulate", "ports"] {
+        assert!(whole.contains(&format!("\n  {subcommand} ")), "{subcommand} isn't in\n{whole}");
+        let help = bench.palpate_ends(0, &format!("{subcommand} --help")).out;
+        let (_, examples) = help.split_once("Example").unwrap_or_else(|| panic!("no example in\n{help}"));
+        let mut calls = examples.lines().filter_map(|line| line.trim().strip_prefix("palpate "));
+        assert!(calls.clone().all(|call| call.starts_with(subcommand)) && calls.next().is_some(), "{help}");
+        for path in examples.split_whitespace().filter(|word| word.ends_with(".toml")) {
+            assert!(shipped(path).is_file(), "{path}, which `palpate {subcommand} --help` names");
+        }
+    }
+    let version = bench.palpate_ends(0, "--version").out;
+    assert_eq!(version.trim(), concat!("palpate ", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn check_prints_the_plan_and_leaves_nothing_behind() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    let told = bench.palpate_ends(0, "check r.toml --seed 3");
+    assert!(told.out.starts_with("plan small, seed 3\n"), "{}", told.out);
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    assert!(!bench.has("runs"));
+}
+
+#[test]
+fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    let told = bench.palpate_ends(0, "run r.toml --json --out run");
+    let (header, rows) = bench.table("run/presses.csv");
+    let objects = told.json_lines();
+    assert_eq!((objects.len(), rows.len()), (SMALL_ROWS, SMALL_ROWS));
+    for (object, row) in objects.iter().zip(&rows) {
+        let object = object.as_object().expect("an object");
+        assert_eq!(object.len(), header.len());
+        for (column, cell) in header.iter().zip(row) {
+            match &object[column] {
+                Value::Number(number) => assert_eq!(number.as_f64(), cell.parse().ok(), "{column}"),
+                other => assert_eq!(other, cell.as_str(), "{column}"),
+            }
+        }
+    }
+    assert!(told.err.contains("complete: 7 of 7 presses, run"), "the summary goes to standard error: {}", told.err);
+}
+
+#[test]
+fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    let told = bench.palpate_ends(0, "run r.toml --out run --seed 5 --sensor A-017");
+    let names: Vec<String> = bench.bytes("run").into_iter().map(|(name, _)| name).collect();
+    let tables = ["calibration_matrix.csv", "characteristics.csv", "presses.csv", "scene.csv", "test_matrix.csv"];
+    for name in tables.iter().chain(&["journal.log", "manifest.json", "recipe.toml", "rig.toml"]) {
+        assert!(names.iter().any(|there| there == name), "{name} isn't in {names:?}");
+    }
+    assert!(tables.iter().all(|table| told.out.contains(table)), "the summary names the tables: {}", told.out);
+    assert!(names.iter().all(|name| !name.starts_with('.')), "no drafts are left: {names:?}");
+
+    let manifest = bench.manifest("run");
+    assert_eq!(manifest["status"], "complete");
+    assert_eq!(manifest["presses_planned"], SMALL_PRESSES);
+    assert_eq!(manifest["presses_done"], SMALL_PRESSES);
+    assert_eq!((&manifest["seed"], &manifest["sensor"]), (&json!(5), &json!("A-017")));
+    assert!(manifest["virtual_s"].as_f64() > Some(10.0) && manifest["wall_s"].as_f64() > Some(0.0), "{manifest}");
+    let session = &manifest["sessions"][0];
+    assert_eq!((&session["palpate"], &session["durability"]), (&json!(env!("CARGO_PKG_VERSION")), &json!("full")));
+    assert!(["host", "system", "started"].iter().all(|key| session[key].as_str() > Some("")), "{manifest}");
+    assert!(manifest["ended"].as_str().is_some_and(|ended| ended.ends_with(']')), "with its time zone: {manifest}");
+    let roles: Vec<&Value> = manifest["devices"].as_array().expect("devices").iter().map(|d| &d["role"]).collect();
+    assert_eq!(roles, ["stage", "load_cell", "array"]);
+
+    let (header, rows) = bench.table("run/presses.csv");
+    let outputs: Vec<String> = (1..=9).map(|unit| format!("out_{unit}")).collect();
+    let before = ["press", "level", "phase", "x_mm", "y_mm", "force_set_n", "force_n", "depth_mm", "t_s"];
+    let agreed: Vec<&str> = before.into_iter().chain(outputs.iter().map(String::as_str)).chain(["flags"]).collect();
+    assert_eq!(header[..agreed.len()], agreed[..]);
+    let numbered: Vec<String> = rows.iter().map(|row| row[..3].join(" ")).collect();
+    let expected = [
+        "0 0 characterisation",
+        "0 1 characterisation",
+        "0 2 characterisation",
+        "0 3 characterisation",
+        "0 4 characterisation",
+        "1 0 calibration",
+        "2 0 calibration",
+        "3 0 calibration",
+        "4 0 calibration",
+        "5 0 test",
+        "6 0 test",
+    ];
+    assert_eq!(numbered, expected);
+    assert_eq!(bench.column("run/presses.csv", "force_set_n")[..6], ["0", "1", "2", "1", "0", "1"]);
+    let (header, truth) = bench.table("run/scene.csv");
+    assert_eq!(header, ["press", "level", "force_true_n", "force_peak_n", "depth_peak_mm"]);
+    assert!(truth.iter().zip(&rows).all(|(truth, row)| truth[..2] == row[..2]), "a row of scene.csv a row");
+    let (header, _) = bench.table("run/characteristics.csv");
+    let agreed = ["unit", "repeatability_loading_percent", "repeatability_unloading_percent", "hysteresis_percent"];
+    assert_eq!(header, agreed);
+}
+
+#[test]
+fn a_complete_run_is_left_alone_by_resume() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let before = bench.bytes("run");
+    let told = bench.palpate_ends(0, "resume run");
+    assert!(told.err.contains("run is complete: nothing to do"), "{told:?}");
+    assert_eq!(bench.bytes("run"), before);
+}
+
+#[test]
+fn a_run_goes_under_the_first_free_name() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    for expected in ["runs/small", "runs/small-2", "runs/small-3"] {
+        assert!(!bench.has(expected));
+        let told = bench.palpate_ends(0, "run r.toml");
+        assert!(told.out.contains(&format!("complete: 7 of 7 presses, {expected}\n")), "{}", told.out);
+        assert_eq!(bench.manifest(expected)["status"], "complete");
+    }
+}
+
+#[test]
+fn progress_without_a_terminal_is_plain_lines() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    let told = bench.palpate_ends(0, "run r.toml");
+    assert!(!told.err.contains(['\u{1b}', '\r']) && !told.out.contains(['\u{1b}', '\r']), "{told:?}");
+    for expected in ["characterisation: from press 1 of 7", "calibration: from press 2 of 7", "100 %: 7 of 7 presses"] {
+        assert!(told.err.contains(expected), "{expected:?} isn't in\n{}", told.err);
+    }
+}
+
+#[test]
+fn what_a_recipe_asks_to_be_evaluated_is_printed_and_decides_the_exit_code() {
+    let text = SMALL.to_owned() + "[evaluate]\nsolvers = [\"pearson\", \"pearson-lsq\"]\n";
+    let bench = Bench::with([("r.toml", text.as_str())]);
+    let told = bench.palpate("run r.toml --out run");
+    let alone = bench.palpate("evaluate run --solver pearson");
+    assert_eq!(told.code, alone.code);
+    for expected in ["pearson-lsq", "location error, mean", "virtual time", "run\n", "hysteresis"] {
+        assert!(told.out.contains(expected), "{expected:?} isn't in\n{}", told.out);
+    }
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let told = Bench::with([("r.toml", text.as_str())]).palpate("run r.toml --json");
+    assert_eq!(told.json_lines().len(), SMALL_ROWS, "nothing but rows on standard output");
+}

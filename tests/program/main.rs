@@ -1,0 +1,8 @@
+//! The command line as its user meets it.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod cli;
+mod refusals;
+mod shipped;

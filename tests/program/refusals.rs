@@ -1,0 +1,219 @@
+//! Wrong input never moves the stage: exit 2, every problem at its file, line and column with what to write instead,
+//! and no run folder.
+
+use crate::support::{Bench, SMALL, Told, exchanged, shipped_text};
+
+const GRID: &str = "grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 4.0 }";
+const RANDOM: &str = "random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }";
+const RIG: &str = "rigs/sim.toml";
+
+/// Failure twins of [`SMALL`]: what is exchanged, for what, and all that must be told.
+const TWINS: [(&str, &str, &[&str]); 16] = [
+    (
+        GRID,
+        "grid = { x_mm = [-12.0, 13.0], y_mm = [-2.0, 2.0], spacing_mm = 1.0 }",
+        &["(13, -2) mm is off the stage's travel: x runs from -12.5 to 12.5 mm", "r.toml:14:8", "keep places within"],
+    ),
+    (
+        "force_n = 1.0\n",
+        "force_n = 2.01\n",
+        &["presses with 2.01 N, over the specimen's limit of 2 N", "r.toml:15:11", "ask for at most 2 N"],
+    ),
+    ("to_n = 2.0, step_n = 1.0", "to_n = 2.5, step_n = 0.5", &["presses with 2.5 N, over", "r.toml:10:13"]),
+    ("force_n = [0.5, 1.0]", "force_n = [0.5, 2.5]", &["presses with 2.5 N, over", "r.toml:19:10"]),
+    (
+        "force_n = 1.0\n",
+        "force_n = 1.0\nhold_s = 86401\n",
+        &["`hold_s` is 86401, must be 0 to 86400 s", "r.toml:16:10"],
+    ),
+    ("force_n = 1.0\n", "force_n = 0.05\n", &["tolerance of 0.05 N isn't under the force of 0.05 N", "r.toml:15:11"]),
+    ("spacing_mm = 4.0", "spacing_mm = 5.0", &["`spacing_mm` is 5, more than the 4 mm of `x_mm`", "r.toml:14:63"]),
+    ("force_n = 1.0\n", "forc_n = 1.0\n", &["unknown key `forc_n`", "r.toml:15:1", "did you mean `force_n`?"]),
+    (
+        "[press]\n",
+        "[press]\nhold_ms = 500\n",
+        &["unknown key `hold_ms` in `press`", "r.toml:5:1", "did you mean `hold_s`?"],
+    ),
+    (
+        "force_n = 1.0\n",
+        "force_n = \"1 N\"\n",
+        &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write the number alone"],
+    ),
+    (GRID, "grid = {}", &["`x_mm` is missing in `step.grid`", "`spacing_mm` is missing", "r.toml:14:8"]),
+    (RANDOM, "random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.5, 1] }", &["`count` must be 1 to"]),
+    (GRID, "list = { places_mm = [] }", &["`places_mm` is empty: nothing to press", "r.toml:14:22"]),
+    ("force_n = 1.0\n", "force_n = nan\n", &["`force_n` is not a finite number", "r.toml:15:11"]),
+    ("[press]\n", "[press\n", &["not TOML", "r.toml:4:7"]),
+    ("units = [5]", "units = [10]", &["there is no unit 10: the rig's array has 9", "r.toml:9:9"]),
+];
+
+#[test]
+fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
+    for (from, to, parts) in TWINS {
+        let bench = Bench::with([("r.toml", exchanged(SMALL, from, to).as_str())]);
+        for words in ["check r.toml", "run r.toml", "run r.toml --json --out there"] {
+            assert_refused(&bench, words, parts);
+        }
+    }
+}
+
+#[test]
+fn the_recipe_that_has_the_failure_twins_is_itself_in_order() {
+    let told = Bench::with([("r.toml", SMALL)]).palpate_ends(0, "check r.toml");
+    assert!(told.out.contains("plan small, seed 1") && told.err.is_empty(), "{told:?}");
+}
+
+#[test]
+fn several_problems_are_told_at_once_in_the_order_of_their_lines() {
+    let text = exchanged(&exchanged(SMALL, "to_n = 2.0", "to_n = \"2 N\""), "spacing_mm = 4.0", "spacing_mm = 0.7");
+    let bench = Bench::with([("r.toml", exchanged(&text, "count = 2", "count = 2.5").as_str())]);
+    let places = ["r.toml:10:22", "r.toml:14:63", "r.toml:19:20"];
+    let told = assert_refused(&bench, "run r.toml", &places);
+    assert!(places.map(|place| told.err.find(place)).is_sorted(), "{}", told.err);
+}
+
+#[test]
+fn a_misspelt_place_of_a_step_is_told_with_its_nearest_spelling() {
+    let bench = Bench::with([("r.toml", exchanged(SMALL, "units = [5]", "unit = [5]").as_str())]);
+    assert_refused(&bench, "run r.toml", &["unknown key `unit` in `step`", "r.toml:9:1", "did you mean `units`?"]);
+}
+
+#[test]
+fn a_recipe_that_is_not_there_or_not_text_is_told_by_its_name() {
+    let bench = Bench::new();
+    assert_refused(&bench, "run none.toml", &["none.toml", "name a file that is there"]);
+    assert_refused(&bench, "check none.toml", &["none.toml", "name a file that is there"]);
+    std::fs::write(bench.path("noise.toml"), [0xFF, 0xFE, 0x00]).expect("writes");
+    assert_refused(&bench, "run noise.toml", &["noise.toml", "UTF-8"]);
+    bench.write("empty.toml", "");
+    assert_refused(&bench, "run empty.toml", &["empty.toml:1:1", "there is no [[step]]: nothing to press"]);
+}
+
+#[test]
+fn a_solver_that_does_not_exist_is_refused_before_anything_moves() {
+    let text = SMALL.to_owned() + "[evaluate]\nsolvers = [\"pearson\", \"pearson-lsd\"]\n";
+    let bench = Bench::with([("r.toml", text.as_str())]);
+    for words in ["check r.toml", "run r.toml"] {
+        assert_refused(&bench, words, &["pearson-lsd", "pearson-lsq", "r.toml:21:"]);
+    }
+    bench.write("a.csv", "x_mm,y_mm,out_1,out_2\n0,0,1,2\n");
+    assert_refused(&bench, "evaluate --calibration a.csv --test a.csv --solver person", &["'person'", "pearson-lsq"]);
+}
+
+#[test]
+fn an_evaluation_without_anything_to_evaluate_is_refused_before_anything_moves() {
+    let without_test = SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default();
+    let bench = Bench::with([("r.toml", format!("{without_test}[evaluate]\n").as_str())]);
+    for words in ["check r.toml", "run r.toml"] {
+        assert_refused(&bench, words, &["r.toml:17:1", "test"]);
+    }
+}
+
+#[test]
+fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
+    let sim = shipped_text(RIG);
+    let bench = Bench::with([("r.toml", SMALL)]);
+    let twins: [(&str, &str, &[&str]); 8] = [
+        (
+            "link = \"sim\"",
+            "link = \"tcp://a:502\"",
+            &["some links are simulated and some are real", "rig.toml:", "none"],
+        ),
+        (
+            "link = \"sim\"",
+            "link = \"serial:///dev/ttyUSB0\"",
+            &["no line rate: expected serial://PORT?", "rig.toml:6:8"],
+        ),
+        ("[limits]", "[limit]", &["`limits` is missing", "unknown key `limit`", "did you mean `limits`?"]),
+        ("force_n = 2.0", "force_n = inf", &["`force_n` is not a finite number"]),
+        ("depth_mm = 1.6", "depth_mm = 16.0", &["pressing takes z from", "stage.travel_mm.z"]),
+        (
+            "elastomer = { depth_mm = 5.0 }",
+            "elastomer = { depth_mm = 5.0, bonded_poisson_ratio = 0.5 }",
+            &["`bonded_poisson_ratio` is 0.5, must be 0 to 0.4999", "rig.toml:35:54"],
+        ),
+        (
+            "hysteresis = {",
+            "taxel_fault = [{ unit = 10, kind = \"dead\" }]\nhysteresis = {",
+            &["there is no unit 10: the rig's array has 9", "rig.toml:40:25"],
+        ),
+        ("\"labjack-t7\"", "\"labjack-t8\"", &["there is no register map \"labjack-t8\"", "labjack-t7"]),
+    ];
+    for (from, to, parts) in twins {
+        bench.write("rig.toml", &exchanged(&sim, from, to));
+        assert_refused(&bench, "check r.toml --rig rig.toml", parts);
+        assert_refused(&bench, "run r.toml --rig rig.toml", parts);
+    }
+    assert_refused(&bench, "run r.toml --rig none.toml", &["none.toml", "name a file that is there"]);
+}
+
+#[test]
+fn a_folder_that_exists_is_never_touched() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    for (name, file) in [("full", Some("note.txt")), ("empty", None)] {
+        std::fs::create_dir(bench.path(name)).expect("makes");
+        if let Some(file) = file {
+            bench.write(&format!("{name}/{file}"), "mine");
+        }
+        let before = bench.bytes(name);
+        let words = format!("run r.toml --out {name}");
+        assert_refused(&bench, &words, &[&format!("{name} is there already"), "choose another --out"]);
+        assert_eq!(bench.bytes(name), before);
+    }
+    bench.write("file", "mine");
+    assert_refused(&bench, "run r.toml --out file", &["file is there already"]);
+    assert_eq!(bench.read("file"), "mine");
+}
+
+#[test]
+fn a_wrong_command_line_is_refused_with_what_to_write() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    for (words, parts) in [
+        ("", ["Usage: palpate", "check"]),
+        ("chek r.toml", ["unrecognized subcommand 'chek'", "'check'"]),
+        ("run", ["required", "<RECIPE>"]),
+        ("run r.toml --sede 7", ["'--sede'", "'--seed"]),
+        ("run r.toml --seed x", ["'x'", "--seed"]),
+        ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
+        ("run r.toml --pace 0", ["'0'", "1 is real time"]),
+        ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
+        ("resume none", ["none", "journal.log"]),
+        ("evaluate none", ["none", "journal.log"]),
+        ("emulate none.toml", ["none.toml", "name a file that is there"]),
+    ] {
+        assert_refused(&bench, words, &parts);
+    }
+}
+
+/// It ends with 2 and says each part; nothing has come into being on the bench.
+fn assert_refused(bench: &Bench, words: &str, parts: &[&str]) -> Told {
+    let told = bench.palpate(words);
+    let running = told.running();
+    assert_eq!(told.code, Some(2), "palpate {words}\n{}\n{}", told.out, told.err);
+    for part in parts {
+        assert!(running.contains(part), "palpate {words} doesn't say {part:?}:\n{}", told.err);
+    }
+    assert!(told.out.is_empty(), "palpate {words} says on standard output: {}", told.out);
+    assert!(!bench.has("runs") && !bench.has("there"), "palpate {words} left a folder");
+    told
+}
+
+#[test]
+fn a_million_presses_are_refused_by_a_limit_that_can_be_raised_by_its_name() {
+    let step = "random = { count = 1000000, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }";
+    let text = format!("name = \"million\"\n[[step]]\nphase = \"test\"\n{step}\n");
+    let bench = Bench::with([("r.toml", text.as_str())]);
+    for words in ["check r.toml", "run r.toml --out run"] {
+        let told = bench.palpate_ends(2, words);
+        assert!(
+            told.err.contains("r.toml:4:") && told.running().contains("1000000 presses, over 100000"),
+            "{}",
+            told.err
+        );
+        assert!(told.running().contains("--presses-max 1000000"), "{}", told.err);
+    }
+    assert!(!bench.has("run"));
+    let told = bench.palpate_ends(0, "check r.toml --presses-max 1000000");
+    assert!(told.out.contains("1000000"), "{}", told.out);
+    bench.palpate_ends(2, "check r.toml --presses-max 10000001");
+}

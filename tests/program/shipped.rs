@@ -1,0 +1,150 @@
+//! What is shipped works as shipped: every recipe on every rig.
+
+use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use palpate::recipe::{self, Recipe};
+use serde_json::json;
+use std::fs;
+
+#[test]
+fn every_recipe_can_be_run_on_every_rig() {
+    let (recipes, rigs) = (files("recipes"), files("rigs"));
+    assert!(recipes.len() >= 5 && rigs.len() >= 2, "{recipes:?} {rigs:?}");
+    let bench = Bench::new();
+    for recipe in &recipes {
+        for rig in &rigs {
+            let told = bench.palpate_ends(0, &format!("check {recipe} --rig {rig}"));
+            assert!(told.out.contains("largest force") && told.err.is_empty(), "{recipe} on {rig}: {told:?}");
+        }
+    }
+}
+
+#[test]
+fn a_plan_is_described_in_presses_levels_force_and_time() {
+    let told = Bench::new().palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display()));
+    let rows: Vec<Vec<&str>> = told.out.lines().map(|line| line.split_whitespace().collect()).collect();
+    for expected in [["characterisation", "45", "405"], ["calibration", "625", "625"], ["test", "100", "100"]] {
+        assert!(rows.iter().any(|row| row.starts_with(&expected)), "{expected:?} isn't in\n{}", told.out);
+    }
+    for expected in ["together 770 1130", "largest force 2 N, limit 2 N", "travel -12.5 to 12.5 mm"] {
+        assert!(rows.iter().any(|row| row.join(" ").contains(expected)), "{expected:?} isn't in\n{}", told.out);
+    }
+}
+
+#[test]
+fn the_bench_is_the_papers_grid_taught_first_and_visited_in_another_order() {
+    let described = |more: &str| {
+        let told = Bench::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
+        told.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
+    };
+    let (mapped, guarded) = (described(""), described("--strategy guarded"));
+    let has = |lines: &[String], start: &str| lines.iter().any(|line| line.starts_with(start));
+    for start in ["teach 5 5 ", "calibration 625 625 ", "together 630 630 "] {
+        assert!(has(&mapped, start), "{start}: {mapped:?}");
+    }
+    assert!(has(&guarded, "together 625 625 ") && !has(&guarded, "teach"), "{guarded:?}");
+}
+
+#[test]
+fn the_characterisation_runs_on_the_simulated_rig() {
+    let recipe = shipped_text("recipes/characterise.toml");
+    let recipe = thinned(&recipe, "repeats = 5", "repeats = 2");
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    bench.palpate_ends(0, &format!("run r.toml --rig {} --out run", shipped("rigs/sim.toml").display()));
+    assert_complete(&bench);
+    assert_eq!(bench.column("run/characteristics.csv", "unit"), ["1", "2", "3", "4", "5", "6", "7", "8", "9"]);
+    assert!(!bench.has("run/calibration_matrix.csv") && !bench.has("run/test_matrix.csv"));
+}
+
+#[test]
+fn the_calibration_runs_on_the_real_rigs_file_with_simulate() {
+    let recipe = thinned(&shipped_text("recipes/calibrate.toml"), "spacing_mm = 0.5", "spacing_mm = 2.0");
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    bench.palpate_ends(0, &format!("run r.toml --rig {} --simulate --out run", shipped("rigs/esp301.toml").display()));
+    assert_complete(&bench);
+    assert!(bench.has("run/calibration_matrix.csv") && !bench.has("run/test_matrix.csv"));
+    assert_eq!(bench.read("run/rig.toml"), shipped_text("rigs/esp301.toml"), "the rig is kept as given");
+}
+
+#[test]
+fn the_test_runs_on_both_rigs_and_comes_to_the_same() {
+    let bench = Bench::new();
+    let recipe = shipped("recipes/test.toml");
+    bench.palpate_ends(0, &format!("run {} --rig {} --out run", recipe.display(), shipped("rigs/sim.toml").display()));
+    assert_complete(&bench);
+    let rig = shipped("rigs/esp301.toml");
+    bench.palpate_ends(0, &format!("run {} --rig {} --simulate --out again", recipe.display(), rig.display()));
+    // without a scene of its own, a simulated rig has the paper's
+    assert_eq!(bench.read("run/presses.csv"), bench.read("again/presses.csv"));
+}
+
+#[test]
+fn without_a_rig_the_papers_is_simulated_wherever_the_program_is_called() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml");
+    assert_eq!(bench.read("runs/small/rig.toml"), shipped_text("rigs/sim.toml"));
+    assert_eq!(bench.read("runs/small/recipe.toml"), SMALL);
+    bench.palpate_ends(0, "run r.toml");
+    assert_eq!(bench.read("runs/small/presses.csv"), bench.read("runs/small-2/presses.csv"));
+}
+
+#[test]
+fn the_papers_recipe_is_the_three_others_one_after_the_other() {
+    let paper = recipe("recipes/paper.toml");
+    let parts = ["recipes/characterise.toml", "recipes/calibrate.toml", "recipes/test.toml"].map(recipe);
+    let of_parts: Vec<String> = parts.iter().flat_map(|part| part.steps.iter().map(step)).collect();
+    assert_eq!(paper.steps.iter().map(step).collect::<Vec<_>>(), of_parts);
+    assert_eq!(paper.solvers, ["pearson", "pearson-lsq"]);
+    assert!(parts.iter().all(|part| part.solvers.is_empty()), "only the whole protocol can be evaluated");
+}
+
+#[test]
+fn the_real_rig_is_the_simulated_one_but_for_its_links_and_its_scene() {
+    let table = |path| shipped_text(path).parse::<toml::Table>().expect("a rig is TOML");
+    let (mut simulated, mut real) = (table("rigs/sim.toml"), table("rigs/esp301.toml"));
+    assert!(simulated.remove("scene").is_some() && !real.contains_key("scene"));
+    for role in ["stage", "load_cell", "array"] {
+        let link = |rig: &mut toml::Table| rig[role].as_table_mut().and_then(|table| table.remove("link"));
+        assert_eq!(link(&mut simulated), Some("sim".into()));
+        let address = link(&mut real).and_then(|link| link.as_str().map(str::to_owned)).expect("a link");
+        assert!(address.starts_with("serial://") || address.starts_with("tcp://"), "{role}: {address}");
+    }
+    assert_eq!(simulated, real);
+}
+
+/// A step without where it stands in its text.
+fn step(step: &recipe::Step) -> String {
+    let recipe::Step { phase, places, load, manner, .. } = step;
+    format!("{phase:?} {places:?} {load:?} {manner:?}")
+}
+
+fn recipe(path: &str) -> Recipe {
+    recipe::parse(path, &shipped_text(path)).unwrap_or_else(|problems| panic!("{:?}", problems.lines()))
+}
+
+/// The paths of what is shipped in a folder.
+fn files(folder: &str) -> Vec<String> {
+    let entries = fs::read_dir(shipped(folder)).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let mut paths: Vec<_> = entries.map(|path| path.display().to_string()).collect();
+    paths.retain(|path| path.ends_with(".toml"));
+    paths.sort();
+    paths
+}
+
+/// As shipped where the program is optimised; otherwise with fewer presses, which take seconds there.
+fn thinned(recipe: &str, from: &str, to: &str) -> String {
+    let fewer = exchanged(recipe, from, to);
+    if cfg!(debug_assertions) { fewer } else { recipe.to_owned() }
+}
+
+fn assert_complete(bench: &Bench) {
+    let manifest = bench.manifest("run");
+    assert_eq!(manifest["status"], "complete");
+    assert_eq!(manifest["presses_done"], manifest["presses_planned"]);
+    assert_eq!((&manifest["simulated"], &manifest["seed"]), (&json!(true), &json!(1)));
+    let most_n =
+        bench.column("run/scene.csv", "force_peak_n").iter().map(|n| n.parse::<f64>().expect("N")).fold(0.0, f64::max);
+    assert!(most_n <= 2.0, "the specimen felt {most_n} N");
+    let rows = bench.column("run/presses.csv", "flags");
+    assert!(rows.iter().all(String::is_empty), "flagged rows: {rows:?}");
+    assert_eq!(bench.column("run/scene.csv", "press").len(), rows.len());
+}

@@ -1,0 +1,244 @@
+//! Disks that fail: every call of a run, and of a resume, that opens or changes a file is made to fail in turn. It is told with
+//! its exit code, and when the disk is sound again the run is finished with all that was acknowledged.
+//!
+//! The calls are caught by a library in C (`tests/record/disk/failing.c`) that is loaded before the system's; without a C compiler
+//! (`cc`) these tests say that they are skipped, and pass. `PALPATE_DISK=all` goes through more kinds of failure.
+#![cfg(target_os = "linux")]
+
+use crate::support::python::skipped;
+use crate::support::rows::{self, json, kept, numbered};
+use crate::support::{Bench, Told, shared_library, shipped_text};
+use serde_json::Value;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+/// Where the run is, below the folder that fails: a folder and the one that holds it are to be made.
+const DISK: &str = "disk";
+const RUN: &str = "disk/new/run";
+
+/// 1 staircase, 2 points.
+const RECIPE: &str = r#"
+name = "short"
+
+[[step]]
+phase = "characterisation"
+units = [5]
+staircase = { to_n = 1.0, step_n = 1.0 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-1.0, 1.0], y_mm = [0.0, 0.0], spacing_mm = 2.0 }
+force_n = 1.0
+"#;
+const PLAN: [(u64, u64); 5] = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0)];
+
+/// Exit codes: all is done; bad input, nothing was moved; the record couldn't be kept.
+const DONE: i32 = 0;
+const USAGE: i32 = 2;
+const RECORD: i32 = 5;
+
+/// What disks fail with, as Linux numbers it.
+const EIO: i32 = 5;
+const EACCES: i32 = 13;
+const ENOSPC: i32 = 28;
+const EROFS: i32 = 30;
+const EDQUOT: i32 = 122;
+
+/// How they fail: one call; half a write and the call after it; every call from one on.
+const FAILURES: [(&str, i32); 3] = [("once", ENOSPC), ("short", ENOSPC), ("from", EIO)];
+const MORE_FAILURES: [(&str, i32); 6] =
+    [("once", EIO), ("once", EACCES), ("short", EDQUOT), ("from", ENOSPC), ("from", EROFS), ("from", EDQUOT)];
+
+/// Calls after which a session that goes on doesn't end by itself: it has some hundred.
+const CALLS_MOST: usize = 2000;
+
+/// Calls whose failure changes nothing, with their file, and why: such a run may end well, if all of it is there.
+const HARMLESS: [(&str, &str); 0] = [];
+
+/// Files of a run that `resume` reads before it moves anything, as `run` reads the user's: one that can't be read is bad input.
+const INPUTS: [&str; 2] = ["recipe.toml", "rig.toml"];
+
+#[test]
+fn every_call_of_a_run_may_fail() {
+    let words = format!("run r.toml --rig rig.toml --json --out {RUN}");
+    assert_every_call_may_fail("every call of a run", &Start { words, ..Start::default() });
+}
+
+#[test]
+fn every_call_of_a_resume_may_fail() {
+    assert_every_call_may_fail("every call of a resume", &half_done());
+}
+
+#[test]
+fn a_folder_that_may_not_be_written_is_told_and_left_alone() {
+    let test = "a folder without write permission";
+    let bench = bench(&half_done());
+    let locked = |path: &str, mode: u32| {
+        fs::set_permissions(bench.path(path), Permissions::from_mode(mode)).expect("permissions can be set");
+    };
+    locked(RUN, 0o555);
+    if fs::write(bench.path(RUN).join("probe"), "").is_ok() {
+        return skipped(test, "whoever runs this may write everywhere (root)");
+    }
+    let before = bench.bytes(RUN);
+    let refused = |words: &str| {
+        let told = bench.palpate_ends(RECORD, words);
+        assert!(told.running().contains("Permission denied"), "{}", told.err);
+        assert_eq!(told.out, "", "nothing is acknowledged");
+    };
+    refused(&format!("resume {RUN} --json"));
+    assert_eq!(bench.bytes(RUN), before);
+    locked(RUN, 0o755);
+    // a journal that may not be written, in a folder that may
+    let journal = format!("{RUN}/journal.log");
+    locked(&journal, 0o444);
+    refused(&format!("resume {RUN} --json"));
+    assert_eq!(names(&bench, RUN), before.into_iter().map(|(name, _)| name).collect::<Vec<_>>());
+    locked(&journal, 0o644);
+    bench.palpate_ends(DONE, &format!("resume {RUN}"));
+    assert_eq!(numbered(&rows::table(&bench, RUN)), PLAN);
+    // a folder in which none can be made
+    locked(DISK, 0o555);
+    refused(&format!("run r.toml --rig rig.toml --json --out {DISK}/other"));
+    assert!(!bench.has("disk/other"));
+    locked(DISK, 0o755);
+    bench.palpate_ends(DONE, &format!("run r.toml --rig rig.toml --out {DISK}/other"));
+}
+
+/// Where a session begins: what is said to the program, what is there, and what of it was acknowledged.
+#[derive(Default)]
+struct Start {
+    words: String,
+    files: Vec<(String, Vec<u8>)>,
+    rows: Vec<Value>,
+}
+
+/// A run that a power cut ended after its staircase.
+fn half_done() -> Start {
+    let bench = whole();
+    let rows = rows::table(&bench, RUN).into_iter().filter(|row| row["press"] == 0).collect();
+    let file = |name: &str| format!("{RUN}/{name}");
+    let journal = bench.read(&file("journal.log"));
+    let staircase = journal.lines().position(|line| line.contains(" {\"contact\":")).expect("a contact");
+    let records: String = journal.lines().take(staircase + 1).map(|line| line.to_owned() + "\n").collect();
+    bench.write(&file("journal.log"), &records);
+    Start { words: format!("resume {RUN} --json"), files: bench.bytes(RUN), rows }
+}
+
+/// A run in which nothing fails.
+fn whole() -> Bench {
+    let bench = bench(&Start::default());
+    bench.palpate_ends(DONE, &format!("run r.toml --rig rig.toml --out {RUN}"));
+    bench
+}
+
+/// The names in a folder.
+fn names(bench: &Bench, folder: &str) -> Vec<String> {
+    let entries = fs::read_dir(bench.path(folder)).expect("a folder").map(|entry| entry.expect("an entry").file_name());
+    let mut names: Vec<String> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+fn bench(start: &Start) -> Bench {
+    let bench = Bench::with([("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/sim.toml"))]);
+    fs::create_dir(bench.path(DISK)).expect("a folder");
+    if !start.files.is_empty() {
+        fs::create_dir_all(bench.path(RUN)).expect("a folder");
+    }
+    for (name, bytes) in &start.files {
+        fs::write(bench.path(RUN).join(name), bytes).expect("a file can be written");
+    }
+    bench
+}
+
+fn assert_every_call_may_fail(test: &str, start: &Start) {
+    let shelf = Bench::new();
+    let Some(library) = library(test, &shelf) else { return };
+    let more: &[_] = if std::env::var("PALPATE_DISK").is_ok_and(|all| all == "all") { &MORE_FAILURES } else { &[] };
+    let files = names(&whole(), RUN);
+    let (mut failed, mut violations) = (0, Vec::new());
+    for (mode, errno) in FAILURES.iter().chain(more) {
+        let first = failed;
+        for call in 1.. {
+            assert!(call < CALLS_MOST, "{test}: it doesn't end");
+            let Some((name, told, bench)) = fail(&library, start, mode, *errno, call) else { break };
+            let judged = judge(&bench, start, &told, &name).and_then(|()| tidy(&bench, &files, mode));
+            failed += 1;
+            let told = |problem: String| format!("{mode} {errno}, call {call} ({name}): {problem}");
+            violations.extend(judged.err().map(told));
+        }
+        assert!(failed > first, "{test}: no call failed, {mode}: is the library loaded?");
+    }
+    println!("{test}: {failed} failures");
+    assert!(violations.is_empty(), "{test}: {} of {failed}:\n{}", violations.len(), violations.join("\n"));
+}
+
+/// One session in which a call fails: which call it was on which file, what was said, and what it left; none if the session
+/// has no such call.
+fn fail(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> Option<(String, Told, Bench)> {
+    let bench = bench(start);
+    let log = bench.path("failed.log");
+    let mut command = bench.command(&start.words);
+    command.env("LD_PRELOAD", library).env("FAILING_BELOW", bench.path(DISK).canonicalize().expect("a folder"));
+    command.env("FAILING_CALL", call.to_string()).env("FAILING_ERRNO", errno.to_string());
+    command.env("FAILING_MODE", mode).env("FAILING_LOG", &log);
+    let told = command.output().expect("the program starts").into();
+    let log = fs::read_to_string(log).ok()?;
+    let (name, path) = log.lines().next().and_then(|line| line.rsplit_once(' ')).expect("a call and its path");
+    // the folders above are the test's own
+    let file = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
+    Some((format!("{name} {file}"), told, bench))
+}
+
+/// Whether a session in which a call failed told of it as it must, and can be gone on with.
+fn judge(bench: &Bench, start: &Start, told: &Told, name: &str) -> Result<(), String> {
+    let Told { code, out, err } = told;
+    ensure(!err.contains("panicked"), || format!("it panicked: {err}"))?;
+    ensure(!err.contains("could not be parked"), || format!("the stage wasn't parked: {err}"))?;
+    let there = bench.has(RUN);
+    ensure(there || out.is_empty(), || "rows were acknowledged and there is no folder".to_owned())?;
+    let is_complete = there && bench.manifest(RUN)["status"] == "complete";
+    let harmless = HARMLESS.iter().any(|(harmless, _)| *harmless == name);
+    let input = start.words.starts_with("resume") && INPUTS.iter().any(|input| name == format!("open {input}"));
+    let fits = match *code {
+        Some(RECORD) => true,
+        Some(USAGE) => input,
+        Some(DONE) => harmless && is_complete,
+        _ => false,
+    };
+    let acknowledged: Vec<Value> = start.rows.iter().cloned().chain(out.lines().map(json)).collect();
+    // the disk is sound again
+    let words = if there { format!("resume {RUN} --json") } else { start.words.clone() };
+    let after = bench.palpate(&words);
+    let ended = || format!("afterwards `{words}` ends with {:?}: {}", after.code, after.running());
+    ensure(after.code == Some(DONE), ended)?;
+    let table = rows::table(bench, RUN);
+    ensure(numbered(&table) == PLAN, || format!("the final table is {:?}", numbered(&table)))?;
+    let all: Vec<Value> = acknowledged.into_iter().chain(after.out.lines().map(json)).collect();
+    let kept = kept(&all, &table);
+    ensure(kept.first.is_none(), || format!("{kept:?}"))?;
+    let manifest = bench.manifest(RUN);
+    ensure(manifest["status"] == "complete", || format!("the manifest says {}", manifest["status"]))?;
+    // what was said is looked at last: what is lost weighs more
+    ensure(fits, || format!("exit code {code:?}: {}", told.running()))?;
+    ensure(is_complete || !err.contains("complete: "), || "it says `complete`, which the manifest doesn't".to_owned())?;
+    ensure(!err.contains("restore the journal"), || "it says that a sound journal is damaged".to_owned())
+}
+
+/// Whether nothing is left that a sound run wouldn't leave. Where every call fails nothing can be taken away.
+fn tidy(bench: &Bench, files: &[String], mode: &str) -> Result<(), String> {
+    let (inside, beside) = (names(bench, RUN), names(bench, "disk/new"));
+    ensure(inside == files, || format!("in the run's folder are {inside:?}"))?;
+    ensure(mode == "from" || beside == ["run"], || format!("beside the run are {beside:?}"))
+}
+
+fn ensure(holds: bool, told: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(told()) }
+}
+
+/// The library that makes calls fail; none where there is no compiler.
+fn library(test: &str, shelf: &Bench) -> Option<PathBuf> {
+    shared_library(test, shelf, "failing.so", "tests/record/disk/failing.c", &["-ldl"])
+}

@@ -1,0 +1,176 @@
+//! One run that is killed, once or more.
+
+use super::{Course, Tally, journalled, rows_of};
+use crate::support::rows::{self, json};
+use crate::support::{Bench, Live};
+use palpate::quantity::{Stream, stream};
+use rand::RngExt;
+use serde_json::Value;
+use std::fmt::{self, Display, Formatter};
+use std::fs;
+use std::ops::RangeInclusive;
+use std::process::Command;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+/// What the moments of a trial are drawn from, with the trial's number.
+const SEED: u64 = 1;
+
+/// Most kills of one run, the first and those of its `resume`.
+const KILLS_OF_ONE_MOST: usize = 3;
+
+/// How much faster than real time a run is, where it is paced: 30 s of virtual time take 0.05 to 0.5 s.
+const PACES: RangeInclusive<u32> = 60..=600;
+
+/// How long a program takes to make its folder or to open it, us.
+const START_US: u64 = 8_000;
+
+/// How long after a row a kill may come, us: upon it, when what is told too early isn't on the disk yet; within some presses,
+/// if the run isn't paced; and after the last row, while the tables are written and the results shown.
+const UPON_ROW_US: u64 = 200;
+const AFTER_ROW_US: u64 = 3_000;
+const AFTER_LAST_ROW_US: u64 = 5_000;
+
+/// The longest that a press takes in virtual time, s.
+const PRESS_S: f64 = 2.0;
+
+/// Longest wait for a row that must come.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// One run that is killed, and its `resume` perhaps, until it is finished.
+pub struct Trial<'a> {
+    number: u64,
+    course: &'a Course,
+    bench: Bench,
+    rng: Stream,
+    /// The sessions so far, to tell of if something doesn't hold.
+    sessions: Vec<String>,
+}
+
+impl<'a> Trial<'a> {
+    pub fn new(number: u64, courses: &'a [Course]) -> Trial<'a> {
+        let course = &courses[number as usize % courses.len()];
+        let rng = stream(SEED, number, "kills");
+        Trial { number, course, bench: course.bench(), rng, sessions: Vec::new() }
+    }
+
+    pub fn carry_out(mut self) -> Tally {
+        let (mut tally, mut acknowledged) = (Tally { trials: 1, ..Tally::default() }, Vec::new());
+        for _ in 0..self.rng.random_range(1..=KILLS_OF_ONE_MOST) {
+            tally += self.session(&mut acknowledged);
+        }
+        tally += self.course.assert_finished(&self.bench, &acknowledged, &self.to_string());
+        tally
+    }
+
+    /// Starts the program from where the run is, and kills it.
+    fn session(&mut self, acknowledged: &mut Vec<Value>) -> Tally {
+        let pace = self.rng.random_bool(0.5).then(|| self.rng.random_range(PACES));
+        let before = journal(&self.bench);
+        let moment = self.moment(pace);
+        let words = self.course.words(&self.bench, pace);
+        self.sessions.push(format!("{words} killed {moment:?}"));
+        let Killed { rows, code, err } = killed(self.bench.command(&words), moment);
+        let told = self.to_string();
+        assert!(matches!(code, None | Some(0)), "{told}: {err}");
+        if !self.bench.has("run") {
+            assert_eq!((&rows[..], code), (&[][..], None), "{told}: acknowledged without a folder");
+            let entries = fs::read_dir(self.bench.path(".")).expect("a folder").map(|entry| entry.expect("an entry"));
+            // the recipe and the rig are there
+            let drafts = entries.count() - 2;
+            return Tally { kills: 1, early: 1, drafts, ..Tally::default() };
+        }
+        let after = journal(&self.bench);
+        assert!(after.starts_with(&before), "{told}: records that were there are others now");
+        let contacts = journalled(&self.bench);
+        let mut presses: Vec<u64> = contacts.iter().map(|contact| contact.press).collect();
+        presses.sort_unstable();
+        presses.dedup();
+        assert_eq!(presses.len(), contacts.len(), "{told}: the journal has a press twice");
+        let records = |bytes: &[u8]| bytes.split(|&byte| byte == b'\n').filter(|line| is_contact(line)).count();
+        let (made, told_of) = (contacts.len() - records(&before), rows::presses(&rows));
+        assert!(
+            (told_of..=told_of + 1).contains(&made),
+            "{told}: {made} presses in the journal, {told_of} acknowledged"
+        );
+        acknowledged.extend(rows);
+        let kills = usize::from(code.is_none());
+        Tally { kills, unacknowledged: made - told_of, ..Tally::default() }
+    }
+
+    /// When the next kill comes: as the program starts; any time; upon or after any row; or after the last, when the tables are
+    /// written.
+    fn moment(&mut self, pace: Option<u32>) -> Moment {
+        let plan = self.course.plan().len();
+        let left = plan - journalled(&self.bench).iter().flat_map(rows_of).count();
+        let slower =
+            |seconds: f64| pace.map_or(Duration::ZERO, |pace| Duration::from_secs_f64(seconds / f64::from(pace)));
+        let some_row = self.rng.random_range(0..=left);
+        let (rows, most) = match self.rng.random_range(0..5) {
+            0 => (0, Duration::from_micros(START_US)),
+            1 => (0, (self.course.took + slower(self.course.virtual_s)).mul_f64(left as f64 / plan as f64)),
+            2 => (some_row, Duration::from_micros(UPON_ROW_US)),
+            3 => (some_row, Duration::from_micros(AFTER_ROW_US) + slower(PRESS_S)),
+            _ => (left, Duration::from_micros(AFTER_LAST_ROW_US)),
+        };
+        Moment { rows, then: most.mul_f64(self.rng.random()) }
+    }
+}
+
+impl Display for Trial<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let kind = if self.course.forgets { "forgetful" } else { "shipped" };
+        write!(f, "trial {} ({kind} rig; {})", self.number, self.sessions.join("; "))
+    }
+}
+
+/// So long after so many rows.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    rows: usize,
+    then: Duration,
+}
+
+/// What a program that was killed had acknowledged, and its exit code if it had ended before.
+struct Killed {
+    rows: Vec<Value>,
+    code: Option<i32>,
+    err: String,
+}
+
+/// Starts the program and kills it at a moment.
+fn killed(command: Command, moment: Moment) -> Killed {
+    let mut live = Live::start(command);
+    let mut rows = Vec::new();
+    let due = |rows: &Vec<Value>| (rows.len() == moment.rows).then(|| Instant::now() + moment.then);
+    let mut until = due(&rows);
+    loop {
+        let patience = until.map_or(PATIENCE, |until| until.saturating_duration_since(Instant::now()));
+        match live.line_within(patience) {
+            Ok(line) => {
+                rows.push(json(&line));
+                until = until.or_else(|| due(&rows));
+            }
+            Err(RecvTimeoutError::Timeout) => {
+                assert!(until.is_some(), "no row within {} s", PATIENCE.as_secs());
+                break;
+            }
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    live.kill();
+    let told = live.end();
+    rows.extend(told.json_lines());
+    Killed { rows, code: told.code, err: told.err }
+}
+
+/// The journal's whole records as they stand, without a torn tail.
+fn journal(bench: &Bench) -> Vec<u8> {
+    let mut bytes =
+        if bench.has("run") { fs::read(bench.path("run/journal.log")).expect("a journal") } else { Vec::new() };
+    bytes.truncate(bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1));
+    bytes
+}
+
+fn is_contact(line: &[u8]) -> bool {
+    line.split(|&byte| byte == b' ').nth(2).is_some_and(|text| text.starts_with(br#"{"contact""#))
+}

@@ -1,0 +1,11 @@
+//! What is on the disk after whatever happens, and how a run goes on.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod disk;
+mod kills;
+mod owner;
+mod pauses;
+mod provenance;
+mod rerun;

@@ -1,0 +1,173 @@
+//! One owner of a real link and of a run's folder, for as long as it lives; simulated rigs run side by side.
+#![cfg(unix)]
+
+use crate::support::served::Served;
+use crate::support::{Bench, Live, SMALL, SMALL_PRESSES, Told, exchanged, shipped_text};
+use std::fs;
+use std::io;
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::process::Command;
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+use std::time::Duration;
+
+/// A press that is held longer than the test takes.
+const HELD: &str = "name = \"held\"\n[press]\nhold_s = 600\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
+
+/// Longest wait for a connection of our own to be let in.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Runs side by side, and their pace: slow enough that each begins before any has ended.
+const SIDE_BY_SIDE: usize = 4;
+const PACE: &str = "--pace 10";
+
+#[test]
+fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
+    // all of it TCP: the stage and the load cell are sockets of one controller
+    let served = Served::new(&shipped_text("rigs/xps.toml"), "");
+    let (stage, array) = (Gate::to(served.address("stage")), Gate::to(served.address("array")));
+    let rig = |stage: &str, array: &str| {
+        let rig = shipped_text("rigs/xps.toml").replace("192.168.0.254:5001", stage);
+        exchanged(&rig, "192.168.1.10:502", array)
+    };
+    let elsewhere = "127.0.0.1:9"; // nobody gets as far as to find nobody there
+    let bench = Bench::with([
+        ("held.toml", HELD),
+        ("rig.toml", &rig(&stage.address(), &array.address())),
+        ("other.toml", &rig(elsewhere, &array.address())),
+    ]);
+    fs::create_dir(bench.path("tmp")).expect("a folder");
+
+    let owner = Live::start(in_own_folder(&bench, "run held.toml --rig rig.toml --out held"));
+    owner.until_told(": from press 1");
+    let used = [stage.connections(), array.connections()];
+    for words in ["run held.toml --rig rig.toml --out second", "doctor rig.toml --json", "align rig.toml"] {
+        let told = refused(&bench, words);
+        let expected = format!("stage: while opening its link: tcp://{} is held by another palpate", stage.address());
+        assert!(told.running().contains(&expected), "{words}: {}", told.err);
+        assert!(told.running().contains(&format!("(process {}): end it, or wait for it", owner.id())), "{}", told.err);
+    }
+    let told = refused(&bench, "doctor other.toml");
+    let expected = format!("array: while opening its link: tcp://{} is held by", array.address());
+    assert!(told.running().contains(&expected), "one link of three is enough: {}", told.err);
+    assert_eq!([stage.connections(), array.connections()], used, "nothing reaches the devices");
+    assert_eq!(bench.manifest("second")["status"], "failed");
+
+    owner.signal("KILL");
+    assert_eq!(owner.end().code, None);
+    let told: Told = in_own_folder(&bench, "doctor rig.toml").output().expect("the program starts").into();
+    assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
+}
+
+#[test]
+fn without_a_temporary_folder_a_real_rig_is_refused_and_a_simulated_one_runs() {
+    let bench = Bench::with([("r.toml", SMALL), ("rig.toml", shipped_text("rigs/xps.toml").as_str())]);
+    // there is no folder tmp
+    let told = refused(&bench, "run r.toml --rig rig.toml --out real");
+    let running = told.running();
+    assert!(running.contains("TMPDIR can name another folder"), "{}", told.err);
+    let told: Told = in_own_folder(&bench, "run r.toml --out run").output().expect("the program starts").into();
+    assert_eq!(told.code, Some(0), "{}", told.err);
+}
+
+#[test]
+fn a_run_folder_has_one_writer_and_is_free_when_that_is_killed() {
+    let bench = Bench::with([("held.toml", HELD)]);
+    let begun = Live::start(bench.command(&format!("run held.toml --out run {PACE}")));
+    begun.until_told(": from press 1");
+    begun.signal("TERM");
+    assert_eq!(begun.end().code, Some(130));
+    let writer = Live::start(bench.command(&format!("resume run {PACE}")));
+    writer.until_told(": from press 1");
+    let before = bench.read("run/journal.log");
+    let told = bench.palpate_ends(2, "resume run");
+    assert!(told.running().contains("is being written by another program"), "{}", told.err);
+    assert!(bench.read("run/journal.log").starts_with(&before), "the other one writes nothing");
+    writer.signal("KILL");
+    assert_eq!(writer.end().code, None);
+    bench.palpate_ends(0, "resume run");
+    assert_eq!(bench.manifest("run")["presses_done"], 1);
+}
+
+#[test]
+fn simulated_rigs_run_side_by_side() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    fs::create_dir(bench.path("tmp")).expect("a folder");
+    let words = |n: usize| format!("run r.toml --out run-{n} {PACE}");
+    let runs: Vec<Live> = (0..SIDE_BY_SIDE).map(|n| Live::start(in_own_folder(&bench, &words(n)))).collect();
+    runs.iter().for_each(|run| run.until_told(": from press 1"));
+    for (n, run) in runs.into_iter().enumerate() {
+        let told = run.end();
+        assert_eq!(told.code, Some(0), "{}", told.err);
+        assert_eq!(bench.manifest(&format!("run-{n}"))["presses_done"], SMALL_PRESSES);
+    }
+    assert_eq!(fs::read_dir(bench.path("tmp")).expect("a folder").count(), 0, "what is simulated isn't locked");
+}
+
+/// The program, its locks apart from those of all others.
+fn in_own_folder(bench: &Bench, words: &str) -> Command {
+    let mut command = bench.command(words);
+    command.env("TMPDIR", bench.path("tmp"));
+    command
+}
+
+/// It ends as one whose device can't be had.
+fn refused(bench: &Bench, words: &str) -> Told {
+    let told: Told = in_own_folder(bench, words).output().expect("the program starts").into();
+    assert_eq!(told.code, Some(3), "{words}\n{}\n{}", told.out, told.err);
+    told
+}
+
+/// A way to a server on which is counted who comes.
+struct Gate {
+    address: SocketAddr,
+    came: Receiver<SocketAddr>,
+    count: std::cell::Cell<usize>,
+}
+
+impl Gate {
+    fn to(server: &str) -> Gate {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("an address");
+        let (sender, came) = channel();
+        let server = server.to_owned();
+        // ends with the test's process
+        thread::spawn(move || {
+            for stream in listener.incoming() {
+                let stream = stream.expect("a connection");
+                if sender.send(stream.peer_addr().expect("an address")).is_ok() {
+                    pass_on(stream, &server);
+                }
+            }
+        });
+        Gate { address, came, count: 0.into() }
+    }
+
+    fn address(&self) -> String {
+        self.address.to_string()
+    }
+
+    /// How many have come until now, this look aside.
+    fn connections(&self) -> usize {
+        // they are let in one after the other: all that came before have been counted when this one is
+        let own = TcpStream::connect(self.address).and_then(|stream| stream.local_addr()).expect("connects");
+        while self.came.recv_timeout(PATIENCE).expect("our own connection") != own {
+            self.count.set(self.count.get() + 1);
+        }
+        self.count.get()
+    }
+}
+
+/// Carries bytes both ways, until either end closes.
+fn pass_on(near: TcpStream, server: &str) {
+    let far = TcpStream::connect(server).expect("the server listens");
+    for (from, to) in [(&near, &far), (&far, &near)] {
+        let (mut from, mut to) = (from.try_clone().expect("a handle"), to.try_clone().expect("a handle"));
+        to.set_nodelay(true).expect("takes it");
+        thread::spawn(move || {
+            // its errors are those of an end that has gone
+            let _ = io::copy(&mut from, &mut to);
+            let _ = to.shutdown(Shutdown::Both);
+        });
+    }
+}

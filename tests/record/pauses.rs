@@ -1,0 +1,127 @@
+//! Pauses and rests: a rest is as long as its recipe says, whatever a person asks for meanwhile, and a trip is told before the
+//! stage is parked.
+
+use crate::support::walks::{bench, in_virtual_time, plan};
+use palpate::dataset::{Ledger, Memory, Record, Retouch, Row, Status};
+use palpate::recipe::Plan;
+use palpate::rig::RigSpec;
+use palpate::run::{Cancel, Ending, Errand, Listener, walk};
+use palpate::scene::{Fault, FaultKind};
+use std::time::Duration;
+use tokio::time::sleep;
+
+const REST_S: f64 = 60.0;
+const RECIPE: &str = "name = \"rests\"\n[press]\nforce_tolerance_n = 0.05\n[[step]]\nphase = \"characterisation\"\n\
+                      units = [5]\nstaircase = { to_n = 1.0, step_n = 1.0, repeats = 3, rest_s = 60.0 }\n";
+
+/// A person who asks for a pause again and again, and goes on each time.
+struct Restless {
+    cancel: Cancel,
+    /// Pauses that are still asked for as soon as a rest begins, or goes on.
+    pauses: usize,
+    paused: usize,
+    /// The stop that is asked for when so many presses are made.
+    stop_after: usize,
+    made: usize,
+}
+
+impl Restless {
+    fn new(pauses: usize, stop_after: usize) -> Restless {
+        Restless { cancel: Cancel::default(), pauses, paused: 0, stop_after, made: 0 }
+    }
+}
+
+impl Listener for Restless {
+    fn rests(&mut self, _: f64) {
+        if self.pauses > 0 {
+            self.pauses -= 1;
+            let cancel = self.cancel.clone();
+            tokio::spawn(async move {
+                sleep(Duration::from_secs(1)).await;
+                cancel.pause();
+            });
+        }
+    }
+
+    fn recorded(&mut self, _: &palpate::dataset::Contact) {
+        self.made += 1;
+        if self.made == self.stop_after {
+            self.cancel.ask();
+        }
+    }
+
+    fn paused(&mut self) -> bool {
+        self.paused += 1;
+        self.cancel.go_on();
+        true
+    }
+}
+
+fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
+    let cancel = listener.cancel.clone();
+    in_virtual_time(async {
+        let errand = Errand { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
+        walk(errand, listener).await
+    })
+}
+
+/// From the last window of each press to the first of the next, s.
+fn gaps_s(memory: &Memory) -> Vec<f64> {
+    let rows: Vec<&[Row]> = memory.contacts().map(|contact| contact.rows.as_slice()).collect();
+    let gap_s = |two: &[&[Row]]| two[1][0].t_s - two[0].last().expect("a row").t_s;
+    rows.windows(2).map(gap_s).collect()
+}
+
+#[test]
+fn a_rest_is_not_cut_short_by_pauses_however_many() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, RECIPE, 1);
+    for pauses in [0, 1, 3] {
+        let (mut memory, mut person) = (Memory::default(), Restless::new(pauses, usize::MAX));
+        let ending = walked(&spec, &plan, &mut memory, &mut person);
+        assert_eq!((ending.status(), person.paused), (Status::Complete, pauses), "{:?}", ending.told());
+        let gaps_s = gaps_s(&memory);
+        assert!(gaps_s.len() == 2 && gaps_s.iter().all(|&gap_s| gap_s >= REST_S), "{pauses} pauses: {gaps_s:?}");
+    }
+}
+
+#[test]
+fn a_rest_that_was_interrupted_is_rested_again_and_not_cut_short_either() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, RECIPE, 1);
+    let (mut memory, mut person) = (Memory::default(), Restless::new(0, 1));
+    assert_eq!(walked(&spec, &plan, &mut memory, &mut person).status(), Status::Stopped);
+    let mut person = Restless::new(2, usize::MAX);
+    let ending = walked(&spec, &plan, &mut memory, &mut person);
+    assert_eq!((ending.status(), person.paused), (Status::Complete, 2), "{:?}", ending.told());
+    assert!(memory.records().iter().any(|record| matches!(record, Record::Retouch(Retouch { .. }))));
+    assert!(gaps_s(&memory).iter().all(|&gap_s| gap_s >= REST_S), "{:?}", gaps_s(&memory));
+}
+
+#[test]
+fn a_pause_that_is_asked_for_before_the_first_press_is_made_before_it() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, RECIPE, 1);
+    let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
+    person.cancel.pause();
+    let ending = walked(&spec, &plan, &mut memory, &mut person);
+    assert_eq!((ending.status(), person.paused), (Status::Complete, 1), "{:?}", ending.told());
+    let first = memory.records().iter().position(|record| record.contact().is_some()).expect("a contact");
+    let zeros = memory.records()[..first].iter().filter(|record| matches!(record, Record::Zero { .. })).count();
+    assert_eq!(zeros, 2, "before the first press, and after the pause");
+}
+
+#[test]
+fn a_trip_is_told_before_the_stage_is_parked() {
+    let mut spec = bench("bench-fast");
+    spec.scene.faults.push(Fault { kind: FaultKind::NoContact, from_s: 0.0, value: None });
+    let plan = plan(&spec, RECIPE, 1);
+    let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
+    let ending = walked(&spec, &plan, &mut memory, &mut person);
+    assert_eq!(ending.status(), Status::Tripped);
+    let told_s = memory.records().iter().find_map(|record| match record {
+        Record::Trip { t_s, .. } => Some(*t_s),
+        _ => None,
+    });
+    assert!(told_s.is_some_and(|told_s| told_s + 0.01 < ending.t_s), "told at {told_s:?}, parked at {}", ending.t_s);
+}

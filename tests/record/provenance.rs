@@ -1,0 +1,189 @@
+//! What a run folder says of itself: who made it, from what, and whether it is still what was written.
+
+use crate::support::{Bench, SMALL, exchanged};
+
+const VIEWS: [&str; 6] =
+    ["manifest.json", "presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
+
+/// A record as it stands in a journal.
+fn sealed(sequence: u64, json: &str) -> String {
+    let mut checksum = crc32fast::Hasher::new();
+    checksum.update(&sequence.to_le_bytes());
+    checksum.update(json.as_bytes());
+    format!("{sequence} {:08x} {json}", checksum.finalize())
+}
+
+/// A complete run.
+fn whole() -> Bench {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    bench
+}
+
+#[test]
+fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
+    let bench = whole();
+    let told = bench.palpate_ends(0, "verify run");
+    assert!(told.out.contains("files as they were written") && !told.out.contains("hasn't ended"), "{}", told.out);
+    let before = bench.bytes("run");
+    for name in VIEWS {
+        let path = format!("run/{name}");
+        let text = bench.read(&path);
+        for (changed, told_as) in [
+            (text.replacen('1', "2", 1), name),
+            (text[..text.len() / 2].to_owned(), name),
+            (text.clone() + "\n", name),
+            (String::new(), name),
+        ] {
+            if name == "manifest.json" && changed == text.clone() + "\n" {
+                continue; // JSON may end in as many line ends as it likes
+            }
+            bench.write(&path, &changed);
+            let told = bench.palpate_ends(1, "verify run");
+            assert!(told.running().contains(told_as), "{name}: {}", told.err);
+            bench.palpate_ends(0, "rebuild run");
+            assert!(bench.bytes("run") == before, "{name} is made anew as it was");
+        }
+        std::fs::remove_file(bench.path(&path)).expect("a file");
+        bench.palpate_ends(1, "verify run");
+        bench.palpate_ends(0, "rebuild run");
+        assert!(bench.bytes("run") == before, "{name} is made anew as it was");
+    }
+    // what no journal can give back is told, and stays
+    for name in ["recipe.toml", "rig.toml"] {
+        let path = format!("run/{name}");
+        let text = bench.read(&path);
+        bench.write(&path, &(text.clone() + "# of another hand\n"));
+        for _ in 0..2 {
+            let told = bench.palpate_ends(1, "verify run");
+            assert!(told.running().contains(&format!("{name} has")), "{}", told.err);
+            bench.palpate_ends(0, "rebuild run");
+        }
+        bench.write(&path, &text);
+        bench.palpate_ends(0, "rebuild run");
+        bench.palpate_ends(0, "verify run");
+    }
+}
+
+#[test]
+fn a_manifest_that_says_less_or_else_hides_nothing() {
+    let bench = whole();
+    let (manifest, presses) = (bench.read("run/manifest.json"), bench.read("run/presses.csv"));
+    let files = manifest.find("\n  \"files\": [").expect("files");
+    bench.write("run/manifest.json", &(manifest[..files].to_owned() + "\n  \"files\": []\n}\n"));
+    bench.write("run/presses.csv", &presses.replacen("0,0", "0,1", 1));
+    let told = bench.palpate_ends(1, "verify run");
+    assert!(told.running().contains("doesn't vouch for presses.csv"), "{}", told.err);
+    assert!(told.running().contains("presses.csv isn't what the journal says"), "{}", told.err);
+    // a complete run whose table was lost is made whole by whoever goes on with it
+    let told = bench.palpate_ends(0, "resume run");
+    assert!(told.err.contains("its tables were made anew"), "{}", told.err);
+    assert_eq!(bench.read("run/presses.csv"), presses);
+    // a table of another run is no table of this one
+    std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
+    bench.palpate_ends(1, "verify run");
+    let simple = SMALL.split("[[step]]").take(3).collect::<Vec<_>>().join("[[step]]");
+    bench.write("simple.toml", &simple);
+    bench.palpate_ends(0, "run simple.toml --out simple");
+    std::fs::copy(bench.path("run/test_matrix.csv"), bench.path("simple/test_matrix.csv")).expect("a copy");
+    let told = bench.palpate_ends(1, "verify simple");
+    assert!(told.running().contains("test_matrix.csv isn't what the journal says"), "{}", told.err);
+    bench.palpate_ends(0, "rebuild simple");
+    assert!(!bench.has("simple/test_matrix.csv"));
+    bench.palpate_ends(0, "verify simple");
+}
+
+#[test]
+fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
+    let bench = whole();
+    let (journal, recipe, rig) =
+        (bench.read("run/journal.log"), bench.read("run/recipe.toml"), bench.read("run/rig.toml"));
+    let lines: Vec<&str> = journal.lines().collect();
+    bench.write("run/journal.log", &(lines[..lines.len() - 2].join("\n") + "\n"));
+    bench.write("run/recipe.toml", &exchanged(&recipe, "force_n = 1.0", "force_n = 0.9"));
+    let told = bench.palpate_ends(2, "resume run");
+    assert!(told.running().contains("recipe.toml isn't the one that the run began with"), "{}", told.err);
+    bench.write("run/recipe.toml", &recipe);
+    bench.write("run/rig.toml", &(rig + "# on another port now\n"));
+    bench.palpate_ends(0, "resume run");
+    bench.palpate_ends(0, "verify run");
+    let manifest = bench.manifest("run");
+    let sha256 = |session: usize, text: usize| manifest["sessions"][session]["texts"][text]["sha256"].as_str();
+    assert!(sha256(0, 0).is_some() && sha256(0, 0) == sha256(1, 0) && sha256(0, 1) != sha256(1, 1), "{manifest}");
+}
+
+#[test]
+fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
+    let bench = whole();
+    let journal = bench.read("run/journal.log");
+    bench.write("run/journal.log", &journal.replacen("\"force_n\":0", "\"force_n\":1", 1));
+    for words in ["verify run", "rebuild run", "resume run"] {
+        let told = bench.palpate(words);
+        assert!(told.running().contains("is damaged: the checksum doesn't fit"), "{words}: {}", told.err);
+        assert_eq!(told.code, Some(if words == "verify run" { 1 } else { 2 }), "{words}");
+    }
+    let lines: Vec<&str> = journal.lines().collect();
+    bench.write("run/journal.log", &(lines[..lines.len() - 1].join("\n") + "\n"));
+    let told = bench.palpate_ends(0, "verify run");
+    assert!(told.out.contains("the run hasn't ended"), "{}", told.out);
+    bench.palpate_ends(0, "resume run");
+    bench.palpate_ends(0, "verify run");
+    assert_eq!(bench.manifest("run")["sessions"].as_array().map(Vec::len), Some(2), "who went on is kept");
+}
+
+#[test]
+fn a_clock_that_is_set_back_changes_nothing_but_what_is_told() {
+    let bench = whole();
+    let whole = bench.read("run/presses.csv");
+    // as a power cut before the last press would have left it, begun in a time to come
+    let journal = bench.read("run/journal.log");
+    let lines: Vec<&str> = journal.lines().collect();
+    let (began, rest) = (lines[1], &lines[2..lines.len() - 2]);
+    let json = began.splitn(3, ' ').nth(2).expect("a record");
+    let later = exchanged(json, "\"started\":\"20", "\"started\":\"29");
+    let began = sealed(1, &later);
+    let text: Vec<&str> = [lines[0], &began].into_iter().chain(rest.iter().copied()).collect();
+    bench.write("run/journal.log", &(text.join("\n") + "\n"));
+    bench.palpate_ends(0, "resume run");
+    let manifest = bench.manifest("run");
+    let started = manifest["sessions"][0]["started"].as_str().expect("a time").to_owned();
+    assert!(started.as_str() > manifest["ended"].as_str().expect("a time"), "{manifest}");
+    assert_eq!(manifest["status"], "complete");
+    let places = |text: &str| text.lines().map(|line| line.split(',').take(6).collect::<String>()).collect::<Vec<_>>();
+    assert_eq!(places(&bench.read("run/presses.csv")), places(&whole));
+    bench.palpate_ends(0, "verify run");
+}
+
+#[test]
+fn a_name_that_leads_out_of_the_folder_is_not_followed() {
+    let bench = whole();
+    bench.write("secret.txt", "not of this run");
+    let manifest = bench.read("run/manifest.json");
+    bench.write("run/manifest.json", &exchanged(&manifest, "\"presses.csv\"", "\"../secret.txt\""));
+    let told = bench.palpate_ends(1, "verify run");
+    assert!(told.running().contains("\"../secret.txt\" is no name of a file in a run folder"), "{}", told.err);
+    // nor are the names of texts in a journal
+    let journal = bench.read("run/journal.log");
+    let lines: Vec<&str> = journal.lines().collect();
+    for name in ["../secret.txt", "/dev/zero", "run.fifo/.."] {
+        let began = exchanged(lines[1].splitn(3, ' ').nth(2).expect("a record"), "\"rig.toml\"", &format!("{name:?}"));
+        let text: Vec<String> = [lines[0].to_owned(), sealed(1, &began)]
+            .into_iter()
+            .chain(lines[2..lines.len() - 2].iter().map(|line| (*line).to_owned()))
+            .collect();
+        bench.write("run/journal.log", &(text.join("\n") + "\n"));
+        let told = bench.palpate("resume run");
+        assert!(told.running().contains("is no name of a file in a run folder"), "{}", told.err);
+        assert_eq!(told.code, Some(5), "{}", told.err);
+    }
+    bench.write("run/journal.log", &journal);
+    // a register map lies beside its rig, and nowhere else
+    let rig = bench.read("run/rig.toml");
+    bench.write("climbing.toml", &exchanged(&rig, "\"labjack-t7\"", "\"../map.toml\""));
+    let told = bench.palpate_ends(2, "run r.toml --rig climbing.toml --out climbed");
+    assert!(told.running().contains("there is no register map \"../map.toml\""), "{}", told.err);
+    bench.write("named.toml", &exchanged(SMALL, "name = \"small\"", "name = \"../small\""));
+    let told = bench.palpate_ends(2, "run named.toml");
+    assert!(told.running().contains("no name for a folder"), "{}", told.err);
+    assert!(!bench.has("climbed") && !bench.has("runs"));
+}

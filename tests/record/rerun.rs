@@ -1,0 +1,311 @@
+//! The same again: one seed gives the same tables byte for byte, and a run that was interrupted comes to the rows its
+//! plan has, those that were acknowledged unchanged.
+
+use crate::support::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
+use palpate::dataset::{Journal, Memory, Record, Status};
+use palpate::recipe::{self, Plan};
+use palpate::rig;
+use palpate::run::{Cancel, Errand, Listener, walk};
+
+#[test]
+fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    // neither what is printed nor the pace may come into what is measured
+    for (run, more) in [("one", ""), ("two", "--json"), ("paced", "--pace 200"), ("other", "--seed 2")] {
+        bench.palpate_ends(0, &format!("run r.toml --out {run} {more}"));
+    }
+    let (one, two, paced) = (tables(&bench, "one"), tables(&bench, "two"), tables(&bench, "paced"));
+    let names: Vec<&str> = one.iter().map(|(name, _)| name.as_str()).collect();
+    let expected = [
+        "calibration_matrix.csv",
+        "characteristics.csv",
+        "journal.log",
+        "presses.csv",
+        "recipe.toml",
+        "rig.toml",
+        "scene.csv",
+        "test_matrix.csv",
+    ];
+    assert_eq!(names, expected);
+    assert!(one == two, "two runs of one seed differ: {:?}", differing(&one, &two));
+    assert!(one == paced, "the pace changes {:?}", differing(&one, &paced));
+    let other = tables(&bench, "other");
+    let differing = differing(&one, &other);
+    assert_eq!(differing, expected.into_iter().filter(|name| !name.ends_with(".toml")).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
+    struct Silent;
+    impl Listener for Silent {}
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
+    // what the folder says of itself aside
+    let is_measured = |record: &Record| !matches!(record, Record::Run(_) | Record::Session(_) | Record::End(_));
+    let records: Vec<_> = journal.map(|record| record.expect("a record").1).filter(is_measured).collect();
+
+    let spec = rig::parse("rig.toml", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");
+    let plan = Plan::new(&recipe::parse("r.toml", SMALL).expect("a recipe"), &spec.ground(), 1).expect("a plan");
+    let (mut memory, cancel) = (Memory::default(), Cancel::default());
+    let mut walk_on = |expected: &[_]| {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
+        let errand = Errand { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let ending = runtime.expect("a runtime").block_on(walk(errand, &mut Silent));
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        assert_eq!(memory.records()[..records.len()], *expected);
+        assert_eq!(memory.contacts().count(), SMALL_PRESSES as usize);
+    };
+    walk_on(&records);
+    walk_on(&records); // what is there isn't made again
+}
+
+#[test]
+fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
+    let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 2.0"); // 1 staircase, 9 and 2 plain presses
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let told = bench.palpate_ends(0, "run r.toml --out run --strategy map");
+    assert!(told.err.contains("teach: from press 1 of 17"), "{}", told.err);
+    assert_eq!(bench.manifest("run")["strategy"], "map");
+    assert_eq!(bench.manifest("run")["presses_done"], 17);
+    let whole = bench.read("run/presses.csv");
+    let teaches: Vec<String> = bench.column("run/presses.csv", "phase").into_iter().rev().take(5).collect();
+    assert_eq!(teaches, ["teach"; 5], "numbered after all others");
+    assert_eq!(bench.read("run/calibration_matrix.csv").lines().next().map(|line| line.split(',').count()), Some(9));
+
+    // as a power cut after the presses that teach would have left it
+    let journal = bench.read("run/journal.log");
+    bench.write("run/journal.log", &journal.lines().take(4 + 5).map(|line| line.to_owned() + "\n").collect::<String>());
+    let told = bench.palpate_ends(0, "resume run");
+    assert!(told.err.contains("characterisation: from press 6 of 17"), "{}", told.err);
+    assert_eq!(bench.manifest("run")["presses_done"], 17);
+    let cells = |text: &str| text.lines().map(|line| line.split(',').take(6).collect::<String>()).collect::<Vec<_>>();
+    assert_eq!(cells(&bench.read("run/presses.csv")), cells(&whole), "the same plan");
+
+    bench.palpate_ends(0, "run r.toml --out other");
+    assert_eq!(bench.manifest("other").get("strategy"), None);
+}
+
+#[test]
+fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    // as a power cut before the last press would have left it, and a load cell that was exchanged since
+    let journal = bench.read("run/journal.log");
+    let kept: Vec<&str> = journal.lines().collect();
+    bench.write("run/journal.log", &(kept[..kept.len() - 2].join("\n") + "\n"));
+    let rig = bench.read("run/rig.toml");
+    bench.write("run/rig.toml", &exchanged(&rig, "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.5"));
+    let told = bench.palpate_ends(4, "resume run");
+    assert!(told.running().contains("zero-drifted: 0.5"), "{}", told.err);
+    assert_eq!(bench.manifest("run")["status"], "tripped");
+    // the old cell back, and a person's word
+    bench.write("run/rig.toml", &rig);
+    bench.palpate_ends(2, "resume run");
+    bench.palpate_ends(0, "resume run --after-trip");
+    assert_eq!(bench.manifest("run")["status"], "complete");
+}
+
+#[test]
+fn a_run_does_not_go_on_where_the_surface_has_moved() {
+    let bench = half_done();
+    let rig = bench.read("run/rig.toml");
+    for (moved_mm, goes_on) in [("0.03", true), ("-0.1", false), ("0.1", false)] {
+        let bench = half_done();
+        bench.write(
+            "run/rig.toml",
+            &exchanged(&rig, "[scene]", &format!("[scene]\nmounting = {{ z_mm = {moved_mm} }}\n")),
+        );
+        if goes_on {
+            let told = bench.palpate_ends(0, "resume run");
+            assert!(told.err.matches("touched again at ").count() == 2, "both places: {}", told.err);
+            continue;
+        }
+        let told = bench.palpate_ends(4, "resume run");
+        assert!(
+            told.running().contains("surface-moved: ") && told.running().contains("limit 0.0500 mm"),
+            "{}",
+            told.err
+        );
+        assert!(told.running().contains("was the specimen or the rig touched since?"), "{}", told.err);
+        // put back, it goes on when a person says so
+        bench.write("run/rig.toml", &rig);
+        bench.palpate_ends(2, "resume run");
+        bench.palpate_ends(0, "resume run --after-trip");
+    }
+}
+
+#[test]
+fn a_run_does_not_go_on_with_another_device() {
+    let bench = half_done();
+    let rig = bench.read("run/rig.toml");
+    bench.write("run/rig.toml", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
+    let told = bench.palpate_ends(3, "resume run");
+    let expected = "load_cell: while identifying it, to go on with the run: it was \"generic RS485";
+    assert!(told.running().contains(expected), "{}", told.err);
+    assert_eq!(bench.manifest("run")["status"], "failed");
+    bench.write("run/rig.toml", &rig);
+    bench.palpate_ends(0, "resume run");
+}
+
+/// A run that a power cut ended after a staircase and a point of its grid.
+fn half_done() -> Bench {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let journal = bench.read("run/journal.log");
+    bench.write("run/journal.log", &journal.lines().take(4 + 2).map(|line| line.to_owned() + "\n").collect::<String>());
+    bench
+}
+
+#[test]
+fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let (header, rows) = bench.table("run/presses.csv");
+    let first = header.iter().position(|name| name == "out_1").expect("out_1");
+    for (phase, name, points) in [("calibration", "calibration_matrix.csv", 4), ("test", "test_matrix.csv", 2)] {
+        let matrix = bench.read(&format!("run/{name}"));
+        let matrix: Vec<Vec<&str>> = matrix.lines().map(|line| line.split(',').collect()).collect();
+        let presses: Vec<&Vec<String>> = rows.iter().filter(|row| row[2] == phase).collect();
+        assert_eq!((matrix.len(), presses.len()), (9, points), "{name}");
+        for (unit, row) in matrix.iter().enumerate() {
+            let outputs: Vec<&String> = presses.iter().map(|press| &press[first + unit]).collect();
+            assert_eq!(*row, outputs, "{name}, unit {}", unit + 1);
+        }
+    }
+}
+
+/// Everything in a run's folder but what tells when it was made.
+fn tables(bench: &Bench, run: &str) -> Vec<(String, Vec<u8>)> {
+    let telling = |(name, bytes): (String, Vec<u8>)| match name.as_str() {
+        "manifest.json" => None,
+        "journal.log" => Some((name, without_the_clock(&bytes))),
+        _ => Some((name, bytes)),
+    };
+    bench.bytes(run).into_iter().filter_map(telling).collect()
+}
+
+/// A journal without the two kinds of record that tell when and where it was made.
+fn without_the_clock(journal: &[u8]) -> Vec<u8> {
+    let text = std::str::from_utf8(journal).expect("a journal is text");
+    let is_timeless = |line: &&str| !line.contains(" {\"session\":") && !line.contains(" {\"end\":");
+    text.lines().filter(is_timeless).flat_map(|line| [line, "\n"]).collect::<String>().into_bytes()
+}
+
+/// Names of the files that differ.
+fn differing<'a>(one: &'a [(String, Vec<u8>)], other: &[(String, Vec<u8>)]) -> Vec<&'a str> {
+    one.iter().filter(|file| !other.contains(file)).map(|(name, _)| name.as_str()).collect()
+}
+
+#[cfg(unix)]
+mod interrupted {
+    use crate::support::{Bench, LONG, LONG_PRESSES, Live, Told};
+    use serde_json::Value;
+
+    /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
+    const RUN: &str = "run r.toml --json --out run --pace 15";
+
+    #[test]
+    fn a_run_that_is_stopped_parks_keeps_its_rows_and_is_finished_by_resume() {
+        // before the first press; in the second staircase; among the points of the grid
+        for rows in [0, 5, 13] {
+            let bench = Bench::with([("r.toml", LONG)]);
+            let (seen, told) = interrupted(&bench, RUN, rows, "INT");
+            assert_eq!(told.code, Some(130), "{}", told.err);
+            assert!(told.err.contains("stopped: ") && !told.err.contains("could not be parked"), "{}", told.err);
+            let manifest = bench.manifest("run");
+            assert_eq!(manifest["status"], "stopped");
+            assert_eq!(manifest["presses_done"], presses(&seen), "after {rows} rows");
+            assert!(presses(&seen) < LONG_PRESSES, "it was stopped in the middle");
+            assert_eq!(numbered(&table(&bench)), numbered(&seen), "presses.csv has what was acknowledged");
+            assert_finished_by_resume(&bench, &seen);
+        }
+    }
+
+    #[test]
+    fn a_run_that_is_killed_has_every_acknowledged_row_and_is_finished_by_resume() {
+        for rows in [0, 1, 5, 7, 12] {
+            let bench = Bench::with([("r.toml", LONG)]);
+            let (seen, told) = interrupted(&bench, RUN, rows, "KILL");
+            assert_eq!(told.code, None);
+            assert_eq!(bench.manifest("run")["status"], "stopped", "what it is if nobody says otherwise");
+            assert_finished_by_resume(&bench, &seen);
+        }
+    }
+
+    #[test]
+    fn a_run_may_be_interrupted_again_and_again() {
+        let bench = Bench::with([("r.toml", LONG)]);
+        let (mut seen, _) = interrupted(&bench, RUN, 5, "KILL");
+        for signal in ["INT", "KILL", "TERM"] {
+            let (more, _) = interrupted(&bench, "resume run --json --pace 15", 1, signal);
+            seen.extend(more);
+        }
+        assert_finished_by_resume(&bench, &seen);
+    }
+
+    /// Starts the program, sends it a signal when so many rows were acknowledged (0: when the first press begins), and
+    /// gives all that were.
+    fn interrupted(bench: &Bench, words: &str, rows: usize, signal: &str) -> (Vec<Value>, Told) {
+        let live = Live::start(bench.command(words));
+        live.until_told(": from press ");
+        let mut seen: Vec<Value> = (0..rows).map(|_| json(&live.line().expect("another row"))).collect();
+        live.signal(signal);
+        let told = live.end();
+        seen.extend(told.out.lines().map(json));
+        (seen, told)
+    }
+
+    /// Resumes to the end: each row of the plan once, in its order, those that were acknowledged as they were.
+    fn assert_finished_by_resume(bench: &Bench, acknowledged: &[Value]) {
+        let told = bench.palpate_ends(0, "resume run --json");
+        let resumed: Vec<Value> = told.out.lines().map(json).collect();
+        let manifest = bench.manifest("run");
+        assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &LONG_PRESSES.into()));
+
+        let staircases = (0..2).flat_map(|press| (0..5).map(move |level| (press, level)));
+        let plan: Vec<(u64, u64)> = staircases.chain((2..LONG_PRESSES).map(|press| (press, 0))).collect();
+        let table = table(bench);
+        assert_eq!(numbered(&table), plan);
+        for row in acknowledged.iter().chain(&resumed) {
+            assert!(table.contains(row), "this row was acknowledged and isn't in the table as it was: {row}");
+        }
+        let again = numbered(acknowledged).into_iter().filter(|row| numbered(&resumed).contains(row));
+        assert_eq!(again.collect::<Vec<_>>(), [], "acknowledged rows that were made again");
+        let times: Vec<f64> = table.iter().filter_map(|row| row["t_s"].as_f64()).collect();
+        assert!(times.is_sorted(), "t_s is since the run's start, whatever came between: {times:?}");
+        assert_eq!(bench.table("run/scene.csv").1.len(), plan.len());
+    }
+
+    /// The rows of `presses.csv` as the objects that acknowledge them.
+    fn table(bench: &Bench) -> Vec<Value> {
+        let (header, rows) = bench.table("run/presses.csv");
+        let is_word = |column: &str| matches!(column, "phase" | "flags");
+        let cell = |(column, cell): (&String, String)| {
+            let whole = matches!(column.as_str(), "press" | "level").then(|| cell.parse::<u64>().map(Value::from));
+            let value = match whole {
+                Some(whole) => whole.expect("a whole number"),
+                None if is_word(column) => cell.into(),
+                None => cell.parse::<f64>().expect("a number").into(),
+            };
+            (column.clone(), value)
+        };
+        rows.into_iter().map(|row| header.iter().zip(row).map(cell).collect()).collect()
+    }
+
+    fn json(line: &str) -> Value {
+        serde_json::from_str(line).unwrap_or_else(|error| panic!("{line}: {error}"))
+    }
+
+    fn numbered(rows: &[Value]) -> Vec<(u64, u64)> {
+        let number = |row: &Value, key: &str| row[key].as_u64().expect("a whole number");
+        rows.iter().map(|row| (number(row, "press"), number(row, "level"))).collect()
+    }
+
+    /// How many presses some rows belong to.
+    fn presses(rows: &[Value]) -> u64 {
+        let mut presses: Vec<u64> = numbered(rows).into_iter().map(|(press, _)| press).collect();
+        presses.dedup();
+        presses.len() as u64
+    }
+}

@@ -1,0 +1,287 @@
+//! What a person or the system says from outside while a run is under way: Ctrl-C once and twice, a polite end, a closed
+//! terminal, a pause and Enter. Whatever is said, the stage is parked, the journal is whole and the run can be gone on with.
+#![cfg(unix)]
+
+#[path = "../support/mod.rs"]
+mod support;
+mod terminal;
+
+use palpate::dataset::{Contact, Journal, Record};
+use serde_json::Value;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use support::python::skipped;
+use support::rows::{json, numbered, table};
+use support::{Bench, LONG, LONG_PRESSES, Live, Told};
+use terminal::{Terminal, signal, spawned, wait};
+
+/// What the recipe begins with.
+const STAIRCASES: u64 = 2;
+const LEVELS: u64 = 5;
+
+/// How often one run is paused.
+const PAUSES: usize = 3;
+
+/// A staircase takes a second or two at this pace: a signal that is sent when it begins comes in the middle of it.
+const RUN: &str = "run r.toml --json --out run --pace 5";
+/// For a run whose presses needn't be long.
+const RUN_FAST: &str = "run r.toml --json --out run --pace 15";
+
+const CANCELLED: Option<i32> = Some(130);
+
+/// What is said of the first Ctrl-C.
+const FINISHED_FIRST: &str = "this press is finished first";
+
+#[test]
+fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
+    for name in ["INT", "TSTP"] {
+        let bench = Bench::with([("r.toml", LONG)]);
+        let live = Live::start(bench.command(RUN));
+        live.until_told(": from press 1 of 11");
+        live.signal(name);
+        let told = live.end();
+        assert_eq!(told.code, CANCELLED, "{name}: {}", told.err);
+        assert!(told.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", told.err);
+        assert!(told.err.contains("stopped: 1 of 11 presses"), "{}", told.err);
+        assert_eq!(rows(&told.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
+        assert_stopped_with(&bench, 1);
+        assert_finished_by_resume(&bench, &told.out);
+    }
+}
+
+#[test]
+fn two_interrupts_stop_in_the_middle_of_the_press() {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let live = Live::start(bench.command(RUN));
+    live.until_told(": from press 1 of 11");
+    live.signal("INT");
+    live.until_told(FINISHED_FIRST);
+    live.signal("INT");
+    assert_stopped_at_once(&bench, live.end());
+}
+
+#[test]
+fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
+    for name in ["TERM", "HUP"] {
+        let bench = Bench::with([("r.toml", LONG)]);
+        let live = Live::start(bench.command(RUN));
+        live.until_told(": from press 1 of 11");
+        live.signal(name);
+        assert_stopped_at_once(&bench, live.end());
+    }
+}
+
+#[test]
+fn a_signal_before_the_first_press_stops_there() {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let live = Live::start(bench.command(RUN));
+    live.until_told("stage "); // it says what it is, and the places that were touched before come next
+    live.signal("TERM");
+    assert_stopped_at_once(&bench, live.end());
+}
+
+#[test]
+fn a_run_that_nobody_hears_stops_as_any_other() {
+    for (name, presses) in [("TERM", 0), ("INT", 1)] {
+        let bench = Bench::with([("r.toml", LONG)]);
+        let child = unheard(&bench);
+        signal(&child, name);
+        assert_eq!(wait(child), CANCELLED, "{name}");
+        assert_stopped_with(&bench, presses);
+        assert_finished_by_resume(&bench, "");
+    }
+}
+
+#[test]
+fn a_run_that_nobody_hears_is_finished_as_any_other() {
+    let bench = Bench::with([("r.toml", LONG)]);
+    assert_eq!(wait(unheard(&bench)), Some(0));
+    assert_eq!(bench.manifest("run")["status"], "complete");
+    assert_eq!(numbered(&table(&bench, "run")), plan());
+}
+
+#[test]
+fn a_closed_terminal_stops_and_parks() {
+    if !terminal::has_ctty() {
+        return skipped("a closed terminal", "there is no setsid that gives a program a controlling terminal");
+    }
+    let bench = Bench::with([("r.toml", LONG)]);
+    let mut terminal = Terminal::open();
+    // at the head of a session of its own, with this terminal: it is who is told when the terminal closes
+    let program = bench.command(RUN);
+    let mut command = Command::new("setsid");
+    command.arg("--ctty").arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
+    let child = spawned(command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far()));
+    terminal.until("characterisation");
+    terminal.close();
+    assert_eq!(wait(child), CANCELLED);
+    assert_stopped_with(&bench, 0);
+    assert_finished_by_resume(&bench, "");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_hangup_under_nohup_stops_nothing() {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let program = bench.command(RUN_FAST);
+    let mut command = Command::new("nohup");
+    command.arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
+    let live = Live::start(command);
+    live.until_told(": from press 1 of 11");
+    live.signal("HUP");
+    let told = live.end();
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert_eq!(numbered(&rows(&told.out)), plan());
+}
+
+#[test]
+fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let (mut terminal, child) = attended(&bench);
+    terminal.until("characterisation");
+    terminal.enter(); // before there is a pause that it could end
+    signal(&child, "INT");
+    terminal.until(&format!("{FINISHED_FIRST}, then the run pauses"));
+    terminal.until("paused after 1 of 11 presses, parked: Enter goes on, Ctrl-C ends");
+    assert_eq!((zeros(&bench), contacts(&bench).len()), (1, 1), "nothing is done before Enter");
+    terminal.enter();
+    let seen = terminal.until_end();
+    assert_eq!(wait(child), Some(0), "{seen}");
+    assert_eq!(zeros(&bench), 2, "the zero is taken again");
+    assert_eq!(bench.manifest("run")["status"], "complete");
+    let acknowledged = rows(&bench.read("rows"));
+    assert_eq!(numbered(&acknowledged), plan(), "each row once");
+    assert_eq!(table(&bench, "run"), acknowledged);
+}
+
+#[test]
+fn a_pause_may_be_made_again_and_again() {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let mut terminal = Terminal::open();
+    let mut command = bench.command(RUN_FAST);
+    command.stdin(terminal.far()).stderr(terminal.far());
+    let mut child = spawned(command.stdout(Stdio::piped()));
+    drop(command); // it is at the terminal too
+    let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
+    let (mut acknowledged, mut presses) = (Vec::new(), 0);
+    for _ in 0..PAUSES {
+        // a press that was made since the last pause: the run is under way again
+        while numbered(&acknowledged).last().is_none_or(|(press, _)| *press < presses) {
+            acknowledged.push(json(&lines.next().expect("another row").expect("a line")));
+        }
+        signal(&child, "INT");
+        terminal.until("paused after ");
+        presses = terminal.until(" of ").parse().expect("a number");
+        terminal.enter();
+    }
+    let seen = terminal.until_end();
+    assert_eq!(wait(child), Some(0), "{seen}");
+    assert_eq!(zeros(&bench), 1 + PAUSES);
+    acknowledged.extend(lines.map(|line| json(&line.expect("a line"))));
+    assert_eq!(numbered(&acknowledged), plan(), "each row once");
+}
+
+#[test]
+fn a_pause_is_ended_by_a_second_interrupt_or_by_a_terminal_that_is_gone() {
+    for is_closed in [false, true] {
+        let bench = Bench::with([("r.toml", LONG)]);
+        let (mut terminal, child) = attended(&bench);
+        terminal.until("characterisation");
+        signal(&child, "INT");
+        terminal.until("paused after 1 of 11 presses");
+        if is_closed {
+            terminal.close();
+        } else {
+            signal(&child, "INT");
+            let seen = terminal.until_end();
+            assert!(seen.contains("stopping") && !seen.contains("could not be parked"), "{seen}");
+        }
+        assert_eq!(wait(child), CANCELLED, "closed: {is_closed}");
+        assert_stopped_with(&bench, 1);
+        let acknowledged = bench.read("rows");
+        assert_eq!(rows(&acknowledged).len() as u64, LEVELS);
+        assert_finished_by_resume(&bench, &acknowledged);
+    }
+}
+
+/// A run in its first press whose readers are gone: neither what it says nor its rows can be written any more.
+fn unheard(bench: &Bench) -> Child {
+    let mut command = bench.command(RUN);
+    let mut child = spawned(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+    let is_begun = |line: Result<String, _>| line.expect("a line").contains(": from press 1 of 11");
+    assert!(lines.any(is_begun), "it ended before its first press");
+    drop((lines, child.stdout.take()));
+    child
+}
+
+/// A run whose terminal this is; its rows go into a file.
+fn attended(bench: &Bench) -> (Terminal, Child) {
+    let terminal = Terminal::open();
+    let mut command = bench.command(RUN);
+    command.stdin(terminal.far()).stderr(terminal.far());
+    let child = spawned(command.stdout(File::create(bench.path("rows")).expect("a file")));
+    (terminal, child)
+}
+
+/// It stopped before its first press was over, and parked.
+fn assert_stopped_at_once(bench: &Bench, told: Told) {
+    assert_eq!(told.code, CANCELLED, "{}", told.err);
+    assert!(told.err.contains("stopping: the stage is brought to rest and parked"), "{}", told.err);
+    assert!(told.err.contains("stopped: 0 of 11") && !told.err.contains("could not be parked"), "{}", told.err);
+    assert_eq!(told.out, "", "nothing is acknowledged");
+    assert_stopped_with(bench, 0);
+    assert_finished_by_resume(bench, "");
+}
+
+/// The journal says that it was stopped, and holds so many presses, each of them whole.
+fn assert_stopped_with(bench: &Bench, presses: u64) {
+    let manifest = bench.manifest("run");
+    assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"stopped".into(), &presses.into()));
+    let contacts = contacts(bench);
+    assert_eq!(contacts.len() as u64, presses);
+    for contact in &contacts {
+        assert_eq!(contact.rows.len() as u64, levels(contact.press), "press {}", contact.press);
+    }
+    assert!(matches!(records(bench).last(), Some(Record::End(_))), "the journal is ended");
+}
+
+/// Resumes to the end: each row of the plan once, those that were acknowledged as they were.
+fn assert_finished_by_resume(bench: &Bench, acknowledged: &str) {
+    let told = bench.palpate_ends(0, "resume run --json");
+    let all: Vec<Value> = rows(acknowledged).into_iter().chain(rows(&told.out)).collect();
+    let table = table(bench, "run");
+    assert_eq!(numbered(&table), plan());
+    for row in &all {
+        assert!(table.contains(row), "this row was acknowledged and isn't in the table as it was: {row}");
+    }
+    assert_eq!(bench.manifest("run")["status"], "complete");
+}
+
+/// Press and level of each row that the plan comes to.
+fn plan() -> Vec<(u64, u64)> {
+    (0..LONG_PRESSES).flat_map(|press| (0..levels(press)).map(move |level| (press, level))).collect()
+}
+
+fn levels(press: u64) -> u64 {
+    if press < STAIRCASES { LEVELS } else { 1 }
+}
+
+fn rows(lines: &str) -> Vec<Value> {
+    lines.lines().map(json).collect()
+}
+
+fn zeros(bench: &Bench) -> usize {
+    records(bench).iter().filter(|record| matches!(record, Record::Zero { .. })).count()
+}
+
+fn contacts(bench: &Bench) -> Vec<Contact> {
+    records(bench).iter().filter_map(|record| record.contact().cloned()).collect()
+}
+
+/// What the journal of a run that is over, or pauses, holds: all of it must be sound.
+fn records(bench: &Bench) -> Vec<Record> {
+    let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
+    journal.map(|record| record.expect("a record").1).collect()
+}

@@ -1,0 +1,287 @@
+//! `palpate evaluate` on two plain tables and on a run, as another program would use it.
+
+use crate::support::{Bench, SMALL, Told, exchanged};
+use palpate::solver::SOLVERS;
+use serde_json::{Value, json};
+
+/// Three places, three units; the unit straight below a place reads most.
+const CALIBRATION: &str = "\
+x_mm,y_mm,force_n,out_1,out_2,out_3
+-4,0,1,1.0,0.3,0.1
+0,0,1,0.3,1.0,0.3
+4,0,1,0.1,0.3,1.0
+";
+
+/// Half, twice and once the calibrated outputs, the last a step of 4 mm off.
+const TEST: &str = "\
+x_mm,y_mm,force_n,out_1,out_2,out_3
+-4,0,0.5,0.5,0.15,0.05
+0,0,2,0.6,2.0,0.6
+0,0,1,0.1,0.3,1.0
+";
+
+const WORDS: &str = "evaluate --calibration a.csv --test b.csv";
+
+/// The paper's solver, whose answers are known by hand.
+const PAPERS: &str = "--json --solver pearson";
+
+/// What every object has.
+const KEYS: [&str; 8] =
+    ["coverage", "force_error_n", "location_error_mm", "ns_per_solve", "points", "solver", "verdicts", "within"];
+
+#[test]
+fn two_tables_come_to_one_json_object_with_the_agreed_keys() {
+    let object = evaluation(CALIBRATION, TEST, PAPERS, 1);
+    assert_eq!(keys(&object), KEYS);
+    assert_eq!(object["solver"], "pearson");
+    assert!(object["ns_per_solve"].as_f64() > Some(0.0), "{object}");
+    assert_eq!(keys(&object["verdicts"]), ["channel-fault", "not-one-contact", "ok", "outside-area", "weak-signal"]);
+    assert_eq!(object["points"], 3);
+    assert_eq!(keys(&object["location_error_mm"]), ["max", "mean", "median", "p95"]);
+    assert_eq!(keys(&object["force_error_n"]), ["max", "mean", "median", "p95"]);
+    assert_eq!(keys(&object["within"]), ["both", "force_0_1n", "location_1mm"]);
+    for (key, expected) in [("mean", 4.0 / 3.0), ("median", 0.0), ("p95", 3.6), ("max", 4.0)] {
+        assert_near(&object["location_error_mm"][key], expected);
+    }
+    assert_near(&object["force_error_n"]["max"], 0.0);
+    let two_of_three = 2.0 / 3.0;
+    for (key, expected) in [("location_1mm", two_of_three), ("force_0_1n", 1.0), ("both", two_of_three)] {
+        assert_near(&object["within"][key], expected);
+    }
+}
+
+#[test]
+fn the_exit_code_says_whether_the_errors_are_accepted() {
+    let (far, right) = (exchanged(TEST, "0,0,1,", "4,0,1,"), exchanged(CALIBRATION, "4,0,1,", "4,0,1,"));
+    evaluation(&right, &far, PAPERS, 0);
+    evaluation(CALIBRATION, TEST, PAPERS, 1); // 1.33 mm
+    let strong = exchanged(&far, "0,0,2,", "0,0,2.4,");
+    evaluation(CALIBRATION, &strong, PAPERS, 1); // 0.13 N
+    let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
+    let told = bench.palpate_ends(1, &format!("{WORDS} --solver pearson"));
+    let row = |label: &str| told.out.lines().find(|line| line.starts_with(label)).unwrap_or_default().to_owned();
+    assert!(row("location error, mean").ends_with("1.333 mm"), "{}", told.out);
+    assert!(row("accepted ").ends_with("no"), "{}", told.out);
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+}
+
+#[test]
+fn the_number_of_outputs_and_the_order_of_columns_are_the_tables() {
+    // 12 outputs, columns mixed, one of them unknown and not a number
+    let outputs = |at: usize| (1..=12).map(move |unit| if unit == at { 1.0 } else { 0.1 });
+    let header = (1..=12).rev().map(|unit| format!("out_{unit},")).collect::<String>();
+    let row = |at, x_mm: i32| {
+        let cells: Vec<String> = outputs(at).map(|output| output.to_string()).rev().collect();
+        format!("{},a note,{x_mm},0\n", cells.join(","))
+    };
+    let table = format!("{header}note,x_mm,y_mm\n{}{}", row(2, -3), row(11, 3));
+    let object = evaluation(&table, &table, PAPERS, 0);
+    assert_eq!((&object["points"], &object["location_error_mm"]["max"]), (&json!(2), &json!(0.0)));
+    let fewer = exchanged(&table, "out_12,", "more,");
+    assert_refused(&table, &fewer, &["a.csv", "has 12 outputs", "b.csv has 11"]);
+}
+
+#[test]
+fn without_forces_in_the_test_only_the_location_is_evaluated() {
+    let located = without_force(TEST);
+    let object = evaluation(CALIBRATION, &located, PAPERS, 1);
+    assert_eq!(keys(&object), KEYS);
+    assert_eq!(object["force_error_n"], Value::Null);
+    assert_eq!((&object["within"]["force_0_1n"], &object["within"]["both"]), (&Value::Null, &Value::Null));
+    assert_near(&object["location_error_mm"]["mean"], 4.0 / 3.0);
+}
+
+#[test]
+fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
+    let located = evaluation(&without_force(CALIBRATION), TEST, PAPERS, 1);
+    assert_eq!(located["force_error_n"], Value::Null);
+    let stated = evaluation(CALIBRATION, TEST, PAPERS, 1);
+    assert_eq!(located["location_error_mm"], stated["location_error_mm"]);
+    let doubled = CALIBRATION.replace(",0,1,", ",0,2,");
+    assert_ne!(
+        evaluation(&doubled, TEST, PAPERS, 1)["force_error_n"],
+        stated["force_error_n"],
+        "a stated force counts"
+    );
+}
+
+#[test]
+fn a_constant_load_is_only_as_good_as_it_is_true() {
+    let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 1.0").replace("count = 2", "count = 20");
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let error_mm = |words: &str| {
+        let object = one_object(&bench.palpate(&format!("evaluate run --json --solver surrogate {words}")));
+        object["location_error_mm"]["mean"].as_f64().expect("a number")
+    };
+    let (unknown, constant) = (error_mm(""), error_mm("--constant-load"));
+    assert!(2.0 * unknown < constant, "half a newton to one newton: {unknown} {constant}");
+}
+
+#[test]
+fn the_best_is_the_default() {
+    let (default, best) = (evaluation_of(CALIBRATION, TEST), evaluation(CALIBRATION, TEST, "--json --solver best", 1));
+    for key in ["solver", "location_error_mm", "choice"] {
+        assert_eq!(default[key], best[key]);
+    }
+    let mut keys_of_best = [KEYS.as_slice(), &["choice"]].concat();
+    keys_of_best.sort_unstable();
+    assert_eq!(keys(&default), keys_of_best);
+    assert_eq!(default["choice"]["candidates"][0]["solver"], default["solver"]);
+}
+
+#[test]
+fn all_solvers_are_a_line_each_with_the_best_last() {
+    let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
+    let told = bench.palpate_ends(1, &format!("{WORDS} --solver all --json"));
+    let objects = told.json_lines();
+    let names: Vec<&str> = objects.iter().map(|object| object["solver"].as_str().expect("a name")).collect();
+    assert_eq!(names[..SOLVERS.len()], SOLVERS);
+    assert!(names.len() == SOLVERS.len() + 1 && SOLVERS.contains(&names[SOLVERS.len()]), "{names:?}");
+    let alone = one_object(&bench.palpate_ends(1, &format!("{WORDS} {PAPERS}")));
+    assert_eq!(objects[0]["location_error_mm"], alone["location_error_mm"]);
+
+    let told = bench.palpate_ends(1, &format!("{WORDS} --solver all"));
+    let lines: Vec<&str> = told.out.lines().collect();
+    assert!(lines.iter().all(|line| line.chars().count() <= 80), "{}", told.out);
+    assert!(lines[2].starts_with("paper ") && lines[3].starts_with("pearson "), "{}", told.out);
+    assert_eq!(
+        lines[3].split_whitespace().collect::<Vec<_>>()[1..7],
+        "1.333 0.000 3.600 4.000 0.000 66.7".split(' ').collect::<Vec<_>>()
+    );
+    let best = lines.iter().find(|line| line.starts_with("best: ")).unwrap_or_else(|| panic!("{}", told.out));
+    assert!(best.starts_with(&format!("best: {}", names[SOLVERS.len()])), "{best}");
+}
+
+#[test]
+fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
+    let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n3,0,5,5\n";
+    let bench = Bench::with([("a.csv", flat), ("b.csv", flat)]);
+    let told = bench.palpate(&format!("{WORDS} --solver all --json"));
+    let reason = "all units read the same at every calibration point: no point can be told from another";
+    assert_eq!(told.json_lines()[0], json!({"solver": "pearson", "error": reason}));
+    assert_eq!(told.json_lines().len(), SOLVERS.len() + 1);
+    let told = bench.palpate(&format!("{WORDS} --solver all"));
+    let expected = "\n\
+        pearson               all units read the same at every calibration point: no\n                      \
+        point can be told from another\n";
+    assert!(told.out.contains(expected), "{}", told.out);
+    // asked for alone, there is nothing else to say
+    let told = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
+    assert!(told.out.is_empty() && told.running().contains(reason), "{told:?}");
+    // what none of them could be evaluated on is no line
+    let other = Bench::with([("a.csv", flat), ("b.csv", TEST)]).palpate_ends(2, &format!("{WORDS} --solver all"));
+    assert!(other.out.is_empty() && other.running().contains("a.csv has 2 outputs"), "{other:?}");
+}
+
+#[test]
+fn the_better_baseline_has_the_same_places_and_its_own_forces() {
+    let noisy = exchanged(TEST, "0.6,2.0,0.6", "0.8,2.0,0.5");
+    let (paper, baseline) =
+        (evaluation(CALIBRATION, &noisy, PAPERS, 1), evaluation(CALIBRATION, &noisy, "--json --solver pearson-lsq", 1));
+    assert_eq!(paper["location_error_mm"], baseline["location_error_mm"]);
+    assert_ne!(paper["force_error_n"], baseline["force_error_n"]);
+    assert_eq!(baseline["solver"], "pearson-lsq");
+}
+
+#[test]
+fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
+    let twins: [(&str, &str, &[&str]); 9] = [
+        ("x_mm,y_mm", "x,y_mm", &["line 1", "`x_mm` is missing", "rename it to `x_mm`"]),
+        ("x_mm,y_mm", "x_mm,note", &["line 1", "`y_mm` is missing"]),
+        ("out_2", "out_4", &["line 1", "`out_2` is missing"]),
+        ("out_2", "out_1", &["line 1", "`out_1` stands in the header twice"]),
+        ("0,0,1,", "NaN,0,1,", &["line 3", "column `x_mm`", "finite number", "`NaN`"]),
+        ("0,0,1,0.3,1.0", "0,0,1,0.3,inf", &["line 3", "column `out_2`", "`inf`"]),
+        ("0,0,1,0.3,1.0", "0,0,one,0.3,1.0", &["line 3", "column `force_n`", "`one`"]),
+        ("0,0,1,0.3,1.0,0.3", "0,0,1,0.3,1.0", &["line 3", "5 cells where the header has 6", "column `out_2`"]),
+        ("0,0,1,0.3,1.0,0.3", "0,0,1,0.3,1.0,0.3,9", &["line 3", "7 cells where the header has 6", "column `out_3`"]),
+    ];
+    for (from, to, parts) in twins {
+        let broken = exchanged(CALIBRATION, from, to);
+        assert_refused(&broken, TEST, &[&["a.csv"], parts].concat());
+        assert_refused(CALIBRATION, &broken, &[&["b.csv"], parts].concat());
+    }
+    assert_refused("", TEST, &["a.csv", "no rows"]);
+    let none = Bench::with([("b.csv", TEST)]).palpate_ends(2, WORDS);
+    assert!(none.running().contains("a.csv: can't be read"), "{}", none.err);
+}
+
+#[test]
+fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let told = bench.palpate("evaluate run --json --solver pearson");
+    let object = one_object(&told);
+    let mut agreed = [KEYS.as_slice(), &["force_error_load_cell_n"]].concat();
+    agreed.sort_unstable();
+    assert_eq!(keys(&object), agreed);
+    assert_eq!(keys(&object["force_error_load_cell_n"]), ["max", "mean", "median", "p95"]);
+    assert_eq!((&object["points"], &object["solver"]), (&json!(2), &json!("pearson")));
+    let accepted = object["location_error_mm"]["mean"].as_f64() < Some(1.0)
+        && object["force_error_n"]["mean"].as_f64() < Some(0.1);
+    assert_eq!(told.code, Some(if accepted { 0 } else { 1 }));
+
+    // the same rows as plain tables: the load cell's force is then the force
+    let (header, rows) = bench.table("run/presses.csv");
+    let of_phase = |phase: &str| {
+        let rows = rows.iter().filter(|row| row[2] == phase).map(|row| row.join(","));
+        std::iter::once(header.join(",")).chain(rows).collect::<Vec<_>>().join("\n")
+    };
+    let bench = Bench::with([("a.csv", of_phase("calibration").as_str()), ("b.csv", of_phase("test").as_str())]);
+    let plain = one_object(&bench.palpate(&format!("{WORDS} {PAPERS}")));
+    assert_eq!(keys(&plain), KEYS);
+    assert_eq!(plain["location_error_mm"], object["location_error_mm"]);
+}
+
+#[test]
+fn a_run_without_test_presses_says_what_is_missing() {
+    let bench = Bench::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let told = bench.palpate_ends(2, "evaluate run");
+    assert!(told.running().contains("presses.csv: there is no test press"), "{}", told.err);
+}
+
+/// The object that an evaluation with some more words comes to; it must end as said.
+fn evaluation(calibration: &str, test: &str, words: &str, code: i32) -> Value {
+    let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
+    one_object(&bench.palpate_ends(code, &format!("{WORDS} {words}")))
+}
+
+fn evaluation_of(calibration: &str, test: &str) -> Value {
+    one_object(&Bench::with([("a.csv", calibration), ("b.csv", test)]).palpate(&format!("{WORDS} --json")))
+}
+
+fn one_object(told: &Told) -> Value {
+    let mut lines = told.json_lines();
+    assert!(lines.len() == 1 && told.err.is_empty(), "{told:?}");
+    lines.remove(0)
+}
+
+fn assert_refused(calibration: &str, test: &str, parts: &[&str]) {
+    let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
+    let told = bench.palpate_ends(2, &format!("{WORDS} --json"));
+    assert!(told.out.is_empty(), "{}", told.out);
+    for part in parts {
+        assert!(told.running().contains(part), "it doesn't say {part:?}:\n{}", told.err);
+    }
+}
+
+/// The keys of an object in alphabetical order.
+fn keys(object: &Value) -> Vec<&str> {
+    let mut keys: Vec<&str> = object.as_object().expect("an object").keys().map(String::as_str).collect();
+    keys.sort_unstable();
+    keys
+}
+
+fn without_force(table: &str) -> String {
+    let line = |line: &str| {
+        line.split(',').enumerate().filter(|(i, _)| *i != 2).map(|(_, cell)| cell).collect::<Vec<_>>().join(",")
+    };
+    table.lines().map(|text| line(text) + "\n").collect()
+}
+
+fn assert_near(value: &Value, expected: f64) {
+    let value = value.as_f64().expect("a number");
+    assert!((value - expected).abs() < 1e-9, "{value} instead of {expected}");
+}

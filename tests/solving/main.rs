@@ -1,0 +1,12 @@
+//! From calibrations to contacts: the solvers, and the numbers that they must reach.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod eflesh;
+mod evaluate;
+mod golden;
+mod paper;
+mod skin;
+mod solve;
+mod solvers;

@@ -1,0 +1,258 @@
+//! `palpate solve`: readings in, contacts out, a line for a line.
+
+use crate::support::{Bench, SMALL, Told, exchanged};
+use serde_json::{Value, json};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Stdio};
+
+/// Three places, three units; the unit straight below a place reads most.
+const CALIBRATION: &str = "\
+x_mm,y_mm,force_n,out_1,out_2,out_3
+-4,0,1,1.0,0.3,0.1
+0,0,1,0.3,1.0,0.3
+4,0,1,0.1,0.3,1.0
+";
+
+const WORDS: &str = "solve --calibration a.csv --solver pearson --quiet";
+
+/// Half, twice and once the calibrated outputs, as four programs would write them.
+const READINGS: [&str; 4] = [
+    "out_1,out_2,out_3\n0.5,0.15,0.05\n0.6,2.0,0.6\n0.1,0.3,1.0\n",
+    "note,out_3,out_2,out_1\r\n,0.05,0.15,0.5\r\n\r\n\"a, b\",0.6,2,0.6\r\nx,1,.3,1e-1",
+    "0.5,0.15,0.05\n0.6,2.0,0.6\n0.1,0.3,1.0\n",
+    "{\"outputs\":[0.5,0.15,0.05]}\n[0.6,2.0,0.6]\n{\"more\":[1],\"outputs\":[0.1,0.3,1]}\n",
+];
+
+#[test]
+fn a_line_in_is_a_line_out_whatever_the_format() {
+    let expected = "\
+x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
+-4.0,0.0,0.5,,,,,ok,
+0.0,0.0,2.0,,,,,ok,
+4.0,0.0,1.0,,,,,ok,
+";
+    for readings in READINGS {
+        let told = solved(WORDS, readings, 0);
+        assert_eq!(places(&told.out), places(expected), "{readings:?}\n{}", told.out);
+        assert!(told.err.is_empty(), "{}", told.err);
+        let objects = solved(&format!("{WORDS} --json"), readings, 0).json_lines();
+        let keys = "x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit";
+        let mut sorted: Vec<&str> = keys.split(',').collect();
+        sorted.sort_unstable();
+        for (object, [x_mm, force_n]) in objects.iter().zip([[-4.0, 0.5], [0.0, 2.0], [4.0, 1.0]]) {
+            let mut found: Vec<&str> = object.as_object().expect("an object").keys().map(String::as_str).collect();
+            found.sort_unstable();
+            assert_eq!(found, sorted);
+            let value = |key: &str| object[key].as_f64().expect("a number");
+            assert!((value("x_mm") - x_mm).abs() < 1e-9 && (value("force_n") - force_n).abs() < 1e-6, "{object}");
+            assert_eq!(object["verdict"], "ok");
+        }
+        assert_eq!(objects.len(), 3);
+    }
+    assert_eq!(solved(WORDS, "", 0).out, "");
+    assert_eq!(solved(WORDS, "out_1,out_2,out_3\n", 0).out, "");
+}
+
+#[test]
+fn a_label_comes_back_with_its_contact() {
+    let told = solved(WORDS, "t_s,id,out_1,out_2,out_3\n0.5,\"a, b\",1,0.3,0.1\n,,1,0.3,0.1\n", 0);
+    let lines: Vec<&str> = told.out.lines().collect();
+    assert!(lines[0].starts_with("id,t_s,x_mm,"), "{}", told.out);
+    assert!(lines[1].starts_with("\"a, b\",0.5,-4.0,") && lines[2].starts_with(",,-4.0,"), "{}", told.out);
+    let readings = "{\"id\":7,\"outputs\":[1,0.3,0.1]}\n{\"t_s\":\"noon\",\"outputs\":[1,0.3,0.1]}\n";
+    let objects = solved(&format!("{WORDS} --json"), readings, 0).json_lines();
+    assert_eq!((&objects[0]["id"], objects[0].get("t_s")), (&json!(7), None));
+    assert_eq!((objects[1].get("id"), &objects[1]["t_s"]), (None, &json!("noon")));
+}
+
+#[test]
+fn a_reading_without_an_answer_is_a_line_that_says_so() {
+    let readings = "1,1,1\nnan,1,1\n1,0.3,0.1\n";
+    let lines: Vec<String> = solved(WORDS, readings, 0).out.lines().map(str::to_owned).collect();
+    assert_eq!(lines[1..3], [",,,,,,,unsolved,", ",,,,,,,unsolved,"]);
+    assert!(lines[3].starts_with("-4.0,"), "{lines:?}");
+    let objects = solved(&format!("{WORDS} --json"), "[1,1,1]\n[null,1,1]\n[1,0.3,0.1]\n", 0).json_lines();
+    let said = |index: usize| (&objects[index]["verdict"], objects[index].get("error").and_then(Value::as_str));
+    assert_eq!(said(0), (&json!("unsolved"), Some("all outputs are equal: such a reading correlates with no place")));
+    assert_eq!(said(1), (&json!("unsolved"), Some("output 1 is not a finite number")));
+    assert_eq!((&objects[0]["x_mm"], said(2)), (&Value::Null, (&json!("ok"), None)));
+}
+
+#[test]
+fn what_is_no_reading_ends_it_after_all_before_it_were_answered() {
+    for (readings, before, parts) in [
+        ("1,0.3,0.1\n1,0.3\n", 1, ["stdin, line 2: 2 outputs where the calibration has 3", "one output a unit"]),
+        ("1,0.3,0.1\n\n1,x,1\n", 1, ["stdin, line 3, column `out_2`: expected a number, found `x`", "help"]),
+        ("out_1,out_2\n1,0.3\n", 0, ["stdin, line 1: 2 outputs where the calibration has 3", "help"]),
+        ("out_1,out_2,out3\n1,2,3\n", 0, ["stdin, line 1: 2 outputs where", "help"]),
+        ("a,b,c\n1,2,3\n", 0, ["stdin, line 1: column `out_1` is missing", "numbers alone needs no header"]),
+        (
+            "[1,0.3,0.1]\n[1,0.3,0.1]\n[1,0.3\n",
+            2,
+            ["stdin, line 3, column 6: EOF", "expected a reading, as {\"outputs\""],
+        ),
+        ("{\"outputs\":[1,0.3,\"1\"]}\n", 0, ["stdin, line 1, column 21: invalid type: string \"1\"", "help"]),
+    ] {
+        let told = solved(&format!("{WORDS} --json"), readings, 2);
+        assert_eq!(told.out.lines().count(), before, "{readings:?}\n{}", told.out);
+        for part in parts {
+            assert!(told.running().contains(part), "{readings:?} doesn't say {part:?}:\n{}", told.err);
+        }
+        assert!(told.err.lines().all(|line| line.chars().count() <= 80), "{}", told.err);
+    }
+    // told otherwise, a first character means nothing
+    let told = solved(&format!("{WORDS} --input ndjson"), "1,0.3,0.1\n", 2);
+    assert!(told.running().contains("stdin, line 1, column 1: invalid type"), "{}", told.err);
+    solved(&format!("{WORDS} --input csv"), "1,0.3,0.1\n", 0);
+}
+
+#[test]
+fn in_a_pipe_a_contact_is_out_before_the_next_reading_is_in() {
+    for (words, reading) in [(WORDS.to_owned(), "1,0.3,0.1\n"), (format!("{WORDS} --json"), "[1,0.3,0.1]\n")] {
+        let bench = Bench::with([("a.csv", CALIBRATION)]);
+        let mut child = started(&bench, &words);
+        let mut readings = child.stdin.take().expect("piped");
+        let mut contacts = BufReader::new(child.stdout.take().expect("piped")).lines().map(|line| line.expect("text"));
+        for _ in 0..3 {
+            // and a piece of the next, which is nothing to answer yet
+            let (whole, piece) = (reading, &reading[..2]);
+            write!(readings, "{whole}{piece}").expect("it listens");
+            let contact = contacts.by_ref().find(|line| !line.starts_with("x_mm")).expect("a contact");
+            assert!(contact.contains("-4.0") && contact.contains("ok"), "{contact}");
+            write!(readings, "{}", &reading[2..]).expect("it listens");
+            contacts.next().expect("a contact");
+        }
+        drop(readings);
+        assert_eq!(contacts.next(), None);
+        assert!(child.wait().expect("it ends").success());
+    }
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_error() {
+    let readings = "1,0.3,0.1\n".repeat(100_000);
+    let bench = Bench::with([("a.csv", CALIBRATION), ("readings.csv", readings.as_str())]);
+    for words in [WORDS.to_owned(), format!("{WORDS} --json")] {
+        let input = File::open(bench.path("readings.csv")).expect("it was written");
+        let mut command = bench.command(&words);
+        let child = command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let mut child = child.expect("the program starts");
+        drop(child.stdout.take());
+        let told: Told = child.wait_with_output().expect("it ends").into();
+        assert_eq!((told.code, told.err.as_str()), (Some(0), ""));
+    }
+}
+
+#[test]
+fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let presses = bench.read("run/presses.csv");
+    let told = solved_on(&bench, "solve --calibration run --solver pearson", &presses, 0);
+    assert_eq!(told.err, "pearson, fitted to 4 presses of 9 units\n");
+    assert_eq!(told.out.lines().count(), presses.lines().count());
+    assert!(told.out.starts_with("t_s,x_mm,"), "{}", told.out);
+    let told = solved_on(&bench, "solve --calibration run --quiet", &presses, 0);
+    assert!(told.err.is_empty() && told.out.lines().count() == presses.lines().count(), "{told:?}");
+    let told = solved_on(&bench, "solve --calibration run", &presses, 0);
+    assert!(told.err.contains(", fitted to 4 presses of 9 units\n"), "{}", told.err);
+    assert!(told.err.lines().all(|line| line.chars().count() <= 80), "{}", told.err);
+}
+
+#[test]
+fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
+    let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5").replace("count = 2", "count = 60");
+    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let (header, rows) = bench.table("run/presses.csv");
+    let first = header.iter().position(|name| name == "out_1").expect("out_1");
+    let readings = |broken: Option<usize>| -> String {
+        let output =
+            |(unit, cell): (usize, &String)| if broken == Some(unit + 1) { "0".to_owned() } else { cell.clone() };
+        let reading = |row: &Vec<String>| {
+            let outputs = row[first..first + 9].iter().enumerate().map(output);
+            outputs.collect::<Vec<_>>().join(",") + "\n"
+        };
+        rows.iter().filter(|row| row[2] == "test").map(reading).collect()
+    };
+    let words = "solve --calibration run --solver surrogate --quiet";
+    let told = solved_on(&bench, words, &readings(None), 0);
+    assert!(told.err.is_empty(), "{}", told.err);
+    let told = solved_on(&bench, words, &readings(Some(5)), 0);
+    let line = told.err.strip_prefix("stdin, line ").and_then(|said| {
+        said.strip_suffix(": unit 5 contradicts all other units, left out from here on\n")?.parse::<usize>().ok()
+    });
+    let line = line.unwrap_or_else(|| panic!("{}", told.err));
+    let verdicts: Vec<String> = told.out.lines().skip(1).map(|line| line.split(',').skip(7).collect()).collect();
+    let of_unit_5 = verdicts.iter().rposition(|verdict| verdict == "channel-fault5").expect("it was named");
+    assert!(of_unit_5 + 1 == line && verdicts.len() == 60 && line < 30, "{}", told.out);
+}
+
+#[test]
+fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
+    let note = "no force_n in the calibration: forces are in units of its typical press\n";
+    let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();
+    let bench = Bench::with([("a.csv", silent.as_str())]);
+    let words = "solve --calibration a.csv --solver pearson";
+    let told = solved_on(&bench, words, "2,0.6,0.2\n", 0);
+    assert!(told.err.ends_with(note), "{}", told.err);
+    // sqrt(1.10 and 1.18, 1.10 squared), by the length of each row
+    let typical = ((1.10f64 + 1.18 + 1.10) / 3.0).sqrt();
+    let force: f64 = told.out.lines().nth(1).and_then(|line| line.split(',').nth(2)?.parse().ok()).expect("a force");
+    assert!((force - 2.0 * 1.10f64.sqrt() / typical).abs() < 1e-6, "{}", told.out);
+    let told = solved_on(&bench, &format!("{words} --constant-load"), "2,0.6,0.2\n", 0);
+    assert!(!told.err.contains(note), "{}", told.err);
+    assert!(!solved("solve --calibration a.csv --solver pearson", "", 0).err.contains(note));
+}
+
+#[test]
+fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
+    let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n";
+    let bench = Bench::with([("a.csv", CALIBRATION), ("flat.csv", flat)]);
+    for (words, part) in [
+        ("solve", "--calibration"),
+        ("solve --calibration none.csv", "none.csv: can't be read"),
+        ("solve --calibration .", "is no run: it has no journal.log"),
+        ("solve --calibration flat.csv --solver pearson", "flat.csv: can't be calibrated on"),
+        ("solve --calibration a.csv --solver all", "invalid value 'all'"),
+        ("solve --calibration a.csv --false-alarms 0", "expected a share between 0 and 1"),
+        ("solve --calibration a.csv --false-alarms nan", "expected a share between 0 and 1"),
+        ("solve --calibration a.csv --forces-n 1 0", "expected a force over 0 N"),
+        ("solve --calibration a.csv --forces-n 2 1", "takes the least force first"),
+        ("solve --calibration a.csv --forces-n 1 2 --constant-load", "cannot be used with"),
+        ("solve --calibration a.csv --input xml", "invalid value 'xml'"),
+    ] {
+        let told = bench.palpate_ends(2, words);
+        assert!(told.out.is_empty() && told.running().contains(part), "{words}: {told:?}");
+    }
+    bench.palpate_ends(0, "solve --calibration a.csv --forces-n 1 2 --false-alarms 0.05");
+}
+
+fn solved(words: &str, readings: &str, code: i32) -> Told {
+    solved_on(&Bench::with([("a.csv", CALIBRATION)]), words, readings, code)
+}
+
+fn solved_on(bench: &Bench, words: &str, readings: &str, code: i32) -> Told {
+    bench.write("readings", readings);
+    let input = File::open(bench.path("readings")).expect("it was written");
+    let told: Told = bench.command(words).stdin(input).output().expect("the program starts").into();
+    assert_eq!(told.code, Some(code), "palpate {words}\n{}\n{}", told.out, told.err);
+    told
+}
+
+fn started(bench: &Bench, words: &str) -> Child {
+    let mut command = bench.command(words);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts")
+}
+
+/// Header, and of each line place and force: what else is known is the method's own.
+fn places(contacts: &str) -> Vec<String> {
+    let of = |line: &str| line.split(',').take(3).collect::<Vec<_>>().join(",");
+    contacts.lines().take(1).map(str::to_owned).chain(contacts.lines().skip(1).map(of)).collect()
+}
+
+/// The third cell with its comma.
+fn third(line: &str) -> String {
+    line.split(',').nth(2).map(|cell| format!("{cell},")).unwrap_or_default()
+}
