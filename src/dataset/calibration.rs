@@ -175,8 +175,8 @@ mod tests {
 
     #[test]
     fn a_runs_calibration_is_its_unflagged_presses_by_the_load_cell() {
-        let run = run(RUN);
-        assert_eq!(forces(&calibration_of_run(&run, Load::Unknown).unwrap()), [0.8, 0.8]);
+        let presses = run(RUN);
+        assert_eq!(forces(&calibration_of_run(&presses, Load::Unknown).unwrap()), [0.8, 0.8]);
         let without = run(&RUN.replace("calibration", "teach"));
         let refusal = calibration_of_run(&without, Load::Unknown).unwrap_err();
         assert!(matches!(refusal, CalibrateError::NoPresses { phase: "calibration", flagged: 0, .. }), "{refusal}");

@@ -223,9 +223,9 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn a_run_is_held_against_the_commanded_force_and_against_the_load_cell() {
-        let run = run(RUN);
+        let presses = run(RUN);
         let layout = ArrayLayout::from_places(vec![crate::quantity::Place::new(-1.0, 0.0); 2]);
-        let evaluation = evaluate_run(&run, Some(&layout), "pearson").unwrap();
+        let evaluation = evaluate_run(&presses, Some(&layout), "pearson").unwrap();
         assert_eq!((evaluation.points, evaluation.location_error_mm.max), (1, 0.0));
         assert!((evaluation.force_error_n.unwrap().mean - 0.05).abs() < 1e-12); // 0.55 of 1 N against 0.5 N
         assert!((evaluation.force_error_load_cell_n.unwrap().mean - 0.04).abs() < 1e-12); // 0.55 of 0.8 N against 0.4 N
@@ -262,8 +262,8 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn a_solve_is_timed_only_where_that_is_asked_for() {
-        let run = run(RUN);
-        let trial = Trial::of_run(&run, None).unwrap().with_load(Load::Constant);
+        let presses = run(RUN);
+        let trial = Trial::of_run(&presses, None).unwrap().with_load(Load::Constant);
         assert_eq!(trial.evaluate("pearson").unwrap().ns_per_solve, None);
         let ns_per_solve = trial.evaluate_timed("pearson").unwrap().ns_per_solve.unwrap();
         assert!(ns_per_solve > 0.0 && ns_per_solve.is_finite());
