@@ -6,7 +6,7 @@
 use cpu_time::ProcessTime;
 use palpate::control::{Air, Lesson};
 use palpate::dataset::{
-    Contact, Durability, Ledger, Left, Origins, PressTruth, Record, Row, RunFacts, RunFolder, Session,
+    Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Record, RunFacts, RunFolder, Session,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -35,7 +35,8 @@ fn main() {
     let began = Instant::now();
     let folder = RunFolder::open(&path, &layout).expect("the run");
     let opened = began.elapsed();
-    let rows: usize = folder.contacts().expect("contacts").map(|contact| contact.expect("a contact").rows.len()).sum();
+    let rows: usize =
+        folder.contacts().expect("contacts").map(|contact| contact.expect("a contact").levels.len()).sum();
     println!("opened in {:.2} s, all {rows} rows read in {:.2} s", opened.as_secs_f64(), began.elapsed().as_secs_f64());
     let journal = std::fs::metadata(path.join("journal.log")).expect("the journal").len();
     println!("{:.0} MB of journal; peak memory {}", journal as f64 / 1e6, peak_memory());
@@ -57,29 +58,29 @@ fn written(path: &Path, layout: &ArrayLayout, durability: Durability, presses: u
 /// A press as a guarded one leaves it, with as many digits.
 fn contact(press: u64) -> Contact {
     let wave = |n: u64| (press * 7 + n * 13) as f64 * 1e-3 % 1.0 + 0.123_456_789;
-    let row = Row {
+    let row = Press {
         press,
         level: 0,
-        phase: Phase::Calibration,
+        phase: Some(Phase::Calibration),
         x_mm: -5.5,
         y_mm: 6.0,
-        force_set_n: 1.0,
-        force_n: wave(1),
-        depth_mm: wave(2),
-        t_s: 1.137 * press as f64,
+        force_set_n: Some(1.0),
+        force_n: Some(wave(1)),
+        depth_mm: Some(wave(2)),
+        t_s: Some(1.137 * press as f64),
         outputs: (0..UNITS as u64).map(wave).collect(),
         flags: Vec::new(),
-        z_mm: -wave(3),
+        z_mm: Some(-wave(3)),
     };
     let path = (0..6).map(|n| (wave(n) / 3.0, wave(n + 1) / 7.0)).collect();
     let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
     Contact {
         press,
-        rows: vec![row.rounded()],
+        levels: vec![row.rounded()],
         truth: vec![truth.rounded()],
         lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
         left: Some(Left {
-            z_mm: -wave(8) / 3.0,
+            z_mm: Some(-wave(8) / 3.0),
             air: Some(Air { mean_n: wave(9) / 900.0, sigma_n: 0.002_917_3, readings: 83 }),
         }),
     }

@@ -10,7 +10,7 @@ use std::str::FromStr;
 pub const FORMAT: u32 = 2;
 
 /// What a run is, whoever goes on with it: its first record.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunFacts {
     /// The journal's format: [`FORMAT`].
     pub format: u32,
@@ -48,11 +48,25 @@ pub enum Status {
     Failed,
 }
 
+impl Default for RunFacts {
+    fn default() -> Self {
+        RunFacts {
+            format: FORMAT,
+            recipe: String::new(),
+            sensor: None,
+            presses_planned: 0,
+            seed: 0,
+            strategy: None,
+            presses_max: None,
+            simulated: false,
+        }
+    }
+}
+
 impl RunFacts {
     /// The facts of a plan.
     pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
         RunFacts {
-            format: FORMAT,
             recipe: plan.name.clone(),
             presses_planned: plan.entries.len() as u64,
             seed: plan.seed,

@@ -10,8 +10,8 @@ mod seeds;
 use crate::support::mutation::{TEXT_MOST, rewritten};
 use feeding::{fuzz, fuzz_file, resealed};
 use palpate::dataset::readings::{Format, ReadingError, Readings};
-use palpate::dataset::table::{Table, TableError};
 use palpate::dataset::{Journal, Manifest};
+use palpate::dataset::{Presses, TableError, read_table};
 use palpate::document::Problems;
 use palpate::quantity::Axis;
 use palpate::recipe::{self, PRESSES_MAX, Plan};
@@ -74,13 +74,13 @@ fn register_maps() {
 fn tables() {
     let plain = b"x_mm,y_mm,out_1,out_2,flags\n0,0,0.1,0.2,\n1,-1,0.3,0.4,0\n2.5,1e-3,-0.3,4,stale\n".to_vec();
     let seeds = [plain, run().presses.clone()];
-    fuzz_file("tables", 10_000, &seeds, rewritten, |path, input| check_table(Table::read(path), path, input));
+    fuzz_file("tables", 10_000, &seeds, rewritten, |path, input| check_table(read_table(path), path, input));
 }
 
 #[test]
 fn presses() {
     let seeds = [run().presses.clone()];
-    fuzz_file("presses", 4000, &seeds, rewritten, |path, input| check_table(Table::read_run(path), path, input));
+    fuzz_file("presses", 4000, &seeds, rewritten, |path, input| check_table(read_table(path), path, input));
 }
 
 #[test]
@@ -190,13 +190,13 @@ fn check_problems(problems: Problems, text: &str) {
     assert!(drawn < DRAWN * DRAWN_MOST, "{drawn} bytes are drawn");
 }
 
-fn check_table(table: Result<Table, TableError>, path: &Path, input: &[u8]) {
+fn check_table(table: Result<Presses, TableError>, path: &Path, input: &[u8]) {
     match table {
         Ok(table) => {
-            assert!(!table.rows.is_empty() && table.rows.len() <= lines(input));
+            assert!(!table.presses.is_empty() && table.presses.len() <= lines(input));
             let sound =
-                |outputs: &[f64]| outputs.len() == table.units && outputs.iter().all(|output| output.is_finite());
-            assert!(table.rows.iter().all(|row| sound(&row.outputs) && row.place.x_mm.is_finite()));
+                |outputs: &[f64]| outputs.len() == table.channels && outputs.iter().all(|output| output.is_finite());
+            assert!(table.presses.iter().all(|press| sound(&press.outputs) && press.x_mm.is_finite()));
         }
         Err(error @ (TableError::TooLarge { line: None, .. } | TableError::NoRows { .. })) => {
             assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");

@@ -3,7 +3,9 @@
 use crate::HEAP;
 use crate::support::alone::ran_alone;
 use palpate::control::Lesson;
-use palpate::dataset::{Contact, End, Ledger, Origins, PressTruth, Record, Row, RunFacts, RunFolder, Session, Status};
+use palpate::dataset::{
+    Contact, End, Ledger, Origins, Press, PressTruth, Record, RunFacts, RunFolder, Session, Status,
+};
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
 
@@ -62,23 +64,23 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
 }
 
 fn contact(press: u64) -> Contact {
-    let row = Row {
+    let row = Press {
         press,
         level: 0,
-        phase: Phase::Calibration,
+        phase: Some(Phase::Calibration),
         x_mm: 1.0,
         y_mm: -1.0,
-        force_set_n: 1.0,
-        force_n: 1.0,
-        depth_mm: 0.5,
-        t_s: 3.0 * press as f64,
+        force_set_n: Some(1.0),
+        force_n: Some(1.0),
+        depth_mm: Some(0.5),
+        t_s: Some(3.0 * press as f64),
         outputs: vec![press as f64 * 1e-3; UNITS],
         flags: Vec::new(),
-        z_mm: -0.5,
+        z_mm: Some(-0.5),
     };
     let truth = PressTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
     let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
-    Contact { press, rows: vec![row.rounded()], truth: vec![truth], lesson, left: None }
+    Contact { press, levels: vec![row.rounded()], truth: vec![truth], lesson, left: None }
 }
 
 fn facts() -> RunFacts {

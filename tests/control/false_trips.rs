@@ -43,13 +43,14 @@ impl Figures {
     fn of(walks: &[&Walked], phase: Phase) -> Figures {
         let (mut errors_n, mut over_n, mut times_s) = (Vec::new(), f64::NEG_INFINITY, Vec::new());
         for walked in walks {
-            let contacts: Vec<_> = walked.ledger.contacts().filter(|contact| contact.rows[0].phase == phase).collect();
+            let contacts: Vec<_> = walked.ledger.contacts().filter(|contact| contact.levels[0].is_of(phase)).collect();
             for contact in &contacts {
-                let (row, truth) = (&contact.rows[0], &contact.truth[0]);
-                errors_n.push((truth.force_true_n - row.force_set_n).abs());
-                over_n = over_n.max(truth.force_peak_n - row.force_set_n);
+                let (force_set_n, truth) = (contact.levels[0].force_set_n.unwrap(), &contact.truth[0]);
+                errors_n.push((truth.force_true_n - force_set_n).abs());
+                over_n = over_n.max(truth.force_peak_n - force_set_n);
             }
-            times_s.extend(contacts.windows(2).map(|two| two[1].rows[0].t_s - two[0].rows[0].t_s));
+            times_s
+                .extend(contacts.windows(2).map(|two| two[1].levels[0].t_s.unwrap() - two[0].levels[0].t_s.unwrap()));
         }
         errors_n.sort_by(f64::total_cmp);
         times_s.sort_by(f64::total_cmp);

@@ -130,7 +130,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
         let errand = Errand { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(spec.open(1).expect("drivers"), errand, &mut begin).await;
         assert!(ending.halt.is_none(), "{:?}", ending.told());
-        let last_s = ledger.contacts().last().expect("a press").rows[0].t_s;
+        let last_s = ledger.contacts().last().expect("a press").levels[0].t_s.expect("a time");
         (begin.0.expect("presses") - origin).as_secs_f64()..last_s
     })
 }

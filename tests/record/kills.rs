@@ -247,7 +247,7 @@ fn journalled(bench: &Bench) -> Vec<Contact> {
 }
 
 fn rows_of(contact: &Contact) -> impl Iterator<Item = (u64, u64)> {
-    contact.rows.iter().map(|row| (row.press, row.level))
+    contact.levels.iter().map(|row| (row.press, row.level))
 }
 
 /// The lines of a table of presses without their times: these are others if there was a break.

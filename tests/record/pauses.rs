@@ -2,7 +2,7 @@
 //! stage is parked.
 
 use crate::support::walks::{bench, in_virtual_time, plan};
-use palpate::dataset::{Ledger, Memory, Record, Retouch, Row, Status};
+use palpate::dataset::{Ledger, Memory, Press, Record, Retouch, Status};
 use palpate::recipe::Plan;
 use palpate::rig::RigSpec;
 use palpate::run::{Cancel, Ending, Errand, Listener, walk};
@@ -67,9 +67,10 @@ fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut R
 
 /// From the last window of each press to the first of the next, s.
 fn gaps_s(memory: &Memory) -> Vec<f64> {
-    let rows: Vec<&[Row]> = memory.contacts().map(|contact| contact.rows.as_slice()).collect();
-    let gap_s = |two: &[&[Row]]| two[1][0].t_s - two[0].last().expect("a row").t_s;
-    rows.windows(2).map(gap_s).collect()
+    let levels: Vec<&[Press]> = memory.contacts().map(|contact| contact.levels.as_slice()).collect();
+    let t_s = |press: Option<&Press>| press.and_then(|press| press.t_s).expect("a time");
+    let gap_s = |two: &[&[Press]]| t_s(two[1].first()) - t_s(two[0].last());
+    levels.windows(2).map(gap_s).collect()
 }
 
 #[test]

@@ -242,7 +242,7 @@ fn assert_stopped_with(bench: &Bench, presses: u64) {
     let contacts = contacts(bench);
     assert_eq!(contacts.len() as u64, presses);
     for contact in &contacts {
-        assert_eq!(contact.rows.len() as u64, levels(contact.press), "press {}", contact.press);
+        assert_eq!(contact.levels.len() as u64, levels(contact.press), "press {}", contact.press);
     }
     assert!(matches!(records(bench).last(), Some(Record::End(_))), "the journal is ended");
 }

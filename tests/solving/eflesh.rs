@@ -4,7 +4,7 @@
 //! them the tests say so and pass. The expected errors were computed apart by another program.
 
 use palpate::dataset::evaluate::evaluate_tables;
-use palpate::dataset::table::Table;
+use palpate::dataset::{Press, Presses, read_table};
 use palpate::quantity::Place;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 fn every_place_calibrated_every_depth_tested() {
     let Some(data) = data("every_place_calibrated_every_depth_tested") else { return };
     let calibration = mean_of_passes(&data.join("fixed_depth.csv"));
-    let test = Table::read(&data.join("random_depth.csv")).unwrap();
-    assert_eq!((calibration.len(), test.rows.len(), test.units), (961, 4805, 15));
+    let test = read_table(&data.join("random_depth.csv")).unwrap();
+    assert_eq!((calibration.len(), test.presses.len(), test.channels), (961, 4805, 15));
     assert_mean_error(&calibration, test, 0.655);
 }
 
@@ -23,11 +23,11 @@ fn every_place_calibrated_every_depth_tested() {
 fn every_second_place_calibrated_the_others_tested() {
     let Some(data) = data("every_second_place_calibrated_the_others_tested") else { return };
     let mut calibration = mean_of_passes(&data.join("fixed_depth.csv"));
-    let mut test = Table::read(&data.join("random_depth.csv")).unwrap();
+    let mut test = read_table(&data.join("random_depth.csv")).unwrap();
     let is_calibrated = every_second(&test);
     calibration.retain(|(place, _)| is_calibrated(*place));
-    test.rows.retain(|row| !is_calibrated(row.place));
-    assert_eq!((calibration.len(), test.rows.len()), (256, 3525));
+    test.presses.retain(|row| !is_calibrated(row.place()));
+    assert_eq!((calibration.len(), test.presses.len()), (256, 3525));
     let best_mm = mean_error(&calibration, &test, "best");
     assert!(best_mm <= 0.75, "{best_mm} mm");
     assert_mean_error(&calibration, test, 1.434);
@@ -36,22 +36,22 @@ fn every_second_place_calibrated_the_others_tested() {
 #[test]
 fn one_pass_calibrated_another_tested() {
     let Some(data) = data("one_pass_calibrated_another_tested") else { return };
-    let mut table = Table::read(&data.join("fixed_depth.csv")).unwrap();
+    let mut table = read_table(&data.join("fixed_depth.csv")).unwrap();
     let is_calibrated = every_second(&table);
     // passes stand one after another, each over all places
-    let passes = table.rows.len() / 31 / 31;
+    let passes = table.presses.len() / 31 / 31;
     let of_pass = |pass: usize| pass * 31 * 31..(pass + 1) * 31 * 31;
-    let calibration: Vec<_> = table.rows[of_pass(0)].iter().map(|row| (row.place, row.outputs.clone())).collect();
+    let calibration: Vec<_> = table.presses[of_pass(0)].iter().map(|row| (row.place(), row.outputs.clone())).collect();
     let calibration: Vec<_> = calibration.into_iter().filter(|(place, _)| is_calibrated(*place)).collect();
-    table.rows = table.rows.drain(of_pass(passes - 1)).filter(|row| !is_calibrated(row.place)).collect();
-    assert_eq!((passes, calibration.len(), table.rows.len()), (5, 256, 705));
+    table.presses = table.presses.drain(of_pass(passes - 1)).filter(|row| !is_calibrated(row.place())).collect();
+    assert_eq!((passes, calibration.len(), table.presses.len()), (5, 256, 705));
     let best_mm = mean_error(&calibration, &table, "best");
     assert!(best_mm <= 0.52, "{best_mm} mm");
 }
 
 /// Whether a place is one of every second row and column of a table's grid of 1 mm.
-fn every_second(table: &Table) -> impl Fn(Place) -> bool + use<> {
-    let least = |of: fn(Place) -> f64| table.rows.iter().map(|row| of(row.place)).fold(f64::MAX, f64::min);
+fn every_second(table: &Presses) -> impl Fn(Place) -> bool + use<> {
+    let least = |of: fn(Place) -> f64| table.presses.iter().map(|row| of(row.place())).fold(f64::MAX, f64::min);
     let (x_least_mm, y_least_mm) = (least(|place| place.x_mm), least(|place| place.y_mm));
     let is_even = |from_mm: f64, mm: f64| ((mm - from_mm).round() as i64) % 2 == 0;
     move |place| is_even(x_least_mm, place.x_mm) && is_even(y_least_mm, place.y_mm)
@@ -76,37 +76,35 @@ fn data(test: &str) -> Option<PathBuf> {
 /// Each place of a table, and the mean of its outputs over the passes.
 fn mean_of_passes(path: &Path) -> Vec<(Place, Vec<f64>)> {
     let mut places: BTreeMap<(i64, i64), Vec<_>> = BTreeMap::new();
-    for row in Table::read(path).unwrap().rows {
-        places.entry((row.place.x_mm.round() as i64, row.place.y_mm.round() as i64)).or_default().push(row);
+    for row in read_table(path).unwrap().presses {
+        places.entry((row.x_mm.round() as i64, row.y_mm.round() as i64)).or_default().push(row);
     }
-    let mean = |rows: &[palpate::dataset::table::Row], unit: usize| {
-        rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / rows.len() as f64
-    };
-    let place = |rows: Vec<palpate::dataset::table::Row>| {
-        assert_eq!(rows.len(), 5, "passes over line {}", rows[0].line);
-        (rows[0].place, (0..rows[0].outputs.len()).map(|unit| mean(&rows, unit)).collect())
+    let mean = |rows: &[Press], unit: usize| rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / rows.len() as f64;
+    let place = |rows: Vec<Press>| {
+        assert_eq!(rows.len(), 5, "passes over row {}", rows[0].press);
+        (rows[0].place(), (0..rows[0].outputs.len()).map(|unit| mean(&rows, unit)).collect())
     };
     places.into_values().map(place).collect()
 }
 
-fn assert_mean_error(calibration: &[(Place, Vec<f64>)], test: Table, golden_mm: f64) {
+fn assert_mean_error(calibration: &[(Place, Vec<f64>)], test: Presses, golden_mm: f64) {
     let mean_mm = mean_error(calibration, &test, "pearson");
     assert!((mean_mm - golden_mm).abs() < 0.01, "{mean_mm} mm instead of {golden_mm} mm");
 }
 
 /// Evaluates as a user would, from a table on disk: mean location error, mm.
-fn mean_error(calibration: &[(Place, Vec<f64>)], test: &Table, solver: &str) -> f64 {
+fn mean_error(calibration: &[(Place, Vec<f64>)], test: &Presses, solver: &str) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.csv");
     let mut writer = csv::Writer::from_path(&path).unwrap();
-    let outputs = (1..=test.units).map(|unit| format!("out_{unit}"));
+    let outputs = (1..=test.channels).map(|unit| format!("out_{unit}"));
     writer.write_record(["x_mm", "y_mm"].map(str::to_owned).into_iter().chain(outputs)).unwrap();
     for (place, outputs) in calibration {
         let numbers = [place.x_mm, place.y_mm];
         writer.write_record(numbers.iter().chain(outputs).map(f64::to_string)).unwrap();
     }
     writer.flush().unwrap();
-    let evaluation = evaluate_tables(&Table::read(&path).unwrap(), test, solver).unwrap();
+    let evaluation = evaluate_tables(&read_table(&path).unwrap(), test, solver).unwrap();
     assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
     let mean_mm = evaluation.location_error_mm.mean;
     println!("{} of {} points: mean location error {mean_mm:.4} mm", evaluation.solver, evaluation.points);

@@ -6,8 +6,7 @@
 
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate::dataset::evaluate::evaluate_run;
-use palpate::dataset::table::Table;
-use palpate::dataset::{Contact, Origins, RunFacts, RunFolder, Session, Status};
+use palpate::dataset::{Contact, Origins, Presses, RunFacts, RunFolder, Session, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
 use palpate::run::{Cancel, Errand, Listener, estimated_s, walk};
@@ -36,7 +35,7 @@ impl Listener for Silent {}
 /// A finished run: its rig, its table and what really happened.
 struct Whole {
     spec: RigSpec,
-    table: Table,
+    presses: Presses,
     contacts: Vec<Contact>,
     /// How long it took over how long it was said to take.
     over_estimate: f64,
@@ -58,14 +57,14 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();
-    let table = Table::read_run(&out.join("presses.csv")).unwrap();
+    let presses = folder.presses().unwrap();
     let over_estimate = folder.manifest().virtual_s / estimated_s(&plan.entries, &spec);
-    Whole { spec, table, contacts: folder.contacts().unwrap().map(Result::unwrap).collect(), over_estimate }
+    Whole { spec, presses, contacts: folder.contacts().unwrap().map(Result::unwrap).collect(), over_estimate }
 }
 
 impl Whole {
     fn evaluation(&self) -> Evaluation {
-        evaluate_run(&self.table, Some(&self.spec.array.layout), "pearson").unwrap()
+        evaluate_run(&self.presses, Some(&self.spec.array.layout), "pearson").unwrap()
     }
 }
 
@@ -112,7 +111,7 @@ struct Outcome {
 fn outcome(seed: u64) -> Outcome {
     let run = whole(SIM_RIG, PAPER, seed);
     let evaluation = run.evaluation();
-    let staircases = Staircases::of_run(&run.table, &run.spec.array.layout).unwrap();
+    let staircases = Staircases::of_run(&run.presses, &run.spec.array.layout).unwrap();
     let units = characterise(&staircases, Repeatability::ThreeSd);
     let truths = || run.contacts.iter().flat_map(|contact| &contact.truth);
     Outcome {

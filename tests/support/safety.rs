@@ -123,8 +123,8 @@ impl Bench {
         assert!(depth_mm <= limits.depth_mm, "{told}: {depth_mm} mm");
         assert_eq!(self.folder.manifest().presses_done, self.plan.entries.len() as u64, "{told}");
         for (entry, contact) in self.plan.entries.iter().zip(self.contacts()) {
-            for (row, truth) in contact.rows.iter().zip(&contact.truth) {
-                let error_n = truth.force_true_n - row.force_set_n;
+            for (row, truth) in contact.levels.iter().zip(&contact.truth) {
+                let error_n = truth.force_true_n - row.force_set_n.unwrap();
                 assert!(
                     error_n.abs() <= entry.task.force_tolerance_n,
                     "{told}: level {} of press {} off by {error_n} N",

@@ -4,7 +4,7 @@ use super::RECIPE;
 use super::far::{Fate, beset};
 use crate::support::phases::{Phase, Watcher};
 use crate::support::walks::{Worst, in_virtual_time};
-use palpate::dataset::{Contact, Origins, RunFacts, RunFolder, Session};
+use palpate::dataset::{Contact, Manifest, Origins, RunFacts, RunFolder, Session};
 use palpate::emulator::Shared;
 use palpate::recipe::{Entry, Plan};
 use palpate::rig::RigSpec;
@@ -56,7 +56,7 @@ impl Kept {
         let path = folder.path().to_owned();
         drop(folder); // a run has one writer
         let mut folder = RunFolder::open(&path, &spec.array.layout).expect("a run that was kept");
-        folder.go_on(Session::default()).expect("a run that goes on");
+        folder.go_on(Session::default(), "").expect("a run that goes on");
         Kept { folder, home }
     }
 
@@ -92,7 +92,7 @@ impl Kept {
     ) -> impl Iterator<Item = String> + use<> {
         let mut wrong = Vec::new();
         let mut check = |right: bool, told: String| wrong.extend((!right).then_some(told));
-        let manifest = RunFolder::read_manifest(self.folder.path()).expect("a manifest");
+        let manifest = Manifest::read(&self.folder.path().join("manifest.json")).expect("a manifest");
         check(manifest.status == ending.status(), format!("the manifest says {:?}", manifest.status));
         check(manifest.failure == ending.told(), format!("the manifest tells {:?}", manifest.failure));
         let mut expected = contacts.to_vec();
@@ -100,7 +100,7 @@ impl Kept {
         let journal: Vec<Contact> = self.folder.contacts().expect("a journal").map(Result::unwrap).collect();
         check(journal == expected, "the journal holds other contacts".to_owned());
         let rows: Vec<(u64, u64)> =
-            expected.iter().flat_map(|contact| contact.rows.iter().map(|row| (row.press, row.level))).collect();
+            expected.iter().flat_map(|contact| contact.levels.iter().map(|row| (row.press, row.level))).collect();
         check(self.rows() == rows, format!("presses.csv holds {:?}, not {rows:?}", self.rows()));
         if ending.halt.is_none() {
             let levels =
