@@ -1,8 +1,8 @@
 //! A device is lost in the middle of a press: unplugged, silent or garbled from one message on, whatever the press is at. The
 //! run ends by itself and says which device, nothing is hurt, what was recorded stays, and the run goes on when it is back.
 //!
-//! `PALPATE_UNPLUGGED=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase of a
-//! press, `all` at every message.
+//! `PALPATE_UNPLUGGED=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase
+//! of a press, `all` at every message.
 
 mod far;
 mod kept;
