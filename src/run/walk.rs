@@ -10,6 +10,7 @@ use crate::quantity::Place;
 use crate::recipe::{Entry, Plan};
 use crate::rig::{OpenRig, RigSpec};
 use std::collections::VecDeque;
+use std::pin::Pin;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -66,7 +67,17 @@ pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
 }
 
 /// The same on a rig that is open already.
-pub async fn walk_on(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
+///
+/// It is boxed so that the library compiles it once: what is `async` is compiled again in each program that awaits it.
+pub fn walk_on<'w, 'e: 'w>(
+    rig: OpenRig,
+    errand: Errand<'e>,
+    listener: &'w mut dyn Listener,
+) -> Pin<Box<dyn Future<Output = Ending> + 'w>> {
+    Box::pin(walk_from(rig, errand, listener))
+}
+
+async fn walk_from(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
     let Errand { plan, spec, ledger, cancel, shown } = errand;
     let past = match Past::of(ledger, spec.frame.uncertainty_mm) {
         Ok(past) => past,

@@ -6,6 +6,7 @@
 use crate::HEAP;
 use crate::support::alone::ran_alone;
 use crate::support::mutation::{INPUT_MOST, mutated};
+use crate::support::skips::asked;
 use palpate::device::{Reins, Stage};
 use palpate::driver::grbl::parse_report;
 use palpate::driver::modbus::{Client, Function, Profile, Transport};
@@ -130,7 +131,7 @@ fn bytes<'a>(seeds: &[&'a str]) -> Vec<&'a [u8]> {
 
 /// Feeds a parser, and says how much and how fast.
 fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
-    let inputs = std::env::var("PALPATE_FUZZ").ok().and_then(|inputs| inputs.parse().ok()).unwrap_or(INPUTS);
+    let inputs = asked("PALPATE_FUZZ").and_then(|inputs| inputs.parse().ok()).unwrap_or(INPUTS);
     let mut rng = stream(1, 0, name);
     let mut input = Vec::with_capacity(2 * INPUT_MOST);
     parse(seeds[0]); // what it holds for good, it holds by now

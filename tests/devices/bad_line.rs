@@ -7,6 +7,7 @@ mod readers;
 mod stages;
 
 use crate::support::alone::ran_alone;
+use crate::support::skips::asked;
 use crate::support::walks::{in_parallel, in_virtual_time};
 use palpate::rig::{self, RigSpec};
 use palpate::scene::{Contact, Latencies};
@@ -215,7 +216,7 @@ fn nothing_that_can_be_told_from_the_truth_is_taken_for_it() {
     if ran_alone("bad_line::nothing_that_can_be_told_from_the_truth_is_taken_for_it") {
         return;
     }
-    let runs = std::env::var("PALPATE_BAD_LINE").ok().and_then(|runs| runs.parse().ok()).unwrap_or(RUNS);
+    let runs = asked("PALPATE_BAD_LINE").and_then(|runs| runs.parse().ok()).unwrap_or(RUNS);
     campaign(runs / 20, false); // what is judged here holds on a good line
     campaign(runs, true);
 }

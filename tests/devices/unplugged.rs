@@ -1,13 +1,14 @@
 //! A device is lost in the middle of a press: unplugged, silent or garbled from one message on, whatever the press is at. The
 //! run ends by itself and says which device, nothing is hurt, what was recorded stays, and the run goes on when it is back.
 //!
-//! `PALPATE_UNPLUGGED=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase of a
-//! press, `all` at every message.
+//! `PALPATE_UNPLUGGED=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase
+//! of a press, `all` at every message.
 
 mod far;
 mod kept;
 
 use crate::support::phases::Phase;
+use crate::support::skips;
 use crate::support::walks::{Worst, bench, in_parallel, plan};
 use far::{Fate, Loss};
 use kept::{Kept, Walked};
@@ -115,7 +116,7 @@ fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing(
 }
 
 fn setups() -> Vec<Setup> {
-    let asked = std::env::var("PALPATE_UNPLUGGED").ok();
+    let asked = skips::asked("PALPATE_UNPLUGGED");
     let asked = asked.map(|asked| if asked == "all" { usize::MAX } else { asked.parse().expect("a number, or all") });
     let losses = asked.unwrap_or(LOSSES);
     let every = |every| if asked.is_some() { 1 } else { every };

@@ -4,8 +4,9 @@
 //! `PALPATE_PYTHON` too.
 #![cfg(target_os = "linux")]
 
-use crate::support::python::{Python, said, skipped};
+use crate::support::python::{Python, said};
 use crate::support::served::Served;
+use crate::support::skips::skipped;
 use crate::support::{Bench, exchanged, shared_library, shipped_text};
 use palpate::device::{DeviceError, Identity, LoadCell, Problem, SensorArray};
 use palpate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};

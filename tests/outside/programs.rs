@@ -4,8 +4,9 @@
 //! itself; without them it says that it is skipped, and passes.
 #![cfg(unix)]
 
-use crate::support::python::{Python, said, skipped};
+use crate::support::python::{Python, said};
 use crate::support::served::Served;
+use crate::support::skips::skipped;
 use crate::support::{Bench, exchanged, shipped, shipped_text};
 use std::process::Command;
 

@@ -3,6 +3,7 @@
 //!
 //! The screenshots are left in the folder that is printed, for a person to look at.
 
+use crate::support::skips::skipped;
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 use serde_json::Value;
 use std::ffi::OsString;
@@ -129,7 +130,8 @@ impl Browser {
         let named = std::env::var_os("PALPATE_BROWSER").map(PathBuf::from);
         let on_path = BROWSERS.iter().flat_map(|name| std::env::split_paths(&path).map(move |at| at.join(name)));
         let Some(program) = named.or_else(|| on_path.into_iter().find(|program| program.is_file())) else {
-            println!("skipped: no browser ({}) is there; PALPATE_BROWSER can name one", BROWSERS.join(", "));
+            let reason = format!("no browser ({}) is there; PALPATE_BROWSER can name one", BROWSERS.join(", "));
+            skipped("pages in a browser", &reason);
             return None;
         };
         let album = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pages");

@@ -5,8 +5,8 @@
 //! (`cc`) these tests say that they are skipped, and pass. `PALPATE_DISK=all` goes through more kinds of failure.
 #![cfg(target_os = "linux")]
 
-use crate::support::python::skipped;
 use crate::support::rows::{self, json, kept, numbered};
+use crate::support::skips::{asked, skipped};
 use crate::support::{Bench, Told, shared_library, shipped_text};
 use serde_json::Value;
 use std::fs::{self, Permissions};
@@ -156,7 +156,7 @@ fn bench(start: &Start) -> Bench {
 fn assert_every_call_may_fail(test: &str, start: &Start) {
     let shelf = Bench::new();
     let Some(library) = library(test, &shelf) else { return };
-    let more: &[_] = if std::env::var("PALPATE_DISK").is_ok_and(|all| all == "all") { &MORE_FAILURES } else { &[] };
+    let more: &[_] = if asked("PALPATE_DISK").is_some_and(|all| all == "all") { &MORE_FAILURES } else { &[] };
     let files = names(&whole(), RUN);
     let (mut failed, mut violations) = (0, Vec::new());
     for (mode, errno) in FAILURES.iter().chain(more) {

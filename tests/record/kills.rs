@@ -8,6 +8,7 @@ mod tally;
 mod trial;
 
 use crate::support::rows::{self, Kept, numbered};
+use crate::support::skips::asked;
 use crate::support::{Bench, shipped_text};
 use palpate::dataset::{Contact, Journal};
 use serde_json::Value;
@@ -87,7 +88,7 @@ fn a_journal_cut_at_any_byte_of_its_last_records_is_finished_by_resume() {
 }
 
 fn kills_wanted() -> usize {
-    std::env::var("PALPATE_KILLS").map_or(KILLS, |kills| kills.parse().expect("PALPATE_KILLS is a number"))
+    asked("PALPATE_KILLS").map_or(KILLS, |kills| kills.parse().expect("PALPATE_KILLS is a number"))
 }
 
 /// Does the same on some threads at once; what they counted is added up.

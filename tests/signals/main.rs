@@ -11,10 +11,10 @@ use serde_json::Value;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
-use support::python::skipped;
 use support::rows::{json, numbered, table};
+use support::skips::skipped;
 use support::{Bench, LONG, LONG_PRESSES, Live, Told};
-use terminal::{Terminal, signal, spawned, wait};
+use terminal::{Terminal, heed_hangups, signal, spawned, wait};
 
 /// What the recipe begins with.
 const STAIRCASES: u64 = 2;
@@ -63,6 +63,7 @@ fn two_interrupts_stop_in_the_middle_of_the_press() {
 
 #[test]
 fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
+    heed_hangups();
     for name in ["TERM", "HUP"] {
         let bench = Bench::with([("r.toml", LONG)]);
         let live = Live::start(bench.command(RUN));
@@ -106,6 +107,7 @@ fn a_closed_terminal_stops_and_parks() {
     if !terminal::has_ctty() {
         return skipped("a closed terminal", "there is no setsid that gives a program a controlling terminal");
     }
+    heed_hangups();
     let bench = Bench::with([("r.toml", LONG)]);
     let mut terminal = Terminal::open();
     // at the head of a session of its own, with this terminal: it is who is told when the terminal closes

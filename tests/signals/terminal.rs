@@ -8,6 +8,8 @@ use std::sync::Mutex;
 use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
+use tokio::runtime::Builder;
+use tokio::signal::unix::{self as signals, SignalKind};
 
 /// Longest wait for a program to say or do the next thing: many times what any takes, and an end for one that hangs.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -79,6 +81,15 @@ impl Terminal {
             Err(_) => false, // how Linux tells that nobody is there
         }
     }
+}
+
+/// Has programs that are started from here begin with hangups not ignored. Where `nohup` or a service started the tests, they are
+/// ignored, and every program inherits that; a signal that is caught here is nobody else's matter.
+pub fn heed_hangups() {
+    let runtime = Builder::new_current_thread().enable_io().build().expect("a runtime");
+    let _inside = runtime.enter();
+    // it stays caught for as long as this process lives
+    drop(signals::signal(SignalKind::hangup()).expect("hangups can be caught"));
 }
 
 /// Starts a program.

@@ -3,11 +3,11 @@
 //! The data are no part of the project: they are looked for in `$PALPATE_DATA`, else beside the checkout, and without
 //! them the tests say so and pass. The expected errors were computed apart by another program.
 
+use crate::support::skips::skipped;
 use palpate::dataset::evaluate::evaluate_tables;
 use palpate::dataset::{Press, Presses, read_table};
 use palpate::quantity::Place;
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 #[test]
@@ -64,12 +64,7 @@ fn data(test: &str) -> Option<PathBuf> {
     if folder.join("fixed_depth.csv").is_file() && folder.join("random_depth.csv").is_file() {
         return Some(folder);
     }
-    // written past the test runner, which keeps the prints of a test that passes to itself
-    let _ = writeln!(
-        std::io::stderr(),
-        "skipped: {test}: no eFlesh tables in {} (set PALPATE_DATA to the folder that has them)",
-        folder.display()
-    );
+    skipped(test, &format!("no eFlesh tables in {} (set PALPATE_DATA to the folder that has them)", folder.display()));
     None
 }
 

@@ -4,6 +4,7 @@
 //! 20 seeds, what the paper reports must lie where its own Table 1 puts it. See the numbers with
 //! `cargo test --release --test solving paper:: -- --nocapture`.
 
+use crate::support::skips::skipped;
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate::dataset::evaluate::evaluate_run;
 use palpate::dataset::{Contact, Origins, Presses, RunFacts, RunFolder, Session, Status};
@@ -126,11 +127,10 @@ fn outcome(seed: u64) -> Outcome {
 
 #[test]
 fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
-    let mut told = std::io::stderr();
     if cfg!(debug_assertions) {
-        let _ = writeln!(told, "skipped: the paper's protocol over 20 seeds: without optimisation it takes minutes");
-        return;
+        return skipped("the paper's protocol over 20 seeds", "without optimisation it takes minutes");
     }
+    let mut told = std::io::stderr();
     let halves = [1..=10, 11..=20].map(|seeds| std::thread::spawn(move || seeds.map(outcome).collect::<Vec<_>>()));
     let outcomes: Vec<Outcome> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
     let mean = |of: &dyn Fn(&Outcome) -> f64| outcomes.iter().map(of).sum::<f64>() / outcomes.len() as f64;

@@ -11,6 +11,7 @@ pub mod rows;
 pub mod safety;
 pub mod served;
 pub mod skins;
+pub mod skips;
 pub mod walks;
 
 use serde_json::Value;
@@ -202,7 +203,7 @@ pub fn shared_library(test: &str, bench: &Bench, name: &str, source: &str, words
     compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-o"]);
     match compiler.arg(&path).arg(shipped(source)).args(words).output() {
         Err(error) => {
-            python::skipped(test, &format!("cc: {error}"));
+            skips::skipped(test, &format!("cc: {error}"));
             None
         }
         Ok(output) => {

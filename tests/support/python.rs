@@ -2,9 +2,9 @@
 //!
 //! Neither it nor any package is needed to build or test the project: what isn't there is skipped, and said to be.
 
+use super::skips::skipped;
 use super::{Live, Told, shipped};
 use std::ffi::{OsStr, OsString};
-use std::io::Write;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
@@ -14,12 +14,6 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// An interpreter that has what a test needs.
 pub struct Python {
     interpreter: OsString,
-}
-
-/// Says past the test runner, which keeps the prints of a test that passes to itself, that one is skipped.
-pub fn skipped(test: &str, reason: &str) {
-    // its only error is that nobody listens
-    let _ = writeln!(std::io::stderr(), "skipped: {test}: {reason}");
 }
 
 impl Python {

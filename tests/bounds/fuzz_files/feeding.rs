@@ -3,6 +3,7 @@
 use super::FILE;
 use crate::HEAP;
 use crate::support::mutation::rewritten;
+use crate::support::skips::asked;
 use cpu_time::ThreadTime;
 use palpate::quantity::{Stream, stream};
 use rand::RngExt;
@@ -50,7 +51,7 @@ fn fuzz_with(
     mut read: impl FnMut(&[u8]),
 ) {
     // for so long of the processor's time, or so many of them
-    let minutes = std::env::var("PALPATE_FUZZ_MINUTES").ok().and_then(|minutes| minutes.parse::<f64>().ok());
+    let minutes = asked("PALPATE_FUZZ_MINUTES").and_then(|minutes| minutes.parse::<f64>().ok());
     let few = if cfg!(debug_assertions) { inputs / 20 } else { inputs };
     let (mut rng, mut input, mut longest_s) = (stream(1, 0, name), Vec::new(), 0.0f64);
     let (began, cpu_began, mut inputs) = (Wall::now(), ThreadTime::now(), 0);
