@@ -1,4 +1,6 @@
-use crate::document::{Problem, Table, with_nearest};
+//! A register map that a rig names.
+
+use crate::document::{Key, Problem, Table, with_nearest};
 use crate::driver::modbus::{Profile, SHIPPED};
 
 /// A Modbus register map and where it came from.
@@ -17,13 +19,14 @@ pub(super) type Beside<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 
 /// `modbus = "NAME"`, a map that came with the program or a file beside the rig's.
 pub(super) fn read_map(
-    driver: &mut Table,
+    driver: &Table,
+    key: &Key,
     part: &str,
     fits: impl Fn(&Profile) -> bool,
     beside: Beside,
 ) -> Option<MappedDevice> {
-    let span = driver.span_of("modbus");
-    let name = driver.text("modbus")?;
+    let span = driver.span_of(key);
+    let name = driver.text(key)?;
     let map = if let Some(profile) = Profile::shipped(name) {
         MappedDevice { name: name.to_owned(), profile, own_text: None }
     } else {

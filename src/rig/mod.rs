@@ -4,10 +4,12 @@
 //! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
 
 mod driver;
+mod keys;
 mod map;
 mod open;
 mod parse;
 mod scene;
+mod scene_keys;
 mod simulated;
 mod skin;
 
@@ -18,9 +20,13 @@ pub use parse::parse;
 pub use simulated::{EmulatedDevice, FarEnd, SceneProbe, SimulatedRig};
 
 use crate::control::Timing;
+use crate::document::Keys;
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
 use crate::scene::SceneSpec;
 use crate::wire::Link;
+
+/// Every key that a rig may have.
+pub const KEYS: Keys = keys::root::KEYS;
 
 /// The paper's rig, simulated, as it is shipped.
 pub const SIM_RIG: &str = include_str!("../../rigs/sim.toml");
