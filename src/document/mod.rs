@@ -4,12 +4,14 @@
 //! [`Table`]: each question for a key either answers or records a [`Problem`] and goes on, so that a person sees all that is
 //! wrong at once, with the line, what was expected and the nearest right spelling.
 
+mod difference;
 mod key;
 mod problem;
 #[cfg(test)]
 pub(crate) mod sample;
 mod table;
 
+pub use difference::{Change, Given, differences};
 pub use key::{Absent, Case, Key, Keys, Kind, Listed, Value};
 pub(crate) use key::{keys, row, words};
 pub(crate) use problem::printable;
@@ -18,6 +20,7 @@ pub use table::{Bounds, Span, Table};
 pub(crate) use table::{all, with_nearest};
 
 use problem::Collector;
+use toml::Spanned;
 use toml::de::DeTable;
 use toml_parser::Source;
 use toml_parser::lexer::TokenKind;
@@ -45,26 +48,10 @@ pub fn read<T>(
     keys: &'static Keys,
     read: impl FnOnce(&Table) -> Option<T>,
 ) -> Result<T, Problems> {
-    let collector = Collector::default();
-    if text.len() > TEXT_MAX_BYTES {
-        collector.add(Problem::new(0..0, format!("the text is {} bytes long, over {TEXT_MAX_BYTES}", text.len())));
-        return Err(collector.into_problems(name, ""));
-    }
-    if let Some(at) = too_deep(text) {
-        let problem = Problem::new(at..at + 1, format!("not TOML: over {DEPTH_MAX} brackets are open here"));
-        collector.add(problem.help("close each `[` and `{`"));
-        return Err(collector.into_problems(name, text));
-    }
-    let (root, errors) = DeTable::parse_recoverable(text);
-    for error in &errors {
-        let place = error.span().unwrap_or(0..0);
-        collector.add(Problem::new(place, format!("not TOML: {}", error.message())));
-    }
-    if !errors.is_empty() {
-        return Err(collector.into_problems(name, text));
-    }
+    let root = parsed(name, text)?;
     #[cfg(test)]
     let _reading = sample::Reading::begin();
+    let collector = Collector::default();
     let table = Table::root(&root, keys, &collector);
     table.check_names();
     let value = read(&table);
@@ -76,8 +63,29 @@ pub fn read<T>(
 
 /// Whether a text has a key of this name outside its tables; not where it isn't TOML.
 pub fn has_key(text: &str, name: &str) -> bool {
-    let is_readable = text.len() <= TEXT_MAX_BYTES && too_deep(text).is_none();
-    is_readable && DeTable::parse(text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
+    parsed("", text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
+}
+
+/// A text as TOML.
+fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
+    if text.len() > TEXT_MAX_BYTES {
+        let problem = Problem::new(0..0, format!("the text is {} bytes long, over {TEXT_MAX_BYTES}", text.len()));
+        return Err(Problems::new(name, "", vec![problem]));
+    }
+    if let Some(at) = too_deep(text) {
+        let problem = Problem::new(at..at + 1, format!("not TOML: over {DEPTH_MAX} brackets are open here"));
+        return Err(Problems::new(name, text, vec![problem.help("close each `[` and `{`")]));
+    }
+    let (root, errors) = DeTable::parse_recoverable(text);
+    if errors.is_empty() {
+        return Ok(root);
+    }
+    let collector = Collector::default();
+    for error in &errors {
+        let place = error.span().unwrap_or(0..0);
+        collector.add(Problem::new(place, format!("not TOML: {}", error.message())));
+    }
+    Err(collector.into_problems(name, text))
 }
 
 /// Where the first bracket opens that is too deep within others. One of the other kind closes nothing.

@@ -3,6 +3,7 @@
 //! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
 //! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
 
+mod compare;
 mod driver;
 mod keys;
 mod map;
@@ -13,6 +14,7 @@ mod scene_keys;
 mod simulated;
 mod skin;
 
+pub use compare::{Difference, Verdict, differences};
 pub use driver::{ArrayDriver, LoadCellDriver, StageDriver};
 pub use map::MappedDevice;
 pub use open::OpenRig;
