@@ -91,6 +91,11 @@ impl<'d> Table<'d> {
         self.find(key.name).is_some_and(|value| value.get_ref().is_str())
     }
 
+    /// Whether the key is there and just this string.
+    pub fn text_is(&self, key: &Key, text: &str) -> bool {
+        self.find(key.name).and_then(|value| value.get_ref().as_str()) == Some(text)
+    }
+
     /// Where the key's value stands; the table's own place without it.
     pub fn span_of(&self, key: &Key) -> Span {
         self.find(key.name).map_or(self.span(), |value| value.span())

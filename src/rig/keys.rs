@@ -1,6 +1,6 @@
 //! The keys of a rig but for its scene's, table by table.
 
-use super::driver::{array_driver, load_cell_driver, stage_driver};
+use super::family::choices;
 use super::scene_keys::scene;
 use crate::document::{Bounds, keys, words};
 use crate::quantity::Down;
@@ -39,7 +39,7 @@ keys! {
 keys! {
     /// `[stage]`
     stage {
-        driver: stage_driver::KIND, Refused, "the family of the controller, and what its driver needs", "\"esp301\"";
+        driver: choices::stage::KIND, Refused, "the family of the controller, and what its driver needs", "\"esp301\"";
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB0?baud=921600\"";
         travel_mm: Table(&travel_mm::KEYS), Refused, "how far the axes may go";
         speed_mm_s: Number(SPEED), or(10.0), "the fastest speed to be used; contact is approached more slowly", "10.0";
@@ -54,7 +54,7 @@ const LINK: &str = "where it is, or \"sim\"; a program is its own link";
 keys! {
     /// `[load_cell]`
     load_cell {
-        driver: load_cell_driver::KIND, Refused, "the family of the transmitter, and what its driver needs",
+        driver: choices::load_cell::KIND, Refused, "the family of the transmitter, and what its driver needs",
             "{ modbus = \"generic-rs485\" }";
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB1?baud=115200\"";
         conversions_hz: Number(CONVERSIONS), Refused, "how often it has a new reading", "200.0";
@@ -65,7 +65,7 @@ keys! {
 keys! {
     /// `[array]`
     array {
-        driver: array_driver::KIND, Refused, "the family of the converter, and what its driver needs",
+        driver: choices::array::KIND, Refused, "the family of the converter, and what its driver needs",
             "{ modbus = \"labjack-t7\" }";
         link: Text, Allowed, LINK, "\"tcp://192.168.1.10:502\"";
         range_v: Number(OUTPUT_RANGE), Allowed,

@@ -5,8 +5,8 @@
 
 mod compare;
 mod driver;
+mod family;
 mod keys;
-mod map;
 mod open;
 mod parse;
 mod scene;
@@ -15,9 +15,10 @@ mod simulated;
 mod skin;
 
 pub use compare::{Difference, Verdict, differences};
-pub use driver::{ArrayDriver, LoadCellDriver, StageDriver};
-pub use map::MappedDevice;
-pub use open::OpenRig;
+pub use family::{
+    ArrayDriver, Driver, FAMILIES, Family, Links, LoadCellDriver, MappedDevice, Misfit, Role, StageDriver,
+};
+pub use open::{OpenRig, Wiring};
 pub use parse::parse;
 pub use simulated::{EmulatedDevice, FarEnd, SceneProbe, SimulatedRig};
 
@@ -26,6 +27,7 @@ use crate::document::Keys;
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
 use crate::scene::SceneSpec;
 use crate::wire::Link;
+use std::sync::Arc;
 
 /// Every key that a rig may have.
 pub const KEYS: Keys = keys::root::KEYS;
@@ -57,7 +59,7 @@ pub struct RigSpec {
 #[derive(Clone, Debug)]
 pub struct StageSpec {
     /// Which driver.
-    pub driver: StageDriver,
+    pub driver: Arc<dyn StageDriver>,
     /// Where it is.
     pub link: Link,
     /// How far the axes may go.
@@ -74,7 +76,7 @@ pub struct StageSpec {
 #[derive(Clone, Debug)]
 pub struct LoadCellSpec {
     /// Which driver.
-    pub driver: LoadCellDriver,
+    pub driver: Arc<dyn LoadCellDriver>,
     /// Where it is.
     pub link: Link,
     /// Conversions a second.
@@ -87,7 +89,7 @@ pub struct LoadCellSpec {
 #[derive(Clone, Debug)]
 pub struct ArraySpec {
     /// Which driver.
-    pub driver: ArrayDriver,
+    pub driver: Arc<dyn ArrayDriver>,
     /// Where it is.
     pub link: Link,
     /// Where its units are, in channel order.

@@ -1,17 +1,14 @@
 //! A rig's text, read into a [`RigSpec`].
 
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
+use super::family::{Beside, Driver};
 use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
-use super::map::Beside;
 use super::scene::{paper_scene, read_scene};
-use super::{ArrayDriver, ArraySpec, LoadCellDriver, LoadCellSpec, RigSpec, StageDriver, StageSpec};
+use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
-use crate::document::{self, Problem, Problems, Table};
+use crate::document::{self, Problem, Problems, Span, Table};
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel};
 use crate::wire::Link;
-
-/// Where an XPS' axes are after their search for home (VP-25XL: its switch is in the middle), mm.
-const XPS_HOME_MM: f64 = 0.0;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
 /// maps of the user's own.
@@ -25,7 +22,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         return Err(Problems::new(file, text, vec![problem]));
     }
     document::read(file, text, &root::KEYS, |table| {
-        let stage = table.table(&root::stage).and_then(|table| read_stage(&table));
+        let stage = table.table(&root::stage).and_then(|table| read_stage(&table, beside));
         let load_cell = table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside));
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
         let limits = table.table(&root::limits).and_then(|table| read_limits(&table));
@@ -50,8 +47,8 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
     })
 }
 
-fn read_stage(table: &Table) -> Option<StageSpec> {
-    let driver = read_stage_driver(table);
+fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
+    let driver = read_stage_driver(table, beside);
     let travel = table.table(&stage::travel_mm).and_then(|table| {
         let axes = [travel_mm::x, travel_mm::y, travel_mm::z].map(|axis| table.range(&axis));
         let [Some(x), Some(y), Some(z)] = axes else { return None };
@@ -94,31 +91,17 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
         }
     };
     let layout_key = if table.has(&array::grid) { array::grid } else { array::places_mm };
-    let layout_span = table.span_of(&layout_key);
-    if let (Some((driver, _)), Some(layout)) = (&driver, &layout) {
-        let units = layout.len();
-        let problem = match driver {
-            _ if layout.is_empty() => Some(Problem::new(layout_span, "an array without units")),
-            ArrayDriver::Modbus(map) => {
-                let most = map.profile.outputs.as_ref().map_or(0, |outputs| outputs.count_max);
-                let told = format!("{units} units, but {} has {most} outputs", map.profile.name);
-                let help = "a register map of your own may have more, on real links only: it has no emulator";
-                (units > most).then(|| Problem::new(layout_span, told).help(help))
-            }
-            ArrayDriver::Daqmx(inputs) => {
-                let told = format!("{units} units, but \"{}\" is {} inputs", inputs.physical, inputs.count);
-                (units != inputs.count).then(|| Problem::new(layout_span, told))
-            }
-            ArrayDriver::Process => None,
-        };
-        problem.into_iter().for_each(|problem| table.complain(problem));
+    let misfit = match (&driver, &layout) {
+        (_, Some(layout)) if layout.is_empty() => Some(("an array without units".to_owned(), None)),
+        (Some((driver, _)), Some(layout)) => driver.misfit(layout.len()),
+        _ => None,
+    };
+    if let Some((told, help)) = misfit {
+        table.complain(problem(table.span_of(&layout_key), told, help));
     }
     let range_v = table.number(&array::range_v);
     let (driver, link) = driver?;
-    let range_v = range_v.or(match &driver {
-        ArrayDriver::Daqmx(inputs) => Some(inputs.range_v),
-        _ => None,
-    });
+    let range_v = range_v.or(driver.range_v());
     Some(ArraySpec { driver, link, layout: layout?, range_v })
 }
 
@@ -170,39 +153,18 @@ fn check_links(spec: &RigSpec, table: &Table) {
 
 /// Whether the drivers can work together.
 fn check_drivers(spec: &RigSpec, table: &Table) {
-    let (stage, cell, array) = (&spec.stage, &spec.load_cell, &spec.array);
-    if let LoadCellDriver::Xps(_) = cell.driver
-        && (!matches!(stage.driver, StageDriver::Xps { .. }) || stage.link != cell.link)
-    {
-        let told = "the load cell is on an XPS that isn't the stage's";
-        table.complain(
-            Problem::new(table.span_of(&root::load_cell), told).help("give both the same link and an xps driver"),
-        );
+    let drivers: [&dyn Driver; 3] = [&*spec.stage.driver, &*spec.load_cell.driver, &*spec.array.driver];
+    for misfit in drivers.into_iter().flat_map(|driver| driver.misfits(spec)) {
+        let role = [root::stage, root::load_cell, root::array][misfit.role as usize];
+        table.complain(problem(table.span_of(&role), misfit.told, misfit.help));
     }
-    if let StageDriver::Xps { group, .. } = &stage.driver
-        && group.home_search
-        && spec.frame.z_from_stage(XPS_HOME_MM) > spec.clear_mm()
-    {
-        let told = "`home_search` takes z to 0, the middle of its travel, which isn't clear of the specimen";
-        let help =
-            "mount the specimen so that `surface_mm` lies beyond 0, or home the group by hand, without the specimen";
-        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
-    }
-    if let StageDriver::Xps { guard: true, .. } = stage.driver
-        && !matches!(cell.driver, LoadCellDriver::Xps(_))
-    {
-        let told = "`guard` has the XPS look at the force, but the load cell isn't on one of its inputs";
-        table.complain(
-            Problem::new(table.span_of(&root::stage), told).help("leave `guard` out, or wire the cell to GPIO2 too"),
-        );
-    }
-    if let (LoadCellDriver::Daqmx { .. }, ArrayDriver::Daqmx(_)) = (&cell.driver, &array.driver)
-        && cell.link != array.link
-    {
-        let told = "load cell and array are on NI inputs, but over different links";
-        table.complain(
-            Problem::new(table.span_of(&root::array), told).help("one task samples both: give them the same link"),
-        );
+}
+
+fn problem(span: Span, told: String, help: Option<&str>) -> Problem {
+    let problem = Problem::new(span, told);
+    match help {
+        Some(help) => problem.help(help),
+        None => problem,
     }
 }
 
