@@ -7,6 +7,7 @@
 mod align;
 mod check;
 mod doctor;
+mod drivers;
 mod emulate;
 mod evaluate;
 mod exit;
@@ -67,6 +68,7 @@ enum Command {
     Align(align::Args),
     Emulate(emulate::Args),
     Ports(ports::Args),
+    Drivers(drivers::Args),
 }
 
 /// Parses the command line, does what it says, and turns the outcome into an exit code.
@@ -90,6 +92,7 @@ pub fn main() -> ExitCode {
         Command::Align(args) => align::align_rig(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
+        Command::Drivers(args) => drivers::drivers(args),
     };
     outcome.unwrap_or_else(|failure| failure.report())
 }

@@ -29,7 +29,7 @@ impl Strategy {
     pub const ALL: [Strategy; 3] = [Strategy::Guarded, Strategy::Velocity, Strategy::Map];
 
     /// The strategy as it stands in files and on the command line.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Strategy::Guarded => "guarded",
             Strategy::Velocity => "velocity",

@@ -1,17 +1,26 @@
 //! A TOML text read with every problem kept, each at its place.
 //!
-//! Recipes and rigs are read through a [`Table`]: each question for a key either answers or records a [`Problem`] and goes on,
-//! so that a person sees all that is wrong at once, with the line, what was expected and the nearest right spelling.
+//! What a text may say is data: [`Keys`] list every [`Key`] of a table. Recipes, rigs and register maps are read through a
+//! [`Table`]: each question for a key either answers or records a [`Problem`] and goes on, so that a person sees all that is
+//! wrong at once, with the line, what was expected and the nearest right spelling.
 
+mod difference;
+mod key;
 mod problem;
+#[cfg(test)]
+pub(crate) mod sample;
 mod table;
 
+pub use difference::{Change, Given, differences};
+pub use key::{Absent, Case, Key, Keys, Kind, Listed, Value};
+pub(crate) use key::{keys, row, words};
 pub(crate) use problem::printable;
 pub use problem::{Problem, Problems};
 pub use table::{Bounds, Span, Table};
 pub(crate) use table::{all, with_nearest};
 
 use problem::Collector;
+use toml::Spanned;
 use toml::de::DeTable;
 use toml_parser::Source;
 use toml_parser::lexer::TokenKind;
@@ -26,38 +35,57 @@ pub const PROBLEMS_MAX: usize = 100;
 /// down until its stack ends.
 const DEPTH_MAX: usize = 32;
 
-/// Reads a TOML text with `read`, which asks a root [`Table`] for what it needs. Keys nobody asked for are problems too.
+/// Reads a TOML text with `read`, which asks a root [`Table`] for keys of the list. Keys that aren't in the list are problems
+/// too.
 ///
 /// `name` is the file's name as it stands in messages.
 ///
 /// # Errors
 /// All problems of the text, in the order of their places.
-pub fn read<T>(name: &str, text: &str, read: impl FnOnce(&mut Table) -> Option<T>) -> Result<T, Problems> {
+pub fn read<T>(
+    name: &str,
+    text: &str,
+    keys: &'static Keys,
+    read: impl FnOnce(&Table) -> Option<T>,
+) -> Result<T, Problems> {
+    let root = parsed(name, text)?;
+    #[cfg(test)]
+    let _reading = sample::Reading::begin();
     let collector = Collector::default();
-    if text.len() > TEXT_MAX_BYTES {
-        collector.add(Problem::new(0..0, format!("the text is {} bytes long, over {TEXT_MAX_BYTES}", text.len())));
-        return Err(collector.into_problems(name, ""));
-    }
-    if let Some(at) = too_deep(text) {
-        let problem = Problem::new(at..at + 1, format!("not TOML: over {DEPTH_MAX} brackets are open here"));
-        collector.add(problem.help("close each `[` and `{`"));
-        return Err(collector.into_problems(name, text));
-    }
-    let (root, errors) = DeTable::parse_recoverable(text);
-    for error in &errors {
-        let place = error.span().unwrap_or(0..0);
-        collector.add(Problem::new(place, format!("not TOML: {}", error.message())));
-    }
-    if !errors.is_empty() {
-        return Err(collector.into_problems(name, text));
-    }
-    let mut table = Table::root(&root, &collector);
-    let value = read(&mut table);
-    table.finish();
+    let table = Table::root(&root, keys, &collector);
+    table.check_names();
+    let value = read(&table);
     match value {
         Some(value) if collector.is_empty() => Ok(value),
         _ => Err(collector.into_problems(name, text)),
     }
+}
+
+/// Whether a text has a key of this name outside its tables; not where it isn't TOML.
+pub fn has_key(text: &str, name: &str) -> bool {
+    parsed("", text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
+}
+
+/// A text as TOML.
+fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
+    if text.len() > TEXT_MAX_BYTES {
+        let problem = Problem::new(0..0, format!("the text is {} bytes long, over {TEXT_MAX_BYTES}", text.len()));
+        return Err(Problems::new(name, "", vec![problem]));
+    }
+    if let Some(at) = too_deep(text) {
+        let problem = Problem::new(at..at + 1, format!("not TOML: over {DEPTH_MAX} brackets are open here"));
+        return Err(Problems::new(name, text, vec![problem.help("close each `[` and `{`")]));
+    }
+    let (root, errors) = DeTable::parse_recoverable(text);
+    if errors.is_empty() {
+        return Ok(root);
+    }
+    let collector = Collector::default();
+    for error in &errors {
+        let place = error.span().unwrap_or(0..0);
+        collector.add(Problem::new(place, format!("not TOML: {}", error.message())));
+    }
+    Err(collector.into_problems(name, text))
 }
 
 /// Where the first bracket opens that is too deep within others. One of the other kind closes nothing.
@@ -81,8 +109,34 @@ fn too_deep(text: &str) -> Option<usize> {
 mod tests {
     use super::*;
 
-    fn messages(text: &str, ask: impl FnOnce(&mut Table) -> Option<()>) -> Vec<String> {
-        match read("test.toml", text, ask) {
+    keys! { press {
+        hold_s: Number(within(0.0, 10.0, "s")), or(0.0), "a dwell", "1.0";
+        sample_s: Number(within(0.0, 10.0, "s")), or(0.1), "a window", "0.1";
+        force_n: Number(within(0.0, 2.0, "N")), Refused, "a force", "1.0";
+    } }
+
+    keys! { a {
+        x: Number(within(0.0, 1.0, "mm")), Refused, "a place", "0.0";
+        y: Number(within(0.0, 1.0, "mm")), Refused, "a place", "0.0";
+    } }
+
+    keys! { outer {
+        a: Table(&a::KEYS), Refused, "a table";
+    } }
+
+    keys! { lists {
+        a: Wholes(0, 1), Allowed, "ones and zeros", "[0, 1]";
+    } }
+
+    keys! { any {
+        x: Text, Allowed, "anything", "";
+        y: Text, Allowed, "anything", "";
+    } }
+
+    const NONE: &Keys = &Keys::of(&[]);
+
+    fn messages(text: &str, keys: &'static Keys, ask: impl FnOnce(&Table) -> Option<()>) -> Vec<String> {
+        match read("test.toml", text, keys, ask) {
             Ok(()) => Vec::new(),
             Err(problems) => problems.lines(),
         }
@@ -91,10 +145,10 @@ mod tests {
     #[test]
     fn all_problems_are_told_at_once_each_at_its_line() {
         let text = "hold_s = -1.0\nsample = 0.1\nforce_n = \"1 N\"\n";
-        let told = messages(text, |table| {
-            table.number("hold_s", Bounds::within(0.0, 10.0, "s"));
-            table.number("sample_s", Bounds::within(0.0, 10.0, "s"));
-            table.require_number("force_n", Bounds::within(0.0, 2.0, "N"));
+        let told = messages(text, &press::KEYS, |table| {
+            table.number(&press::hold_s);
+            table.number(&press::sample_s);
+            table.number(&press::force_n);
             Some(())
         });
         assert_eq!(
@@ -109,11 +163,10 @@ mod tests {
 
     #[test]
     fn nan_is_refused_and_a_missing_key_points_at_its_table() {
-        let told = messages("[a]\nx = nan\n", |table| {
-            let mut a = table.require_table("a")?;
-            a.require_number("x", Bounds::within(0.0, 1.0, "mm"));
-            a.require_number("y", Bounds::within(0.0, 1.0, "mm"));
-            a.finish();
+        let told = messages("[a]\nx = nan\n", &outer::KEYS, |table| {
+            let table = table.table(&outer::a)?;
+            table.number(&a::x);
+            table.number(&a::y);
             Some(())
         });
         assert_eq!(
@@ -128,11 +181,11 @@ mod tests {
     #[test]
     fn brackets_that_are_never_closed_dont_end_the_stack() {
         for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[[", "d = { f [l]]\n", "d = { [ } ]\n"] {
-            let told = messages(&open.repeat(100_000), |_| Some(()));
+            let told = messages(&open.repeat(100_000), NONE, |_| Some(()));
             assert!(told[0].contains("not TOML"), "{open:?}: {}", told[0]);
         }
         let brackets = |depth: usize| format!("x = {}{}\n", "[".repeat(depth), "]".repeat(depth));
-        let told = |text: &str| messages(text, |table| table.has("x").then(|| table.leave_the_rest()));
+        let told = |text: &str| messages(text, &any::KEYS, |_| Some(()));
         assert_eq!(told(&brackets(DEPTH_MAX)), [""; 0]);
         assert_eq!(told(&brackets(DEPTH_MAX + 1)), ["test.toml:1:37: not TOML: over 32 brackets are open here"]);
         // none of these is open
@@ -143,15 +196,15 @@ mod tests {
     fn a_problem_far_along_a_line_is_told_without_it_and_what_is_quoted_moves_no_cursor() {
         let far = |name: &str| {
             let text = format!("a = [{}\"{name}\"]\n", "0, ".repeat(30_000));
-            let problems = read("t.toml", &text, |table| {
-                table.integers("a", 0, 1);
+            let problems = read("t.toml", &text, &lists::KEYS, |table| {
+                table.wholes(&lists::a);
                 Some(())
             });
             problems.unwrap_err().into_reports().map(|report| format!("{report:?}")).collect::<String>()
         };
         let told = far("x");
         assert!(told.len() < 1000 && told.contains("t.toml:1:"), "{told}");
-        let told = messages("\"a\\u001b[2J\" = 1\n", |_| Some(()));
+        let told = messages("\"a\\u001b[2J\" = 1\n", NONE, |_| Some(()));
         assert_eq!(told, ["test.toml:1:1: unknown key `a\\u{1b}[2J`"]);
         let problem = Problem::new(0..1, "told").help("a\tb");
         assert_eq!(problem.help.as_deref(), Some("a\\tb"));
@@ -162,17 +215,17 @@ mod tests {
 
     #[test]
     fn no_more_problems_are_told_than_a_person_reads() {
-        let told = messages(&"a.b = 1\n".repeat(5000).replace("a.b", "\"\"\"x"), |_| Some(()));
+        let told = messages(&"a.b = 1\n".repeat(5000).replace("a.b", "\"\"\"x"), NONE, |_| Some(()));
         assert!(told.len() <= PROBLEMS_MAX + 1, "{}", told.len());
         let keys: String = (0..5000).map(|i| format!("k{i} = 1\n")).collect();
-        let told = messages(&keys, |_| Some(()));
+        let told = messages(&keys, NONE, |_| Some(()));
         assert_eq!(told.len(), PROBLEMS_MAX + 1);
         assert!(told[PROBLEMS_MAX].ends_with("there is more than this wrong"), "{}", told[PROBLEMS_MAX]);
     }
 
     #[test]
     fn broken_toml_is_told_with_its_place() {
-        let told = messages("a = [1,\nb = 2\n", |_| Some(()));
+        let told = messages("a = [1,\nb = 2\n", NONE, |_| Some(()));
         assert!(told[0].starts_with("test.toml:"), "{told:?}");
         assert!(told[0].contains("not TOML"), "{told:?}");
     }

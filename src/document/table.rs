@@ -1,16 +1,19 @@
+//! One table of a text, asked for the keys of its list.
+
+use super::key::{Absent, Case, Key, Keys, Kind, Value};
 use super::problem::{Collector, Problem};
-use std::ops::Range as Bytes;
+use crate::quantity::{Place, Range};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 /// Where a value stands in its text, bytes.
-pub type Span = Bytes<usize>;
+pub type Span = std::ops::Range<usize>;
 
 /// Least similarity (Jaro-Winkler, 0 to 1) at which a known name is offered for an unknown one.
 const SIMILAR: f64 = 0.75;
 
 /// The stated range of a number, and its unit.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     min: f64,
     max: f64,
@@ -29,11 +32,17 @@ impl Bounds {
         Bounds { min, max, above_min: true, unit }
     }
 
-    fn admit(&self, value: f64) -> bool {
+    /// The unit; empty for a number without one.
+    pub const fn unit(&self) -> &'static str {
+        self.unit
+    }
+
+    /// Whether a number lies within.
+    pub fn admit(&self, value: f64) -> bool {
         value <= self.max && if self.above_min { value > self.min } else { value >= self.min }
     }
 
-    fn unit(&self) -> String {
+    fn in_unit(&self) -> String {
         if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) }
     }
 
@@ -46,27 +55,19 @@ impl Bounds {
     }
 }
 
-/// One table of a text. Every `require_` question records a problem where there is no good answer; the others only where
-/// the key is there and wrong.
+/// One table of a text. A question for a [`Key`] of its list gives the value, or the key's default where it isn't there; what
+/// is wrong, or missing and has no default, is recorded as a problem and gives none.
 pub struct Table<'d> {
     table: &'d DeTable<'d>,
+    keys: &'static Keys,
     collector: &'d Collector,
     path: String,
     span: Span,
-    asked: Vec<&'static str>,
-    rest_is_others: bool,
 }
 
 impl<'d> Table<'d> {
-    pub(super) fn root(root: &'d Spanned<DeTable<'d>>, collector: &'d Collector) -> Self {
-        Table {
-            table: root.get_ref(),
-            collector,
-            path: String::new(),
-            span: 0..0,
-            asked: Vec::new(),
-            rest_is_others: false,
-        }
+    pub(super) fn root(root: &'d Spanned<DeTable<'d>>, keys: &'static Keys, collector: &'d Collector) -> Self {
+        Table { table: root.get_ref(), keys, collector, path: String::new(), span: 0..0 }
     }
 
     /// Where the table stands.
@@ -79,277 +80,302 @@ impl<'d> Table<'d> {
         self.collector.add(problem);
     }
 
-    /// Whether the key is there. It counts as asked for: a misspelt one is told its nearest spelling.
-    pub fn has(&mut self, key: &'static str) -> bool {
+    /// Whether the key is there.
+    pub fn has(&self, key: &Key) -> bool {
         self.ask(key);
-        self.table.keys().any(|k| k.get_ref() == key)
+        self.find(key.name).is_some()
     }
 
     /// Whether the key is there and a string.
-    pub fn is_text(&self, key: &str) -> bool {
-        self.table.iter().any(|(k, v)| k.get_ref() == key && v.get_ref().is_str())
+    pub fn is_text(&self, key: &Key) -> bool {
+        self.find(key.name).is_some_and(|value| value.get_ref().is_str())
+    }
+
+    /// Whether the key is there and just this string.
+    pub fn text_is(&self, key: &Key, text: &str) -> bool {
+        self.find(key.name).and_then(|value| value.get_ref().as_str()) == Some(text)
     }
 
     /// Where the key's value stands; the table's own place without it.
-    pub fn span_of(&self, key: &str) -> Span {
-        self.table.iter().find(|(k, _)| k.get_ref() == key).map_or(self.span(), |(_, v)| v.span())
+    pub fn span_of(&self, key: &Key) -> Span {
+        self.find(key.name).map_or(self.span(), |value| value.span())
     }
 
-    /// A number within its bounds; whole numbers count.
-    pub fn number(&mut self, key: &'static str, bounds: Bounds) -> Option<f64> {
-        let value = self.get(key)?;
-        self.number_of(key, value, bounds)
+    /// The name of the case that the table is in, by the first of its keys; none without any of them.
+    pub fn case(&self) -> Option<&'static str> {
+        self.keys.cases.iter().find(|case| self.find(case.name).is_some()).map(|case| case.name)
     }
 
-    /// The same, and a problem without it.
-    pub fn require_number(&mut self, key: &'static str, bounds: Bounds) -> Option<f64> {
-        self.require(key, || format!("a number{}, {}", bounds.unit(), bounds.interval()));
-        self.number(key, bounds)
+    /// Records a problem unless the key is there, which in this table it must be. Whether it is.
+    pub fn require(&self, key: &Key) -> bool {
+        self.require_as(key, &expected(key))
     }
 
-    /// A whole number from `min` to `max`.
-    pub fn integer(&mut self, key: &'static str, min: u64, max: u64) -> Option<u64> {
-        let value = self.get(key)?;
-        self.integer_of(key, value, min, max)
+    /// The same, with `expected` to say what it would be.
+    pub fn require_as(&self, key: &Key, expected: &str) -> bool {
+        let there = self.has(key);
+        if !there {
+            let told = format!("`{}` is missing{}: {expected}", key.name, self.place());
+            self.complain(Problem::new(self.span(), told));
+        }
+        there
     }
 
-    /// A list of whole numbers from `min` to `max`.
-    pub fn integers(&mut self, key: &'static str, min: u64, max: u64) -> Option<Vec<u64>> {
-        let value = self.get(key)?;
-        match value.get_ref().as_array() {
-            Some(items) => all(items.iter().map(|item| self.integer_of(key, item, min, max))),
-            None => self.wrong_kind(key, value, "a list of whole numbers"),
+    /// A number.
+    pub fn number(&self, key: &Key) -> Option<f64> {
+        match self.get(key) {
+            Some(value) => self.number_of(key, value, bounds(key)),
+            None => key.default().and_then(Value::number),
         }
     }
 
-    /// The same, and a problem without it.
-    pub fn require_integer(&mut self, key: &'static str, min: u64, max: u64) -> Option<u64> {
-        self.require(key, || format!("a whole number, {min} to {max}"));
-        self.integer(key, min, max)
+    /// A number, and another default than the key's own.
+    pub fn number_or(&self, key: &Key, default: f64) -> Option<f64> {
+        if self.has(key) { self.number(key) } else { Some(default) }
+    }
+
+    /// A whole number.
+    pub fn whole(&self, key: &Key) -> Option<u64> {
+        let (min, max) = whole(key);
+        self.whole_within(key, min, max)
+    }
+
+    /// A whole number that the rest of the text confines to `min` to `max`.
+    pub fn whole_within(&self, key: &Key, min: u64, max: u64) -> Option<u64> {
+        match self.get(key) {
+            Some(value) => self.whole_of(key, value, min, max),
+            None => key.default().and_then(Value::whole),
+        }
+    }
+
+    /// A list of whole numbers.
+    pub fn wholes(&self, key: &Key) -> Option<Vec<u64>> {
+        let (min, max) = whole(key);
+        let items = self.list(key, self.get(key)?, "a list of whole numbers")?;
+        all(items.map(|item| self.whole_of(key, item, min, max)))
     }
 
     /// True or false.
-    pub fn flag(&mut self, key: &'static str) -> Option<bool> {
-        let value = self.get(key)?;
-        match value.get_ref().as_bool() {
-            Some(flag) => Some(flag),
-            None => self.wrong_kind(key, value, "true or false"),
+    pub fn flag(&self, key: &Key) -> Option<bool> {
+        match self.get(key) {
+            Some(value) => value.get_ref().as_bool().or_else(|| self.wrong_kind(key, value, "true or false")),
+            None => key.default().and_then(Value::flag),
         }
-    }
-
-    /// A list of strings.
-    pub fn texts(&mut self, key: &'static str) -> Option<Vec<&'d str>> {
-        let value = self.get(key)?;
-        let Some(items) = value.get_ref().as_array() else { return self.wrong_kind(key, value, "a list of strings") };
-        all(items.iter().map(|item| match item.get_ref().as_str() {
-            Some(text) => Some(text),
-            None => self.wrong_kind(key, item, "a string"),
-        }))
     }
 
     /// A string.
-    pub fn text(&mut self, key: &'static str) -> Option<&'d str> {
+    pub fn text(&self, key: &Key) -> Option<&'d str> {
         let value = self.get(key)?;
-        match value.get_ref().as_str() {
-            Some(text) => Some(text),
-            None => self.wrong_kind(key, value, "a string"),
+        self.text_of(key, value)
+    }
+
+    /// A list of strings.
+    pub fn texts(&self, key: &Key) -> Option<Vec<&'d str>> {
+        match self.get(key) {
+            Some(value) => all(self.list(key, value, "a list of strings")?.map(|item| self.text_of(key, item))),
+            None => key.default().and_then(Value::texts),
         }
     }
 
-    /// The same, and a problem without it; `what` says what the string means.
-    pub fn require_text(&mut self, key: &'static str, what: &str) -> Option<&'d str> {
-        self.require(key, || what.to_owned());
-        self.text(key)
-    }
-
-    /// One of some words.
-    pub fn choice<T: Copy>(&mut self, key: &'static str, choices: &[(&str, T)]) -> Option<T> {
-        let span = self.span_of(key);
-        let text = self.text(key)?;
-        if let Some((_, value)) = choices.iter().find(|(word, _)| *word == text) {
-            return Some(*value);
-        }
-        let words: Vec<&str> = choices.iter().map(|(word, _)| *word).collect();
-        let problem = Problem::new(span, format!("`{key}` is \"{text}\", expected one of {}", words.join(", ")));
-        self.complain(with_nearest(problem, text, &words));
-        None
-    }
-
-    /// The same, and a problem without it.
-    pub fn require_choice<T: Copy>(&mut self, key: &'static str, choices: &[(&str, T)]) -> Option<T> {
-        let words: Vec<&str> = choices.iter().map(|(word, _)| *word).collect();
-        self.require(key, || format!("one of {}", words.join(", ")));
-        self.choice(key, choices)
-    }
-
-    /// An interval `[from, to]` with `from <= to`, both within bounds.
-    pub fn range(&mut self, key: &'static str, bounds: Bounds) -> Option<crate::quantity::Range> {
-        let value = self.get(key)?;
-        let ends = self.numbers_of(key, value, bounds)?;
-        match ends[..] {
-            [min, max] if min <= max => Some(crate::quantity::Range { min, max }),
-            [min, max] => self.fail(value, format!("`{key}` runs backward, from {min} to {max}")),
-            _ => self.fail(value, format!("`{key}` has {} numbers, expected [from, to]", ends.len())),
-        }
-    }
-
-    /// The same, and a problem without it.
-    pub fn require_range(&mut self, key: &'static str, bounds: Bounds) -> Option<crate::quantity::Range> {
-        self.require(key, || format!("[from, to]{}", bounds.unit()));
-        self.range(key, bounds)
-    }
-
-    /// A list of numbers within bounds.
-    pub fn numbers(&mut self, key: &'static str, bounds: Bounds) -> Option<Vec<f64>> {
-        let value = self.get(key)?;
-        self.numbers_of(key, value, bounds)
-    }
-
-    /// A list of lists of `count` numbers each, with their places.
-    pub fn tuples(&mut self, key: &'static str, count: usize, bounds: &[Bounds]) -> Option<Vec<(Vec<f64>, Span)>> {
-        let value = self.get(key)?;
-        let Some(items) = value.get_ref().as_array() else { return self.wrong_kind(key, value, "a list of lists") };
-        all(items.iter().map(|item| match item.get_ref().as_array() {
-            Some(numbers) if numbers.iter().count() == count => {
-                let read = numbers.iter().zip(bounds).map(|(n, b)| self.number_of(key, n, *b));
-                Some((all(read)?, item.span()))
+    /// One of the key's words, as what it means.
+    pub fn word<T: Copy>(&self, key: &Key, meanings: &[(&'static str, T)]) -> Option<T> {
+        let known = known_words(key);
+        debug_assert!(meanings.iter().all(|(word, _)| known.contains(word)), "`{}` has other words", key.name);
+        let word = match self.get(key) {
+            Some(value) => {
+                let text = self.text_of(key, value)?;
+                if !known.contains(&text) {
+                    let told = format!("`{}` is \"{text}\", expected one of {}", key.name, known.join(", "));
+                    self.complain(with_nearest(Problem::new(value.span(), told), text, known));
+                }
+                text
             }
-            _ => self.fail(item, format!("expected {count} numbers in each entry of `{key}`")),
+            None => key.default().and_then(Value::word)?,
+        };
+        meanings.iter().find(|(known, _)| *known == word).map(|(_, value)| *value)
+    }
+
+    /// One of the key's words, and another default than the key's own.
+    pub fn word_or<T: Copy>(&self, key: &Key, meanings: &[(&'static str, T)], default: T) -> Option<T> {
+        if self.has(key) { self.word(key, meanings) } else { Some(default) }
+    }
+
+    /// A list of some of the key's words, without those that aren't known.
+    pub fn words(&self, key: &Key) -> Option<Vec<&'d str>> {
+        let known = known_words(key);
+        let Some(value) = self.get(key) else {
+            return key.default().and_then(Value::texts);
+        };
+        let chosen = self.list(key, value, "a list of strings")?.filter_map(|item| {
+            let word = self.text_of(key, item)?;
+            if !known.contains(&word) {
+                let told = format!("`{}` has \"{word}\", expected some of {}", key.name, known.join(", "));
+                self.complain(with_nearest(Problem::new(item.span(), told), word, known));
+                return None;
+            }
+            Some(word)
+        });
+        Some(chosen.collect())
+    }
+
+    /// An interval.
+    pub fn range(&self, key: &Key) -> Option<Range> {
+        let Some(value) = self.get(key) else {
+            return key.default().and_then(Value::range);
+        };
+        let ends = self.numbers_of(key, value)?;
+        match ends[..] {
+            [min, max] if min <= max => Some(Range { min, max }),
+            [min, max] => self.fail(value, format!("`{}` runs backward, from {min} to {max}", key.name)),
+            _ => self.fail(value, format!("`{}` has {} numbers, expected [from, to]", key.name, ends.len())),
+        }
+    }
+
+    /// A list of numbers, one for each unit.
+    pub fn per_unit(&self, key: &Key) -> Option<Vec<f64>> {
+        let value = self.get(key)?;
+        self.numbers_of(key, value)
+    }
+
+    /// A list of places, each with its stretch of the text.
+    pub fn places(&self, key: &Key) -> Option<Vec<(Place, Span)>> {
+        let items = self.list(key, self.get(key)?, "a list of lists")?;
+        all(items.map(|item| match item.get_ref().as_array().map(|numbers| numbers.iter().collect::<Vec<_>>()) {
+            Some(numbers) if numbers.len() == 2 => {
+                let xy = all(numbers.into_iter().map(|number| self.number_of(key, number, bounds(key))))?;
+                Some((Place::new(xy[0], xy[1]), item.span()))
+            }
+            _ => self.fail(item, format!("expected 2 numbers in each entry of `{}`", key.name)),
         }))
     }
 
-    /// A list of some words, or none where one of them isn't known.
-    pub fn choices(&mut self, key: &'static str, words: &[&str]) -> Option<Vec<&'d str>> {
+    /// A table inside this one.
+    pub fn table(&self, key: &Key) -> Option<Table<'d>> {
         let value = self.get(key)?;
-        let Some(items) = value.get_ref().as_array() else { return self.wrong_kind(key, value, "a list of strings") };
-        let mut chosen = Vec::new();
-        for item in items.iter() {
-            match item.get_ref().as_str() {
-                Some(word) if words.contains(&word) => chosen.push(word),
-                Some(word) => {
-                    let told = format!("`{key}` has \"{word}\", expected some of {}", words.join(", "));
-                    self.complain(with_nearest(Problem::new(item.span(), told), word, words));
-                }
-                None => _ = self.wrong_kind::<()>(key, item, "a string"),
-            }
-        }
-        Some(chosen)
-    }
-
-    /// A table inside this one. [`finish`](Self::finish) it when all is asked.
-    pub fn table(&mut self, key: &'static str) -> Option<Table<'d>> {
-        let value = self.get(key)?;
-        match value.get_ref().as_table() {
-            Some(table) => Some(self.inner(key, table, value.span())),
-            None => self.wrong_kind(key, value, "a table"),
-        }
-    }
-
-    /// The first of some keys that is there.
-    pub fn first_of(&mut self, keys: &[&'static str]) -> Option<&'static str> {
-        keys.iter().copied().find(|key| self.has(key))
-    }
-
-    /// The same, and a problem without it.
-    pub fn require_table(&mut self, key: &'static str) -> Option<Table<'d>> {
-        self.require(key, || "a table".to_owned());
-        self.table(key)
+        self.table_of(key, value)
     }
 
     /// A list of tables (`[[key]]`), empty without the key.
-    pub fn tables(&mut self, key: &'static str) -> Vec<Table<'d>> {
-        let Some(value) = self.get(key) else { return Vec::new() };
-        let Some(items) = value.get_ref().as_array() else {
-            self.wrong_kind::<()>(key, value, "a list of tables");
-            return Vec::new();
+    pub fn tables(&self, key: &Key) -> Vec<Table<'d>> {
+        let items = self.get(key).and_then(|value| self.list(key, value, "a list of tables"));
+        items.into_iter().flatten().filter_map(|item| self.table_of(key, item)).collect()
+    }
+
+    /// Records a problem for every key that the list doesn't have, with the nearest one that it has, and for every one that
+    /// belongs to a case which the table isn't in.
+    pub(super) fn check_names(&self) {
+        let known: Vec<&str> = self.keys.all().map(|key| key.name).collect();
+        let chosen = self.keys.by.map(|by| self.find(by.name).and_then(|value| value.get_ref().as_str()));
+        let is_case = |case: &&Case| match chosen {
+            Some(word) => word == Some(case.name),
+            None => self.find(case.name).is_some(),
         };
-        let mut tables = Vec::new();
-        for item in items.iter() {
-            match item.get_ref().as_table() {
-                Some(table) => tables.push(self.inner(key, table, item.span())),
-                None => _ = self.wrong_kind::<()>(key, item, "a table"),
-            }
-        }
-        tables
-    }
-
-    /// Says that keys nobody asked for are somebody else's to read.
-    pub fn leave_the_rest(&mut self) {
-        self.rest_is_others = true;
-    }
-
-    /// Records a problem for every key nobody asked for, with the nearest one that is known.
-    pub fn finish(self) {
+        let cases: Vec<&Case> = self.keys.cases.iter().filter(is_case).collect();
+        // a table whose case isn't known has a problem that its reader reports
+        let undecided = match (self.keys.by, chosen) {
+            (Some(by), Some(word)) => !word.is_some_and(|word| known_words(&by).contains(&word)),
+            _ => cases.is_empty(),
+        };
         for key in self.table.keys() {
             let name = key.get_ref().as_ref();
-            if !self.rest_is_others && !self.asked.contains(&name) {
-                let place = if self.path.is_empty() { String::new() } else { format!(" in `{}`", self.path) };
-                let problem = Problem::new(key.span(), format!("unknown key `{name}`{place}"));
-                self.complain(with_nearest(problem, name, &self.asked));
+            let is_in = |keys: &[Key]| keys.iter().any(|key| key.name == name);
+            if !known.contains(&name) {
+                let problem = Problem::new(key.span(), format!("unknown key `{name}`{}", self.place()));
+                self.complain(with_nearest(problem, name, &known));
+            } else if !undecided && !is_in(self.keys.always) && !cases.iter().any(|case| is_in(case.keys)) {
+                let others = self.keys.cases.iter().filter(|case| is_in(case.keys)).map(|case| case.name);
+                let told = format!("`{name}`{} has no meaning here", self.place());
+                let help = format!("it goes with {}", others.collect::<Vec<_>>().join(", "));
+                self.complain(Problem::new(key.span(), told).help(help));
             }
         }
     }
 
-    fn inner(&self, key: &str, table: &'d DeTable<'d>, span: Span) -> Table<'d> {
-        let path = if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) };
-        Table { table, collector: self.collector, path, span, asked: Vec::new(), rest_is_others: false }
+    fn place(&self) -> String {
+        if self.path.is_empty() { String::new() } else { format!(" in `{}`", self.path) }
     }
 
-    fn ask(&mut self, key: &'static str) {
-        if !self.asked.contains(&key) {
-            self.asked.push(key);
-        }
+    fn ask(&self, key: &Key) {
+        debug_assert!(self.keys.all().any(|listed| listed == key), "`{}`{} isn't in the list", key.name, self.place());
+        #[cfg(test)]
+        super::sample::note(&self.path, key.name);
     }
 
-    fn get(&mut self, key: &'static str) -> Option<&'d Spanned<DeValue<'d>>> {
+    fn find(&self, name: &str) -> Option<&'d Spanned<DeValue<'d>>> {
+        self.table.iter().find(|(key, _)| key.get_ref() == name).map(|(_, value)| value)
+    }
+
+    /// The key's value; a problem where it must be there and isn't.
+    fn get(&self, key: &Key) -> Option<&'d Spanned<DeValue<'d>>> {
         self.ask(key);
-        self.table.iter().find(|(k, _)| k.get_ref() == key).map(|(_, value)| value)
-    }
-
-    fn require(&mut self, key: &'static str, expected: impl FnOnce() -> String) {
-        if !self.has(key) {
-            let place = if self.path.is_empty() { String::new() } else { format!(" in `{}`", self.path) };
-            self.complain(Problem::new(self.span(), format!("`{key}` is missing{place}: {}", expected())));
+        if key.absent == Absent::Refused {
+            self.require(key);
         }
+        self.find(key.name)
     }
 
-    fn numbers_of(&self, key: &str, value: &Spanned<DeValue<'d>>, bounds: Bounds) -> Option<Vec<f64>> {
+    fn table_of(&self, key: &Key, value: &'d Spanned<DeValue<'d>>) -> Option<Table<'d>> {
+        let Some(table) = value.get_ref().as_table() else { return self.wrong_kind(key, value, "a table") };
+        let path = if self.path.is_empty() { key.name.to_owned() } else { format!("{}.{}", self.path, key.name) };
+        let keys = key.inner()?;
+        let inner = Table { table, keys, collector: self.collector, path, span: value.span() };
+        inner.check_names();
+        Some(inner)
+    }
+
+    fn list(
+        &self,
+        key: &Key,
+        value: &'d Spanned<DeValue<'d>>,
+        expected: &str,
+    ) -> Option<impl Iterator<Item = &'d Spanned<DeValue<'d>>> + use<'d>> {
         match value.get_ref().as_array() {
-            Some(items) => all(items.iter().map(|item| self.number_of(key, item, bounds))),
-            None => self.wrong_kind(key, value, &format!("a list of numbers{}", bounds.unit())),
+            Some(items) => Some(items.iter()),
+            None => self.wrong_kind(key, value, expected),
         }
     }
 
-    fn integer_of(&self, key: &str, value: &Spanned<DeValue<'d>>, min: u64, max: u64) -> Option<u64> {
+    fn text_of(&self, key: &Key, value: &'d Spanned<DeValue<'d>>) -> Option<&'d str> {
+        value.get_ref().as_str().or_else(|| self.wrong_kind(key, value, "a string"))
+    }
+
+    fn numbers_of(&self, key: &Key, value: &'d Spanned<DeValue<'d>>) -> Option<Vec<f64>> {
+        let bounds = bounds(key);
+        let items = self.list(key, value, &format!("a list of numbers{}", bounds.in_unit()))?;
+        all(items.map(|item| self.number_of(key, item, bounds)))
+    }
+
+    fn whole_of(&self, key: &Key, value: &Spanned<DeValue<'d>>, min: u64, max: u64) -> Option<u64> {
         let whole = value.get_ref().as_integer().map(|i| i64::from_str_radix(i.as_str(), i.radix()));
         match whole {
             Some(Ok(n)) if n >= 0 && (min..=max).contains(&(n as u64)) => Some(n as u64),
-            Some(_) => self.fail(value, format!("`{key}` must be {min} to {max}")),
+            Some(_) => self.fail(value, format!("`{}` must be {min} to {max}", key.name)),
             None => self.wrong_kind(key, value, "a whole number"),
         }
     }
 
-    fn number_of(&self, key: &str, value: &Spanned<DeValue<'d>>, bounds: Bounds) -> Option<f64> {
+    fn number_of(&self, key: &Key, value: &Spanned<DeValue<'d>>, bounds: Bounds) -> Option<f64> {
         let number = match value.get_ref() {
             DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok().map(|n| n as f64),
             DeValue::Float(x) => x.as_str().parse::<f64>().ok(),
-            _ => return self.wrong_kind(key, value, &format!("a number{}", bounds.unit())),
+            _ => return self.wrong_kind(key, value, &format!("a number{}", bounds.in_unit())),
         };
+        let name = key.name;
         match number {
-            Some(n) if !n.is_finite() => self.fail(value, format!("`{key}` is not a finite number")),
+            Some(n) if !n.is_finite() => self.fail(value, format!("`{name}` is not a finite number")),
             Some(n) if bounds.admit(n) => Some(n),
             Some(n) => {
-                let told = format!("`{key}` is {n}, must be {} {}", bounds.interval(), bounds.unit);
+                let told = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit);
                 self.fail(value, told.trim_end().to_owned())
             }
-            None => self.fail(value, format!("`{key}` is not a number this program can hold")),
+            None => self.fail(value, format!("`{name}` is not a number this program can hold")),
         }
     }
 
-    fn wrong_kind<T>(&self, key: &str, value: &Spanned<DeValue<'d>>, expected: &str) -> Option<T> {
+    fn wrong_kind<T>(&self, key: &Key, value: &Spanned<DeValue<'d>>, expected: &str) -> Option<T> {
         let kind = value.get_ref().type_str();
         let article = if kind.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
-        let problem = Problem::new(value.span(), format!("`{key}` is {article} {kind}, expected {expected}"));
+        let problem = Problem::new(value.span(), format!("`{}` is {article} {kind}, expected {expected}", key.name));
         let helped = expected.contains(" in ") && value.get_ref().is_str();
         self.complain(if helped {
             problem.help("the unit is in the key's name: write the number alone")
@@ -363,6 +389,46 @@ impl<'d> Table<'d> {
         self.complain(Problem::new(value.span(), message));
         None
     }
+}
+
+/// What a key that is missing would be.
+fn expected(key: &Key) -> String {
+    let of = |kind: &Kind| match kind {
+        Kind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
+        Kind::Range(bounds) => Some(format!("[from, to]{}", bounds.in_unit())),
+        Kind::PerUnit(bounds) => Some(format!("a list, one {} a unit", bounds.unit)),
+        Kind::Places(_) => Some("[[x, y], ...]".to_owned()),
+        Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
+        Kind::Word(words) => Some(format!("one of {}", words.join(", "))),
+        Kind::Table(_) => Some("a table".to_owned()),
+        _ => None,
+    };
+    key.kind.pick(of).unwrap_or_else(|| key.meaning.to_owned())
+}
+
+/// What a list of keys says of the numbers of one of them. Code that asks for a number where the list has none is wrong.
+fn bounds(key: &Key) -> Bounds {
+    let bounds = key.kind.pick(|kind| match kind {
+        Kind::Number(bounds) | Kind::Range(bounds) | Kind::PerUnit(bounds) | Kind::Places(bounds) => Some(*bounds),
+        _ => None,
+    });
+    bounds.unwrap_or_else(|| unreachable!("`{}` isn't a number", key.name))
+}
+
+fn whole(key: &Key) -> (u64, u64) {
+    let ends = key.kind.pick(|kind| match kind {
+        Kind::Whole(min, max) | Kind::Wholes(min, max) => Some((*min, *max)),
+        _ => None,
+    });
+    ends.unwrap_or_else(|| unreachable!("`{}` isn't a whole number", key.name))
+}
+
+fn known_words(key: &Key) -> &'static [&'static str] {
+    let words = key.kind.pick(|kind| match kind {
+        Kind::Word(words) | Kind::Words(words) => Some(*words),
+        _ => None,
+    });
+    words.unwrap_or_else(|| unreachable!("`{}` isn't a word", key.name))
 }
 
 /// All of some answers, or none; every one is asked for, so that every problem is told.

@@ -1,122 +1,117 @@
-//! Whichever driver plays a role: a rig file decides while the program runs.
+//! Whichever driver plays a role: a rig file decides while the program runs. A driver has one line in the list of each role that
+//! it plays.
 
-use super::daqmx::{DaqmxArray, DaqmxLoadCell};
-use super::esp301::Esp301;
-use super::grbl::Grbl;
-use super::modbus::{ModbusArray, ModbusLoadCell};
-use super::process::{ProcessArray, ProcessLoadCell, ProcessStage};
-use super::xps::{Xps, XpsAnalog};
+use super::{daqmx, esp301, grbl, modbus, process, xps};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::quantity::{Axis, ForceReading};
 use std::time::Duration;
 
-/// A stage.
-#[allow(missing_docs, reason = "each is named as the driver it holds")]
-pub enum AnyStage {
-    Esp301(Esp301),
-    Xps(Box<Xps>),
-    Grbl(Grbl),
-    Process(ProcessStage),
-}
+macro_rules! stages {
+    ($($name:ident($driver:ty),)+) => {
+        /// A stage.
+        #[allow(missing_docs, reason = "each is named as the driver it holds")]
+        pub enum AnyStage { $($name($driver),)+ }
 
-/// A load cell.
-#[allow(missing_docs, reason = "each is named as the driver it holds")]
-pub enum AnyLoadCell {
-    Modbus(ModbusLoadCell),
-    Xps(XpsAnalog),
-    Daqmx(DaqmxLoadCell),
-    Process(ProcessLoadCell),
-}
+        impl Stage for AnyStage {
+            async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.prepare(usage, reins).await,)+ }
+            }
 
-/// An array.
-#[allow(missing_docs, reason = "each is named as the driver it holds")]
-pub enum AnyArray {
-    Modbus(ModbusArray),
-    Daqmx(DaqmxArray),
-    Process(ProcessArray),
-}
+            fn afresh(&mut self) {
+                match self { $(Self::$name(it) => it.afresh(),)+ }
+            }
 
-/// The same done by whichever driver it is.
-macro_rules! whichever {
-    ($role:ident::{$($driver:ident),+}, $this:expr, $it:ident => $done:expr) => {
-        match $this { $($role::$driver($it) => $done,)+ }
+            async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.begin(targets, speed_mm_s, reins).await,)+ }
+            }
+
+            async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+                match self { $(Self::$name(it) => it.follow(axes, expected, reins).await,)+ }
+            }
+
+            async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+                match self { $(Self::$name(it) => it.position_mm(axis, reins).await,)+ }
+            }
+
+            async fn stop(&mut self) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.stop().await,)+ }
+            }
+
+            async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+                match self { $(Self::$name(it) => it.complaints().await,)+ }
+            }
+
+            async fn guard(&mut self, limit_n: Option<f64>) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.guard(limit_n).await,)+ }
+            }
+        }
     };
 }
 
-macro_rules! stage {
-    ($this:expr, $it:ident => $done:expr) => { whichever!(AnyStage::{Esp301, Xps, Grbl, Process}, $this, $it => $done) };
+macro_rules! load_cells {
+    ($($name:ident($driver:ty),)+) => {
+        /// A load cell.
+        #[allow(missing_docs, reason = "each is named as the driver it holds")]
+        pub enum AnyLoadCell { $($name($driver),)+ }
+
+        impl LoadCell for AnyLoadCell {
+            async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.prepare().await,)+ }
+            }
+
+            fn afresh(&mut self) {
+                match self { $(Self::$name(it) => it.afresh(),)+ }
+            }
+
+            async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+                match self { $(Self::$name(it) => it.read().await,)+ }
+            }
+
+            fn conversion(&self) -> Duration {
+                match self { $(Self::$name(it) => it.conversion(),)+ }
+            }
+        }
+    };
 }
 
-macro_rules! load_cell {
-    ($this:expr, $it:ident => $done:expr) => { whichever!(AnyLoadCell::{Modbus, Xps, Daqmx, Process}, $this, $it => $done) };
+macro_rules! arrays {
+    ($($name:ident($driver:ty),)+) => {
+        /// An array.
+        #[allow(missing_docs, reason = "each is named as the driver it holds")]
+        pub enum AnyArray { $($name($driver),)+ }
+
+        impl SensorArray for AnyArray {
+            async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.prepare().await,)+ }
+            }
+
+            async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.read(outputs).await,)+ }
+            }
+
+            fn units(&self) -> usize {
+                match self { $(Self::$name(it) => it.units(),)+ }
+            }
+        }
+    };
 }
 
-macro_rules! array {
-    ($this:expr, $it:ident => $done:expr) => { whichever!(AnyArray::{Modbus, Daqmx, Process}, $this, $it => $done) };
+stages! {
+    Esp301(esp301::Esp301),
+    Xps(Box<xps::Xps>),
+    Grbl(grbl::Grbl),
+    Process(process::ProcessStage),
 }
 
-impl Stage for AnyStage {
-    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
-        stage!(self, it => it.prepare(usage, reins).await)
-    }
-
-    fn afresh(&mut self) {
-        stage!(self, it => it.afresh());
-    }
-
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
-        stage!(self, it => it.begin(targets, speed_mm_s, reins).await)
-    }
-
-    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
-        stage!(self, it => it.follow(axes, expected, reins).await)
-    }
-
-    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-        stage!(self, it => it.position_mm(axis, reins).await)
-    }
-
-    async fn stop(&mut self) -> Result<(), DeviceError> {
-        stage!(self, it => it.stop().await)
-    }
-
-    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
-        stage!(self, it => it.complaints().await)
-    }
-
-    async fn guard(&mut self, limit_n: Option<f64>) -> Result<(), DeviceError> {
-        stage!(self, it => it.guard(limit_n).await)
-    }
+load_cells! {
+    Modbus(modbus::ModbusLoadCell),
+    Xps(xps::XpsAnalog),
+    Daqmx(daqmx::DaqmxLoadCell),
+    Process(process::ProcessLoadCell),
 }
 
-impl LoadCell for AnyLoadCell {
-    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
-        load_cell!(self, it => it.prepare().await)
-    }
-
-    fn afresh(&mut self) {
-        load_cell!(self, it => it.afresh());
-    }
-
-    async fn read(&mut self) -> Result<ForceReading, DeviceError> {
-        load_cell!(self, it => it.read().await)
-    }
-
-    fn conversion(&self) -> Duration {
-        load_cell!(self, it => it.conversion())
-    }
-}
-
-impl SensorArray for AnyArray {
-    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
-        array!(self, it => it.prepare().await)
-    }
-
-    async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
-        array!(self, it => it.read(outputs).await)
-    }
-
-    fn units(&self) -> usize {
-        array!(self, it => it.units())
-    }
+arrays! {
+    Modbus(modbus::ModbusArray),
+    Daqmx(daqmx::DaqmxArray),
+    Process(process::ProcessArray),
 }

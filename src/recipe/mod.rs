@@ -3,6 +3,7 @@
 //! A [`Recipe`] is a text understood; a [`Plan`] is the list of presses it comes to on a given rig with a given seed. A plan
 //! can be printed before anything moves, and a recipe that asks for what the rig can't or mustn't do has no plan.
 
+mod keys;
 mod parse;
 mod plan;
 mod teach;
@@ -11,9 +12,12 @@ pub use parse::parse;
 pub use plan::{Entry, Ground, Plan};
 
 use crate::control::Strategy;
-use crate::document::Span;
+use crate::document::{Keys, Span};
 use crate::quantity::{Place, Range};
 use serde::{Deserialize, Serialize};
+
+/// Every key that a recipe may have.
+pub const KEYS: Keys = keys::root::KEYS;
 
 /// Most presses one recipe may come to unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
 /// 20,000.
@@ -75,7 +79,7 @@ impl Phase {
     pub const ALL: [Phase; 4] = [Phase::Characterisation, Phase::Calibration, Phase::Test, Phase::Teach];
 
     /// The phase as it stands in files.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Phase::Characterisation => "characterisation",
             Phase::Calibration => "calibration",
@@ -143,11 +147,8 @@ pub enum Order {
 }
 
 impl Order {
-    /// All orders.
-    pub const ALL: [Order; 2] = [Order::Raster, Order::Interleaved];
-
     /// The order as it stands in files.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Order::Raster => "raster",
             Order::Interleaved => "interleaved",
@@ -212,16 +213,20 @@ pub struct Manner {
     pub sample_after_s: Option<f64>,
 }
 
-impl Default for Manner {
+impl Manner {
     /// The paper's tolerance (PAPER S7), no extra dwell, a tenth of a second.
+    pub const PAPER: Manner = Manner {
+        force_tolerance_n: 0.05,
+        hold_s: 0.0,
+        sample_s: 0.1,
+        strategy: Strategy::Guarded,
+        sample_after_s: None,
+    };
+}
+
+impl Default for Manner {
     fn default() -> Self {
-        Manner {
-            force_tolerance_n: 0.05,
-            hold_s: 0.0,
-            sample_s: 0.1,
-            strategy: Strategy::default(),
-            sample_after_s: None,
-        }
+        Manner::PAPER
     }
 }
 

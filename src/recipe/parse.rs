@@ -1,17 +1,8 @@
-use super::{Load, Manner, Order, PRESSES_CEILING, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
-use crate::control::Strategy;
-use crate::document::{self, Bounds, Problem, Problems, Table};
-use crate::quantity::Place;
-use crate::solver::{BEST, SOLVERS};
+//! A recipe's text, read into a [`Recipe`].
 
-const DAY_S: f64 = 86_400.0;
-const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
-const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
-const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
-/// Shorter windows hold less than two conversions of a common load cell.
-const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
-const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
-const UNITS_MAX: u64 = 4096;
+use super::keys::{self, evaluate, grid, list, press, random, root, staircase, step};
+use super::{KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
+use crate::document::{self, Key, Problem, Problems, Table};
 
 /// Largest departure from a whole number of spacings that counts as rounding.
 const WHOLE: f64 = 1e-6;
@@ -21,45 +12,38 @@ const WHOLE: f64 = 1e-6;
 /// # Errors
 /// Every problem of the text, each at its line.
 pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
-    document::read(file, text, |root| {
-        if root.has("stage") && !root.has("step") {
-            root.leave_the_rest();
-            root.complain(Problem::new(root.span(), "this is a rig, not a recipe").help("give it with --rig"));
-            return None;
-        }
-        let name = root.require_text("name", "what the run folder is named after");
+    if document::has_key(text, "stage") && !document::has_key(text, root::step.name) {
+        let problem = Problem::new(0..0, "this is a rig, not a recipe").help("give it with --rig");
+        return Err(Problems::new(file, text, vec![problem]));
+    }
+    document::read(file, text, &KEYS, |table| {
+        let name = table.text(&root::name);
         if let Some(name) = name.filter(|name| !is_folder_name(name)) {
-            let help = "use letters, digits, '-', '_' and '.', not a '.' in front";
-            root.complain(
-                Problem::new(root.span_of("name"), format!("`name` is {name:?}, no name for a folder")).help(help),
-            );
+            let problem = Problem::new(table.span_of(&root::name), format!("`name` is {name:?}, no name for a folder"));
+            table.complain(problem.help("use letters, digits, '-', '_' and '.', not a '.' in front"));
         }
-        let mut manner = Manner::default();
-        if let Some(mut press) = root.table("press") {
-            manner = read_manner(&mut press, manner);
-            press.finish();
-        }
-        let mut solvers = Vec::new();
-        if let Some(mut evaluate) = root.table("evaluate") {
-            let known = [&[BEST], &SOLVERS[..]].concat();
-            let names = evaluate.choices("solvers", &known).unwrap_or_else(|| vec![SOLVERS[0]]);
-            solvers = names.into_iter().map(str::to_owned).collect();
-            evaluate.finish();
-        }
-        let tables = root.tables("step");
+        let manner = match table.table(&root::press) {
+            Some(press) => read_manner(&press, Manner::default()),
+            None => Some(Manner::default()),
+        };
+        let solvers = table.table(&root::evaluate).and_then(|table| table.words(&evaluate::solvers));
+        let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
+        let tables = table.tables(&root::step);
         if tables.is_empty() {
-            root.complain(
-                Problem::new(root.span(), "there is no [[step]]: nothing to press")
+            table.complain(
+                Problem::new(table.span(), "there is no [[step]]: nothing to press")
                     .help("add a [[step]] with a phase, a place (grid, list, random or units) and a force"),
             );
         }
-        let steps = document::all(tables.into_iter().map(|table| read_step(table, manner)));
+        // a wrong [press] has been reported: the steps are checked with the paper's
+        let manner = manner.unwrap_or_default();
+        let steps = document::all(tables.iter().map(|table| read_step(table, manner)));
         if let Some(steps) = steps.as_ref().filter(|_| !solvers.is_empty()) {
             for phase in [Phase::Calibration, Phase::Test] {
                 if !steps.iter().any(|step| step.phase == phase) {
                     let told = format!("there is nothing to evaluate: no step has the phase \"{}\"", phase.name());
                     let help = "add such a step, or leave [evaluate] out and evaluate two runs' tables together";
-                    root.complain(Problem::new(root.span_of("evaluate"), told).help(help));
+                    table.complain(Problem::new(table.span_of(&root::evaluate), told).help(help));
                 }
             }
         }
@@ -73,42 +57,48 @@ fn is_folder_name(name: &str) -> bool {
     !name.is_empty() && name.len() <= 100 && !name.starts_with('.') && name.chars().all(allowed)
 }
 
-fn read_manner(table: &mut Table, base: Manner) -> Manner {
-    Manner {
-        force_tolerance_n: table.number("force_tolerance_n", FORCE).unwrap_or(base.force_tolerance_n),
-        hold_s: table.number("hold_s", DWELL).unwrap_or(base.hold_s),
-        sample_s: table.number("sample_s", WINDOW).unwrap_or(base.sample_s),
-        strategy: table
-            .choice("strategy", &Strategy::ALL.map(|strategy| (strategy.name(), strategy)))
-            .unwrap_or(base.strategy),
-        sample_after_s: table.number("sample_after_s", DWELL).or(base.sample_after_s),
-    }
+/// How presses are made: `base`, but for what the table says. `[press]` and a step have the same keys for it.
+fn read_manner(table: &Table, base: Manner) -> Option<Manner> {
+    let force_tolerance_n = table.number_or(&press::force_tolerance_n, base.force_tolerance_n);
+    let hold_s = table.number_or(&press::hold_s, base.hold_s);
+    let sample_s = table.number_or(&press::sample_s, base.sample_s);
+    let strategy = table.word_or(&press::strategy, &keys::STRATEGIES, base.strategy);
+    let sample_after_s = table.number(&press::sample_after_s).or(base.sample_after_s);
+    Some(Manner {
+        force_tolerance_n: force_tolerance_n?,
+        hold_s: hold_s?,
+        sample_s: sample_s?,
+        strategy: strategy?,
+        sample_after_s,
+    })
 }
 
-fn read_step(mut table: Table, base: Manner) -> Option<Step> {
-    let phases = [Phase::Characterisation, Phase::Calibration, Phase::Test].map(|phase| (phase.name(), phase));
-    let phase = table.require_choice("phase", &phases);
-    let manner = read_manner(&mut table, base);
-    let places_key = one_of(&mut table, "where to press", &["grid", "list", "random", "units"]);
-    let (places, random_force) = match places_key {
-        Some("grid") => (read_grid(&mut table), None),
-        Some("list") => (read_list(&mut table), None),
-        Some("random") => read_random(&mut table),
-        Some("units") => (read_units(&mut table), None),
+fn read_step(table: &Table, base: Manner) -> Option<Step> {
+    let phase = table.word(&step::phase, &keys::PHASES);
+    let manner = read_manner(table, base);
+    let places_key = places_key(table);
+    let (places, random_force) = match places_key.map(|key| key.name) {
+        Some("grid") => (read_grid(table), None),
+        Some("list") => (read_list(table), None),
+        Some("random") => read_random(table),
+        Some("units") => (read_units(table), None),
         _ => (None, None),
     };
     let inner_force = random_force.is_some();
-    let force = table.number("force_n", FORCE).map(Load::Force);
-    let staircase = read_staircase(&mut table);
-    let loads = usize::from(inner_force) + usize::from(table.has("force_n")) + usize::from(table.has("staircase"));
+    let force = table.number(&step::force_n).map(Load::Force);
+    let staircase = read_staircase(table);
+    let loads = usize::from(inner_force)
+        + [&step::force_n, &step::staircase].map(|key| usize::from(table.has(key))).iter().sum::<usize>();
     if loads != 1 {
         let found = if loads == 0 { "no force" } else { "more than one force" };
         let help = "a step has one of `force_n`, `staircase`, or a `force_n` range inside `random`";
         table.complain(Problem::new(table.span(), format!("this step has {found}")).help(help));
     }
-    let load_key = ["force_n", "staircase", "random"].into_iter().find(|key| table.has(key)).unwrap_or("phase");
-    let load_span = table.span_of(load_key);
+    let load_key = [step::force_n, step::staircase, step::random].into_iter().find(|key| table.has(key));
+    let load_span = table.span_of(&load_key.unwrap_or(step::phase));
     let load = random_force.or(force).or(staircase);
+    let places_span = places_key.map_or(table.span(), |key| table.span_of(&key));
+    let manner = manner?;
     if let Some(least_n) = load.as_ref().map(Load::least_n)
         && manner.force_tolerance_n >= least_n
     {
@@ -117,73 +107,67 @@ fn read_step(mut table: Table, base: Manner) -> Option<Step> {
         let help = "a press that may miss by its whole force is none: lower `force_tolerance_n`";
         table.complain(Problem::new(load_span.clone(), told).help(help));
     }
-    let places_span = places_key.map_or(table.span(), |key| table.span_of(key));
-    table.finish();
     Some(Step { phase: phase?, places: places?, load: load?, manner, places_span, load_span })
 }
 
-/// The one key of some that is there; a problem where there is none or more than one.
-fn one_of(table: &mut Table, what: &str, keys: &[&'static str]) -> Option<&'static str> {
-    let there: Vec<&'static str> = keys.iter().copied().filter(|key| table.has(key)).collect();
+/// The one key that says where to press; a problem where there is none or more than one.
+fn places_key(table: &Table) -> Option<Key> {
+    let keys = step::KEYS.cases.iter().flat_map(|case| case.keys);
+    let there: Vec<Key> = keys.clone().copied().filter(|key| table.has(key)).collect();
     match there[..] {
         [key] => Some(key),
         [] => {
-            let help = format!("add one of {}", keys.join(", "));
-            table.complain(Problem::new(table.span(), format!("this step doesn't say {what}")).help(help));
+            let help = format!("add one of {}", keys.map(|key| key.name).collect::<Vec<_>>().join(", "));
+            table.complain(Problem::new(table.span(), "this step doesn't say where to press").help(help));
             None
         }
         [first, second, ..] => {
-            let told = format!("this step says {what} twice: `{first}` and `{second}`");
-            table.complain(Problem::new(table.span_of(second), told).help("make two steps of it"));
+            let told = format!("this step says where to press twice: `{}` and `{}`", first.name, second.name);
+            table.complain(Problem::new(table.span_of(&second), told).help("make two steps of it"));
             None
         }
     }
 }
 
-fn read_grid(step: &mut Table) -> Option<Places> {
-    let mut grid = step.table("grid")?;
-    let x_mm = grid.require_range("x_mm", PLACE);
-    let y_mm = grid.require_range("y_mm", PLACE);
-    let spacing_mm = grid.require_number("spacing_mm", SPACING);
-    let order = grid.choice("order", &Order::ALL.map(|order| (order.name(), order))).unwrap_or_default();
+fn read_grid(step: &Table) -> Option<Places> {
+    let table = step.table(&step::grid)?;
+    let x_mm = table.range(&grid::x_mm);
+    let y_mm = table.range(&grid::y_mm);
+    let spacing_mm = table.number(&grid::spacing_mm);
+    let order = table.word(&grid::order, &keys::ORDERS);
     if let (Some(x), Some(y), Some(spacing)) = (x_mm, y_mm, spacing_mm) {
-        for (name, width) in [("x_mm", x.width()), ("y_mm", y.width())] {
-            let spaces = width / spacing;
+        for (key, width) in [(grid::x_mm, x.width()), (grid::y_mm, y.width())] {
+            let (name, spaces) = (key.name, width / spacing);
             if width > 0.0 && spacing > width {
                 let told = format!("`spacing_mm` is {spacing}, more than the {width} mm of `{name}`");
-                grid.complain(Problem::new(grid.span_of("spacing_mm"), told).help("make it smaller than the extent"));
+                let problem = Problem::new(table.span_of(&grid::spacing_mm), told);
+                table.complain(problem.help("make it smaller than the extent"));
             } else if (spaces - spaces.round()).abs() > WHOLE * spaces.max(1.0) {
                 let (few, many) = (width / spaces.floor().max(1.0), width / spaces.ceil());
                 let told = format!("`spacing_mm` {spacing} doesn't divide the {width} mm of `{name}`");
                 let help = format!("the nearest that do: {many:.4} and {few:.4}");
-                grid.complain(Problem::new(grid.span_of("spacing_mm"), told).help(help));
+                table.complain(Problem::new(table.span_of(&grid::spacing_mm), told).help(help));
             }
         }
     }
-    grid.finish();
-    Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm?, order })
+    Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm?, order: order? })
 }
 
-fn read_list(step: &mut Table) -> Option<Places> {
-    let mut list = step.table("list")?;
-    if !list.has("places_mm") {
-        list.complain(Problem::new(list.span(), "`places_mm` is missing in `list`: [[x, y], ...]"));
+fn read_list(step: &Table) -> Option<Places> {
+    let table = step.table(&step::list)?;
+    let places = table.places(&list::places_mm)?;
+    if places.is_empty() {
+        table.complain(Problem::new(table.span_of(&list::places_mm), "`places_mm` is empty: nothing to press"));
     }
-    let tuples = list.tuples("places_mm", 2, &[PLACE, PLACE]);
-    if tuples.as_ref().is_some_and(Vec::is_empty) {
-        list.complain(Problem::new(list.span_of("places_mm"), "`places_mm` is empty: nothing to press"));
-    }
-    list.finish();
-    Some(Places::List(tuples?.into_iter().map(|(xy, span)| (Place::new(xy[0], xy[1]), span)).collect()))
+    Some(Places::List(places))
 }
 
-fn read_random(step: &mut Table) -> (Option<Places>, Option<Load>) {
-    let Some(mut random) = step.table("random") else { return (None, None) };
-    let count = random.require_integer("count", 1, PRESSES_CEILING as u64);
-    let x_mm = random.require_range("x_mm", PLACE);
-    let y_mm = random.require_range("y_mm", PLACE);
-    let force = random.range("force_n", FORCE).map(Load::RandomForce);
-    random.finish();
+fn read_random(step: &Table) -> (Option<Places>, Option<Load>) {
+    let Some(table) = step.table(&step::random) else { return (None, None) };
+    let count = table.whole(&random::count);
+    let x_mm = table.range(&random::x_mm);
+    let y_mm = table.range(&random::y_mm);
+    let force = table.range(&random::force_n).map(Load::RandomForce);
     let places = match (count, x_mm, y_mm) {
         (Some(count), Some(x_mm), Some(y_mm)) => Some(Places::Random { count, x_mm, y_mm }),
         _ => None,
@@ -191,36 +175,35 @@ fn read_random(step: &mut Table) -> (Option<Places>, Option<Load>) {
     (places, force)
 }
 
-fn read_units(step: &mut Table) -> Option<Places> {
-    let span = step.span_of("units");
-    if step.is_text("units") {
-        return step.choice("units", &[("all", ())]).map(|()| Places::Units(UnitChoice::All));
+fn read_units(step: &Table) -> Option<Places> {
+    if step.is_text(&step::units) {
+        return step.word(&step::units, &keys::ALL_UNITS).map(|()| Places::Units(UnitChoice::All));
     }
-    let units = step.integers("units", 1, UNITS_MAX)?;
+    let span = step.span_of(&step::units);
+    let units = step.wholes(&step::units)?;
     if units.is_empty() {
         step.complain(Problem::new(span.clone(), "`units` is empty: nothing to press").help("write \"all\" or [1, 2]"));
     }
     Some(Places::Units(UnitChoice::Some(units.iter().map(|&unit| (unit as usize, span.clone())).collect())))
 }
 
-fn read_staircase(step: &mut Table) -> Option<Load> {
-    let mut table = step.table("staircase")?;
-    let to_n = table.require_number("to_n", FORCE);
-    let step_n = table.require_number("step_n", FORCE);
-    let repeats = table.integer("repeats", 1, 1000).unwrap_or(1);
-    let rest_s = table.number("rest_s", DWELL).unwrap_or(0.0);
+fn read_staircase(step: &Table) -> Option<Load> {
+    let table = step.table(&step::staircase)?;
+    let to_n = table.number(&staircase::to_n);
+    let step_n = table.number(&staircase::step_n);
+    let repeats = table.whole(&staircase::repeats);
+    let rest_s = table.number(&staircase::rest_s);
     if let (Some(to), Some(step)) = (to_n, step_n) {
         let steps = to / step;
+        let span = table.span_of(&staircase::step_n);
         if (steps - steps.round()).abs() > WHOLE * steps.max(1.0) || steps < 0.5 {
             let told = format!("`step_n` {step} doesn't divide `to_n` {to}");
-            table
-                .complain(Problem::new(table.span_of("step_n"), told).help("levels are equal steps from 0 to the top"));
+            table.complain(Problem::new(span, told).help("levels are equal steps from 0 to the top"));
         } else if steps > 1000.0 {
-            table.complain(Problem::new(table.span_of("step_n"), format!("{steps:.0} levels, over 1000 levels")));
+            table.complain(Problem::new(span, format!("{steps:.0} levels, over 1000 levels")));
         }
     }
-    table.finish();
-    Some(Load::Staircase { to_n: to_n?, step_n: step_n?, repeats, rest_s })
+    Some(Load::Staircase { to_n: to_n?, step_n: step_n?, repeats: repeats?, rest_s: rest_s? })
 }
 
 impl Load {

@@ -3,24 +3,34 @@
 //! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
 //! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
 
+mod compare;
 mod driver;
-mod map;
+mod family;
+mod keys;
 mod open;
 mod parse;
 mod scene;
+mod scene_keys;
 mod simulated;
 mod skin;
 
-pub use driver::{ArrayDriver, LoadCellDriver, StageDriver};
-pub use map::MappedDevice;
-pub use open::OpenRig;
+pub use compare::{Difference, Verdict, differences};
+pub use family::{
+    ArrayDriver, Driver, FAMILIES, Family, Links, LoadCellDriver, MappedDevice, Misfit, Role, StageDriver,
+};
+pub use open::{OpenRig, Wiring};
 pub use parse::parse;
 pub use simulated::{EmulatedDevice, FarEnd, SceneProbe, SimulatedRig};
 
 use crate::control::Timing;
+use crate::document::Keys;
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Range, Travel};
 use crate::scene::SceneSpec;
 use crate::wire::Link;
+use std::sync::Arc;
+
+/// Every key that a rig may have.
+pub const KEYS: Keys = keys::root::KEYS;
 
 /// The paper's rig, simulated, as it is shipped.
 pub const SIM_RIG: &str = include_str!("../../rigs/sim.toml");
@@ -49,7 +59,7 @@ pub struct RigSpec {
 #[derive(Clone, Debug)]
 pub struct StageSpec {
     /// Which driver.
-    pub driver: StageDriver,
+    pub driver: Arc<dyn StageDriver>,
     /// Where it is.
     pub link: Link,
     /// How far the axes may go.
@@ -66,7 +76,7 @@ pub struct StageSpec {
 #[derive(Clone, Debug)]
 pub struct LoadCellSpec {
     /// Which driver.
-    pub driver: LoadCellDriver,
+    pub driver: Arc<dyn LoadCellDriver>,
     /// Where it is.
     pub link: Link,
     /// Conversions a second.
@@ -79,7 +89,7 @@ pub struct LoadCellSpec {
 #[derive(Clone, Debug)]
 pub struct ArraySpec {
     /// Which driver.
-    pub driver: ArrayDriver,
+    pub driver: Arc<dyn ArrayDriver>,
     /// Where it is.
     pub link: Link,
     /// Where its units are, in channel order.

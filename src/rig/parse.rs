@@ -1,31 +1,14 @@
-use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
-use super::map::Beside;
-use super::scene::{paper_scene, read_scene};
-use super::{ArrayDriver, ArraySpec, LoadCellDriver, LoadCellSpec, RigSpec, StageDriver, StageSpec};
-use crate::control::SEARCH_ROOM_MM;
-use crate::document::{self, Bounds, Problem, Problems, Table};
-use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Place, Range, Travel};
-use crate::wire::Link;
+//! A rig's text, read into a [`RigSpec`].
 
-/// Largest output of any array, in its own unit.
-const OUTPUT_RANGE_V: Bounds = Bounds::above(0.0, 1e6, "V");
-const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
-const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
-const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
-/// A slower cell would be called stale between two of its readings.
-const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
-const SETTLE: Bounds = Bounds::within(0.0, 1000.0, "ms");
-/// A stage with a small payload: servo lag and half of its jerk time.
-const SETTLE_MS: f64 = 10.0;
-const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
-const FORCE_LIMIT: Bounds = Bounds::above(0.0, 100.0, "N");
-const DEPTH_LIMIT: Bounds = Bounds::above(0.0, 100.0, "mm");
-const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
-pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
-const UNCERTAINTY: Bounds = Bounds::within(0.01, 10.0, "mm");
-/// Where an XPS' axes are after their search for home (VP-25XL: its switch is in the middle), mm.
-const XPS_HOME_MM: f64 = 0.0;
-const UNITS_MAX: u64 = 4096;
+use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
+use super::family::{Beside, Driver};
+use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
+use super::scene::{paper_scene, read_scene};
+use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
+use crate::control::SEARCH_ROOM_MM;
+use crate::document::{self, Problem, Problems, Span, Table};
+use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel};
+use crate::wire::Link;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
 /// maps of the user's own.
@@ -33,22 +16,21 @@ const UNITS_MAX: u64 = 4096;
 /// # Errors
 /// Every problem of the text, each at its line.
 pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems> {
-    document::read(file, text, |root| {
-        if root.has("step") && !root.has("stage") {
-            root.leave_the_rest();
-            let problem = Problem::new(root.span(), "this is a recipe, not a rig");
-            root.complain(problem.help("name the recipe first, the rig with --rig"));
-            return None;
-        }
-        let stage = root.require_table("stage").and_then(read_stage);
-        let load_cell = root.require_table("load_cell").and_then(|table| read_load_cell(table, beside));
-        let array = root.require_table("array").and_then(|table| read_array(table, beside));
-        let limits = root.require_table("limits").and_then(read_limits);
-        let frame = root.require_table("frame").and_then(read_frame);
+    if document::has_key(text, "step") && !document::has_key(text, root::stage.name) {
+        let problem = Problem::new(0..0, "this is a recipe, not a rig");
+        let problem = problem.help("name the recipe first, the rig with --rig");
+        return Err(Problems::new(file, text, vec![problem]));
+    }
+    document::read(file, text, &root::KEYS, |table| {
+        let stage = table.table(&root::stage).and_then(|table| read_stage(&table, beside));
+        let load_cell = table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside));
+        let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
+        let limits = table.table(&root::limits).and_then(|table| read_limits(&table));
+        let frame = table.table(&root::frame).and_then(|table| read_frame(&table));
         let units = array.as_ref().map(|array| array.layout.len());
-        let scene = match root.table("scene") {
-            Some(table) => read_scene(table, units),
-            None => paper_scene(units.unwrap_or_default()).ok(), // a test holds the shipped text to be sound
+        let scene = match table.table(&root::scene) {
+            Some(table) => read_scene(&table, units),
+            None => paper_scene(units.unwrap_or_default()).ok(), // a test shows that the shipped text is sound
         };
         let spec = RigSpec {
             stage: stage?,
@@ -58,56 +40,49 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             frame: frame?,
             scene: scene?,
         };
-        check_links(&spec, root);
-        check_drivers(&spec, root);
-        check_room(&spec, root);
+        check_links(&spec, table);
+        check_drivers(&spec, table);
+        check_room(&spec, table);
         Some(spec)
     })
 }
 
-fn read_stage(mut table: Table) -> Option<StageSpec> {
-    let driver = read_stage_driver(&mut table);
-    let travel = table.require_table("travel_mm").and_then(|mut travel| {
-        let axes = ["x", "y", "z"].map(|axis| travel.require_range(axis, COORDINATE));
-        travel.finish();
+fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
+    let driver = read_stage_driver(table, beside);
+    let travel = table.table(&stage::travel_mm).and_then(|table| {
+        let axes = [travel_mm::x, travel_mm::y, travel_mm::z].map(|axis| table.range(&axis));
         let [Some(x), Some(y), Some(z)] = axes else { return None };
         Some(Travel { axes: [x, y, z] })
     });
-    let speed_mm_s = table.number("speed_mm_s", SPEED).unwrap_or(10.0);
-    let acceleration_mm_s2 = table.number("acceleration_mm_s2", ACCELERATION).unwrap_or(100.0);
-    let settle_s = table.number("settle_ms", SETTLE).unwrap_or(SETTLE_MS) / 1000.0;
-    table.finish();
+    let speed_mm_s = table.number(&stage::speed_mm_s);
+    let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
+    let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
     let (driver, link) = driver?;
-    Some(StageSpec { driver, link, travel: travel?, speed_mm_s, acceleration_mm_s2, settle_s })
+    Some(StageSpec {
+        driver,
+        link,
+        travel: travel?,
+        speed_mm_s: speed_mm_s?,
+        acceleration_mm_s2: acceleration_mm_s2?,
+        settle_s: settle_s?,
+    })
 }
 
-fn read_load_cell(mut table: Table, beside: Beside) -> Option<LoadCellSpec> {
-    let driver = read_load_cell_driver(&mut table, beside);
-    let conversions_hz = table.require_number("conversions_hz", CONVERSIONS);
-    let lag_s = table.number("lag_ms", SETTLE).unwrap_or(0.0) / 1000.0;
-    table.finish();
+fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
+    let driver = read_load_cell_driver(table, beside);
+    let conversions_hz = table.number(&load_cell::conversions_hz);
+    let lag_s = table.number(&load_cell::lag_ms).map(|ms| ms / 1000.0);
     let (driver, link) = driver?;
-    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s })
+    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s? })
 }
 
-fn read_array(mut table: Table, beside: Beside) -> Option<ArraySpec> {
-    let driver = read_array_driver(&mut table, beside);
-    let layout = match (table.has("grid"), table.has("places_mm")) {
-        (true, false) => table.table("grid").and_then(|mut grid| {
-            let rows = grid.require_integer("rows", 1, UNITS_MAX);
-            let columns = grid.require_integer("columns", 1, UNITS_MAX);
-            let pitch_mm = grid.require_number("pitch_mm", PITCH);
-            grid.finish();
-            let (rows, columns) = (rows?, columns?);
-            if rows * columns > UNITS_MAX {
-                table.complain(Problem::new(table.span_of("grid"), format!("over {UNITS_MAX} units")));
-                return None;
-            }
-            Some(ArrayLayout::grid(rows as usize, columns as usize, pitch_mm?))
-        }),
-        (false, true) => table.tuples("places_mm", 2, &[COORDINATE, COORDINATE]).map(|places| {
-            ArrayLayout::from_places(places.into_iter().map(|(xy, _)| Place::new(xy[0], xy[1])).collect())
-        }),
+fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
+    let driver = read_array_driver(table, beside);
+    let layout = match (table.has(&array::grid), table.has(&array::places_mm)) {
+        (true, false) => table.table(&array::grid).and_then(|table| read_grid(&table)),
+        (false, true) => table
+            .places(&array::places_mm)
+            .map(|places| ArrayLayout::from_places(places.into_iter().map(|(place, _)| place).collect())),
         _ => {
             let told = "`array` doesn't say where its units are";
             let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...], not both";
@@ -115,112 +90,86 @@ fn read_array(mut table: Table, beside: Beside) -> Option<ArraySpec> {
             None
         }
     };
-    let layout_key = if table.has("grid") { "grid" } else { "places_mm" };
-    let layout_span = table.span_of(layout_key);
-    if let (Some((driver, _)), Some(layout)) = (&driver, &layout) {
-        let units = layout.len();
-        let problem = match driver {
-            _ if layout.is_empty() => Some(Problem::new(layout_span, "an array without units")),
-            ArrayDriver::Modbus(map) => {
-                let most = map.profile.outputs.as_ref().map_or(0, |outputs| outputs.count_max);
-                let told = format!("{units} units, but {} has {most} outputs", map.profile.name);
-                let help = "a register map of your own may have more, on real links only: it has no emulator";
-                (units > most).then(|| Problem::new(layout_span, told).help(help))
-            }
-            ArrayDriver::Daqmx(inputs) => {
-                let told = format!("{units} units, but \"{}\" is {} inputs", inputs.physical, inputs.count);
-                (units != inputs.count).then(|| Problem::new(layout_span, told))
-            }
-            ArrayDriver::Process => None,
-        };
-        problem.into_iter().for_each(|problem| table.complain(problem));
-    }
-    let range_v = table.number("range_v", OUTPUT_RANGE_V);
-    table.finish();
-    let (driver, link) = driver?;
-    let range_v = range_v.or(match &driver {
-        ArrayDriver::Daqmx(inputs) => Some(inputs.range_v),
+    let layout_key = if table.has(&array::grid) { array::grid } else { array::places_mm };
+    let misfit = match (&driver, &layout) {
+        (_, Some(layout)) if layout.is_empty() => Some(("an array without units".to_owned(), None)),
+        (Some((driver, _)), Some(layout)) => driver.misfit(layout.len()),
         _ => None,
-    });
+    };
+    if let Some((told, help)) = misfit {
+        table.complain(problem(table.span_of(&layout_key), told, help));
+    }
+    let range_v = table.number(&array::range_v);
+    let (driver, link) = driver?;
+    let range_v = range_v.or(driver.range_v());
     Some(ArraySpec { driver, link, layout: layout?, range_v })
 }
 
-fn read_limits(mut table: Table) -> Option<Limits> {
-    let force_n = table.require_number("force_n", FORCE_LIMIT);
-    let depth_mm = table.require_number("depth_mm", DEPTH_LIMIT);
-    let stiffness_n_mm = table.require_number("stiffness_n_mm", STIFFNESS);
-    table.finish();
+/// `grid` of `[array]`.
+fn read_grid(table: &Table) -> Option<ArrayLayout> {
+    let (rows, columns) = (table.whole(&grid::rows), table.whole(&grid::columns));
+    let pitch_mm = table.number(&grid::pitch_mm);
+    let (rows, columns) = (rows?, columns?);
+    if rows * columns > keys::UNITS_MAX {
+        table.complain(Problem::new(table.span(), format!("over {} units", keys::UNITS_MAX)));
+        return None;
+    }
+    Some(ArrayLayout::grid(rows as usize, columns as usize, pitch_mm?))
+}
+
+fn read_limits(table: &Table) -> Option<Limits> {
+    let [force_n, depth_mm, stiffness_n_mm] =
+        [limits::force_n, limits::depth_mm, limits::stiffness_n_mm].map(|limit| table.number(&limit));
     Some(Limits { force_n: force_n?, depth_mm: depth_mm?, stiffness_n_mm: stiffness_n_mm? })
 }
 
-fn read_frame(mut table: Table) -> Option<Frame> {
-    let surface = table.require_table("surface_mm").and_then(|mut surface| {
-        let z = surface.require_number("z", COORDINATE);
-        let uncertainty = surface.require_number("uncertainty", UNCERTAINTY);
-        surface.finish();
+fn read_frame(table: &Table) -> Option<Frame> {
+    let surface = table.table(&frame::surface_mm).and_then(|table| {
+        let (z, uncertainty) = (table.number(&surface_mm::z), table.number(&surface_mm::uncertainty));
         Some((z?, uncertainty?))
     });
-    let down = table.require_choice("down", &[("-z", Down::Minus), ("+z", Down::Plus)]);
-    let origin = match table.table("origin_mm") {
+    let down = table.word(&frame::down, &keys::DOWN);
+    let origin = match table.table(&frame::origin_mm) {
         None => Some(Place::default()),
-        Some(mut origin) => {
-            let (x, y) = (origin.require_number("x", COORDINATE), origin.require_number("y", COORDINATE));
-            origin.finish();
+        Some(table) => {
+            let (x, y) = (table.number(&origin_mm::x), table.number(&origin_mm::y));
             x.zip(y).map(|(x, y)| Place::new(x, y))
         }
     };
-    let rotation_deg = table.number("rotation_deg", ROTATION).unwrap_or(0.0);
-    table.finish();
+    let rotation_deg = table.number(&frame::rotation_deg);
     let (surface_z_mm, uncertainty_mm) = surface?;
-    Some(Frame { origin: origin?, rotation_deg, surface_z_mm, uncertainty_mm, down: down? })
+    Some(Frame { origin: origin?, rotation_deg: rotation_deg?, surface_z_mm, uncertainty_mm, down: down? })
 }
 
-fn check_links(spec: &RigSpec, root: &Table) {
+fn check_links(spec: &RigSpec, table: &Table) {
     let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
     let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
     if simulated != 0 && simulated != links.len() {
         let told = "some links are simulated and some are real: they can't share one clock";
         let help = "make all links \"sim\", or none; `--simulate` simulates any rig whole";
-        root.complain(Problem::new(root.span_of("stage"), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
     }
 }
 
 /// Whether the drivers can work together.
-fn check_drivers(spec: &RigSpec, root: &Table) {
-    let (stage, cell, array) = (&spec.stage, &spec.load_cell, &spec.array);
-    if let LoadCellDriver::Xps(_) = cell.driver
-        && (!matches!(stage.driver, StageDriver::Xps { .. }) || stage.link != cell.link)
-    {
-        let told = "the load cell is on an XPS that isn't the stage's";
-        root.complain(Problem::new(root.span_of("load_cell"), told).help("give both the same link and an xps driver"));
+fn check_drivers(spec: &RigSpec, table: &Table) {
+    let drivers: [&dyn Driver; 3] = [&*spec.stage.driver, &*spec.load_cell.driver, &*spec.array.driver];
+    for misfit in drivers.into_iter().flat_map(|driver| driver.misfits(spec)) {
+        let role = [root::stage, root::load_cell, root::array][misfit.role as usize];
+        table.complain(problem(table.span_of(&role), misfit.told, misfit.help));
     }
-    if let StageDriver::Xps { group, .. } = &stage.driver
-        && group.home_search
-        && spec.frame.z_from_stage(XPS_HOME_MM) > spec.clear_mm()
-    {
-        let told = "`home_search` takes z to 0, the middle of its travel, which isn't clear of the specimen";
-        let help =
-            "mount the specimen so that `surface_mm` lies beyond 0, or home the group by hand, without the specimen";
-        root.complain(Problem::new(root.span_of("stage"), told).help(help));
-    }
-    if let StageDriver::Xps { guard: true, .. } = stage.driver
-        && !matches!(cell.driver, LoadCellDriver::Xps(_))
-    {
-        let told = "`guard` has the XPS look at the force, but the load cell isn't on one of its inputs";
-        root.complain(
-            Problem::new(root.span_of("stage"), told).help("leave `guard` out, or wire the cell to GPIO2 too"),
-        );
-    }
-    if let (LoadCellDriver::Daqmx { .. }, ArrayDriver::Daqmx(_)) = (&cell.driver, &array.driver)
-        && cell.link != array.link
-    {
-        let told = "load cell and array are on NI inputs, but over different links";
-        root.complain(Problem::new(root.span_of("array"), told).help("one task samples both: give them the same link"));
+}
+
+fn problem(span: Span, told: String, help: Option<&str>) -> Problem {
+    let problem = Problem::new(span, told);
+    match help {
+        Some(help) => problem.help(help),
+        None => problem,
     }
 }
 
 /// Whether z reaches from clear of the surface to the deepest press.
-fn check_room(spec: &RigSpec, root: &Table) {
+fn check_room(spec: &RigSpec, table: &Table) {
     let frame = &spec.frame;
     let travel = spec.stage.travel.along(Axis::Z);
     let clear = frame.to_stage(Place::default(), spec.clear_mm()).z_mm;
@@ -232,14 +181,14 @@ fn check_room(spec: &RigSpec, root: &Table) {
             spec.limits.depth_mm, frame.uncertainty_mm
         );
         let help = format!("at least {least_mm:.2} mm, or a surface that is known better (`surface_mm.uncertainty`)");
-        root.complain(Problem::new(root.span_of("limits"), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::limits), told).help(help));
     }
     if !travel.contains(clear) || !travel.contains(deepest) {
         let Range { min, max } = travel;
         let told =
             format!("pressing takes z from {clear} to {deepest} mm, but the stage's z runs from {min} to {max} mm");
         let help = "check `surface_mm`, `down`, `limits.depth_mm` and `stage.travel_mm.z` against each other";
-        root.complain(Problem::new(root.span_of("frame"), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::frame), told).help(help));
     }
 }
 

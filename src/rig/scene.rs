@@ -1,45 +1,21 @@
-use super::SIM_RIG;
-use super::parse::ROTATION;
+//! A rig's `[scene]`, read into a [`SceneSpec`].
+
+use super::scene_keys::{
+    contact, fault, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness, surface,
+};
 use super::skin::read_skin;
-use crate::document::{self, Bounds, Problem, Problems, Table};
-use crate::quantity::Place;
+use super::{KEYS, SIM_RIG, keys};
+use crate::document::{self, Key, Problem, Problems, Table, Value};
+use crate::quantity::{Place, Range};
 use crate::scene::{
     Branch, Contact, Fault, FaultKind, Latencies, LoadCell, Mounting, Relief, SceneSpec, Servo, Spikes, Stiffness,
 };
 
-const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
-const CURVATURE: Bounds = Bounds::within(0.0, 100_000.0, "N/mm^2");
-const TOE: Bounds = Bounds::within(0.0, 10.0, "mm");
-const SHARE: Bounds = Bounds::within(0.0, 10.0, "");
-const TIME: Bounds = Bounds::within(0.01, 86_400.0, "s");
-const PLACE: Bounds = Bounds::within(-100.0, 100.0, "mm");
-const HEIGHT: Bounds = Bounds::within(0.0, 10.0, "mm");
-const WAVELENGTH: Bounds = Bounds::within(0.1, 1000.0, "mm");
-const STIFFER: Bounds = Bounds::within(0.0, 50.0, "%");
-const LAG: Bounds = Bounds::within(0.0, 1000.0, "ms");
-const QUANTUM: Bounds = Bounds::within(0.0, 1.0, "mm");
-const CORNER: Bounds = Bounds::within(0.1, 1e6, "Hz");
-const FORCE: Bounds = Bounds::within(0.0, 100.0, "N");
-const OFFSET: Bounds = Bounds::within(-100.0, 100.0, "N");
-const LATENCY: Bounds = Bounds::within(0.0, 10_000.0, "ms");
-const ANY_SHARE: Bounds = Bounds::within(0.0, 1.0, "");
-const FROM: Bounds = Bounds::within(0.0, 1e9, "s");
-const TIMES: Bounds = Bounds::within(0.0, 1e6, "times");
-
-/// Wavelengths of a surface's bumps unless it says others, mm.
-const BUMPS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
-
-/// What a rig answers in unless its scene says otherwise, s: an ESP301 in 5 to 20 ms; a transmitter at 115200 baud needs 1.5 ms
-/// for the bytes of an exchange and two silences of 1.75 ms less what the driver waits itself; a T7 in 1 to 2 ms.
-const LATENCIES: Latencies =
-    Latencies { stage_s: (0.005, 0.020), load_cell_s: (0.002, 0.003), array_s: (0.001, 0.002), stage_spikes: None };
-
 /// The paper's rig's scene: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through
 /// Table 1 again from its top.
 pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
-    let mut paper = document::read("rigs/sim.toml", SIM_RIG, |root| {
-        root.leave_the_rest();
-        root.require_table("scene").and_then(|table| read_scene(table, None))
+    let mut paper = document::read("rigs/sim.toml", SIM_RIG, &KEYS, |table| {
+        table.table(&keys::root::scene).and_then(|table| read_scene(&table, None))
     })?;
     let noise = paper.skin.noise.as_mut().map(|noise| &mut noise.repeatability_percent);
     for percents in [noise, paper.skin.hysteresis_percent.as_mut()].into_iter().flatten() {
@@ -49,51 +25,43 @@ pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
 }
 
 /// Reads `[scene]`: each term is there because it is named.
-pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<SceneSpec> {
-    let skin = read_skin(&mut scene, units);
-    let contact = scene.require_table("contact").and_then(|mut table| {
-        let linear_n_mm = table.require_number("linear_n_mm", STIFFNESS);
-        let quadratic_n_mm2 = table.number("quadratic_n_mm2", CURVATURE).unwrap_or(0.0);
-        let toe_mm = table.number("toe_mm", TOE).unwrap_or(0.0);
-        table.finish();
-        Some(Contact { linear_n_mm: linear_n_mm?, quadratic_n_mm2, toe_mm })
+pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpec> {
+    let skin = read_skin(table, units);
+    let contact = table.table(&scene::contact).and_then(|table| {
+        let linear_n_mm = table.number(&contact::linear_n_mm);
+        let quadratic_n_mm2 = table.number(&contact::quadratic_n_mm2);
+        let toe_mm = table.number(&contact::toe_mm);
+        Some(Contact { linear_n_mm: linear_n_mm?, quadratic_n_mm2: quadratic_n_mm2?, toe_mm: toe_mm? })
     });
-    let relaxation = document::all(scene.tables("relaxation").into_iter().map(|mut table| {
-        let (share, time_s) = (table.require_number("share", SHARE), table.require_number("time_s", TIME));
-        table.finish();
+    let relaxation = document::all(table.tables(&scene::relaxation).iter().map(|table| {
+        let (share, time_s) = (table.number(&relaxation::share), table.number(&relaxation::time_s));
         Some(Branch { share: share?, time_s: time_s? })
     }));
-    let mounting = scene.table("mounting").map(|mut table| {
-        let mut along = |key, bounds| table.number(key, bounds).unwrap_or(0.0);
-        let origin = Place::new(along("x_mm", PLACE), along("y_mm", PLACE));
-        let (z_mm, rotation_deg) = (along("z_mm", PLACE), along("rotation_deg", ROTATION));
-        table.finish();
-        Mounting { origin, rotation_deg, z_mm }
+    // a term that is named and wrong has been reported
+    let mounting = table.table(&scene::mounting).and_then(|table| {
+        let [x, y, z_mm, rotation_deg] =
+            [mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg].map(|key| table.number(&key));
+        Some(Mounting { origin: Place::new(x?, y?), rotation_deg: rotation_deg?, z_mm: z_mm? })
     });
-    let (surface_tilt_mm, relief) = scene.table("surface").map_or((0.0, None), read_surface);
-    let stiffness = scene.table("stiffness").map(|mut table| {
-        let smooth_percent = table.number("smooth_percent", STIFFER).unwrap_or(0.0);
-        let white_percent = table.number("white_percent", STIFFER).unwrap_or(0.0);
-        table.finish();
-        Stiffness { smooth_percent, white_percent }
+    let (surface_tilt_mm, relief) =
+        table.table(&scene::surface).and_then(|table| read_surface(&table)).unwrap_or((0.0, None));
+    let stiffness = table.table(&scene::stiffness).and_then(|table| {
+        let (smooth_percent, white_percent) =
+            (table.number(&stiffness::smooth_percent), table.number(&stiffness::white_percent));
+        Some(Stiffness { smooth_percent: smooth_percent?, white_percent: white_percent? })
     });
-    let stage = scene.table("stage").map(|mut table| {
-        let lag_s = table.number("servo_ms", LAG).unwrap_or(0.0) / 1000.0;
-        let quantum_mm = table.number("quantum_mm", QUANTUM).unwrap_or(0.0);
-        table.finish();
-        Servo { lag_s, quantum_mm }
+    let stage = table.table(&scene::stage).and_then(|table| {
+        let (servo_ms, quantum_mm) = (table.number(&stage::servo_ms), table.number(&stage::quantum_mm));
+        Some(Servo { lag_s: servo_ms? / 1000.0, quantum_mm: quantum_mm? })
     });
-    let load_cell = scene.table("load_cell").map(|mut table| {
-        let noise_n = table.number("noise_n", FORCE).unwrap_or(0.0);
-        let offset_n = table.number("offset_n", OFFSET).unwrap_or(0.0);
-        let transport_s = table.number("transport_ms", LAG).unwrap_or(0.0) / 1000.0;
-        let low_pass_hz = table.number("low_pass_hz", CORNER);
-        table.finish();
-        LoadCell { noise_n, offset_n, transport_s, low_pass_hz }
+    let load_cell = table.table(&scene::load_cell).and_then(|table| {
+        let (noise_n, offset_n) = (table.number(&load_cell::noise_n), table.number(&load_cell::offset_n));
+        let transport_ms = table.number(&load_cell::transport_ms);
+        let low_pass_hz = table.number(&load_cell::low_pass_hz);
+        Some(LoadCell { noise_n: noise_n?, offset_n: offset_n?, transport_s: transport_ms? / 1000.0, low_pass_hz })
     });
-    let latencies = read_latencies(&mut scene);
-    let faults = document::all(scene.tables("fault").into_iter().map(read_fault));
-    scene.finish();
+    let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
+    let faults = document::all(table.tables(&scene::fault).iter().map(read_fault));
     Some(SceneSpec {
         skin: skin?,
         contact: contact?,
@@ -104,70 +72,57 @@ pub(super) fn read_scene(mut scene: Table, units: Option<usize>) -> Option<Scene
         stiffness,
         stage,
         load_cell,
-        latencies,
+        latencies: latencies?,
         faults: faults?,
     })
 }
 
 /// The plane's tilt, mm, and what is over the plane.
-fn read_surface(mut table: Table) -> (f64, Option<Relief>) {
-    let tilt_mm = table.number("tilt_mm", HEIGHT).unwrap_or(0.0);
-    let bumps_mm = table.number("bumps_mm", HEIGHT);
-    let wavelength = table.range("bumps_wavelength_mm", WAVELENGTH);
-    let roughness_mm = table.number("roughness_mm", HEIGHT);
-    if wavelength.is_some() && bumps_mm.is_none() {
+fn read_surface(table: &Table) -> Option<(f64, Option<Relief>)> {
+    let tilt_mm = table.number(&surface::tilt_mm);
+    let bumps_mm = table.number(&surface::bumps_mm);
+    let wavelength = table.range(&surface::bumps_wavelength_mm);
+    let roughness_mm = table.number(&surface::roughness_mm);
+    if table.has(&surface::bumps_wavelength_mm) && !table.has(&surface::bumps_mm) {
         let told = "`bumps_wavelength_mm` without `bumps_mm`: there is nothing of that length";
-        table.complain(Problem::new(table.span_of("bumps_wavelength_mm"), told));
+        table.complain(Problem::new(table.span_of(&surface::bumps_wavelength_mm), told));
     }
-    table.finish();
+    let Range { min, max } = wavelength?;
     let relief = (bumps_mm.is_some() || roughness_mm.is_some()).then(|| Relief {
         bumps_mm: bumps_mm.unwrap_or(0.0),
-        bumps_wavelength_mm: wavelength.map_or(BUMPS_WAVELENGTH_MM, |range| (range.min, range.max)),
+        bumps_wavelength_mm: (min, max),
         roughness_mm: roughness_mm.unwrap_or(0.0),
     });
-    (tilt_mm, relief)
+    Some((tilt_mm?, relief))
 }
 
-fn read_fault(mut table: Table) -> Option<Fault> {
-    let kind = table.require_choice("kind", &FaultKind::ALL);
-    let from_s = table.require_number("from_s", FROM);
-    let value_bounds = match kind? {
-        FaultKind::Saturated => FORCE,
-        FaultKind::HardContact => STIFFNESS,
-        FaultKind::SlowStage => LATENCY,
-        FaultKind::Noisy => TIMES,
-        FaultKind::DriftedZero => OFFSET,
-        _ => {
-            // one that isn't there to be read is told of by finish()
-            table.finish();
-            return Some(Fault { kind: kind?, from_s: from_s?, value: None });
-        }
+fn read_fault(table: &Table) -> Option<Fault> {
+    let kind = table.word(&fault::kind, &FaultKind::ALL);
+    let from_s = table.number(&fault::from_s);
+    let value = match kind? {
+        FaultKind::Saturated => table.number(&fault::saturated::value),
+        FaultKind::HardContact => table.number(&fault::hard_contact::value),
+        FaultKind::SlowStage => table.number(&fault::slow_stage::value),
+        FaultKind::Noisy => table.number(&fault::noisy::value),
+        FaultKind::DriftedZero => table.number(&fault::drifted_zero::value),
+        _ => None,
     };
-    let value = table.number("value", value_bounds);
-    table.finish();
     Some(Fault { kind: kind?, from_s: from_s?, value })
 }
 
-fn read_latencies(scene: &mut Table) -> Latencies {
-    let mut latencies = LATENCIES;
-    if let Some(mut table) = scene.table("latency_ms") {
-        let mut read = |key, place: &mut (f64, f64)| {
-            if let Some(range) = table.range(key, LATENCY) {
-                *place = (range.min / 1000.0, range.max / 1000.0);
-            }
-        };
-        read("stage", &mut latencies.stage_s);
-        read("load_cell", &mut latencies.load_cell_s);
-        read("array", &mut latencies.array_s);
-        latencies.stage_spikes = table.table("spikes").and_then(|mut table| {
-            let share = table.require_number("share", ANY_SHARE);
-            let longer_ms = table.require_number("ms", LATENCY);
-            table.finish();
-            Some(Spikes { share: share?, longer_s: longer_ms? / 1000.0 })
-        });
-        table.finish();
-    }
-    latencies
+/// What the devices take to answer, each as its key says unless the scene does.
+fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
+    let seconds = |key: Key| {
+        let range = table.map_or_else(|| key.default().and_then(Value::range), |table| table.range(&key));
+        range.map(|ms| (ms.min / 1000.0, ms.max / 1000.0))
+    };
+    let (stage_s, load_cell_s, array_s) =
+        (seconds(latency_ms::stage), seconds(latency_ms::load_cell), seconds(latency_ms::array));
+    let stage_spikes = table.and_then(|table| table.table(&latency_ms::spikes)).and_then(|table| {
+        let (share, longer_ms) = (table.number(&spikes::share), table.number(&spikes::ms));
+        Some(Spikes { share: share?, longer_s: longer_ms? / 1000.0 })
+    });
+    Some(Latencies { stage_s: stage_s?, load_cell_s: load_cell_s?, array_s: array_s?, stage_spikes })
 }
 
 #[cfg(test)]

@@ -1,12 +1,10 @@
-use super::{ArrayDriver, LoadCellDriver, MappedDevice, RigSpec, StageDriver};
-use crate::device::{DeviceError, Problem};
-use crate::emulator::{
-    self, DaqmxEmulator, Grbl, Instrument, LabJackT7, LaumasTlb, Modbus, ProcessArray, ProcessLoadCell, ProcessStage,
-    SenecaZsg, Shared, Transmitter,
-};
+//! A rig's emulators, acting on one scene.
+
+use super::RigSpec;
+use crate::device::DeviceError;
+use crate::emulator::{Instrument, Shared};
 use crate::quantity::{Axis, Place, Position};
 use crate::scene::{Device, Scene, Setting, Truth};
-use crate::wire::daqmx::NiDaqmx;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::time::Instant;
 
@@ -15,9 +13,6 @@ const LOADING_HALF_MM: f64 = 6.0;
 
 /// How far from the specimen the axes stand when an emulated controller is switched on, mm.
 const POWER_ON_MM: f64 = 5.0;
-
-/// The range of the emulated transmitters over the specimen's force limit.
-const RANGE_OVER_LIMIT: f64 = 2.5;
 
 /// A rig's emulators, acting on one scene.
 pub struct SimulatedRig {
@@ -85,52 +80,10 @@ impl RigSpec {
             latencies: spec.latencies,
         };
         let scene = Scene::new(spec, setting, seed);
-        let range_n = RANGE_OVER_LIMIT * self.limits.force_n;
-        let stage = self.emulated_stage(&scene);
-        let load_cell = match &self.load_cell.driver {
-            LoadCellDriver::Modbus(map) => emulated_map(map, Device::LoadCell, range_n)?,
-            // another socket of the stage's own controller
-            LoadCellDriver::Xps(_) => stage.clone(),
-            LoadCellDriver::Daqmx { .. } => EmulatedDevice { far_end: FarEnd::Library, protocol: "daqmx" },
-            LoadCellDriver::Process => pipe(ProcessLoadCell::new()),
-        };
-        let array = match &self.array.driver {
-            ArrayDriver::Modbus(map) => emulated_map(map, Device::Array, range_n)?,
-            ArrayDriver::Daqmx(_) => EmulatedDevice { far_end: FarEnd::Library, protocol: "daqmx" },
-            ArrayDriver::Process => pipe(ProcessArray::new()),
-        };
+        let stage = self.stage.driver.emulated(&scene, self);
+        let load_cell = self.load_cell.driver.emulated(self, &stage)?;
+        let array = self.array.driver.emulated(self)?;
         Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
-    }
-
-    fn emulated_stage(&self, scene: &Scene) -> EmulatedDevice {
-        let device = |far_end, protocol| EmulatedDevice { far_end, protocol };
-        match &self.stage.driver {
-            StageDriver::Esp301 => device(FarEnd::Serial(shared(emulator::Esp301::new(scene))), "esp301"),
-            StageDriver::Xps { group, .. } => {
-                let volts_per_newton = match &self.load_cell.driver {
-                    LoadCellDriver::Xps(input) => 1.0 / input.newton_per_volt,
-                    _ => 1.0,
-                };
-                let positioners = group.positioners.each_ref().map(String::as_str);
-                let xps = emulator::Xps::new(scene, &group.name, positioners, volts_per_newton);
-                device(FarEnd::Network(shared(xps)), "xps")
-            }
-            StageDriver::Grbl => device(FarEnd::Serial(shared(Grbl::new(scene))), "grbl"),
-            StageDriver::Process => pipe(ProcessStage::new(scene)),
-        }
-    }
-
-    /// NI's functions in a scene: the channels that the rig's drivers name carry what they are meant to.
-    pub(super) fn emulated_daqmx(&self, scene: &Shared<Scene>, origin: Instant) -> Arc<dyn NiDaqmx> {
-        let (mut device, mut cell, mut first, mut volts_per_newton) = ("Dev1", None, 0, 1.0);
-        if let ArrayDriver::Daqmx(inputs) = &self.array.driver {
-            (device, first) = first_input(&inputs.physical);
-        }
-        if let LoadCellDriver::Daqmx { inputs, newton_per_volt } = &self.load_cell.driver {
-            let (name, channel) = first_input(&inputs.physical);
-            (device, cell, volts_per_newton) = (name, Some(channel), 1.0 / newton_per_volt);
-        }
-        Arc::new(DaqmxEmulator::new(scene.clone(), origin, device, cell, first, volts_per_newton))
     }
 }
 
@@ -143,6 +96,21 @@ impl SimulatedRig {
 }
 
 impl EmulatedDevice {
+    /// An instrument on a serial line.
+    pub(super) fn serial<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
+        EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol }
+    }
+
+    /// An instrument on a network.
+    pub(super) fn network<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
+        EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol }
+    }
+
+    /// A program.
+    pub(super) fn pipe<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
+        EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol }
+    }
+
     /// The instrument at the far end; none where it is a library.
     pub fn instrument(&self) -> Option<&Shared<dyn Instrument>> {
         match &self.far_end {
@@ -192,42 +160,5 @@ impl SceneProbe {
 
     fn now_s(&self) -> f64 {
         self.origin.elapsed().as_secs_f64()
-    }
-}
-
-fn shared<I: Instrument + 'static>(instrument: I) -> Shared<dyn Instrument> {
-    Arc::new(Mutex::new(instrument))
-}
-
-fn pipe<I: Instrument + 'static>(instrument: I) -> EmulatedDevice {
-    EmulatedDevice { far_end: FarEnd::Pipe(shared(instrument)), protocol: "process" }
-}
-
-/// The device and the number of the first input of `Dev1/ai1:9`.
-fn first_input(physical: &str) -> (&str, u32) {
-    let (device, inputs) = physical.split_once('/').unwrap_or((physical, ""));
-    let digits: String = inputs.chars().skip_while(|c| !c.is_ascii_digit()).take_while(char::is_ascii_digit).collect();
-    (device, digits.parse().unwrap_or(0))
-}
-
-fn emulated_map(map: &MappedDevice, role: Device, range_n: f64) -> Result<EmulatedDevice, DeviceError> {
-    let unit_id = map.profile.unit_id;
-    let rtu = |instrument| Ok(EmulatedDevice { far_end: FarEnd::Serial(instrument), protocol: "modbus-rtu" });
-    match (map.name.as_str(), role) {
-        ("generic-rs485", Device::LoadCell) => rtu(shared(Modbus::rtu(Transmitter::new(range_n), unit_id))),
-        ("laumas-tlb", Device::LoadCell) => rtu(shared(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
-        ("seneca-zsg", Device::LoadCell) => rtu(shared(Modbus::rtu(SenecaZsg::new(range_n), unit_id))),
-        ("labjack-t7", Device::LoadCell | Device::Array) => {
-            let far_end = FarEnd::Network(shared(Modbus::tcp(LabJackT7::new(role))));
-            Ok(EmulatedDevice { far_end, protocol: "modbus-tcp" })
-        }
-        (name, role) => {
-            let told = format!(
-                "there is no emulator for the register map \"{name}\" in this role: simulated are generic-rs485, \
-                 laumas-tlb and seneca-zsg (load cell) and labjack-t7 (load cell or array)"
-            );
-            let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
-            Err(DeviceError { device, doing, problem: Problem::Mismatch(told) })
-        }
     }
 }

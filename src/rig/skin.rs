@@ -1,73 +1,38 @@
 //! The terms of a `[scene]` that say what the taxels read.
 
-use crate::document::{self, Bounds, Problem, Table};
-use crate::mechanics::{MOST_POISSON_RATIO, MOST_RADIUS_DEPTHS, Medium};
-use crate::scene::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
-
-const DEPTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
-const POISSON_RATIO: Bounds = Bounds::within(0.0, MOST_POISSON_RATIO, "");
-const RADIUS: Bounds = Bounds::within(0.0, 1000.0, "mm");
-const PERCENT: Bounds = Bounds::within(0.0, 100.0, "%");
-const GAIN_SPREAD: Bounds = Bounds::within(0.0, 90.0, "%");
-const DEPTH_SPREAD: Bounds = Bounds::within(0.0, 30.0, "%");
-const PLACE_SPREAD: Bounds = Bounds::within(0.0, 10.0, "mm");
-/// Reading units: 1 is the reading for 1 N straight above.
-const READING: Bounds = Bounds::within(-1000.0, 1000.0, "");
-const FLOOR: Bounds = Bounds::within(0.0, 1000.0, "");
-const RANGE: Bounds = Bounds::above(0.0, 1000.0, "");
-const BITS: (u64, u64) = (1, 32);
-const DRIFT: Bounds = Bounds::within(-100.0, 1000.0, "%");
-
-const NOISE_OF: [(&str, NoiseOf); 2] = [("full-scale", NoiseOf::FullScale), ("reading", NoiseOf::Reading)];
-
-/// How a unit's fault is named, before it is known how much of it there is.
-#[derive(Clone, Copy)]
-enum Kind {
-    Dead,
-    Stuck,
-    Clipped,
-    Drifted,
-}
-
-const KINDS: [(&str, Kind); 4] =
-    [("dead", Kind::Dead), ("stuck", Kind::Stuck), ("clipped", Kind::Clipped), ("drifted", Kind::Drifted)];
+use super::scene_keys::{
+    NOISE_OF, TAXEL_FAULTS, Taxel, converter, elastomer, hysteresis, indenter, scene, taxel_fault, taxel_noise, taxels,
+};
+use crate::document::{self, Key, Problem, Table};
+use crate::mechanics::{MOST_RADIUS_DEPTHS, Medium};
+use crate::scene::{Converter, Elastomer, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
 
 /// Reads what the scene says of its taxels; `units` is how many the rig's array has, if that is known.
-pub(super) fn read_skin(scene: &mut Table, units: Option<usize>) -> Option<SkinSpec> {
-    let has_elastomer = scene.has("elastomer");
-    let elastomer = scene.table("elastomer").and_then(read_elastomer);
-    let mut under = |key| {
-        let table = scene.table(key)?;
-        if !has_elastomer {
-            let told = format!("`{key}` without `elastomer`: the taxels read nothing");
-            table.complain(Problem::new(table.span(), told).help("add elastomer = { depth_mm = 5.0 }"));
+pub(super) fn read_skin(table: &Table, units: Option<usize>) -> Option<SkinSpec> {
+    let elastomer = table.table(&scene::elastomer).and_then(|table| read_elastomer(&table));
+    let under = |key: &Key| {
+        let inner = table.table(key)?;
+        if !table.has(&scene::elastomer) {
+            let told = format!("`{}` without `elastomer`: the taxels read nothing", key.name);
+            table.complain(Problem::new(inner.span(), told).help("add elastomer = { depth_mm = 5.0 }"));
         }
-        Some(table)
+        Some(inner)
     };
-    let indenter_radius_mm = under("indenter").map_or(0.0, |mut table| {
-        let radius_mm = read_radius(&mut table, elastomer);
-        table.finish();
-        radius_mm
-    });
-    let taxels = under("taxels").map_or_else(Taxels::default, |table| read_taxels(table, elastomer));
-    let noise = scene.table("taxel_noise").map(|table| read_noise(table, units));
-    let hysteresis_percent = scene.table("hysteresis").map(|mut table| {
-        let percents = read_percents(&mut table, "hysteresis", "hysteresis_percent", units);
-        table.finish();
-        percents
-    });
-    let faults = document::all(scene.tables("taxel_fault").into_iter().map(|table| read_fault(table, units)));
-    let converter = scene.table("converter").map(|mut table| {
-        let bits = table.require_integer("bits", BITS.0, BITS.1);
-        let range = table.require_number("range", RANGE);
-        table.finish();
+    let radius_mm = under(&scene::indenter).map(|table| read_radius(&table, &indenter::radius_mm, elastomer));
+    let taxels = under(&scene::taxels).map(|table| read_taxels(&table, elastomer));
+    let noise = table.table(&scene::taxel_noise).map(|table| read_noise(&table, units));
+    let hysteresis_percent =
+        table.table(&scene::hysteresis).map(|table| read_percents(&table, &hysteresis::hysteresis_percent, units));
+    let faults = document::all(table.tables(&scene::taxel_fault).iter().map(|table| read_fault(table, units)));
+    let converter = table.table(&scene::converter).map(|table| {
+        let (bits, range) = (table.whole(&converter::bits), table.number(&converter::range));
         Some(Converter { bits: u32::try_from(bits?).ok()?, range: range? })
     });
     Some(SkinSpec {
         elastomer,
-        indenter_radius_mm,
-        taxels,
-        // a term that is named and wrong has been told of
+        // a term that is named and wrong has been reported
+        indenter_radius_mm: radius_mm.flatten().unwrap_or(0.0),
+        taxels: taxels.flatten().unwrap_or_default(),
         noise: noise.flatten(),
         hysteresis_percent: hysteresis_percent.flatten(),
         faults: faults?,
@@ -75,81 +40,74 @@ pub(super) fn read_skin(scene: &mut Table, units: Option<usize>) -> Option<SkinS
     })
 }
 
-fn read_elastomer(mut table: Table) -> Option<Elastomer> {
-    let depth_mm = table.require_number("depth_mm", DEPTH);
-    let bonded = table.number("bonded_poisson_ratio", POISSON_RATIO);
-    table.finish();
+fn read_elastomer(table: &Table) -> Option<Elastomer> {
+    let depth_mm = table.number(&elastomer::depth_mm);
+    let bonded = table.number(&elastomer::bonded_poisson_ratio);
     let medium = bonded.map_or(Medium::HalfSpace, |poisson_ratio| Medium::BondedLayer { poisson_ratio });
     Some(Elastomer { depth_mm: depth_mm?, medium })
 }
 
-fn read_taxels(mut table: Table, elastomer: Option<Elastomer>) -> Taxels {
-    let taxels = Taxels {
-        radius_mm: read_radius(&mut table, elastomer),
-        gain_spread_percent: table.number("gain_spread_percent", GAIN_SPREAD).unwrap_or(0.0),
-        place_spread_mm: table.number("place_spread_mm", PLACE_SPREAD).unwrap_or(0.0),
-        depth_spread_percent: table.number("depth_spread_percent", DEPTH_SPREAD).unwrap_or(0.0),
-        baseline: table.number("baseline", READING).unwrap_or(0.0),
-    };
-    table.finish();
-    taxels
+fn read_taxels(table: &Table, elastomer: Option<Elastomer>) -> Option<Taxels> {
+    let radius_mm = read_radius(table, &taxels::radius_mm, elastomer);
+    let [gain, place, depth, baseline] =
+        [taxels::gain_spread_percent, taxels::place_spread_mm, taxels::depth_spread_percent, taxels::baseline]
+            .map(|key| table.number(&key));
+    Some(Taxels {
+        radius_mm: radius_mm?,
+        gain_spread_percent: gain?,
+        place_spread_mm: place?,
+        depth_spread_percent: depth?,
+        baseline: baseline?,
+    })
 }
 
 /// The radius of an indenter or a taxel, mm.
-fn read_radius(table: &mut Table, elastomer: Option<Elastomer>) -> f64 {
-    let radius_mm = table.number("radius_mm", RADIUS).unwrap_or(0.0);
+fn read_radius(table: &Table, key: &Key, elastomer: Option<Elastomer>) -> Option<f64> {
+    let radius_mm = table.number(key)?;
     if let Some(Elastomer { depth_mm, .. }) = elastomer
         && radius_mm > MOST_RADIUS_DEPTHS * depth_mm
     {
         let told = format!("`radius_mm` is {radius_mm}, over {MOST_RADIUS_DEPTHS} times the elastomer's {depth_mm} mm");
-        table.complain(Problem::new(table.span_of("radius_mm"), told));
+        table.complain(Problem::new(table.span_of(key), told));
     }
-    radius_mm
+    Some(radius_mm)
 }
 
-fn read_noise(mut table: Table, units: Option<usize>) -> Option<TaxelNoise> {
-    let repeatability_percent = read_percents(&mut table, "taxel_noise", "repeatability_percent", units);
-    let of = table.choice("of", &NOISE_OF).unwrap_or_default();
-    let floor = table.number("floor", FLOOR).unwrap_or(0.0);
-    table.finish();
-    Some(TaxelNoise { repeatability_percent: repeatability_percent?, of, floor })
+fn read_noise(table: &Table, units: Option<usize>) -> Option<TaxelNoise> {
+    let repeatability_percent = read_percents(table, &taxel_noise::repeatability_percent, units);
+    let (of, floor) = (table.word(&taxel_noise::of, &NOISE_OF), table.number(&taxel_noise::floor));
+    Some(TaxelNoise { repeatability_percent: repeatability_percent?, of: of?, floor: floor? })
 }
 
-fn read_fault(mut table: Table, units: Option<usize>) -> Option<TaxelFault> {
-    let unit = table.require_integer("unit", 1, u64::from(u16::MAX)).map(|unit| unit as usize);
+fn read_fault(table: &Table, units: Option<usize>) -> Option<TaxelFault> {
+    let unit = table.whole(&taxel_fault::unit).map(|unit| unit as usize);
     if let (Some(unit), Some(units)) = (unit, units)
         && unit > units
     {
         let told = format!("there is no unit {unit}: the rig's array has {units}");
-        table.complain(Problem::new(table.span_of("unit"), told));
+        table.complain(Problem::new(table.span_of(&taxel_fault::unit), told));
     }
-    let kind = table.require_choice("kind", &KINDS).and_then(|kind| {
-        // a key that belongs to another kind is told of by finish()
+    let kind = table.word(&taxel_fault::kind, &TAXEL_FAULTS).and_then(|kind| {
         Some(match kind {
-            Kind::Dead => TaxelFaultKind::Dead,
-            Kind::Stuck => TaxelFaultKind::Stuck(table.require_number("reading", READING)?),
-            Kind::Clipped => TaxelFaultKind::Clipped(table.require_number("reading", READING)?),
-            Kind::Drifted => TaxelFaultKind::Drifted(table.require_number("gain_percent", DRIFT)?),
+            Taxel::Dead => TaxelFaultKind::Dead,
+            Taxel::Stuck => TaxelFaultKind::Stuck(table.number(&taxel_fault::stuck::reading)?),
+            Taxel::Clipped => TaxelFaultKind::Clipped(table.number(&taxel_fault::clipped::reading)?),
+            Taxel::Drifted => TaxelFaultKind::Drifted(table.number(&taxel_fault::drifted::gain_percent)?),
         })
     });
-    table.finish();
     Some(TaxelFault { unit: unit?, kind: kind? })
 }
 
 /// One percentage a unit.
-fn read_percents(table: &mut Table, term: &str, key: &'static str, units: Option<usize>) -> Option<Vec<f64>> {
-    if !table.has(key) {
-        let told = format!("`{key}` is missing in `scene.{term}`: a list, one % a unit");
-        table.complain(Problem::new(table.span(), told));
-    }
-    let percents = table.numbers(key, PERCENT);
-    if let (Some(percents), Some(units)) = (&percents, units)
+fn read_percents(table: &Table, key: &Key, units: Option<usize>) -> Option<Vec<f64>> {
+    let percents = table.per_unit(key)?;
+    if let Some(units) = units
         && percents.len() != units
     {
-        let told = format!("`{key}` has {} values for {units} units", percents.len());
+        let told = format!("`{}` has {} values for {units} units", key.name, percents.len());
         table.complain(Problem::new(table.span_of(key), told));
     }
-    percents
+    Some(percents)
 }
 
 #[cfg(test)]
@@ -157,6 +115,7 @@ mod tests {
     use super::super::SIM_RIG;
     use super::*;
     use crate::rig;
+    use crate::scene::NoiseOf;
 
     const ELASTOMER: &str = "elastomer = { depth_mm = 5.0 }";
     const LAST: &str = "array = [1.0, 2.0] }";
@@ -287,7 +246,7 @@ mod tests {
             ),
             (
                 with_fault("unit = 5\nkind = \"dead\"\nreading = 1.0"),
-                vec!["45:1: unknown key `reading` in `scene.taxel_fault`"],
+                vec!["45:1: `reading` in `scene.taxel_fault` has no meaning here"],
             ),
             (
                 with_fault("unit = 5\nkind = \"deaf\""),

@@ -157,8 +157,8 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
         let from = origin + Duration::from_secs_f64(from_s);
         let to_cell = tapped(&simulated.load_cell, Tap::Over(spec.limits.force_n, from));
         let mut rig = spec.open_on(simulated).expect("drivers");
-        rig.instruments.stage = stage(&spec, &to_stage);
-        rig.instruments.load_cell = load_cell(&spec, to_cell(), origin);
+        rig.instruments.stage = spec.stage_on(&to_stage);
+        rig.instruments.load_cell = spec.load_cell_on(&to_cell, origin).expect("a driver");
         let (mut ledger, cancel) = (Memory::default(), Cancel::default());
         let errand = Errand { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(rig, errand, &mut Begin(None)).await;
@@ -166,33 +166,6 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
         let heard = std::mem::take(&mut *heard.lock().unwrap());
         (heard, origin)
     })
-}
-
-fn stage(spec: &RigSpec, link: &dyn Fn() -> Connector) -> AnyStage {
-    let name = "tapped".to_owned();
-    match &spec.stage.driver {
-        StageDriver::Esp301 => AnyStage::Esp301(Esp301::new(link(), name)),
-        StageDriver::Xps { group, .. } => {
-            AnyStage::Xps(Box::new(Xps::new([link(), link(), link()], name, group.clone(), None)))
-        }
-        StageDriver::Grbl => AnyStage::Grbl(Grbl::new(link(), name)),
-        StageDriver::Process => AnyStage::Process(ProcessStage::new(link(), name)),
-    }
-}
-
-fn load_cell(spec: &RigSpec, link: Connector, origin: Instant) -> AnyLoadCell {
-    let (name, hz) = ("tapped".to_owned(), spec.load_cell.conversions_hz);
-    match &spec.load_cell.driver {
-        LoadCellDriver::Modbus(map) => {
-            let cell = ModbusLoadCell::new(link, Transport::Tcp, map.profile.clone(), &name, hz, origin);
-            AnyLoadCell::Modbus(cell.expect("a map with a force"))
-        }
-        LoadCellDriver::Xps(input) => {
-            AnyLoadCell::Xps(XpsAnalog::new(link, name, &input.input, input.newton_per_volt, hz, origin))
-        }
-        LoadCellDriver::Process => AnyLoadCell::Process(ProcessLoadCell::new(link, name, hz, origin)),
-        LoadCellDriver::Daqmx { .. } => unreachable!("a library has no wire to tap"),
-    }
 }
 
 /// What is listened for on a link.

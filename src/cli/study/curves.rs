@@ -64,11 +64,7 @@ pub fn study(args: &Args) -> Result<ExitCode, Failure> {
 fn design(path: &Path, args: &Args) -> Result<Design, Failure> {
     let (text, rig) = read_rig(path)?;
     // a rig without a scene is simulated as the paper's: that says nothing of its own array
-    let names_scene = document::read("", &text, |root| {
-        root.leave_the_rest();
-        Some(root.has("scene"))
-    });
-    let mut skin = if names_scene.unwrap_or(false) { rig.scene.skin } else { SkinSpec::default() };
+    let mut skin = if document::has_key(&text, "scene") { rig.scene.skin } else { SkinSpec::default() };
     if let Some(depth_mm) = args.depth_mm {
         skin.elastomer = Some(Elastomer::half_space(depth_mm));
     }

@@ -2,6 +2,7 @@
 
 mod array;
 mod client;
+mod keys;
 mod line;
 mod load_cell;
 mod number;
@@ -12,6 +13,11 @@ pub use client::Client;
 pub use load_cell::ModbusLoadCell;
 pub use number::{Encoding, NumberType, WordOrder};
 pub use profile::{Function, Profile, Register, SHIPPED, Transport};
+
+use crate::document::Keys;
+
+/// Every key that a register map may have.
+pub const KEYS: Keys = keys::root::KEYS;
 
 #[cfg(test)]
 mod tests;

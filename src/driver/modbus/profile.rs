@@ -1,5 +1,8 @@
+//! A register map: which registers of a Modbus device mean what.
+
+use super::keys::{self, decimals, force, outputs, probe, register, root, sign, status};
 use super::number::{Encoding, NumberType, WordOrder};
-use crate::document::{self, Bounds, Problem, Problems, Table};
+use crate::document::{self, Problem, Problems, Table};
 
 /// The register maps that come with the program: name and text.
 pub const SHIPPED: [(&str, &str); 4] = [
@@ -130,51 +133,30 @@ pub struct Probe {
     pub value: f64,
 }
 
-const TRANSPORTS: [(&str, Transport); 2] = [("rtu", Transport::Rtu), ("tcp", Transport::Tcp)];
-const WORD_ORDERS: [(&str, WordOrder); 2] = [("big", WordOrder::Big), ("little", WordOrder::Little)];
-const FUNCTIONS: [(&str, Function); 2] = [("holding", Function::Holding), ("input", Function::Input)];
-const NUMBER_TYPES: [(&str, NumberType); 6] = [
-    ("u16", NumberType::U16),
-    ("i16", NumberType::I16),
-    ("u32", NumberType::U32),
-    ("i32", NumberType::I32),
-    ("f32", NumberType::F32),
-    ("f64", NumberType::F64),
-];
-const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");
-const OFFSET: Bounds = Bounds::within(-1e12, 1e12, "units of the device");
-const RANGE: Bounds = Bounds::above(0.0, 1e6, "N");
-const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
-const REST_MS_MAX: u64 = 1000;
-/// A manual that counts from 40001 for the first holding register, and one that counts from 30001 for the first input one.
-const BASE_MAX: u64 = 40_001;
-/// One Modbus read carries at most 125 registers (Modbus specification).
-const REGISTERS_MAX: u64 = 125;
-
 impl Profile {
     /// Reads a register map; `file` is its name in messages.
     ///
     /// # Errors
     /// Every problem of the text, each at its line.
     pub fn parse(file: &str, text: &str) -> Result<Profile, Problems> {
-        document::read(file, text, |root| {
-            let name = root.require_text("name", "the device's name in messages");
-            let transport = root.require_choice("transport", &TRANSPORTS);
-            let unit_id = root.require_integer("unit_id", 0, 255);
-            let deadline_ms = root.require_integer("deadline_ms", 1, 60_000);
-            let rest_ms = root.integer("rest_ms", 0, REST_MS_MAX).unwrap_or(0);
-            let registers_max = root.integer("registers_max", 1, REGISTERS_MAX).unwrap_or(REGISTERS_MAX) as u16;
-            let base = root.integer("address_base", 0, BASE_MAX).unwrap_or(0);
-            let force = optional(root.table("force"), |table| read_force(table, base, registers_max));
-            let status = optional(root.table("status"), |table| read_status(table, base));
-            let outputs = optional(root.table("outputs"), |table| read_outputs(table, base, registers_max));
-            let probe = document::all(root.tables("probe").into_iter().map(|table| read_probe(table, base)));
+        document::read(file, text, &root::KEYS, |table| {
+            let name = table.text(&root::name);
+            let transport = table.word(&root::transport, &keys::TRANSPORTS);
+            let unit_id = table.whole(&root::unit_id);
+            let deadline_ms = table.whole(&root::deadline_ms);
+            let rest_ms = table.whole(&root::rest_ms);
+            let registers_max = table.whole(&root::registers_max).unwrap_or(keys::REGISTERS_MAX) as u16;
+            let base = table.whole(&root::address_base).unwrap_or(0);
+            let force = optional(table.table(&root::force), |table| read_force(table, base, registers_max));
+            let status = optional(table.table(&root::status), |table| read_status(table, base));
+            let outputs = optional(table.table(&root::outputs), |table| read_outputs(table, base, registers_max));
+            let probe = document::all(table.tables(&root::probe).iter().map(|table| read_probe(table, base)));
             Some(Profile {
                 name: name?.to_owned(),
                 transport: transport?,
                 unit_id: unit_id? as u8,
                 deadline_ms: deadline_ms?,
-                rest_ms,
+                rest_ms: rest_ms?,
                 registers_max,
                 force: force?,
                 status: status?,
@@ -201,93 +183,87 @@ impl Force {
 }
 
 /// A table that may be missing, but must be right where it is there.
-fn optional<T>(table: Option<Table>, read: impl FnOnce(Table) -> Option<T>) -> Option<Option<T>> {
+fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>) -> Option<Option<T>> {
     match table {
-        Some(table) => read(table).map(Some),
+        Some(table) => read(&table).map(Some),
         None => Some(None),
     }
 }
 
-fn read_force(mut table: Table, base: u64, registers_max: u16) -> Option<Force> {
-    let register = read_register(&mut table, base);
-    let newton_per_unit = table.require_number("newton_per_unit", FORCE_PER_UNIT);
-    let offset = table.number("offset", OFFSET).unwrap_or(0.0);
-    let range_n = table.number("range_n", RANGE);
-    let decimals = optional(table.table("decimals"), |mut decimals| {
-        let address = read_address(&mut decimals, base);
-        let mask = decimals.require_integer("mask", 1, u64::from(u16::MAX));
-        let shift = decimals.integer("shift", 0, 15).unwrap_or(0) as u8;
-        decimals.finish();
-        let encoding = Encoding { mask: Some(mask? as u32), shift, ..Encoding::plain(NumberType::U16, WordOrder::Big) };
+fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
+    let register = read_register(table, base);
+    let newton_per_unit = table.number(&force::newton_per_unit);
+    let offset = table.number(&force::offset);
+    let range_n = table.number(&force::range_n);
+    let decimals = optional(table.table(&force::decimals), |table| {
+        let address = read_address(table, base);
+        let (mask, shift) = (table.whole(&decimals::mask), table.whole(&decimals::shift));
+        let (mask, shift) = (Some(mask? as u32), shift? as u8);
+        let encoding = Encoding { mask, shift, ..Encoding::plain(NumberType::U16, WordOrder::Big) };
         Some(Register { function: Function::Holding, address: address?, encoding })
     });
-    let sign_span = table.span_of("sign");
-    let sign = optional(table.table("sign"), |mut sign| {
-        let (address, bit) = (read_address(&mut sign, base), sign.require_integer("bit", 0, 15));
-        sign.finish();
+    let sign = optional(table.table(&force::sign), |table| {
+        let (address, bit) = (read_address(table, base), table.whole(&sign::bit));
         Some(Bit { address: address?, bit: bit? as u8 })
     });
-    let force = (|| {
-        let (decimals, sign) = (decimals?, sign?);
-        Some(Force { register: register?, newton_per_unit: newton_per_unit?, offset, range_n, decimals, sign })
-    })();
-    if let Some(force) = &force
-        && force.block().1 > registers_max
-    {
+    let (decimals, sign) = (decimals?, sign?);
+    let force =
+        Force { register: register?, newton_per_unit: newton_per_unit?, offset: offset?, range_n, decimals, sign };
+    if force.block().1 > registers_max {
         let told = format!("the sign is {} registers from the force: they can't be read together", force.block().1);
-        table.complain(Problem::new(sign_span, told).help("at most `registers_max` apart: both are of one moment"));
+        let problem = Problem::new(table.span_of(&force::sign), told);
+        table.complain(problem.help("at most `registers_max` apart: both are of one moment"));
     }
-    table.finish();
-    force
+    Some(force)
 }
 
-fn read_status(mut table: Table, base: u64) -> Option<Status> {
-    let address = read_address(&mut table, base);
-    let mut bits = |key| table.integers(key, 0, 15).unwrap_or_default().into_iter().map(|bit| bit as u8).collect();
-    let (saturated_bits, fault_bits) = (bits("saturated_bits"), bits("fault_bits"));
-    table.finish();
+fn read_status(table: &Table, base: u64) -> Option<Status> {
+    let address = read_address(table, base);
+    let bits = |key| table.wholes(key).unwrap_or_default().into_iter().map(|bit| bit as u8).collect();
+    let (saturated_bits, fault_bits) = (bits(&status::saturated_bits), bits(&status::fault_bits));
     Some(Status { address: address?, saturated_bits, fault_bits })
 }
 
-fn read_outputs(mut table: Table, base: u64, registers_max: u16) -> Option<Outputs> {
-    let register = read_register(&mut table, base);
+fn read_outputs(table: &Table, base: u64, registers_max: u16) -> Option<Outputs> {
+    let register = read_register(table, base);
     let each = register.as_ref().map_or(1, |register| register.encoding.registers());
-    let count_max = table.require_integer("count_max", 1, u64::from(registers_max / each));
-    table.finish();
+    let count_max = table.whole_within(&outputs::count_max, 1, u64::from(registers_max / each));
     Some(Outputs { register: register?, count_max: count_max? as usize })
 }
 
-fn read_probe(mut table: Table, base: u64) -> Option<Probe> {
-    let what = table.require_text("what", "its name in the device's manual");
-    let register = read_register(&mut table, base);
-    let value = table.require_number("value", VALUE);
-    table.finish();
+fn read_probe(table: &Table, base: u64) -> Option<Probe> {
+    let what = table.text(&probe::what);
+    let register = read_register(table, base);
+    let value = table.number(&probe::value);
     Some(Probe { what: what?.to_owned(), register: register?, value: value? })
 }
 
 /// The address on the wire of one in the manual, whose first register has the number `base`.
-fn read_address(table: &mut Table, base: u64) -> Option<u16> {
-    table.require_integer("address", base, base + u64::from(u16::MAX)).map(|address| (address - base) as u16)
+fn read_address(table: &Table, base: u64) -> Option<u16> {
+    let address = table.whole_within(&register::address, base, base + u64::from(u16::MAX));
+    address.map(|address| (address - base) as u16)
 }
 
-fn read_register(table: &mut Table, base: u64) -> Option<Register> {
-    let function = table.choice("function", &FUNCTIONS).unwrap_or(Function::Holding);
+fn read_register(table: &Table, base: u64) -> Option<Register> {
+    let function = table.word(&register::function, &keys::FUNCTIONS);
     let address = read_address(table, base);
-    let number = table.require_choice("type", &NUMBER_TYPES);
-    // of one register there is only one order
-    let is_one = number.is_some_and(|number| number.registers() == 1);
-    let word_order = match is_one && !table.has("word_order") {
+    let number = table.word(&register::number_type, &keys::NUMBER_TYPES);
+    let word_order = match number.is_some_and(|number| number.registers() == 1) && !table.has(&register::word_order) {
         true => Some(WordOrder::Big),
-        false => table.require_choice("word_order", &WORD_ORDERS),
+        false => {
+            table.require(&register::word_order);
+            table.word(&register::word_order, &keys::WORD_ORDERS)
+        }
     };
-    let swap_bytes = table.flag("swap_bytes").unwrap_or(false);
-    let mask = table.integer("mask", 1, u64::from(u32::MAX)).map(|mask| mask as u32);
-    let shift = table.integer("shift", 0, 31).unwrap_or(0) as u8;
+    let swap_bytes = table.flag(&register::swap_bytes);
+    let mask = table.whole(&register::mask).map(|mask| mask as u32);
+    let shift = table.whole(&register::shift).map(|shift| shift as u8);
     if mask.is_some() && number.is_some_and(|number| !number.is_whole()) {
-        table.complain(Problem::new(table.span_of("mask"), "`mask` picks bits of a whole number, this is a float"));
+        let told = "`mask` picks bits of a whole number, this is a float";
+        table.complain(Problem::new(table.span_of(&register::mask), told));
     }
-    let encoding = Encoding { number: number?, word_order: word_order?, swap_bytes, mask, shift };
-    Some(Register { function, address: address?, encoding })
+    let encoding = Encoding { number: number?, word_order: word_order?, swap_bytes: swap_bytes?, mask, shift: shift? };
+    Some(Register { function: function?, address: address?, encoding })
 }
 
 #[cfg(test)]

@@ -1,0 +1,76 @@
+//! `palpate drivers`: the families of devices that a rig may name.
+
+use super::exit::Failure;
+use super::summary::print;
+use crate::rig::{FAMILIES, Family, Links};
+use std::process::ExitCode;
+use textwrap::{Options, fill};
+
+const EXAMPLES: &str = "\
+Example:
+  palpate drivers
+
+A family goes into a rig file as driver = \"esp301\", or as driver = { modbus = \"labjack-t7\" } with its keys.
+Every family can be simulated: link = \"sim\", or --simulate.";
+
+/// Widest line, columns.
+const WIDTH: usize = 80;
+
+/// Where what is said of a family begins, columns.
+const INDENT: &str = "            ";
+
+/// List the families of devices that a rig may name
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {}
+
+/// Lists the families, a paragraph each.
+pub fn drivers(_: &Args) -> Result<ExitCode, Failure> {
+    print(&FAMILIES.map(paragraph).join("\n"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn paragraph(family: &Family) -> String {
+    let roles = [
+        family.stage.as_ref().map(|role| ("stage", role.words, role.links)),
+        family.load_cell.as_ref().map(|role| ("load_cell", role.words, role.links)),
+        family.array.as_ref().map(|role| ("array", role.words, role.links)),
+    ];
+    let roles: Vec<_> = roles.into_iter().flatten().collect();
+    let names: Vec<&str> = roles.iter().map(|(role, ..)| *role).collect();
+    // a family has the same kind of link in all its roles
+    let links = roles.first().map_or("", |(.., links)| match links {
+        Links::Stream => "serial port or TCP",
+        Links::Daqmx => "NI's library",
+        Links::Program => "the program itself",
+    });
+    let line = |title: &str, text: &str| {
+        let first = format!("{title:<width$}", width = INDENT.len());
+        fill(text, Options::new(WIDTH).initial_indent(&first).subsequent_indent(INDENT)) + "\n"
+    };
+    line(family.name, family.meaning)
+        + &line("  roles", &names.join(", "))
+        + &line("  link", links)
+        + &line("  simulated", family.simulated)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_family_is_shown_with_its_roles_link_and_emulator_in_80_columns() {
+        for family in FAMILIES {
+            let text = paragraph(family);
+            assert!(text.starts_with(family.name) && text.lines().count() >= 4, "{text}");
+            assert!(text.lines().all(|line| line.chars().count() <= WIDTH && line == line.trim_end()), "{text}");
+        }
+        assert_eq!(
+            paragraph(FAMILIES[3]),
+            "xps         Newport XPS: a group of three positioners, an analog input\n  \
+             roles     stage, load_cell\n  \
+             link      serial port or TCP\n  \
+             simulated an XPS-Q8 with three VP-25XL axes, an input, a guard\n"
+        );
+    }
+}

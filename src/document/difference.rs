@@ -1,0 +1,159 @@
+//! Two texts compared key by key.
+
+use super::{Key, Keys, Problems, Value, parsed, printable};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// A key whose value isn't the same in two texts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// Where it is: `limits.force_n`; a table in a list has its number, counted from 1: `scene.fault[2].kind`.
+    pub path: String,
+    /// Its value in the one text; none: it isn't there and has no default.
+    pub before: Option<Given>,
+    /// Its value in the other.
+    pub now: Option<Given>,
+}
+
+/// A value as a text gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// As it stands in the text, or the default.
+    pub text: String,
+    /// As a number, where it is one.
+    pub number: Option<f64>,
+}
+
+/// The keys whose values differ between two texts, in the order of their list. A key that isn't there has its default; numbers
+/// are the same however they are written. A table that isn't there differs from every one that is.
+///
+/// # Errors
+/// A text that isn't TOML.
+pub fn differences(keys: &Keys, before: (&str, &str), now: (&str, &str)) -> Result<Vec<Change>, Problems> {
+    let (old, new) = (parsed(before.0, before.1)?, parsed(now.0, now.1)?);
+    let mut comparison = Comparison { before: before.1, now: now.1, changes: Vec::new() };
+    comparison.tables("", Some(keys), old.get_ref(), new.get_ref());
+    Ok(comparison.changes)
+}
+
+type Item<'t> = Spanned<DeValue<'t>>;
+
+struct Comparison<'t> {
+    before: &'t str,
+    now: &'t str,
+    changes: Vec<Change>,
+}
+
+impl Comparison<'_> {
+    fn tables(&mut self, path: &str, keys: Option<&Keys>, before: &DeTable, now: &DeTable) {
+        let listed: Vec<&Key> = keys.map(|keys| keys.all().collect()).unwrap_or_default();
+        let mut names: Vec<&str> = listed.iter().map(|key| key.name).collect();
+        names.extend(before.keys().chain(now.keys()).map(|name| name.get_ref().as_ref()));
+        for (i, name) in names.iter().enumerate() {
+            if names[..i].contains(name) {
+                continue; // a key of two cases, or of both texts
+            }
+            let key = listed.iter().find(|key| key.name == *name).copied();
+            let path = if path.is_empty() { (*name).to_owned() } else { format!("{path}.{name}") };
+            self.items(&path, key, before.get(*name), now.get(*name));
+        }
+    }
+
+    fn items(&mut self, path: &str, key: Option<&Key>, before: Option<&Item>, now: Option<&Item>) {
+        let inner = key.and_then(Key::inner);
+        if let (Some(DeValue::Table(old)), Some(DeValue::Table(new))) =
+            (before.map(Item::get_ref), now.map(Item::get_ref))
+        {
+            return self.tables(path, inner, old, new);
+        }
+        if let (Some(old), Some(new)) = (tables_of(before), tables_of(now))
+            && inner.is_some()
+        {
+            for i in 0..old.len().max(new.len()) {
+                self.items(&format!("{path}[{}]", i + 1), key, old.get(i).copied(), new.get(i).copied());
+            }
+            return;
+        }
+        let default = key.and_then(Key::default);
+        let (old, new) =
+            [before, now].map(|item| item.map(|item| Plain::of(item.get_ref())).or(default.map(Plain::default))).into();
+        if old != new {
+            let given = |item: Option<&Item>, text, plain: Option<Plain>| {
+                let text = item.map(|item| shown(item, text)).or(default.map(|value| value.to_string()));
+                text.map(|text| Given { text, number: plain.and_then(|plain| plain.number()) })
+            };
+            let (before, now) = (given(before, self.before, old), given(now, self.now, new));
+            self.changes.push(Change { path: path.to_owned(), before, now });
+        }
+    }
+}
+
+/// The tables of a list of them, none where it isn't there; nothing where it is something else.
+fn tables_of<'i, 't>(item: Option<&'i Item<'t>>) -> Option<Vec<&'i Item<'t>>> {
+    let Some(item) = item else { return Some(Vec::new()) };
+    let items: Vec<&Item> = item.get_ref().as_array()?.iter().collect();
+    items.iter().all(|item| item.get_ref().is_table()).then_some(items)
+}
+
+/// A value whatever way it is written in.
+#[derive(Debug, PartialEq)]
+enum Plain {
+    Number(f64),
+    Word(String),
+    List(Vec<Plain>),
+    Table(Vec<(String, Plain)>),
+}
+
+impl Plain {
+    fn of(value: &DeValue) -> Plain {
+        match value {
+            DeValue::String(text) => Plain::Word(format!("{text:?}")),
+            DeValue::Integer(i) => match i64::from_str_radix(i.as_str(), i.radix()) {
+                Ok(n) => Plain::Number(n as f64),
+                Err(_) => Plain::Word(i.as_str().to_owned()),
+            },
+            DeValue::Float(x) => match x.as_str().parse() {
+                Ok(n) => Plain::Number(n),
+                Err(_) => Plain::Word(x.as_str().to_owned()),
+            },
+            DeValue::Boolean(flag) => Plain::Word(flag.to_string()),
+            DeValue::Datetime(time) => Plain::Word(time.to_string()),
+            DeValue::Array(items) => Plain::List(items.iter().map(|item| Plain::of(item.get_ref())).collect()),
+            DeValue::Table(table) => {
+                let entry =
+                    |(name, item): (&Spanned<_>, &Item)| (format!("{}", name.get_ref()), Plain::of(item.get_ref()));
+                Plain::Table(table.iter().map(entry).collect())
+            }
+        }
+    }
+
+    fn default(value: Value) -> Plain {
+        match value {
+            Value::Number(n) => Plain::Number(n),
+            Value::Whole(n) => Plain::Number(n as f64),
+            Value::Range(from, to) => Plain::List(vec![Plain::Number(from), Plain::Number(to)]),
+            Value::Flag(flag) => Plain::Word(flag.to_string()),
+            Value::Word(word) => Plain::Word(format!("{word:?}")),
+            Value::Texts(texts) => Plain::List(texts.iter().map(|text| Plain::Word(format!("{text:?}"))).collect()),
+        }
+    }
+
+    fn number(&self) -> Option<f64> {
+        if let Plain::Number(number) = self { Some(*number) } else { None }
+    }
+}
+
+/// A value as it stands in its text, on one line.
+fn shown(item: &Item, text: &str) -> String {
+    match item.get_ref() {
+        DeValue::Array(items) => {
+            let items: Vec<String> = items.iter().map(|item| shown(item, text)).collect();
+            format!("[{}]", items.join(", "))
+        }
+        DeValue::Table(table) => {
+            let entry = |(name, item): (&Spanned<_>, &Item)| format!("{} = {}", name.get_ref(), shown(item, text));
+            format!("{{ {} }}", table.iter().map(entry).collect::<Vec<_>>().join(", "))
+        }
+        _ => printable(text.get(item.span()).unwrap_or_default().to_owned()),
+    }
+}

@@ -1,0 +1,337 @@
+//! Keys as data: what each table of a text may say.
+//!
+//! A [`Key`] is one key of one table; [`Keys`] are all keys of a table and its alternatives. The readers take names, bounds and
+//! defaults from these lists and read nothing that isn't in them; suggestions come from them too.
+
+use super::Bounds;
+use crate::quantity::Range;
+
+/// One key of a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// Its name; the unit stands last.
+    pub name: &'static str,
+    /// What its value may be.
+    pub kind: Kind,
+    /// What counts where it isn't there.
+    pub absent: Absent,
+    /// What it means, in one line.
+    pub meaning: &'static str,
+    /// A value of it as TOML; empty for a table, whose keys have examples of their own.
+    pub example: &'static str,
+}
+
+/// What a key's value may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// A number; whole numbers count.
+    Number(Bounds),
+    /// An interval `[from, to]` with `from <= to`.
+    Range(Bounds),
+    /// A list with one number for each unit of the array.
+    PerUnit(Bounds),
+    /// A list of places `[x, y]`.
+    Places(Bounds),
+    /// A whole number from the first to the second.
+    Whole(u64, u64),
+    /// A list of such.
+    Wholes(u64, u64),
+    /// True or false.
+    Flag,
+    /// A string.
+    Text,
+    /// A list of strings.
+    Texts,
+    /// One of these words.
+    Word(&'static [&'static str]),
+    /// A list of some of these words.
+    Words(&'static [&'static str]),
+    /// A table.
+    Table(&'static Keys),
+    /// A list of tables.
+    Tables(&'static Keys),
+    /// A value of one of these kinds.
+    Either(&'static [Kind]),
+}
+
+/// What counts where a key isn't there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Absent {
+    /// Nothing: it must be there.
+    Refused,
+    /// Its meaning says what.
+    Allowed,
+    /// This value.
+    Is(Value),
+}
+
+/// A value that counts where its key isn't there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "each is named as the kind it is a value of")]
+pub enum Value {
+    Number(f64),
+    Range(f64, f64),
+    Whole(u64),
+    Flag(bool),
+    Word(&'static str),
+    Texts(&'static [&'static str]),
+}
+
+/// All keys of a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Keys {
+    /// The keys that have a meaning whatever else the table says.
+    pub always: &'static [Key],
+    /// The key that has a word for each case; none: a case is chosen by the first of its own keys.
+    pub by: Option<Key>,
+    /// The table's alternatives.
+    pub cases: &'static [Case],
+}
+
+/// Keys that have a meaning in one case only.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Case {
+    /// The word, or the name of the key, that chooses it.
+    pub name: &'static str,
+    /// Its keys.
+    pub keys: &'static [Key],
+}
+
+/// A key and where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listed {
+    /// The names of the tables it is in and its own, with dots between: `limits.force_n`.
+    pub path: String,
+    /// The cases that the tables on its way must be in, outermost first.
+    pub cases: Vec<&'static str>,
+    /// The key.
+    pub key: Key,
+}
+
+impl Key {
+    /// The tables below it, where it is one, a list of them, or may be.
+    pub fn inner(&self) -> Option<&'static Keys> {
+        self.kind.pick(|kind| match kind {
+            Kind::Table(keys) | Kind::Tables(keys) => Some(*keys),
+            _ => None,
+        })
+    }
+
+    /// Its default, where it has one that is always the same.
+    pub fn default(&self) -> Option<Value> {
+        match self.absent {
+            Absent::Is(value) => Some(value),
+            _ => None,
+        }
+    }
+}
+
+impl Kind {
+    /// What is picked from this kind or one of its alternatives.
+    pub(super) fn pick<T>(&self, pick: impl Fn(&Kind) -> Option<T>) -> Option<T> {
+        match self {
+            Kind::Either(kinds) => kinds.iter().find_map(pick),
+            kind => pick(kind),
+        }
+    }
+}
+
+impl Value {
+    pub(super) fn number(self) -> Option<f64> {
+        if let Value::Number(number) = self { Some(number) } else { None }
+    }
+
+    pub(crate) fn range(self) -> Option<Range> {
+        if let Value::Range(min, max) = self { Some(Range { min, max }) } else { None }
+    }
+
+    pub(super) fn whole(self) -> Option<u64> {
+        if let Value::Whole(number) = self { Some(number) } else { None }
+    }
+
+    pub(super) fn flag(self) -> Option<bool> {
+        if let Value::Flag(flag) = self { Some(flag) } else { None }
+    }
+
+    pub(super) fn word(self) -> Option<&'static str> {
+        if let Value::Word(word) = self { Some(word) } else { None }
+    }
+
+    pub(super) fn texts(self) -> Option<Vec<&'static str>> {
+        if let Value::Texts(texts) = self { Some(texts.to_vec()) } else { None }
+    }
+}
+
+impl Keys {
+    /// Keys without any alternatives.
+    pub const fn of(always: &'static [Key]) -> Keys {
+        Keys { always, by: None, cases: &[] }
+    }
+
+    /// Nothing but alternatives.
+    pub const fn one_of(cases: &'static [Case]) -> Keys {
+        Keys { always: &[], by: None, cases }
+    }
+
+    /// Every key that the table may have, in whichever case.
+    pub fn all(&self) -> impl Iterator<Item = &'static Key> + use<> {
+        self.always.iter().chain(self.cases.iter().flat_map(|case| case.keys))
+    }
+
+    /// Every key that the table or a table within it may have, outer ones first.
+    pub fn walk(&self) -> Vec<Listed> {
+        let mut listed = Vec::new();
+        self.walk_within("", &[], &mut listed);
+        listed
+    }
+
+    fn walk_within(&self, path: &str, cases: &[&'static str], listed: &mut Vec<Listed>) {
+        let always = self.always.iter().map(|key| (key, None));
+        let others = self.cases.iter().flat_map(|case| case.keys.iter().map(|key| (key, Some(case.name))));
+        for (key, case) in always.chain(others) {
+            let path = if path.is_empty() { key.name.to_owned() } else { format!("{path}.{}", key.name) };
+            let cases: Vec<_> = cases.iter().copied().chain(case).collect();
+            listed.push(Listed { path: path.clone(), cases: cases.clone(), key: *key });
+            if let Some(keys) = key.inner() {
+                keys.walk_within(&path, &cases, listed);
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Value {
+    /// The value as TOML.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Value::Number(n) => write!(f, "{n:?}"),
+            Value::Range(from, to) => write!(f, "[{from:?}, {to:?}]"),
+            Value::Whole(n) => write!(f, "{n}"),
+            Value::Flag(flag) => write!(f, "{flag}"),
+            Value::Word(word) => write!(f, "{word:?}"),
+            Value::Texts(texts) => write!(f, "{texts:?}"),
+        }
+    }
+}
+
+/// The words of a list of words and what they mean.
+pub(crate) const fn words<T, const N: usize>(meanings: &[(&'static str, T); N]) -> [&'static str; N] {
+    let mut words = [""; N];
+    let mut i = 0;
+    while i < N {
+        words[i] = meanings[i].0;
+        i += 1;
+    }
+    words
+}
+
+/// What the rows of a [`keys!`](super::keys) list are made of.
+pub(crate) mod row {
+    pub use super::Absent::{Allowed, Refused};
+    pub use super::Keys;
+    pub use super::Kind::*;
+    use super::{Absent, Bounds, Value};
+
+    pub const fn within(min: f64, max: f64, unit: &'static str) -> Bounds {
+        Bounds::within(min, max, unit)
+    }
+
+    pub const fn above(min: f64, max: f64, unit: &'static str) -> Bounds {
+        Bounds::above(min, max, unit)
+    }
+
+    pub const fn or(number: f64) -> Absent {
+        Absent::Is(Value::Number(number))
+    }
+
+    pub const fn or_range(from: f64, to: f64) -> Absent {
+        Absent::Is(Value::Range(from, to))
+    }
+
+    pub const fn or_whole(number: u64) -> Absent {
+        Absent::Is(Value::Whole(number))
+    }
+
+    pub const fn or_flag(flag: bool) -> Absent {
+        Absent::Is(Value::Flag(flag))
+    }
+
+    pub const fn or_word(word: &'static str) -> Absent {
+        Absent::Is(Value::Word(word))
+    }
+
+    pub const fn or_texts(texts: &'static [&'static str]) -> Absent {
+        Absent::Is(Value::Texts(texts))
+    }
+}
+
+/// The keys of one table as a module: a `const` [`Key`] for each row, under the name it has in the text, and all of them as
+/// `KEYS`. A row says kind, what counts where it isn't there, meaning and an example.
+///
+/// Keys after `as TABLE` are those of another table. Rows after `one of` are alternatives, each a case of its own. Rows after `by KEY` belong to a word of that key.
+macro_rules! keys {
+    // the value of `name`, or of `name = "text"`
+    (@name $name:ident) => { stringify!($name) };
+    (@name $name:ident $text:literal) => { $text };
+    (@by) => { None };
+    (@by $by:ident) => { Some($by) };
+    (@key $name:ident $($text:literal)?, $kind:expr, $absent:expr, $meaning:expr $(, $example:literal)?) => {
+        #[allow(non_upper_case_globals, reason = "a key has one name, in the text and here")]
+        pub const $name: $crate::document::Key = $crate::document::Key {
+            name: $crate::document::keys!(@name $name $($text)?),
+            kind: $kind,
+            absent: $absent,
+            meaning: $meaning,
+            example: concat!($($example)?),
+        };
+    };
+    (
+        $(#[$doc:meta])*
+        $table:ident {
+            $($name:ident $(= $text:literal)?: $kind:expr, $absent:expr, $meaning:expr $(, $example:literal)?;)*
+        }
+        $(as $other:ident { $($shared:ident),+ })?
+        $(one of {
+            $($one:ident $(= $one_text:literal)?: $one_kind:expr, $one_absent:expr, $one_meaning:expr $(, $one_example:literal)?;)+
+        })?
+        $(by $by:ident {
+            $($case:ident $(= $word:literal)? {
+                $($own:ident: $own_kind:expr, $own_absent:expr, $own_meaning:expr $(, $own_example:literal)?;)+
+            })+
+        })?
+    ) => {
+        $(#[$doc])*
+        pub mod $table {
+            #[allow(unused_imports, reason = "a table needs some of them")]
+            use super::*;
+            #[allow(unused_imports, reason = "a table needs some of them")]
+            use $crate::document::{Case, Key, row::*};
+
+            $($crate::document::keys!(@key $name $($text)?, $kind, $absent, $meaning $(, $example)?);)*
+            $($($crate::document::keys!(@key $one $($one_text)?, $one_kind, $one_absent, $one_meaning $(, $one_example)?);)+)?
+            $($(
+                pub mod $case {
+                    #[allow(unused_imports, reason = "a case needs some of them")]
+                    use super::*;
+
+                    $($crate::document::keys!(@key $own, $own_kind, $own_absent, $own_meaning $(, $own_example)?);)+
+                    pub const CASE: Case =
+                        Case { name: $crate::document::keys!(@name $case $($word)?), keys: &[$($own),+] };
+                }
+            )+)?
+
+            $(pub use super::$other::{$($shared),+};)?
+
+            #[allow(dead_code, reason = "some keys are only those of other tables")]
+            const ALWAYS: &[Key] = &[$($name,)* $($($shared,)+)?];
+            /// All keys of the table.
+            #[allow(dead_code, reason = "some keys are only those of other tables")]
+            pub const KEYS: Keys = Keys {
+                always: ALWAYS,
+                by: $crate::document::keys!(@by $($by)?),
+                cases: &[$($(Case { name: $one.name, keys: &[$one] }),+)? $($($case::CASE),+)?],
+            };
+        }
+    };
+}
+
+pub(crate) use keys;

@@ -1,0 +1,109 @@
+//! Texts made from lists of keys, and which keys a reader asks for: tests compare the two.
+
+use super::{Key, Keys, Kind, Table, read};
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+thread_local! {
+    static ASKED: RefCell<BTreeSet<String>> = const { RefCell::new(BTreeSet::new()) };
+    static DEPTH: Cell<usize> = const { Cell::new(0) };
+}
+
+/// A text that is being read: one that is read for its sake isn't noted.
+pub(super) struct Reading;
+
+impl Reading {
+    pub fn begin() -> Self {
+        DEPTH.set(DEPTH.get() + 1);
+        Reading
+    }
+}
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        DEPTH.set(DEPTH.get() - 1);
+    }
+}
+
+/// Notes that a key of the table at `path` is asked for.
+pub(super) fn note(path: &str, name: &str) {
+    let key = if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+    if DEPTH.get() == 1 {
+        ASKED.with_borrow_mut(|asked| asked.insert(key));
+    }
+}
+
+/// Checks that a reader asks for the keys of a list, each in its table, and for no others, and that the list's examples and
+/// defaults are values that it takes itself.
+pub(crate) fn assert_read_is_listed(keys: &'static Keys, read: impl Fn(&str)) {
+    ASKED.take();
+    (0..=most_cases(keys)).for_each(|case| read(&sample(keys, case)));
+    let asked = ASKED.take();
+    let listed: BTreeSet<String> = keys.walk().into_iter().map(|listed| listed.path).collect();
+    let alone = |these: &BTreeSet<String>, those| these.difference(those).cloned().collect::<Vec<_>>();
+    assert!(asked == listed, "only listed: {:?}; only asked for: {:?}", alone(&listed, &asked), alone(&asked, &listed));
+    for listed in keys.walk() {
+        assert_takes(&listed.key, listed.key.example);
+        if let Some(default) = listed.key.default() {
+            assert_takes(&listed.key, &default.to_string());
+        }
+    }
+}
+
+/// A text with an example of every key that has a meaning when each table is in its case of this number; all of a table's cases
+/// come up as the number grows to [`most_cases`].
+pub(crate) fn sample(keys: &Keys, case: usize) -> String {
+    let mut text = String::new();
+    for key in keys.always.iter().chain(keys.cases.get(case % keys.cases.len().max(1)).into_iter().flat_map(|c| c.keys))
+    {
+        let of_case = keys.by.filter(|by| by == key).and_then(|_| keys.cases.get(case % keys.cases.len()));
+        let value = match of_case {
+            Some(case) => format!("{:?}", case.name),
+            None => value(key, case),
+        };
+        writeln!(text, "{} = {value}", key.name).expect("a string takes it");
+    }
+    text
+}
+
+/// How many cases the table has that has most.
+pub(crate) fn most_cases(keys: &Keys) -> usize {
+    let inner = keys.walk().into_iter().filter_map(|listed| listed.key.inner()).map(|keys| keys.cases.len());
+    inner.chain([keys.cases.len()]).max().unwrap_or_default()
+}
+
+/// An example of a key's value; one that may be a table is one but for case 0.
+fn value(key: &Key, case: usize) -> String {
+    let table = |keys: &Keys| format!("{{ {} }}", sample(keys, case).trim_end().replace('\n', ", "));
+    match (key.kind, key.inner()) {
+        (Kind::Tables(keys), _) => format!("[{}]", table(keys)),
+        (Kind::Either(_), Some(keys)) if case > 0 => table(keys),
+        (Kind::Table(keys), _) => table(keys),
+        _ => key.example.to_owned(),
+    }
+}
+
+/// Checks that a value fits the kind that its key has.
+fn assert_takes(key: &Key, value: &str) {
+    let keys: &'static [Key] = Vec::leak(vec![*key]);
+    let keys: &'static Keys = Box::leak(Box::new(Keys::of(keys)));
+    let taken = |table: &Table, kind: &Kind| match kind {
+        Kind::Number(_) => table.number(key).is_some(),
+        Kind::Range(_) => table.range(key).is_some(),
+        Kind::PerUnit(_) => table.per_unit(key).is_some(),
+        Kind::Places(_) => table.places(key).is_some(),
+        Kind::Whole(..) => table.whole(key).is_some(),
+        Kind::Wholes(..) => table.wholes(key).is_some(),
+        Kind::Flag => table.flag(key).is_some(),
+        Kind::Text => table.text(key).is_some(),
+        Kind::Texts => table.texts(key).is_some(),
+        Kind::Word(words) => table.text(key).is_some_and(|word| words.contains(&word)),
+        Kind::Words(_) => table.words(key).is_some(),
+        Kind::Table(_) | Kind::Tables(_) | Kind::Either(_) => true,
+    };
+    let text = if value.is_empty() { String::new() } else { format!("{} = {value}\n", key.name) };
+    let found = read("example", &text, keys, |table| taken(table, &key.kind).then_some(()));
+    assert!(found.is_ok(), "`{}` doesn't take {value}: {:?}", key.name, found.map_err(|problems| problems.lines()));
+    ASKED.take();
+}

@@ -1,0 +1,125 @@
+//! The keys of a register map, table by table.
+
+use super::number::{NumberType, WordOrder};
+use super::profile::{Function, Transport};
+use crate::document::{Bounds, keys, words};
+
+pub(super) const TRANSPORTS: [(&str, Transport); 2] = [("rtu", Transport::Rtu), ("tcp", Transport::Tcp)];
+pub(super) const WORD_ORDERS: [(&str, WordOrder); 2] = [("big", WordOrder::Big), ("little", WordOrder::Little)];
+pub(super) const FUNCTIONS: [(&str, Function); 2] = [("holding", Function::Holding), ("input", Function::Input)];
+pub(super) const NUMBER_TYPES: [(&str, NumberType); 6] = [
+    ("u16", NumberType::U16),
+    ("i16", NumberType::I16),
+    ("u32", NumberType::U32),
+    ("i32", NumberType::I32),
+    ("f32", NumberType::F32),
+    ("f64", NumberType::F64),
+];
+
+const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");
+const OFFSET: Bounds = Bounds::within(-1e12, 1e12, "units of the device");
+const RANGE: Bounds = Bounds::above(0.0, 1e6, "N");
+const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
+/// A manual that counts from 40001 for the first holding register, and one that counts from 30001 for the first input one.
+const BASE_MAX: u64 = 40_001;
+/// The last address that a manual can have: the wire has 16 bits for it.
+const ADDRESS_MAX: u64 = BASE_MAX + u16::MAX as u64;
+/// One Modbus read carries at most 125 registers (Modbus specification).
+pub(super) const REGISTERS_MAX: u64 = 125;
+
+keys! {
+    /// The whole register map.
+    root {
+        name: Text, Refused, "the device's name in messages", "\"Laumas TLB\"";
+        transport: Word(&words(&TRANSPORTS)), Refused, "what the device itself speaks", "\"rtu\"";
+        unit_id: Whole(0, 255), Refused, "its Modbus unit (slave) id", "1";
+        deadline_ms: Whole(1, 60_000), Refused, "the longest wait for an answer", "200";
+        rest_ms: Whole(0, 1000), or_whole(0), "the least rest between an answer and the next request", "2";
+        registers_max: Whole(1, REGISTERS_MAX), or_whole(REGISTERS_MAX), "most registers that it gives at once", "32";
+        address_base: Whole(0, BASE_MAX), or_whole(0), "the number that its manual gives to the first register", "40001";
+        force: Table(&force::KEYS), Allowed, "where a load cell's force is";
+        status: Table(&status::KEYS), Allowed, "what a load cell says of itself";
+        outputs: Table(&outputs::KEYS), Allowed, "where an array's outputs are, one number a unit, without gaps";
+        probe: Tables(&probe::KEYS), Allowed, "registers whose value is known: they show that the map fits";
+    }
+}
+
+keys! {
+    /// Where a number is and what it holds.
+    register {
+        function: Word(&words(&FUNCTIONS)), or_word("holding"), "which registers are read", "\"input\"";
+        address: Whole(0, ADDRESS_MAX), Refused, "address of its first register, as the manual counts", "40008";
+        number_type = "type": Word(&words(&NUMBER_TYPES)), Refused, "what the registers hold", "\"i32\"";
+        word_order: Word(&words(&WORD_ORDERS)), Allowed,
+            "`big`: the high word at the lower address; of one register there is only one order", "\"big\"";
+        swap_bytes: Flag, or_flag(false), "the two bytes of each register are exchanged", "true";
+        mask: Whole(1, u32::MAX as u64), Allowed, "the bits of a whole number that count; without it all", "255";
+        shift: Whole(0, 31), or_whole(0), "how far these are shifted down", "4";
+    }
+}
+
+keys! {
+    /// `[force]`
+    force {
+        newton_per_unit: Number(FORCE_PER_UNIT), Refused, "N for each unit of the device, before its decimals", "0.001";
+        offset: Number(OFFSET), or(0.0), "what the device reads at no force", "12.0";
+        range_n: Number(RANGE), Allowed, "most that it can measure: a reading beyond is damaged", "50.0";
+        decimals: Table(&decimals::KEYS), Allowed, "where the device says how many decimals its integer has";
+        sign: Table(&sign::KEYS), Allowed, "the bit that says a magnitude is negative, read together with the force";
+    }
+    as register { function, address, number_type, word_order, swap_bytes, mask, shift }
+}
+
+keys! {
+    /// `decimals` of `[force]`.
+    decimals {
+        mask: Whole(1, u16::MAX as u64), Refused, "the bits that count", "7";
+        shift: Whole(0, 15), or_whole(0), "how far these are shifted down", "4";
+    }
+    as register { address }
+}
+
+keys! {
+    /// `sign` of `[force]`.
+    sign {
+        bit: Whole(0, 15), Refused, "0 (least significant) to 15", "7";
+    }
+    as register { address }
+}
+
+keys! {
+    /// `[status]`
+    status {
+        saturated_bits: Wholes(0, 15), Allowed, "bits that say the reading is beyond its range", "[2, 3]";
+        fault_bits: Wholes(0, 15), Allowed, "bits that say the cell or its converter is broken", "[0, 1]";
+    }
+    as register { address }
+}
+
+keys! {
+    /// `[outputs]`
+    outputs {
+        count_max: Whole(1, REGISTERS_MAX), Refused, "most outputs that can be read at once", "14";
+    }
+    as register { function, address, number_type, word_order, swap_bytes, mask, shift }
+}
+
+keys! {
+    /// `[[probe]]`
+    probe {
+        what: Text, Refused, "its name in the device's manual", "\"PRODUCT_ID\"";
+        value: Number(VALUE), Refused, "its value", "7.0";
+    }
+    as register { function, address, number_type, word_order, swap_bytes, mask, shift }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::document::sample::assert_read_is_listed;
+    use crate::driver::modbus::{KEYS, Profile};
+
+    #[test]
+    fn what_is_read_of_a_register_map_is_what_is_listed() {
+        assert_read_is_listed(&KEYS, |text| drop(Profile::parse("map.toml", text)));
+    }
+}

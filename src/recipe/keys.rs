@@ -1,0 +1,136 @@
+//! The keys of a recipe, table by table.
+
+use super::{Manner, Order, PRESSES_CEILING, Phase};
+use crate::control::Strategy;
+use crate::document::{Bounds, keys, words};
+use crate::solver::{BEST, SOLVERS};
+
+const DAY_S: f64 = 86_400.0;
+const UNITS_MAX: u64 = 4096;
+
+const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
+const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
+const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
+/// Shorter windows hold less than two conversions of a common load cell.
+const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
+const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
+
+/// The phases that a step may have.
+pub(super) const PHASES: [(&str, Phase); 3] = [
+    (Phase::Characterisation.name(), Phase::Characterisation),
+    (Phase::Calibration.name(), Phase::Calibration),
+    (Phase::Test.name(), Phase::Test),
+];
+pub(super) const ORDERS: [(&str, Order); 2] =
+    [(Order::Raster.name(), Order::Raster), (Order::Interleaved.name(), Order::Interleaved)];
+pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
+    (Strategy::Guarded.name(), Strategy::Guarded),
+    (Strategy::Velocity.name(), Strategy::Velocity),
+    (Strategy::Map.name(), Strategy::Map),
+];
+pub(super) const ALL_UNITS: [(&str, ()); 1] = [("all", ())];
+
+/// Every solver's name, and the one that stands for whichever is best.
+const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
+    let mut names = [BEST; SOLVERS.len() + 1];
+    names.split_at_mut(1).1.copy_from_slice(&SOLVERS);
+    names
+};
+
+keys! {
+    /// The whole recipe.
+    root {
+        name: Text, Refused, "what the run folder is named after", "\"paper\"";
+        press: Table(&press::KEYS), Allowed, "how every press is made, unless a step says otherwise";
+        step: Tables(&step::KEYS), Allowed, "what to press, one step after the other; there is at least one";
+        evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is done";
+    }
+}
+
+keys! {
+    /// `[press]`, and the same keys in a step.
+    press {
+        force_tolerance_n: Number(FORCE), or(Manner::PAPER.force_tolerance_n),
+            "how far the force in the window may be from the one that is set", "0.05";
+        hold_s: Number(DWELL), or(Manner::PAPER.hold_s), "dwell at the set force before the window", "0.5";
+        sample_s: Number(WINDOW), or(Manner::PAPER.sample_s),
+            "length of the window in which force and outputs are sampled", "0.1";
+        strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "how the force is found", "\"map\"";
+        sample_after_s: Number(DWELL), Allowed,
+            "when the window begins, from contact; without it as soon as the strategy is sure of the force", "2.0";
+    }
+}
+
+keys! {
+    /// `[evaluate]`
+    evaluate {
+        solvers: Words(&CHOOSABLE), or_texts(&[SOLVERS[0]]), "the solvers to evaluate the run with",
+            "[\"pearson\", \"pearson-lsq\"]";
+    }
+}
+
+keys! {
+    /// `[[step]]`
+    step {
+        phase: Word(&words(&PHASES)), Refused, "what its presses are made for", "\"calibration\"";
+        force_n: Number(FORCE), Allowed, "the force of every press; a step has this, `staircase` or `random.force_n`", "1.0";
+        staircase: Table(&staircase::KEYS), Allowed, "up to a force and back, in equal steps";
+    }
+    as press { force_tolerance_n, hold_s, sample_s, strategy, sample_after_s }
+    one of {
+        grid: Table(&grid::KEYS), Allowed, "press rows of places, both ends included";
+        list: Table(&list::KEYS), Allowed, "press the places of a list";
+        random: Table(&random::KEYS), Allowed, "press places drawn from the run's seed";
+        units: Either(&[Word(&words(&ALL_UNITS)), Wholes(1, UNITS_MAX)]), Allowed,
+            "press straight above units of the array, which count from 1, or above all of them", "[1, 5, 9]";
+    }
+}
+
+keys! {
+    /// `grid` of a step.
+    grid {
+        x_mm: Range(PLACE), Refused, "the first and the last x", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "the first and the last y", "[-6.0, 6.0]";
+        spacing_mm: Number(SPACING), Refused, "from one place to the next; it divides both extents", "0.5";
+        order: Word(&words(&ORDERS)), or_word(Order::Raster.name()), "in which order the places are visited",
+            "\"interleaved\"";
+    }
+}
+
+keys! {
+    /// `list` of a step.
+    list {
+        places_mm: Places(PLACE), Refused, "the places", "[[0.0, 0.0], [1.5, -2.0]]";
+    }
+}
+
+keys! {
+    /// `random` of a step.
+    random {
+        count: Whole(1, PRESSES_CEILING as u64), Refused, "how many places", "100";
+        x_mm: Range(PLACE), Refused, "the interval of x", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "the interval of y", "[-6.0, 6.0]";
+        force_n: Range(FORCE), Allowed, "the interval of the force, which is drawn for each place", "[0.1, 1.0]";
+    }
+}
+
+keys! {
+    /// `staircase` of a step.
+    staircase {
+        to_n: Number(FORCE), Refused, "the largest force", "2.0";
+        step_n: Number(FORCE), Refused, "from one force to the next; it divides `to_n`", "0.5";
+        repeats: Whole(1, 1000), or_whole(1), "how often at each place", "5";
+        rest_s: Number(DWELL), or(0.0), "rest between two repeats at a place", "300.0";
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::document::sample::assert_read_is_listed;
+    use crate::recipe::{KEYS, parse};
+
+    #[test]
+    fn what_is_read_of_a_recipe_is_what_is_listed() {
+        assert_read_is_listed(&KEYS, |text| drop(parse("recipe.toml", text)));
+    }
+}

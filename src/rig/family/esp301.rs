@@ -1,0 +1,38 @@
+//! Newport ESP301 and ESP300: three axes on a serial line, or behind a serial server.
+
+use super::{Driver, Family, Links, Role, StageDriver};
+use crate::driver::{AnyStage, Esp301};
+use crate::emulator;
+use crate::rig::open::Dial;
+use crate::rig::{EmulatedDevice, RigSpec};
+use crate::scene::Scene;
+use std::sync::Arc;
+
+pub const FAMILY: Family = Family {
+    name: "esp301",
+    meaning: "Newport ESP301 or ESP300 motion controller",
+    simulated: "three VP-25XL axes, homed by themselves",
+    stage: Some(Role {
+        words: &["esp301", "esp300"],
+        keys: &[],
+        links: Links::Stream,
+        read: |_, _| Some(Arc::new(Stage)),
+    }),
+    load_cell: None,
+    array: None,
+};
+
+#[derive(Debug)]
+struct Stage;
+
+impl Driver for Stage {}
+
+impl StageDriver for Stage {
+    fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
+        AnyStage::Esp301(Esp301::new(dial(), rig.stage.link.to_string()))
+    }
+
+    fn emulated(&self, scene: &Scene, _: &RigSpec) -> EmulatedDevice {
+        EmulatedDevice::serial(emulator::Esp301::new(scene), "esp301")
+    }
+}

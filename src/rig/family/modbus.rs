@@ -1,0 +1,182 @@
+//! Modbus transmitters and converters: which registers mean what is a register map.
+
+use super::{ArrayDriver, Beside, Driver, Family, Links, LoadCellDriver, Role};
+use crate::device::{self, DeviceError};
+use crate::document::{Problem, Table, keys, with_nearest};
+use crate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
+use crate::driver::{AnyArray, AnyLoadCell};
+use crate::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
+use crate::rig::open::{Dial, Wiring, unfit};
+use crate::rig::{EmulatedDevice, RigSpec};
+use crate::scene::Device;
+use crate::wire::Link;
+use std::sync::Arc;
+
+pub const FAMILY: Family = Family {
+    name: "modbus",
+    meaning: "any Modbus device with a register map",
+    simulated: "generic-rs485, laumas-tlb and seneca-zsg as load cells, labjack-t7 as load cell and array",
+    stage: None,
+    load_cell: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_load_cell }),
+    array: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_array }),
+};
+
+/// The range of the emulated transmitters over the specimen's force limit.
+const RANGE_OVER_LIMIT: f64 = 2.5;
+
+keys! {
+    /// `driver = { modbus = ... }`
+    driver {
+        modbus: Text, Refused, "a register map that comes with the program, or a .toml file beside the rig's",
+            "\"labjack-t7\"";
+    }
+}
+
+/// A Modbus register map and where it came from.
+#[derive(Clone, Debug)]
+pub struct MappedDevice {
+    /// The name in the rig file: one that came with the program, or a file beside the rig's.
+    pub name: String,
+    /// The map.
+    pub profile: Profile,
+    /// The text of a map of the user's own; none where it came with the program.
+    pub own_text: Option<String>,
+}
+
+#[derive(Debug)]
+struct LoadCell(MappedDevice);
+
+#[derive(Debug)]
+struct Array(MappedDevice);
+
+fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDriver>> {
+    Some(Arc::new(LoadCell(read_map(table, "force", |profile| profile.force.is_some(), beside)?)))
+}
+
+fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
+    Some(Arc::new(Array(read_map(table, "outputs", |profile| profile.outputs.is_some(), beside)?)))
+}
+
+/// `modbus = "NAME"`, a map that came with the program or a file beside the rig's.
+fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: Beside) -> Option<MappedDevice> {
+    let span = table.span_of(&driver::modbus);
+    let name = table.text(&driver::modbus)?;
+    let map = if let Some(profile) = Profile::shipped(name) {
+        MappedDevice { name: name.to_owned(), profile, own_text: None }
+    } else {
+        let known = || SHIPPED.map(|(name, _)| name).join(", ");
+        let plain = !name.contains(['/', '\\']) && name.ends_with(".toml");
+        if !plain {
+            let told = format!("there is no register map \"{name}\"");
+            let help = format!("known: {}; or name a .toml file that lies beside this one", known());
+            let problem = Problem::new(span, told).help(help);
+            table.complain(with_nearest(problem, name, &SHIPPED.map(|(name, _)| name)));
+            return None;
+        }
+        let text = match beside(name) {
+            Ok(text) => text,
+            Err(error) => {
+                let help = format!("it must lie beside the rig; maps that come with the program: {}", known());
+                table.complain(Problem::new(span, format!("{name}: {error}")).help(help));
+                return None;
+            }
+        };
+        match Profile::parse(name, &text) {
+            Ok(profile) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
+            Err(problems) => {
+                // each with the map's own line
+                problems.lines().into_iter().for_each(|line| table.complain(Problem::new(span.clone(), line)));
+                return None;
+            }
+        }
+    };
+    if !fits(&map.profile) {
+        table.complain(Problem::new(span, format!("the register map \"{name}\" has no [{part}]")));
+        return None;
+    }
+    Some(map)
+}
+
+impl Driver for LoadCell {
+    fn map(&self) -> Option<&MappedDevice> {
+        Some(&self.0)
+    }
+}
+
+impl Driver for Array {
+    fn map(&self) -> Option<&MappedDevice> {
+        Some(&self.0)
+    }
+}
+
+impl LoadCellDriver for LoadCell {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+        let cell = &wiring.rig.load_cell;
+        let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
+        let driver = ModbusLoadCell::new(dial(), self.0.transport(&cell.link), profile, &link, hz, wiring.origin);
+        Ok(AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", &self.0.name))?))
+    }
+
+    fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
+        let (range_n, unit_id) = (RANGE_OVER_LIMIT * rig.limits.force_n, self.0.profile.unit_id);
+        match self.0.name.as_str() {
+            "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
+            "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
+            "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::new(range_n), unit_id))),
+            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::LoadCell)))),
+            _ => Err(self.0.not_emulated(Device::LoadCell)),
+        }
+    }
+}
+
+impl ArrayDriver for Array {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+        let array = &wiring.rig.array;
+        let (link, units, profile) = (array.link.to_string(), array.layout.len(), self.0.profile.clone());
+        let driver = ModbusArray::new(dial(), self.0.transport(&array.link), profile, &link, units);
+        Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.name))?))
+    }
+
+    fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
+        match self.0.name.as_str() {
+            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::Array)))),
+            _ => Err(self.0.not_emulated(Device::Array)),
+        }
+    }
+    fn misfit(&self, outputs: usize) -> Option<(String, Option<&'static str>)> {
+        let Profile { name, outputs: own, .. } = &self.0.profile;
+        let most = own.as_ref().map_or(0, |own| own.count_max);
+        let told = format!("{outputs} units, but {name} has {most} outputs");
+        let help = "a register map of your own may have more, on real links only: it has no emulator";
+        (outputs > most).then_some((told, Some(help)))
+    }
+}
+
+impl MappedDevice {
+    /// The link decides the framing; a simulated one is what the device itself speaks.
+    fn transport(&self, link: &Link) -> Transport {
+        match link {
+            Link::Serial { .. } => Transport::Rtu,
+            Link::Tcp { .. } => Transport::Tcp,
+            _ => self.profile.transport,
+        }
+    }
+
+    fn not_emulated(&self, role: Device) -> DeviceError {
+        let told = format!(
+            "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb and \
+             seneca-zsg (load cell) and labjack-t7 (load cell or array)",
+            self.name
+        );
+        let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
+        DeviceError { device, doing, problem: device::Problem::Mismatch(told) }
+    }
+}
+
+fn rtu<I: Instrument + 'static>(instrument: I) -> EmulatedDevice {
+    EmulatedDevice::serial(instrument, "modbus-rtu")
+}
+
+fn tcp<I: Instrument + 'static>(instrument: I) -> EmulatedDevice {
+    EmulatedDevice::network(instrument, "modbus-tcp")
+}

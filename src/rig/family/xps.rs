@@ -1,0 +1,140 @@
+//! Newport XPS: a group of three positioners as a stage, and an analog input of the same controller as a load cell.
+
+use super::{
+    Beside, Driver, Family, Links, LoadCellDriver, Misfit, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, StageDriver,
+    as_a, read_newton_per_volt,
+};
+use crate::device::DeviceError;
+use crate::document::{Problem, Table, keys};
+use crate::driver::xps::{Group, Guard, Xps, XpsAnalog};
+use crate::driver::{AnyLoadCell, AnyStage};
+use crate::emulator;
+use crate::rig::open::{Dial, Wiring};
+use crate::rig::{EmulatedDevice, RigSpec};
+use crate::scene::{Device, Scene};
+use std::sync::Arc;
+
+pub const FAMILY: Family = Family {
+    name: "xps",
+    meaning: "Newport XPS: a group of three positioners, an analog input",
+    simulated: "an XPS-Q8 with three VP-25XL axes, an input, a guard",
+    stage: Some(Role { words: &[], keys: stage::KEYS.always, links: Links::Stream, read: read_stage }),
+    load_cell: Some(Role { words: &[], keys: load_cell::KEYS.always, links: Links::Stream, read: read_load_cell }),
+    array: None,
+};
+
+/// Where the axes are after their search for home (VP-25XL: its switch is in the middle), mm.
+const HOME_MM: f64 = 0.0;
+
+keys! {
+    /// `driver = { xps = ... }` of a stage.
+    stage {
+        xps: Text, Refused, "the XPS' group of three positioners", "\"XYZ\"";
+        positioners: Texts, or_texts(&["X", "Y", "Z"]), "those of x, y and z, in this order", "[\"X\", \"Y\", \"Z\"]";
+        home_search: Flag, or_flag(false), "whether the group may search its home, which must be clear of the specimen",
+            "true";
+        guard: Flag, or_flag(false), "whether the controller itself ends a motion at the force limit", "true";
+    }
+}
+
+keys! {
+    /// `driver = { xps = ... }` of a load cell.
+    load_cell {
+        xps: Text, Refused, "the analog input", "\"GPIO2.ADC1\"";
+        newton_per_volt: Number(NEWTON_PER_VOLT), Refused, NEWTON_PER_VOLT_MEANS, "1.0";
+    }
+}
+
+#[derive(Debug)]
+struct Stage {
+    group: Group,
+    /// Whether the controller itself is to end a motion at the force limit.
+    guard: bool,
+}
+
+#[derive(Debug)]
+struct LoadCell(Guard);
+
+fn read_stage(table: &Table, _: Beside) -> Option<Arc<dyn StageDriver>> {
+    let name = table.text(&stage::xps).map(str::to_owned);
+    let positioners = table.texts(&stage::positioners).and_then(|names| {
+        let three = names.into_iter().map(str::to_owned).collect::<Vec<_>>().try_into().ok();
+        if three.is_none() {
+            let told = "`positioners` names those of x, y and z, in this order";
+            table.complain(Problem::new(table.span_of(&stage::positioners), told));
+        }
+        three
+    });
+    let (home_search, guard) = (table.flag(&stage::home_search), table.flag(&stage::guard));
+    let group = Group { name: name?, positioners: positioners?, home_search: home_search? };
+    Some(Arc::new(Stage { group, guard: guard? }))
+}
+
+fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
+    let input = table.text(&load_cell::xps).map(str::to_owned);
+    let newton_per_volt = read_newton_per_volt(table, &load_cell::newton_per_volt);
+    Some(Arc::new(LoadCell(Guard { input: input?, newton_per_volt: newton_per_volt? })))
+}
+
+/// The load cell, where it is on an XPS.
+fn cell_of(rig: &RigSpec) -> Option<&LoadCell> {
+    as_a(&*rig.load_cell.driver)
+}
+
+impl Driver for Stage {
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        let misfit = |told: &str, help| Misfit { role: Device::Stage, told: told.to_owned(), help: Some(help) };
+        let mut misfits = Vec::new();
+        if self.group.home_search && rig.frame.z_from_stage(HOME_MM) > rig.clear_mm() {
+            misfits.push(misfit(
+                "`home_search` takes z to 0, the middle of its travel, which isn't clear of the specimen",
+                "mount the specimen so that `surface_mm` lies beyond 0, or home the group by hand, without the specimen",
+            ));
+        }
+        if self.guard && cell_of(rig).is_none() {
+            misfits.push(misfit(
+                "`guard` has the XPS look at the force, but the load cell isn't on one of its inputs",
+                "leave `guard` out, or wire the cell to GPIO2 too",
+            ));
+        }
+        misfits
+    }
+}
+
+impl StageDriver for Stage {
+    fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
+        let guard = cell_of(rig).filter(|_| self.guard).map(|cell| cell.0.clone());
+        let sockets = [dial(), dial(), dial()];
+        AnyStage::Xps(Box::new(Xps::new(sockets, rig.stage.link.to_string(), self.group.clone(), guard)))
+    }
+
+    fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
+        let volts_per_newton = cell_of(rig).map_or(1.0, |cell| 1.0 / cell.0.newton_per_volt);
+        let positioners = self.group.positioners.each_ref().map(String::as_str);
+        EmulatedDevice::network(emulator::Xps::new(scene, &self.group.name, positioners, volts_per_newton), "xps")
+    }
+}
+
+impl Driver for LoadCell {
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        if as_a::<Stage>(&*rig.stage.driver).is_some() && rig.stage.link == rig.load_cell.link {
+            return Vec::new();
+        }
+        let told = "the load cell is on an XPS that isn't the stage's".to_owned();
+        vec![Misfit { role: Device::LoadCell, told, help: Some("give both the same link and an xps driver") }]
+    }
+}
+
+impl LoadCellDriver for LoadCell {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+        let Guard { input, newton_per_volt } = &self.0;
+        let cell = &wiring.rig.load_cell;
+        let (link, hz) = (cell.link.to_string(), cell.conversions_hz);
+        Ok(AnyLoadCell::Xps(XpsAnalog::new(dial(), link, input, *newton_per_volt, hz, wiring.origin)))
+    }
+
+    /// Another socket of the stage's own controller.
+    fn emulated(&self, _: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
+        Ok(stage.clone())
+    }
+}

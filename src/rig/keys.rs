@@ -1,0 +1,145 @@
+//! The keys of a rig but for its scene's, table by table.
+
+use super::family::choices;
+use super::scene_keys::scene;
+use crate::document::{Bounds, keys, words};
+use crate::quantity::Down;
+
+pub(super) const UNITS_MAX: u64 = 4096;
+
+const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
+const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
+const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
+/// A slower cell would be called stale between two of its readings.
+const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
+const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
+const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
+/// Largest output of any array.
+const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
+pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
+
+/// A stage with a small payload: servo lag and half of its jerk time.
+const SETTLE_MS: f64 = 10.0;
+
+pub(super) const DOWN: [(&str, Down); 2] = [("-z", Down::Minus), ("+z", Down::Plus)];
+
+keys! {
+    /// The whole rig.
+    root {
+        stage: Table(&stage::KEYS), Refused, "the three-axis stage";
+        load_cell: Table(&load_cell::KEYS), Refused, "the load cell under the specimen or over the indenter";
+        array: Table(&array::KEYS), Refused, "the sensor array that is calibrated";
+        limits: Table(&limits::KEYS), Refused, "what the specimen bears: the plan and every move keep to it";
+        frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";
+        scene: Table(&scene::KEYS), Allowed,
+            "what is simulated where the links are; what isn't named isn't modelled; without it the paper's";
+    }
+}
+
+keys! {
+    /// `[stage]`
+    stage {
+        driver: choices::stage::KIND, Refused, "the family of the controller, and what its driver needs", "\"esp301\"";
+        link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB0?baud=921600\"";
+        travel_mm: Table(&travel_mm::KEYS), Refused, "how far the axes may go";
+        speed_mm_s: Number(SPEED), or(10.0), "the fastest speed to be used; contact is approached more slowly", "10.0";
+        acceleration_mm_s2: Number(ACCELERATION), or(100.0), "the acceleration to be used", "100.0";
+        settle_ms: Number(LATER), or(SETTLE_MS), "how long it moves on after its controller calls a motion done", "10.0";
+    }
+}
+
+/// A driver says which kinds of links it takes.
+const LINK: &str = "where it is, or \"sim\"; a program is its own link";
+
+keys! {
+    /// `[load_cell]`
+    load_cell {
+        driver: choices::load_cell::KIND, Refused, "the family of the transmitter, and what its driver needs",
+            "{ modbus = \"generic-rs485\" }";
+        link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB1?baud=115200\"";
+        conversions_hz: Number(CONVERSIONS), Refused, "how often it has a new reading", "200.0";
+        lag_ms: Number(LATER), or(0.0), "how long its filter and its transport hold a force back", "2.0";
+    }
+}
+
+keys! {
+    /// `[array]`
+    array {
+        driver: choices::array::KIND, Refused, "the family of the converter, and what its driver needs",
+            "{ modbus = \"labjack-t7\" }";
+        link: Text, Allowed, LINK, "\"tcp://192.168.1.10:502\"";
+        range_v: Number(OUTPUT_RANGE), Allowed,
+            "the largest output that it can give, either way; without it the range of NI inputs, or not known", "10.0";
+    }
+    one of {
+        grid: Table(&grid::KEYS), Allowed, "its units lie in rows and columns, centred on the specimen's origin";
+        places_mm: Places(COORDINATE), Allowed, "where its units lie, in the order of its outputs", "[[0.0, 0.0]]";
+    }
+}
+
+keys! {
+    /// `grid` of `[array]`.
+    grid {
+        rows: Whole(1, UNITS_MAX), Refused, "how many rows along y", "3";
+        columns: Whole(1, UNITS_MAX), Refused, "how many columns along x; the first row comes first", "3";
+        pitch_mm: Number(PITCH), Refused, "from one unit to the next", "4.5";
+    }
+}
+
+keys! {
+    /// `travel_mm` of `[stage]`.
+    travel_mm {
+        x: Range(COORDINATE), Refused, "the least and the most x", "[-12.5, 12.5]";
+        y: Range(COORDINATE), Refused, "the least and the most y", "[-12.5, 12.5]";
+        z: Range(COORDINATE), Refused, "the least and the most z", "[-12.5, 12.5]";
+    }
+}
+
+keys! {
+    /// `[limits]`
+    limits {
+        force_n: Number(above(0.0, 100.0, "N")), Refused, "the largest force that the specimen bears", "2.0";
+        depth_mm: Number(above(0.0, 100.0, "mm")), Refused,
+            "the deepest that it may be pressed, from its surface as touched there", "1.6";
+        stiffness_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Refused,
+            "the largest stiffness that it shows, relaxation included", "2.0";
+    }
+}
+
+keys! {
+    /// `[frame]`
+    frame {
+        surface_mm: Table(&surface_mm::KEYS), Refused, "where the stage meets the specimen's surface";
+        origin_mm: Table(&origin_mm::KEYS), Allowed, "where the middle of the specimen is; without it at (0, 0)";
+        rotation_deg: Number(ROTATION), or(0.0), "how far the specimen is turned, from x towards y", "0.0";
+        down: Word(&words(&DOWN)), Refused, "which way of z leads into the specimen", "\"-z\"";
+    }
+}
+
+keys! {
+    /// `surface_mm` of `[frame]`.
+    surface_mm {
+        z: Number(COORDINATE), Refused, "z at the surface", "0.0";
+        uncertainty: Number(within(0.01, 10.0, "mm")), Refused, "how far the surface may be off, either way", "0.3";
+    }
+}
+
+keys! {
+    /// `origin_mm` of `[frame]`.
+    origin_mm {
+        x: Number(COORDINATE), Refused, "x of the middle", "0.0";
+        y: Number(COORDINATE), Refused, "y of the middle", "0.0";
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::document::sample::assert_read_is_listed;
+    use crate::rig::{KEYS, parse};
+
+    #[test]
+    fn what_is_read_of_a_rig_is_what_is_listed() {
+        let beside = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+        assert_read_is_listed(&KEYS, |text| drop(parse("rig.toml", text, &beside)));
+    }
+}
