@@ -80,7 +80,7 @@ fn contact(press: u64) -> Contact {
         truth: vec![truth.rounded()],
         lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
         left: Some(Left {
-            z_mm: Some(-wave(8) / 3.0),
+            z_mm: -wave(8) / 3.0,
             air: Some(Air { mean_n: wave(9) / 900.0, sigma_n: 0.002_917_3, readings: 83 }),
         }),
     }

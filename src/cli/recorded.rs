@@ -19,6 +19,11 @@ pub fn read_run(run: &Path) -> Result<(Recorded, RigSpec), Failure> {
 
 /// The rig of a run, as its journal keeps it.
 pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
+    if texts.rig().is_empty() {
+        let help = "restore journal.log from a copy; nothing was changed";
+        let path = run.join("journal.log");
+        return Err(Failure::usage(miette::miette!(help = help, "{} has lost its beginning", path.display())));
+    }
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
 

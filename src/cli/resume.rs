@@ -1,10 +1,12 @@
 use super::exit::Failure;
 use super::provenance::session;
+use super::recorded::rig_of;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources, read};
 use super::summary;
 use crate::dataset::{RigChange, RunFolder, Session, Status, Texts, files};
 use crate::document::TEXT_MAX_BYTES;
+use crate::rig::{Difference, Verdict, differences};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -45,6 +47,7 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
         strategy: facts.strategy,
         presses_max: facts.presses_max,
     };
+    rig_of(&args.run, &texts)?; // reports best that the journal has lost its beginning
     let rig_text = rig_text(args, &texts)?;
     let changes = changes(&rig.rig, &texts, &rig_text)?;
     let sources = Sources::of_run(&args.run, &texts, &rig, &rig_text)?;
@@ -86,10 +89,17 @@ fn rig_text(args: &Args, texts: &Texts) -> Result<String, Failure> {
     }
 }
 
-/// What differs from the rig that the run began with, where that is allowed.
+/// What differs from the rig that the run began with. Links, commands and tighter limits may; anything else is refused by name.
 fn changes(path: &Path, texts: &Texts, now: &str) -> Result<Vec<RigChange>, Failure> {
-    if texts.first_rig() == now {
-        return Ok(Vec::new());
+    let found = differences(texts.first_rig(), now).map_err(Failure::usage)?;
+    let (refused, allowed): (Vec<Difference>, Vec<Difference>) =
+        found.into_iter().partition(|difference| difference.verdict == Verdict::Other);
+    if refused.is_empty() {
+        return Ok(allowed.into_iter().map(|d| RigChange { key: d.path, before: d.before, now: d.now }).collect());
     }
-    Err(Failure::usage(miette::miette!("{} isn't the rig that the run began with", path.display())))
+    let each = |d: &Difference| format!("\n  `{}` is {}; the run began with {}", d.path, d.now, d.before);
+    let each: String = refused.iter().map(each).collect();
+    let help = "put the values back, or begin a new run: a run is made on one rig. Links, commands of processes and tighter \
+                limits may change";
+    Err(Failure::usage(miette::miette!(help = help, "{} isn't the rig that the run began with:{each}", path.display())))
 }

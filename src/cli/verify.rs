@@ -2,7 +2,6 @@ use super::exit::Failure;
 use super::recorded::rig_of;
 use super::summary;
 use crate::dataset::{DatasetError, JournalError, Loss, Texts, verify};
-use crate::quantity::ArrayLayout;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -23,12 +22,12 @@ pub struct Args {
 /// Reports what isn't as it was written.
 pub fn verify_run(args: &Args) -> Result<ExitCode, Failure> {
     let layout = match Texts::read(&args.run) {
-        Ok((_, texts)) => rig_of(&args.run, &texts)?.array.layout,
-        // what is damaged before its rig is damaged whatever the rig is
-        Err(DatasetError::Journal(JournalError::Damaged { .. })) => ArrayLayout::from_places(Vec::new()),
+        Ok((_, texts)) if texts.rig().is_empty() => None,
+        Ok((_, texts)) => Some(rig_of(&args.run, &texts)?.array.layout),
+        Err(DatasetError::Journal(JournalError::Damaged { .. })) => None,
         Err(error) => return Err(Failure::dataset(error)),
     };
-    let verified = verify(&args.run, &layout).map_err(Failure::dataset)?;
+    let verified = verify(&args.run, layout.as_ref()).map_err(Failure::dataset)?;
     let whole = format!("{} records in the journal, {} files as they were written", verified.records, verified.sound);
     if verified.problems.is_empty() {
         let state = match (verified.is_under_way, verified.has_ended) {

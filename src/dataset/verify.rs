@@ -36,11 +36,12 @@ pub struct Verified {
 /// SHA-256 in the manifest, and the presses that each of them holds.
 ///
 /// # Errors
-/// No run, or a file that can't be read. Damage is among the problems.
-pub fn verify(path: &Path, layout: &ArrayLayout) -> Result<Verified, DatasetError> {
+/// No run, or a file that can't be read. Damage is among the problems. `layout` is that of the rig which the journal keeps: none
+/// where it has lost that too.
+pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, DatasetError> {
     check_run(path)?;
     let mut verified = Verified::default();
-    let known = match Known::read(path, Some(layout.channels())) {
+    let known = match Known::read(path, layout.map(ArrayLayout::channels)) {
         Ok((known, _)) => known,
         Err(DatasetError::Journal(error @ JournalError::Damaged { .. })) => {
             verified.problems.push(error.to_string());
@@ -52,6 +53,10 @@ pub fn verify(path: &Path, layout: &ArrayLayout) -> Result<Verified, DatasetErro
     verified.has_ended = known.end.is_some();
     verified.losses.clone_from(&known.manifest.losses);
     verified.compare(path, known.manifest.texts())?;
+    let Some(layout) = layout else {
+        verified.problems.push(format!("{JOURNAL} has lost its beginning: it doesn't say what the run is"));
+        return Ok(verified);
+    };
     if !verified.has_ended && is_held(path) {
         verified.is_under_way = true; // its tables grow while they would be read
         return Ok(verified);

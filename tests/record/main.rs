@@ -3,6 +3,8 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod changed_rig;
+mod damage;
 mod disk;
 mod kills;
 mod owner;

@@ -6,7 +6,7 @@ const VIEWS: [&str; 6] =
     ["manifest.json", "presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
 
 /// A record as it stands in a journal.
-fn sealed(sequence: u64, json: &str) -> String {
+pub fn sealed(sequence: u64, json: &str) -> String {
     let mut checksum = crc32fast::Hasher::new();
     checksum.update(&sequence.to_le_bytes());
     checksum.update(json.as_bytes());

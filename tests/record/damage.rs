@@ -1,0 +1,260 @@
+//! A record that says one thing: tables that were changed, journals that were cut, and links that were planted.
+
+use crate::support::{Bench, SMALL};
+use palpate::quantity::stream;
+use rand::RngExt;
+use std::fs::{self, File};
+
+/// Commands that read a run and answer from it.
+const READERS: [&str; 4] = [
+    "evaluate run --solver pearson-knn --json",
+    "solve --calibration run --solver pearson --quiet",
+    "report run --out page.html",
+    "report --compare run again --solver pearson --out page.html",
+];
+
+/// A run of [`SMALL`] that is complete, and the same once more.
+fn whole() -> Bench {
+    let bench = Bench::with([("r.toml", SMALL), ("readings.csv", "0.1,0.2,0.3,0.4,0.5,0.4,0.3,0.2,0.1\n")]);
+    for run in ["run", "again"] {
+        bench.palpate_ends(0, &format!("run r.toml --out {run}"));
+    }
+    bench
+}
+
+/// What each command answers: what it prints and the page that it writes; and its warnings.
+fn answers(bench: &Bench) -> (Vec<String>, Vec<String>) {
+    let mut warnings = Vec::new();
+    let answer = |words: &&str| {
+        let mut command = bench.command(words);
+        let told = command.stdin(File::open(bench.path("readings.csv")).expect("readings")).output().expect("a start");
+        let err = String::from_utf8(told.stderr).expect("UTF-8");
+        warnings.push(err.lines().filter(|line| line.starts_with("warning: ")).collect::<Vec<_>>().join("\n"));
+        let page = if words.starts_with("report") { bench.read("page.html") } else { String::new() };
+        let out = String::from_utf8(told.stdout).expect("UTF-8");
+        // how long a solve takes is measured each time
+        let out = out.split("\"ns_per_solve\"").next().unwrap_or_default().to_owned();
+        format!("{:?}\n{out}\n{page}", told.status.code())
+    };
+    (READERS.iter().map(answer).collect(), warnings)
+}
+
+#[test]
+fn a_table_that_was_changed_changes_no_answer_and_is_reported_in_a_line() {
+    let bench = whole();
+    let (expected, silent) = answers(&bench);
+    assert_eq!(silent, [""; READERS.len()]);
+    let table = bench.read("run/presses.csv");
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    let mut random = stream(1, 0, "cells");
+    for _ in 0..200 {
+        let mut altered: Vec<Vec<String>> =
+            rows.iter().map(|row| row.iter().map(|cell| (*cell).to_owned()).collect()).collect();
+        let (row, column) = (random.random_range(0..rows.len()), random.random_range(0..rows[0].len()));
+        altered[row][column] += ["1", "-", " ", "x"][random.random_range(0..4)];
+        let text: String = altered.iter().map(|row| row.join(",") + "\n").collect();
+        bench.write("run/presses.csv", &text);
+        let (found, warnings) = answers(&bench);
+        assert!(found == expected, "row {row}, column {column}");
+        for warning in warnings {
+            assert!(warning.starts_with("warning: run: presses.csv isn't what the journal says"), "{warning}");
+            assert_eq!(warning.lines().count(), 1);
+        }
+    }
+    bench.write("run/presses.csv", &table);
+    assert!(answers(&bench) == (expected, silent));
+}
+
+#[test]
+fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
+    let bench = whole();
+    let words = "evaluate --calibration run/presses.csv --test run/presses.csv --solver pearson";
+    let told = bench.palpate_ends(0, words);
+    assert_eq!(told.err, "");
+    let table = bench.read("run/presses.csv");
+    bench.write("run/presses.csv", &table.replacen("calibration,-2,", "calibration,-2.5,", 1));
+    let moved = bench.palpate(words);
+    assert!(moved.err.starts_with("warning: run/presses.csv isn't what the journal says; it is read as it is"));
+    assert_ne!(moved.out, told.out, "the table counts");
+}
+
+#[test]
+fn a_complete_run_whose_journal_was_cut_is_damaged_and_left_alone() {
+    let bench = whole();
+    let journal = fs::read(bench.path("run/journal.log")).expect("a journal");
+    let end = 1 + journal[..journal.len() - 1].iter().rposition(|byte| *byte == b'\n').expect("a last record");
+    let mut random = stream(2, 0, "cuts");
+    let cuts = (0..1000).map(|_| random.random_range(1..journal.len())).chain([end, journal.len() - 1]);
+    for cut in cuts {
+        fs::write(bench.path("run/journal.log"), &journal[..cut]).expect("a journal");
+        let before = bench.bytes("run");
+        let verified = bench.palpate("verify run");
+        assert_eq!(verified.code, Some(1), "cut at {cut}: {}{}", verified.out, verified.err);
+        for command in ["rebuild run", "resume run"] {
+            let told = bench.palpate(command);
+            assert_eq!(told.code, Some(2), "{command}, cut at {cut}: {}{}", told.out, told.err);
+            assert!(bench.bytes("run") == before, "{command}, cut at {cut}, changed something");
+        }
+    }
+}
+
+#[test]
+fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
+    let bench = whole();
+    let journal = bench.read("run/journal.log");
+    let contact = |line: &str| line.contains("{\"contact\":");
+    let kept: String = journal
+        .lines()
+        .filter(|line| !line.contains("{\"end\":"))
+        .take_while(|line| !contact(line))
+        .collect::<Vec<_>>()
+        .join("\n");
+    let first = journal.lines().find(|line| contact(line)).expect("a contact");
+    bench.write("run/journal.log", &format!("{kept}\n{first}\n"));
+    // whatever became of the manifest: the tables still say it
+    fs::remove_file(bench.path("run/manifest.json")).expect("a manifest");
+    let refused = bench.palpate_ends(2, "rebuild run");
+    assert!(refused.running().contains("presses.csv holds presses 1 to 6 that journal.log doesn't"), "{}", refused.err);
+    bench.palpate_ends(2, "resume run");
+    bench.palpate_ends(1, "verify run");
+    bench.palpate_ends(0, "rebuild run --accept-loss");
+    assert_eq!(bench.manifest("run")["presses_done"], 1);
+    let told = bench.palpate_ends(0, "verify run");
+    assert!(told.out.contains("presses were lost, accepted "), "{}", told.out);
+    assert!(bench.read("run/journal.log").contains("presses.csv holds presses 1 to 6"), "it is recorded");
+    bench.palpate_ends(0, "resume run");
+    assert_eq!(bench.manifest("run")["status"], "complete");
+    assert_eq!(bench.column("run/presses.csv", "out_5"), bench.column("again/presses.csv", "out_5"));
+    let told = bench.palpate_ends(0, "verify run");
+    assert!(told.out.contains("presses were lost"), "{}", told.out);
+}
+
+#[test]
+fn tables_of_a_complete_journal_that_hold_more_are_the_damaged_side() {
+    let bench = whole();
+    let table = bench.read("run/presses.csv");
+    let last = table.lines().last().expect("a row").to_owned();
+    bench.write("run/presses.csv", &format!("{table}99{last}\n"));
+    bench.palpate_ends(1, "verify run");
+    bench.palpate_ends(0, "rebuild run");
+    assert_eq!(bench.read("run/presses.csv"), table);
+    bench.palpate_ends(0, "verify run");
+}
+
+#[test]
+fn a_journal_of_another_format_is_refused_by_name() {
+    let bench = whole();
+    let journal = bench.read("run/journal.log");
+    for (format, found) in [("\"format\":7", 7), ("\"form\":2", 1)] {
+        let json = journal.lines().next().and_then(|line| line.splitn(3, ' ').nth(2)).expect("a record");
+        let first = super::provenance::sealed(0, &json.replacen("\"format\":2", format, 1));
+        let rest: String = journal.lines().skip(1).map(|line| format!("{line}\n")).collect();
+        bench.write("run/journal.log", &format!("{first}\n{rest}"));
+        for words in ["verify run", "rebuild run", "resume run", "evaluate run", "report run"] {
+            let told = bench.palpate_ends(2, words);
+            let expected = format!("run/journal.log: a journal of format {found}; this program reads format 2");
+            assert!(told.running().contains(&expected), "{words}: {}", told.err);
+        }
+    }
+}
+
+#[cfg(unix)]
+mod links {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    /// Every name that is ever written in a run folder, and those beside which a file is written before its rename.
+    const NAMES: [&str; 11] = [
+        "journal.log",
+        "manifest.json",
+        "presses.csv",
+        "scene.csv",
+        "characteristics.csv",
+        "calibration_matrix.csv",
+        "test_matrix.csv",
+        "recipe.toml",
+        "rig.toml",
+        "rig-1.toml",
+        "report.html",
+    ];
+    const WRITERS: [&str; 4] =
+        ["rebuild run", "rebuild run --accept-loss", "report run", "resume run --rig other.toml"];
+
+    #[test]
+    fn nothing_outside_changes_whatever_is_planted_and_what_is_planted_is_named() {
+        let bench = whole();
+        bench.palpate_ends(0, "report run");
+        let rig = bench.read("run/rig.toml");
+        bench.write("other.toml", &rig.replacen("force_n = 2.0", "force_n = 2.0 # the same", 1));
+        let complete = bench.bytes("run");
+        // the same run without its last presses, as a kill leaves it
+        let journal = bench.read("run/journal.log");
+        let lines: Vec<&str> = journal.lines().collect();
+        let killed: String = lines[..lines.len() - 3].iter().map(|line| format!("{line}\n")).collect();
+        let names = NAMES.into_iter().map(str::to_owned);
+        let names: Vec<String> = names.flat_map(|name| [format!(".{name}.new"), name]).collect();
+        let mut refusals = 0;
+        for is_killed in [false, true] {
+            for name in &names {
+                for kind in ["link", "dangling link", "second name"] {
+                    let _ = fs::remove_dir_all(bench.path("run"));
+                    fs::create_dir(bench.path("run")).expect("a folder");
+                    for (file, bytes) in &complete {
+                        fs::write(bench.path(&format!("run/{file}")), bytes).expect("a file");
+                    }
+                    if is_killed {
+                        bench.write("run/journal.log", &killed);
+                        for view in ["manifest.json", "presses.csv", "scene.csv", "test_matrix.csv"] {
+                            fs::remove_file(bench.path(&format!("run/{view}"))).expect("a view");
+                        }
+                    }
+                    let _ = fs::remove_dir_all(bench.path("outside"));
+                    fs::create_dir(bench.path("outside")).expect("a folder");
+                    let (inside, outside) = (bench.path(&format!("run/{name}")), bench.path("outside/file"));
+                    // what is there already stays what it was, so that a program which follows the link goes on
+                    let was = fs::read(&inside).unwrap_or_else(|_| b"somebody's".to_vec());
+                    let _ = fs::remove_file(&inside);
+                    match kind {
+                        "dangling link" => symlink(&outside, &inside).expect("a link"),
+                        "link" => {
+                            fs::write(&outside, &was).expect("a file");
+                            symlink(&outside, &inside).expect("a link");
+                        }
+                        _ => {
+                            fs::write(&outside, &was).expect("a file");
+                            fs::hard_link(&outside, &inside).expect("a second name");
+                        }
+                    }
+                    for words in WRITERS {
+                        let told = bench.palpate(words);
+                        let outside: Vec<_> = bench.bytes("outside");
+                        let expected =
+                            if kind == "dangling link" { vec![] } else { vec![("file".to_owned(), was.clone())] };
+                        assert!(outside == expected, "{words} changed what {kind} {name} leads to\n{}", told.err);
+                        if told.code != Some(0) {
+                            refusals += 1;
+                            let is_named = told.running().contains(name.as_str())
+                                // a journal that is nowhere makes no run
+                                || (name == "journal.log" && told.running().contains("journal.log"))
+                                // what is missing because it is planted elsewhere
+                                || told.running().contains("presses are missing");
+                            assert!(is_named, "{words}, {kind} {name}: {}", told.err);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(refusals > 100, "only {refusals} refusals: does this test still plant what is written?");
+    }
+
+    #[test]
+    fn the_folder_itself_may_be_a_link() {
+        let bench = whole();
+        fs::rename(bench.path("run"), bench.path("elsewhere")).expect("a folder");
+        symlink(bench.path("elsewhere"), bench.path("run")).expect("a link");
+        for words in ["verify run", "rebuild run", "resume run", "evaluate run --solver pearson", "report run"] {
+            let told = bench.palpate(words);
+            assert!(matches!(told.code, Some(0 | 1)) && !told.err.contains("link"), "{words}: {}", told.err);
+        }
+    }
+}
