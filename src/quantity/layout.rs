@@ -111,7 +111,7 @@ mod tests {
         assert_eq!(layout.one_per_unit(), plain);
         // a unit that lost a channel, and one that lost all
         let kept = layout.only(&[0, 2]);
-        assert!(kept.units().eq([0..2]));
+        assert_eq!((kept.units().len(), kept.units().next()), (1, Some(0..2)));
         assert_eq!(ArrayLayout::from_places(Vec::new()).units().len(), 0);
     }
 }
