@@ -121,10 +121,10 @@ pub trait SensorArray {
     /// Connects and checks that the answers mean what the rig says.
     fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// Reads every unit once into `outputs`, in the sensor's own units (volts).
+    /// Reads every output once into `outputs`, in the sensor's own unit (volts unless the rig says another).
     fn read(&mut self, outputs: &mut [f64]) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// How many units there are.
+    /// How many outputs there are: one for each channel of each unit.
     fn units(&self) -> usize;
 }
 

@@ -165,8 +165,10 @@ impl<'d> Table<'d> {
 
     /// A string.
     pub fn text(&self, key: &Key) -> Option<&'d str> {
-        let value = self.get(key)?;
-        self.text_of(key, value)
+        match self.get(key) {
+            Some(value) => self.text_of(key, value),
+            None => key.default().and_then(Value::word),
+        }
     }
 
     /// A list of strings.

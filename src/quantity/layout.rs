@@ -1,42 +1,89 @@
-use super::Place;
+//! Where the outputs of a sensor array come from.
 
-/// Where the sensing units of the array lie, in the specimen frame; unit 1 is `places[0]`.
+use super::Place;
+use std::ops::Range;
+
+/// The outputs of a sensor array, in their order, and the units that they belong to. A unit is one place with one output, or
+/// with several, its channels, as of a chip with three axes; the channels of a unit follow each other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayLayout {
+    /// Of each output.
     places: Vec<Place>,
+    /// The index of the unit that each output belongs to.
+    units: Vec<usize>,
 }
 
 impl ArrayLayout {
-    /// Units at given places, in the order of the array's channels.
+    /// Units of one output each at given places (specimen frame), in the order of their outputs.
     pub fn from_places(places: Vec<Place>) -> Self {
-        ArrayLayout { places }
+        ArrayLayout { units: (0..places.len()).collect(), places }
     }
 
-    /// A grid centred on the origin, row-major: x grows along a row, y from row to row (unit 1 at the smallest x and y).
+    /// Units of one output each in a grid centred on the origin, row-major: x grows along a row, y from row to row (unit 1 at
+    /// the smallest x and y).
     pub fn grid(rows: usize, columns: usize, pitch_mm: f64) -> Self {
         let offset = |index: usize, count: usize| (index as f64 - (count as f64 - 1.0) / 2.0) * pitch_mm;
         let place = |i: usize| Place::new(offset(i % columns, columns), offset(i / columns, rows));
-        ArrayLayout { places: (0..rows * columns).map(place).collect() }
+        ArrayLayout::from_places((0..rows * columns).map(place).collect())
     }
 
-    /// The places of the units, in channel order, mm.
-    pub fn places(&self) -> &[Place] {
-        &self.places
+    /// The same units with so many outputs each: those of the first unit, then those of the second, and so on.
+    #[must_use]
+    pub fn with_channels(self, channels_per_unit: usize) -> Self {
+        let each = |index: usize| std::iter::repeat_n(index, channels_per_unit);
+        let outputs: Vec<usize> = (0..self.places.len()).flat_map(each).collect();
+        ArrayLayout {
+            places: outputs.iter().map(|&output| self.places[output]).collect(),
+            units: outputs.iter().map(|&output| self.units[output]).collect(),
+        }
     }
 
-    /// How many units there are.
+    /// Some of the outputs, by their indices, each with its unit's place.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    #[must_use]
+    pub fn only(&self, outputs: &[usize]) -> Self {
+        ArrayLayout {
+            places: outputs.iter().map(|&output| self.places[output]).collect(),
+            units: outputs.iter().map(|&output| self.units[output]).collect(),
+        }
+    }
+
+    /// How many outputs there are.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// How many outputs the array has.
-    pub fn channels(&self) -> usize {
-        self.len()
-    }
-
-    /// Whether there is no unit at all.
+    /// Whether there is no output at all.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
+    }
+
+    /// The place of each output, in their order, mm: channels of one unit have the same one.
+    pub fn places(&self) -> &[Place] {
+        &self.places
+    }
+
+    /// The index of the unit that an output belongs to.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    pub fn unit(&self, output: usize) -> usize {
+        self.units[output]
+    }
+
+    /// The outputs of each unit, as ranges of their indices.
+    pub fn units(&self) -> std::vec::IntoIter<Range<usize>> {
+        let ends: Vec<usize> = (1..=self.len()).filter(|&end| self.units.get(end) != self.units.get(end - 1)).collect();
+        let starts = std::iter::once(0).chain(ends.clone());
+        starts.zip(ends).map(|(start, end)| start..end).collect::<Vec<_>>().into_iter()
+    }
+
+    /// One output for each unit, its first: where the units are.
+    #[must_use]
+    pub fn one_per_unit(&self) -> Self {
+        self.only(&self.units().map(|unit| unit.start).collect::<Vec<_>>())
     }
 }
 
@@ -51,5 +98,20 @@ mod tests {
         assert_eq!(layout.places()[1], Place::new(0.0, -4.5));
         assert_eq!(layout.places()[4], Place::new(0.0, 0.0));
         assert_eq!(layout.places()[8], Place::new(4.5, 4.5));
+    }
+
+    #[test]
+    fn channels_of_a_unit_follow_each_other_at_its_place() {
+        let plain = ArrayLayout::grid(1, 2, 4.0);
+        assert_eq!(plain.clone().with_channels(1), plain);
+        let layout = plain.clone().with_channels(3);
+        assert_eq!((layout.len(), layout.unit(2), layout.unit(3)), (6, 0, 1));
+        assert_eq!(layout.places()[2], Place::new(-2.0, 0.0));
+        assert!(layout.units().eq([0..3, 3..6]));
+        assert_eq!(layout.one_per_unit(), plain);
+        // a unit that lost a channel, and one that lost all
+        let kept = layout.only(&[0, 2]);
+        assert_eq!((kept.units().len(), kept.units().next()), (1, Some(0..2)));
+        assert_eq!(ArrayLayout::from_places(Vec::new()).units().len(), 0);
     }
 }

@@ -118,7 +118,7 @@ impl Places {
             }
             Places::List(places) => places.len(),
             Places::Random { count, .. } => *count as usize,
-            Places::Units(UnitChoice::All) => layout.len(),
+            Places::Units(UnitChoice::All) => layout.units().len(),
             Places::Units(UnitChoice::Some(units)) => units.len(),
         }
     }
@@ -147,12 +147,13 @@ impl Step {
                 let mut draw = |range: &Range| to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
                 (0..*count).map(|_| here(Place::new(draw(x_mm), draw(y_mm)))).collect()
             }
-            Places::Units(UnitChoice::All) => layout.places().iter().copied().map(here).collect(),
+            Places::Units(UnitChoice::All) => layout.one_per_unit().places().iter().copied().map(here).collect(),
             Places::Units(UnitChoice::Some(units)) => {
-                let place = |(unit, span): &(usize, Span)| match layout.places().get(unit.wrapping_sub(1)) {
+                let there = layout.one_per_unit();
+                let place = |(unit, span): &(usize, Span)| match there.places().get(unit.wrapping_sub(1)) {
                     Some(place) => Some((*place, span.clone())),
                     None => {
-                        let told = format!("there is no unit {unit}: the rig's array has {}", layout.len());
+                        let told = format!("there is no unit {unit}: the rig's array has {}", there.len());
                         problems.push(Problem::new(span.clone(), told));
                         None
                     }

@@ -6,6 +6,8 @@ use crate::document::{Bounds, keys, words};
 use crate::quantity::Down;
 
 pub(super) const UNITS_MAX: u64 = 4096;
+/// Most outputs of all units together.
+pub(super) const OUTPUTS_MAX: usize = 4096;
 
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
@@ -14,6 +16,8 @@ const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
 const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
+/// Most outputs of one unit.
+const CHANNELS_MAX: u64 = 16;
 /// Largest output of any array.
 const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
@@ -68,6 +72,9 @@ keys! {
         driver: choices::array::KIND, Refused, "the family of the converter, and what its driver needs",
             "{ modbus = \"labjack-t7\" }";
         link: Text, Allowed, LINK, "\"tcp://192.168.1.10:502\"";
+        unit: Text, or_word("V"), "the unit of its outputs as it is shown, 1 to 16 characters", "\"counts\"";
+        channels_per_unit: Whole(1, CHANNELS_MAX), or_whole(1),
+            "how many outputs a unit has, one after the other: 3 for chips with three axes", "3";
         range_v: Number(OUTPUT_RANGE), Allowed,
             "the largest output that it can give, either way; without it the range of NI inputs, or not known", "10.0";
     }

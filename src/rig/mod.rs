@@ -92,10 +92,12 @@ pub struct ArraySpec {
     pub driver: Arc<dyn ArrayDriver>,
     /// Where it is.
     pub link: Link,
-    /// Where its units are, in channel order.
+    /// Its outputs, and where the units are that they belong to.
     pub layout: ArrayLayout,
     /// The largest output it can tell, either way, V; none: not known.
     pub range_v: Option<f64>,
+    /// The unit of its outputs as it is shown.
+    pub unit: String,
 }
 
 impl RigSpec {

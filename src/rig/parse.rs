@@ -4,11 +4,16 @@ use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver}
 use super::family::{Beside, Driver};
 use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
 use super::scene::{paper_scene, read_scene};
+use super::simulated::TOO_MANY_CHANNELS;
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::{self, Problem, Problems, Span, Table};
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel};
+use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
+
+/// Longest label of a unit, characters.
+const LABEL_MAX: usize = 16;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
 /// maps of the user's own.
@@ -27,7 +32,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
         let limits = table.table(&root::limits).and_then(|table| read_limits(&table));
         let frame = table.table(&root::frame).and_then(|table| read_frame(&table));
-        let units = array.as_ref().map(|array| array.layout.len());
+        let units = array.as_ref().map(|array| array.layout.units().len());
         let scene = match table.table(&root::scene) {
             Some(table) => read_scene(&table, units),
             None => paper_scene(units.unwrap_or_default()).ok(), // a test shows that the shipped text is sound
@@ -90,10 +95,16 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
             None
         }
     };
+    let unit = table.text(&array::unit).filter(|unit| is_label(unit, table));
+    let channels = table.whole(&array::channels_per_unit);
+    let layout = layout.zip(channels).map(|(layout, channels)| layout.with_channels(channels as usize));
     let layout_key = if table.has(&array::grid) { array::grid } else { array::places_mm };
     let misfit = match (&driver, &layout) {
+        (_, Some(layout)) if layout.len() > keys::OUTPUTS_MAX => {
+            Some((format!("{} outputs, over {}", layout.len(), keys::OUTPUTS_MAX), None))
+        }
         (_, Some(layout)) if layout.is_empty() => Some(("an array without units".to_owned(), None)),
-        (Some((driver, _)), Some(layout)) => driver.misfit(layout.len()),
+        (Some((driver, _)), Some(layout)) => driver.misfit(layout),
         _ => None,
     };
     if let Some((told, help)) = misfit {
@@ -102,7 +113,22 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     let range_v = table.number(&array::range_v);
     let (driver, link) = driver?;
     let range_v = range_v.or(driver.range_v());
-    Some(ArraySpec { driver, link, layout: layout?, range_v })
+    let layout = layout?;
+    let many = layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX);
+    if link == Link::Sim && many {
+        table.complain(Problem::new(table.span_of(&array::channels_per_unit), TOO_MANY_CHANNELS));
+    }
+    Some(ArraySpec { driver, link, layout, range_v, unit: unit?.to_owned() })
+}
+
+/// Whether a text can be shown beside a number: 1 to 16 printable characters.
+fn is_label(unit: &str, table: &Table) -> bool {
+    let is_label = (1..=LABEL_MAX).contains(&unit.chars().count()) && !unit.contains(char::is_control);
+    if !is_label {
+        let told = format!("`unit` is {unit:?}, expected 1 to {LABEL_MAX} printable characters");
+        table.complain(Problem::new(table.span_of(&array::unit), told));
+    }
+    is_label
 }
 
 /// `grid` of `[array]`.
@@ -243,5 +269,30 @@ mod tests {
     fn a_specimen_out_of_the_stages_reach_is_refused() {
         let told = problems("z = 0.0", "z = -12.0");
         assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");
+    }
+
+    #[test]
+    fn a_label_and_channels_of_the_outputs_are_read() {
+        let array = |more: &str| {
+            let text = SIM_RIG.replacen("range_v = 10.0", &format!("range_v = 10.0\n{more}\n"), 1);
+            let text = text.replacen("modbus = \"labjack-t7\"", "process = [\"a\"]", 1);
+            parse("rig.toml", &text, &|_| unreachable!()).map(|rig| rig.array).map_err(|problems| problems.lines())
+        };
+        let plain = array("").unwrap();
+        assert_eq!((plain.unit.as_str(), plain.layout), ("V", ArrayLayout::grid(3, 3, 4.5)));
+        let three = array("unit = \"N/mm²\"\nchannels_per_unit = 3").unwrap();
+        assert_eq!((three.unit.as_str(), three.layout.len()), ("N/mm²", 27));
+        for (text, told) in [
+            ("unit = \"\"", "`unit` is \"\", expected 1 to 16 printable characters"),
+            ("unit = \"seventeen letters\"", "expected 1 to 16 printable characters"),
+            ("unit = \"a\\tb\"", "expected 1 to 16 printable characters"),
+            ("channels_per_unit = 0", "`channels_per_unit` must be 1 to 16"),
+            ("channels_per_unit = 4", "a simulated unit has at most 3 channels"),
+        ] {
+            let problems = array(text).unwrap_err();
+            assert!(problems.len() == 1 && problems[0].contains(told), "{text}: {problems:?}");
+        }
+        let told = problems("range_v = 10.0", "channels_per_unit = 2");
+        assert_eq!(told, ["18 outputs of 9 units, but LabJack T7 has 14 outputs"]);
     }
 }

@@ -1,10 +1,10 @@
 //! A rig's emulators, acting on one scene.
 
 use super::RigSpec;
-use crate::device::DeviceError;
+use crate::device::{DeviceError, Problem};
 use crate::emulator::{Instrument, Shared};
 use crate::quantity::{Axis, Place, Position};
-use crate::scene::{Device, Scene, Setting, Truth};
+use crate::scene::{Device, SKIN_CHANNELS_MAX, Scene, Setting, Truth};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::time::Instant;
 
@@ -13,6 +13,10 @@ const LOADING_HALF_MM: f64 = 6.0;
 
 /// How far from the specimen the axes stand when an emulated controller is switched on, mm.
 const POWER_ON_MM: f64 = 5.0;
+
+/// Why an array has no emulator whose units have more channels than a scene's.
+pub(super) const TOO_MANY_CHANNELS: &str =
+    "a simulated unit has at most 3 channels: the stress, and its slopes along x and y";
 
 /// A rig's emulators, acting on one scene.
 pub struct SimulatedRig {
@@ -61,6 +65,10 @@ impl RigSpec {
     /// # Errors
     /// A device there is no emulator for.
     pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
+        if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
+            let (device, doing) = (Device::Array.name().to_owned(), "opening it".to_owned());
+            return Err(DeviceError { device, doing, problem: Problem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
+        }
         let spec = self.scene.clone();
         let away = self.frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
         let travel = &self.stage.travel;

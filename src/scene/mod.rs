@@ -16,7 +16,9 @@ mod truth;
 
 pub use faults::{Fault, FaultKind};
 pub use motion::Trajectory;
-pub use skin::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
+pub use skin::{
+    Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
+};
 pub use spec::{
     Branch, Contact, Device, Latencies, LoadCell, Mounting, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness,
 };
@@ -158,7 +160,7 @@ impl Scene {
         self.taxels.outputs(self.contact.force_n(), self.place(now_s), outputs);
     }
 
-    /// How many taxels the array has.
+    /// How many outputs the array has: one for each channel of each taxel.
     pub fn taxels(&self) -> usize {
         self.setting.layout.len()
     }

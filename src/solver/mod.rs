@@ -70,7 +70,7 @@ pub use solution::{Covariance, Solution, Verdict};
 pub use whitened::Whitened;
 
 use crate::parallel::in_parallel;
-use crate::quantity::{ArrayLayout, Place};
+use crate::quantity::Place;
 use appraised::Appraised;
 use forward::Forward;
 use gaussian_process::GaussianProcess;
@@ -169,8 +169,7 @@ fn fit_without(
     if kept.is_empty() {
         return Err(FitError::NothingToTellApart);
     }
-    let places = |layout: &ArrayLayout| kept.iter().map(|&unit| layout.places()[unit]).collect();
-    let layout = setting.layout.map(|layout| ArrayLayout::from_places(places(layout)));
+    let layout = setting.layout.map(|layout| layout.only(&kept));
     let setting = Setting { layout: layout.as_ref(), ..*setting };
     Ok(fit_to_all(name, &calibration.of_units(&kept), &setting)?.without(broken, calibration.units()))
 }

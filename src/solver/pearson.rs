@@ -118,16 +118,16 @@ struct Candidate {
     closest: usize,
 }
 
-/// The unit closest to a point, of those that read anything there: a silent one can't scale a force (x_i = 0 in
-/// equation 6). Without a layout, the one that reads most, in magnitude, as some sensors read negative. Of equals the
-/// first.
+/// The output that gives the force: of the unit closest to a point, of those that read anything there, as a silent one can't
+/// scale a force (x_i = 0 in equation 6); of its channels the one that reads most. Without a layout, the output that reads
+/// most, in magnitude, as some sensors read negative. Of equals the first.
 fn closest_unit(point: &CalibrationPoint<'_>, layout: Option<&ArrayLayout>) -> usize {
-    let remoteness = |unit: usize| match layout {
-        Some(layout) => point.place.distance_mm(layout.places()[unit]),
-        None => -point.outputs[unit].abs(),
-    };
-    let heard = (0..point.outputs.len()).filter(|&unit| point.outputs[unit] != 0.0);
-    heard.min_by(|&a, &b| remoteness(a).total_cmp(&remoteness(b))).unwrap_or(0)
+    let heard = (0..point.outputs.len()).filter(|&output| point.outputs[output] != 0.0);
+    let loudest = |a: &usize, b: &usize| point.outputs[*b].abs().total_cmp(&point.outputs[*a].abs());
+    let Some(layout) = layout else { return heard.min_by(loudest).unwrap_or(0) };
+    let remoteness = |output: usize| point.place.distance_mm(layout.places()[output]);
+    let closest = heard.clone().min_by(|&a, &b| remoteness(a).total_cmp(&remoteness(b))).unwrap_or(0);
+    heard.filter(|&output| layout.unit(output) == layout.unit(closest)).min_by(loudest).unwrap_or(0)
 }
 
 /// Whether a reading is one of this array, every output finite.
@@ -270,5 +270,15 @@ mod tests {
             prop_assert_eq!(solution.place.x_mm, 1.0);
             prop_assert!((solution.force_n / factor - 1.0).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn the_force_is_that_of_the_closest_units_channel_that_reads_most() {
+        let layout = ArrayLayout::from_places(vec![Place::new(0.0, 0.0), Place::new(4.0, 0.0)]).with_channels(2);
+        let outputs = [[0.1, -0.5, 0.9, 0.2], [0.2, 0.3, 0.4, -0.8]];
+        let closest = |x_mm: f64, outputs: &[f64], layout| closest_unit(&point(x_mm, 1.0, outputs), Some(layout));
+        assert_eq!((closest(1.0, &outputs[0], &layout), closest(3.0, &outputs[1], &layout)), (1, 3));
+        // its loudest channel is left out of account
+        assert_eq!(closest(1.0, &[0.1, 0.9, 0.2], &layout.only(&[0, 2, 3])), 0);
     }
 }

@@ -41,7 +41,8 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
 }
 
 /// Where each unit of an array is by its own outputs, as [`physics`] finds them, each by itself; it is looked for from where the
-/// layout has it.
+/// layout has it. A unit of several channels is where that one of them puts it which fits best: those that read a slope have no
+/// peak above the unit.
 pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Result<Vec<Place>, FitError> {
     let spots = Spots::of(calibration);
     let places: Vec<Place> = spots.places().collect();
@@ -49,8 +50,17 @@ pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Re
         return Err(FitError::TooFewPlaces { places: places.len(), needed: FEWEST_PLACES });
     }
     let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
-    let taxels = fitted_taxels(&places, &spots.per_newton(), calibration.units(), Some(layout), area.side_mm());
-    Ok(taxels.iter().map(|taxel| Place::new(taxel.parameters[X], taxel.parameters[Y])).collect())
+    let (per_newton, outputs) = (spots.per_newton(), calibration.units());
+    let taxels = fitted_taxels(&places, &per_newton, outputs, Some(layout), area.side_mm());
+    let misfit = |output: usize| {
+        let all: f64 = per_newton[output..].iter().step_by(outputs).map(|value| value * value).sum();
+        taxels[output].left / all
+    };
+    let of_unit = |unit: std::ops::Range<usize>| {
+        let best = unit.clone().min_by(|&a, &b| misfit(a).total_cmp(&misfit(b))).unwrap_or(unit.start);
+        Place::new(taxels[best].parameters[X], taxels[best].parameters[Y])
+    };
+    Ok(layout.units().map(of_unit).collect())
 }
 
 /// The units under the cover that fits better.

@@ -68,12 +68,14 @@ pub enum PlacementError {
 /// # Errors
 /// A fit that can't be believed; nothing is guessed.
 pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Placement, PlacementError> {
-    let units = layout.len();
-    if units != calibration.units() {
-        return Err(FitError::Layout { layout: units, calibration: calibration.units() }.into());
+    if layout.len() != calibration.units() {
+        return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() }.into());
     }
+    let found = unit_places(calibration, layout);
+    let layout = &layout.one_per_unit();
+    let units = layout.len();
     let pitch_mm = neighbours_mm(layout).filter(|_| units >= 3).ok_or(PlacementError::TooFewUnits { units })?;
-    let found = unit_places(calibration, layout)?;
+    let found = found?;
     let (middle, seen) = (mean(layout.places()), mean(&found));
     let (mut along, mut across, mut square) = (0.0, 0.0, 0.0);
     for (unit, place) in layout.places().iter().zip(&found) {
@@ -197,6 +199,33 @@ mod tests {
             assert!((placement.rotation_deg - rotation_deg).abs() < 1e-2, "{placement:?}");
             assert!(placement.misfit_mm < 1e-3 && placement.origin_sigma_mm < 1e-3, "{placement:?}");
         }
+    }
+
+    #[test]
+    fn an_array_of_units_with_three_channels_is_found_by_those_that_peak_above_them() {
+        use crate::mechanics::{Passage, Response};
+        let (units, origin) = (ArrayLayout::grid(3, 3, 4.5), Place::new(0.7, -0.4));
+        let response = Response::new(Passage::half_space(5.0));
+        let places: Vec<Place> =
+            (0..49).map(|n| Place::new(f64::from(n % 7) * 2.0 - 6.0, f64::from(n / 7) * 2.0 - 6.0)).collect();
+        let read = |own: Place| -> Vec<f64> {
+            let of_unit = |unit: &Place| {
+                let distance_mm = own.distance_mm(*unit);
+                let (value, slope) = response.with_slope(distance_mm);
+                let (x, y) = (own.x_mm - unit.x_mm, own.y_mm - unit.y_mm);
+                let along = move |mm: f64| 5.0 * slope * mm / distance_mm.max(1e-9);
+                [along(x), value, along(y)] // whichever comes first
+            };
+            units.places().iter().flat_map(of_unit).collect()
+        };
+        let outputs: Vec<Vec<f64>> = places.iter().map(|place| read(less(*place, origin))).collect();
+        let points: Vec<CalibrationPoint> = places
+            .iter()
+            .zip(&outputs)
+            .map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs })
+            .collect();
+        let placement = place_array(&Calibration::new(&points).unwrap(), &units.clone().with_channels(3)).unwrap();
+        assert!(placement.origin.distance_mm(origin) < 1e-3 && placement.misfit_mm < 1e-3, "{placement:?}");
     }
 
     #[test]

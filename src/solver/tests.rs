@@ -1,6 +1,8 @@
 //! Input that says little or nothing: every method answers with an error or a verdict, never NaN, never a panic.
 
 use super::*;
+use crate::mechanics::{Passage, Response};
+use crate::quantity::ArrayLayout;
 use proptest::prelude::*;
 
 fn points<'a>(rows: &'a [(f64, f64, f64, Vec<f64>)]) -> Vec<CalibrationPoint<'a>> {
@@ -160,6 +162,40 @@ fn answers_are_the_same_without_an_idea_of_their_errors() {
             assert_eq!((with.place, with.force_n), (without.place, without.force_n), "{name}");
             let has_map = matches!(name, "surrogate" | "physics");
             assert_eq!(without.covariance.is_some(), has_map, "{name}");
+        }
+    }
+}
+
+/// What units of three channels read of a force: the stress, and its slopes along x and y times the depth.
+fn of_three_channels(units: &ArrayLayout, place: Place, force_n: f64) -> Vec<f64> {
+    let response = Response::new(Passage::half_space(5.0));
+    let read = |unit: &Place| {
+        let distance_mm = place.distance_mm(*unit);
+        let (value, slope) = response.with_slope(distance_mm);
+        let along = |mm: f64| if distance_mm == 0.0 { 0.0 } else { 5.0 * slope * mm / distance_mm };
+        [value, along(place.x_mm - unit.x_mm), along(place.y_mm - unit.y_mm)].map(|output| force_n * output)
+    };
+    units.places().iter().flat_map(read).collect()
+}
+
+#[test]
+fn every_solver_finds_a_contact_on_units_of_three_channels() {
+    let units = ArrayLayout::grid(3, 3, 4.5);
+    let layout = units.clone().with_channels(3);
+    let rows: Vec<(f64, f64, f64, Vec<f64>)> = (0..81)
+        .map(|n| {
+            let place = Place::new(f64::from(n % 9) - 4.0, f64::from(n / 9) - 4.0);
+            (place.x_mm, place.y_mm, 1.0, of_three_channels(&units, place, 1.0))
+        })
+        .collect();
+    let calibration = Calibration::new(&points(&rows)).unwrap();
+    for name in SOLVERS {
+        let fitted = fit(name, &calibration, &Setting::of_layout(Some(&layout))).unwrap();
+        for (place, force_n) in [(Place::new(0.4, -2.3), 0.7), (Place::new(-3.2, 2.7), 0.4)] {
+            let found = fitted.solve(&of_three_channels(&units, place, force_n), &mut Workspace::default()).unwrap();
+            let apart_mm = found.place.distance_mm(place);
+            assert!(apart_mm < 0.75, "{name}: {apart_mm} mm");
+            assert!((found.force_n / force_n - 1.0).abs() < 0.2, "{name}: {} N of {force_n} N", found.force_n);
         }
     }
 }

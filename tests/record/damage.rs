@@ -1,5 +1,6 @@
 //! A record that says one thing: tables that were changed, journals that were cut, and links that were planted.
 
+use crate::support::interrupted::sealed;
 use crate::support::{Bench, SMALL};
 use palpate::quantity::stream;
 use rand::RngExt;
@@ -67,9 +68,13 @@ fn a_table_that_was_changed_changes_no_answer_and_is_reported_in_a_line() {
 
 #[test]
 fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
-    let bench = whole();
-    let words = "evaluate --calibration run/presses.csv --test run/presses.csv --solver pearson";
-    let told = bench.palpate_ends(0, words);
+    let simple: String = SMALL.split_inclusive("[[step]]").enumerate().filter(|(n, _)| *n != 1).map(|(_, part)| part).collect();
+    let bench = Bench::with([("r.toml", simple.as_str())]);
+    for run in ["run", "again"] {
+        bench.palpate_ends(0, &format!("run r.toml --out {run}"));
+    }
+    let words = "evaluate --calibration run/presses.csv --test again/presses.csv --solver pearson";
+    let told = bench.palpate(words);
     assert_eq!(told.err, "");
     let table = bench.read("run/presses.csv");
     bench.write("run/presses.csv", &table.replacen("calibration,-2,", "calibration,-2.5,", 1));
@@ -147,7 +152,7 @@ fn a_journal_of_another_format_is_refused_by_name() {
     let journal = bench.read("run/journal.log");
     for (format, found) in [("\"format\":7", 7), ("\"form\":2", 1)] {
         let json = journal.lines().next().and_then(|line| line.splitn(3, ' ').nth(2)).expect("a record");
-        let first = super::provenance::sealed(0, &json.replacen("\"format\":2", format, 1));
+        let first = sealed(0, &json.replacen("\"format\":2", format, 1));
         let rest: String = journal.lines().skip(1).map(|line| format!("{line}\n")).collect();
         bench.write("run/journal.log", &format!("{first}\n{rest}"));
         for words in ["verify run", "rebuild run", "resume run", "evaluate run", "report run"] {

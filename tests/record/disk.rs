@@ -5,6 +5,7 @@
 //! (`cc`) these tests say that they are skipped, and pass. `PALPATE_DISK=all` goes through more kinds of failure.
 #![cfg(target_os = "linux")]
 
+use crate::support::interrupted::{cut_to_lines, lines_before_contacts};
 use crate::support::rows::{self, json, kept, numbered};
 use crate::support::skips::{asked, skipped};
 use crate::support::{Bench, Told, shared_library, shipped_text};
@@ -118,11 +119,7 @@ struct Start {
 fn half_done() -> Start {
     let bench = whole();
     let rows = rows::table(&bench, RUN).into_iter().filter(|row| row["press"] == 0).collect();
-    let file = |name: &str| format!("{RUN}/{name}");
-    let journal = bench.read(&file("journal.log"));
-    let staircase = journal.lines().position(|line| line.contains(" {\"contact\":")).expect("a contact");
-    let records: String = journal.lines().take(staircase + 1).map(|line| line.to_owned() + "\n").collect();
-    bench.write(&file("journal.log"), &records);
+    cut_to_lines(&bench, RUN, lines_before_contacts(&bench, RUN) + 1);
     Start { words: format!("resume {RUN} --json"), files: bench.bytes(RUN), rows }
 }
 

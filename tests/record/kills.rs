@@ -7,6 +7,7 @@
 mod tally;
 mod trial;
 
+use crate::support::interrupted::cut_back;
 use crate::support::rows::{self, Kept, numbered};
 use crate::support::skips::asked;
 use crate::support::{Bench, shipped_text};
@@ -184,13 +185,13 @@ impl Course {
         let bench = self.bench();
         fs::create_dir(bench.path("run")).expect("a folder");
         for (name, bytes) in &self.whole {
-            let bytes = if name == "journal.log" { &bytes[..cut] } else { bytes };
             fs::write(bench.path("run").join(name), bytes).expect("a file can be written");
         }
-        // what is whole before the cut was acknowledged
-        let kept: Vec<(u64, u64)> = journalled(&bench).iter().flat_map(rows_of).collect();
         let (header, _) = bench.table("run/presses.csv");
         let table = rows::table(&bench, "run");
+        cut_back(&bench, "run", &self.file("journal.log")[..cut]);
+        // what is whole before the cut was acknowledged
+        let kept: Vec<(u64, u64)> = journalled(&bench).iter().flat_map(rows_of).collect();
         let acknowledged: Vec<Value> = table
             .into_iter()
             .zip(self.plan())

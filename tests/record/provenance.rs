@@ -1,17 +1,10 @@
 //! What a run folder says of itself: who made it, from what, and whether it is still what was written.
 
+use crate::support::interrupted::{cut_back, cut_to_lines, sealed};
 use crate::support::{Bench, SMALL, exchanged};
 
 const VIEWS: [&str; 6] =
     ["manifest.json", "presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
-
-/// A record as it stands in a journal.
-pub fn sealed(sequence: u64, json: &str) -> String {
-    let mut checksum = crc32fast::Hasher::new();
-    checksum.update(&sequence.to_le_bytes());
-    checksum.update(json.as_bytes());
-    format!("{sequence} {:08x} {json}", checksum.finalize())
-}
 
 /// A complete run.
 fn whole() -> Bench {
@@ -77,7 +70,7 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
     assert!(told.running().contains("presses.csv isn't what the journal says"), "{}", told.err);
     // a complete run whose table was lost is made whole by whoever goes on with it
     let told = bench.palpate_ends(0, "resume run");
-    assert!(told.err.contains("its tables were made anew"), "{}", told.err);
+    assert!(told.err.contains("its tables were regenerated"), "{}", told.err);
     assert_eq!(bench.read("run/presses.csv"), presses);
     // a table of another run is no table of this one
     std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
@@ -98,8 +91,7 @@ fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
     let bench = whole();
     let (journal, recipe, rig) =
         (bench.read("run/journal.log"), bench.read("run/recipe.toml"), bench.read("run/rig.toml"));
-    let lines: Vec<&str> = journal.lines().collect();
-    bench.write("run/journal.log", &(lines[..lines.len() - 2].join("\n") + "\n"));
+    cut_to_lines(&bench, "run", journal.lines().count() - 2);
     bench.write("run/recipe.toml", &exchanged(&recipe, "force_n = 1.0", "force_n = 0.9"));
     let told = bench.palpate_ends(2, "resume run");
     assert!(told.running().contains("recipe.toml isn't the one that the run began with"), "{}", told.err);
@@ -122,8 +114,8 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
         assert!(told.running().contains("is damaged: the checksum doesn't fit"), "{words}: {}", told.err);
         assert_eq!(told.code, Some(if words == "verify run" { 1 } else { 2 }), "{words}");
     }
-    let lines: Vec<&str> = journal.lines().collect();
-    bench.write("run/journal.log", &(lines[..lines.len() - 1].join("\n") + "\n"));
+    bench.write("run/journal.log", &journal);
+    cut_to_lines(&bench, "run", journal.lines().count() - 1);
     let told = bench.palpate_ends(0, "verify run");
     assert!(told.out.contains("the run hasn't ended"), "{}", told.out);
     bench.palpate_ends(0, "resume run");
@@ -143,7 +135,7 @@ fn a_clock_that_is_set_back_changes_nothing_but_what_is_told() {
     let later = exchanged(json, "\"started\":\"20", "\"started\":\"29");
     let began = sealed(1, &later);
     let text: Vec<&str> = [lines[0], &began].into_iter().chain(rest.iter().copied()).collect();
-    bench.write("run/journal.log", &(text.join("\n") + "\n"));
+    cut_back(&bench, "run", (text.join("\n") + "\n").as_bytes());
     bench.palpate_ends(0, "resume run");
     let manifest = bench.manifest("run");
     let started = manifest["sessions"][0]["started"].as_str().expect("a time").to_owned();
@@ -161,7 +153,7 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     let manifest = bench.read("run/manifest.json");
     bench.write("run/manifest.json", &exchanged(&manifest, "\"presses.csv\"", "\"../secret.txt\""));
     let told = bench.palpate_ends(1, "verify run");
-    assert!(told.running().contains("\"../secret.txt\" is no name of a file in a run folder"), "{}", told.err);
+    assert!(told.running().contains("\"../secret.txt\" is not the name of a file in a run folder"), "{}", told.err);
     // nor are the names of texts in a journal
     let journal = bench.read("run/journal.log");
     let lines: Vec<&str> = journal.lines().collect();
@@ -171,10 +163,13 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
             .into_iter()
             .chain(lines[2..lines.len() - 2].iter().map(|line| (*line).to_owned()))
             .collect();
-        bench.write("run/journal.log", &(text.join("\n") + "\n"));
+        bench.write("run/journal.log", &journal);
+        bench.write("run/manifest.json", &manifest);
+        bench.palpate_ends(0, "rebuild run");
+        cut_back(&bench, "run", (text.join("\n") + "\n").as_bytes());
         let told = bench.palpate("resume run");
-        assert!(told.running().contains("is no name of a file in a run folder"), "{}", told.err);
-        assert_eq!(told.code, Some(5), "{}", told.err);
+        assert!(told.running().contains("is not the name of a file in a run folder"), "{}", told.err);
+        assert_eq!(told.code, Some(2), "{}", told.err);
     }
     bench.write("run/journal.log", &journal);
     // a register map lies beside its rig, and nowhere else

@@ -1,6 +1,7 @@
 //! The same again: one seed gives the same tables byte for byte, and a run that was interrupted comes to the rows its
 //! plan has, those that were acknowledged unchanged.
 
+use crate::support::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
 use crate::support::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 use palpate::dataset::{Journal, Memory, Record, Status};
 use palpate::recipe::{self, Plan};
@@ -42,7 +43,9 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     bench.palpate_ends(0, "run r.toml --out run");
     let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
     // what the folder says of itself aside
-    let is_measured = |record: &Record| !matches!(record, Record::Run(_) | Record::Session(_) | Record::End(_));
+    let is_measured = |record: &Record| {
+        !matches!(record, Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::End(_))
+    };
     let records: Vec<_> = journal.map(|record| record.expect("a record").1).filter(is_measured).collect();
 
     let spec = rig::parse("rig.toml", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");
@@ -74,8 +77,7 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
     assert_eq!(bench.read("run/calibration_matrix.csv").lines().next().map(|line| line.split(',').count()), Some(9));
 
     // as a power cut after the presses that teach would have left it
-    let journal = bench.read("run/journal.log");
-    bench.write("run/journal.log", &journal.lines().take(4 + 5).map(|line| line.to_owned() + "\n").collect::<String>());
+    cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 5);
     let told = bench.palpate_ends(0, "resume run");
     assert!(told.err.contains("characterisation: from press 6 of 17"), "{}", told.err);
     assert_eq!(bench.manifest("run")["presses_done"], 17);
@@ -91,16 +93,14 @@ fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     // as a power cut before the last press would have left it, and a load cell that was exchanged since
-    let journal = bench.read("run/journal.log");
-    let kept: Vec<&str> = journal.lines().collect();
-    bench.write("run/journal.log", &(kept[..kept.len() - 2].join("\n") + "\n"));
+    cut_to_lines(&bench, "run", bench.read("run/journal.log").lines().count() - 2);
     let rig = bench.read("run/rig.toml");
-    bench.write("run/rig.toml", &exchanged(&rig, "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.5"));
+    change_the_world(&bench, "run", &exchanged(&rig, "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.5"));
     let told = bench.palpate_ends(4, "resume run");
     assert!(told.running().contains("zero-drifted: 0.5"), "{}", told.err);
     assert_eq!(bench.manifest("run")["status"], "tripped");
     // the old cell back, and a person's word
-    bench.write("run/rig.toml", &rig);
+    change_the_world(&bench, "run", &rig);
     bench.palpate_ends(2, "resume run");
     bench.palpate_ends(0, "resume run --after-trip");
     assert_eq!(bench.manifest("run")["status"], "complete");
@@ -112,10 +112,8 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
     let rig = bench.read("run/rig.toml");
     for (moved_mm, goes_on) in [("0.03", true), ("-0.1", false), ("0.1", false)] {
         let bench = half_done();
-        bench.write(
-            "run/rig.toml",
-            &exchanged(&rig, "[scene]", &format!("[scene]\nmounting = {{ z_mm = {moved_mm} }}\n")),
-        );
+        let moved = exchanged(&rig, "[scene]", &format!("[scene]\nmounting = {{ z_mm = {moved_mm} }}\n"));
+        change_the_world(&bench, "run", &moved);
         if goes_on {
             let told = bench.palpate_ends(0, "resume run");
             assert!(told.err.matches("touched again at ").count() == 2, "both places: {}", told.err);
@@ -129,7 +127,7 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
         );
         assert!(told.running().contains("was the specimen or the rig touched since?"), "{}", told.err);
         // put back, it goes on when a person says so
-        bench.write("run/rig.toml", &rig);
+        change_the_world(&bench, "run", &rig);
         bench.palpate_ends(2, "resume run");
         bench.palpate_ends(0, "resume run --after-trip");
     }
@@ -139,12 +137,12 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
 fn a_run_does_not_go_on_with_another_device() {
     let bench = half_done();
     let rig = bench.read("run/rig.toml");
-    bench.write("run/rig.toml", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
+    change_the_world(&bench, "run", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
     let told = bench.palpate_ends(3, "resume run");
     let expected = "load_cell: while identifying it, to go on with the run: it was \"generic RS485";
     assert!(told.running().contains(expected), "{}", told.err);
     assert_eq!(bench.manifest("run")["status"], "failed");
-    bench.write("run/rig.toml", &rig);
+    change_the_world(&bench, "run", &rig);
     bench.palpate_ends(0, "resume run");
 }
 
@@ -152,8 +150,7 @@ fn a_run_does_not_go_on_with_another_device() {
 fn half_done() -> Bench {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
-    let journal = bench.read("run/journal.log");
-    bench.write("run/journal.log", &journal.lines().take(4 + 2).map(|line| line.to_owned() + "\n").collect::<String>());
+    cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 2);
     bench
 }
 

@@ -69,7 +69,7 @@ fn design(path: &Path, args: &Args) -> Result<Design, Failure> {
         skin.elastomer = Some(Elastomer::half_space(depth_mm));
     }
     let area = args.area_mm.as_deref().map(area).transpose()?;
-    Design::new(&rig.array.layout, &skin, rig.limits.force_n, area).map_err(|error| {
+    Design::new(&rig.array.layout.one_per_unit(), &skin, rig.limits.force_n, area).map_err(|error| {
         let help = match error {
             DesignError::NoDepth => "say it: --depth-mm 5",
             DesignError::OneUnit | DesignError::SamePlace(..) => "see [array] of the rig: grid or places_mm",

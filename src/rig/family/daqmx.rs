@@ -2,13 +2,14 @@
 
 use super::{
     ArrayDriver, Beside, Driver, Family, Links, LoadCellDriver, Misfit, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role,
-    as_a, read_newton_per_volt,
+    as_a, counted, read_newton_per_volt,
 };
 use crate::device::{self, DeviceError, Identity};
 use crate::document::{Problem, Table, keys, words};
 use crate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
 use crate::driver::{AnyArray, AnyLoadCell};
 use crate::emulator::{DaqmxEmulator, Shared};
+use crate::quantity::ArrayLayout;
 use crate::rig::open::{Dial, Wiring};
 use crate::rig::{EmulatedDevice, FarEnd, RigSpec};
 use crate::scene::{Device, Scene};
@@ -120,9 +121,10 @@ impl ArrayDriver for Array {
         Ok(LIBRARY)
     }
 
-    fn misfit(&self, outputs: usize) -> Option<(String, Option<&'static str>)> {
+    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let Inputs { physical, count, .. } = &self.0;
-        (outputs != *count).then(|| (format!("{outputs} units, but \"{physical}\" is {count} inputs"), None))
+        let told = || format!("{}, but \"{physical}\" is {count} inputs", counted(layout));
+        (layout.len() != *count).then(|| (told(), None))
     }
 
     fn range_v(&self) -> Option<f64> {

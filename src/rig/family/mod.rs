@@ -17,6 +17,7 @@ use super::{EmulatedDevice, RigSpec};
 use crate::device::DeviceError;
 use crate::document::{Bounds, Case, Key, Keys, Kind, Problem, Table};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
+use crate::quantity::ArrayLayout;
 use crate::scene::{Device, Scene};
 use crate::wire::{ClaimError, Claims, Link};
 use std::any::Any;
@@ -145,9 +146,9 @@ pub trait ArrayDriver: Driver {
     /// There is none.
     fn emulated(&self, rig: &RigSpec) -> Result<EmulatedDevice, DeviceError>;
 
-    /// What keeps it from reading so many outputs, and what to do about it.
-    fn misfit(&self, outputs: usize) -> Option<(String, Option<&'static str>)> {
-        let _ = outputs;
+    /// What keeps it from reading all outputs of a layout, and what to do about it.
+    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
+        let _ = layout;
         None
     }
 
@@ -155,6 +156,12 @@ pub trait ArrayDriver: Driver {
     fn range_v(&self) -> Option<f64> {
         None
     }
+}
+
+/// The outputs of an array as a person counts them: units, where each has one.
+fn counted(layout: &ArrayLayout) -> String {
+    let units = layout.units().len();
+    if layout.len() == units { format!("{units} units") } else { format!("{} outputs of {units} units", layout.len()) }
 }
 
 /// A driver of a role as one of the types that there are; none where it is another.

@@ -1,11 +1,12 @@
 //! Modbus transmitters and converters: which registers mean what is a register map.
 
-use super::{ArrayDriver, Beside, Driver, Family, Links, LoadCellDriver, Role};
+use super::{ArrayDriver, Beside, Driver, Family, Links, LoadCellDriver, Role, counted};
 use crate::device::{self, DeviceError};
 use crate::document::{Problem, Table, keys, with_nearest};
 use crate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
 use crate::driver::{AnyArray, AnyLoadCell};
 use crate::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
+use crate::quantity::ArrayLayout;
 use crate::rig::open::{Dial, Wiring, unfit};
 use crate::rig::{EmulatedDevice, RigSpec};
 use crate::scene::Device;
@@ -143,12 +144,12 @@ impl ArrayDriver for Array {
             _ => Err(self.0.not_emulated(Device::Array)),
         }
     }
-    fn misfit(&self, outputs: usize) -> Option<(String, Option<&'static str>)> {
+    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let Profile { name, outputs: own, .. } = &self.0.profile;
         let most = own.as_ref().map_or(0, |own| own.count_max);
-        let told = format!("{outputs} units, but {name} has {most} outputs");
+        let told = format!("{}, but {name} has {most} outputs", counted(layout));
         let help = "a register map of your own may have more, on real links only: it has no emulator";
-        (outputs > most).then_some((told, Some(help)))
+        (layout.len() > most).then_some((told, Some(help)))
     }
 }
 

@@ -9,6 +9,10 @@ use crate::quantity::{ArrayLayout, Place, Stream, stream};
 use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
+use std::ops::Range;
+
+/// Most channels of a unit that read anything: the normal stress, and its slopes along x and y.
+pub const SKIN_CHANNELS_MAX: usize = 3;
 
 /// A specimen's taxels: which stress each of them sees, and what it makes of it.
 ///
@@ -17,7 +21,10 @@ use rand_distr::StandardNormal;
 /// [`draw_contact`](Self::draw_contact)), baseline, faults, converter. [`outputs`](Self::outputs) does both for one load.
 #[derive(Clone)]
 pub struct Skin {
-    units: Vec<Unit>,
+    /// In the order of the outputs.
+    channels: Vec<Channel>,
+    /// The outputs of each unit.
+    units: Vec<Range<usize>>,
     /// The reading for the largest force straight above.
     full_scale: f64,
     noise_of: NoiseOf,
@@ -28,7 +35,8 @@ pub struct Skin {
 }
 
 #[derive(Clone)]
-struct Unit {
+struct Channel {
+    reads: Reads,
     place: Place,
     /// None: there is no elastomer.
     response: Option<Response>,
@@ -43,8 +51,22 @@ struct Unit {
     error: f64,
 }
 
+/// What a channel of a unit reads.
+#[derive(Clone, Copy, PartialEq)]
+enum Reads {
+    /// The response itself: the first channel.
+    Normal,
+    /// Its slope along x times the unit's depth, as the load goes along x: the second.
+    SlopeX,
+    /// Its slope along y times the unit's depth: the third.
+    SlopeY,
+    /// Nothing.
+    Nothing,
+}
+
 impl Skin {
-    /// The taxels of a specimen, in air. `full_scale_n` is the largest force they are specified for; what belongs to the
+    /// The taxels of a specimen, in air. Gains, true places, depths, errors and hysteresis are those of a unit, for all its
+    /// channels; each channel's error is a draw of its own. `full_scale_n` is the largest force they are specified for; what belongs to the
     /// specimen (gains, true places, depths) is drawn from `seed` alone, each from a stream of its own.
     ///
     /// # Panics
@@ -55,7 +77,9 @@ impl Skin {
         let mut places = Spread::new(place_spread_mm, "taxel places", seed);
         let mut depths = Spread::new(depth_spread_percent / 100.0, "taxel depths", seed);
         let nominal = spec.elastomer.map(|elastomer| Response::new(passage(spec, elastomer)));
-        let units = layout.places().iter().enumerate().map(|(index, at)| {
+        let units: Vec<Range<usize>> = layout.units().collect();
+        let channels = units.iter().enumerate().flat_map(|(index, outputs)| {
+            let at = layout.places()[outputs.start];
             let of_response = 1.0 + gains.draw();
             let place = Place::new(at.x_mm + places.draw(), at.y_mm + places.draw());
             let deeper = 1.0 + depths.draw();
@@ -69,7 +93,8 @@ impl Skin {
                 NoiseOf::FullScale => noise * (1.0 / 3.0) * full_scale_n,
                 NoiseOf::Reading => noise / 3.0,
             };
-            Unit {
+            let first = Channel {
+                reads: Reads::Normal,
                 place,
                 response,
                 gain: of_response * drift / (peak * deeper * deeper),
@@ -77,14 +102,18 @@ impl Skin {
                 hysteresis: percent(&spec.hysteresis_percent) * full_scale_n,
                 error_of_reading: 0.0,
                 error: 0.0,
-            }
+            };
+            let reads = [Reads::Normal, Reads::SlopeX, Reads::SlopeY];
+            let reads = reads.into_iter().chain(std::iter::repeat(Reads::Nothing)).take(outputs.len());
+            reads.map(|reads| Channel { reads, ..first.clone() }).collect::<Vec<_>>()
         });
-        let units: Vec<Unit> = units.collect();
+        let channels: Vec<Channel> = channels.collect();
         assert!(
             spec.faults.iter().all(|fault| (1..=units.len()).contains(&fault.unit)),
             "a fault of a unit there isn't"
         );
         Skin {
+            channels,
             units,
             full_scale: full_scale_n,
             noise_of: noise_of(spec),
@@ -95,49 +124,49 @@ impl Skin {
         }
     }
 
-    /// How many taxels there are.
+    /// How many outputs there are.
     pub fn len(&self) -> usize {
-        self.units.len()
+        self.channels.len()
     }
 
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.units.is_empty()
+        self.channels.is_empty()
     }
 
-    /// A new contact begins: it doesn't quite repeat the last one. One draw a unit, then one more each if there is a floor.
+    /// A new contact begins: it doesn't quite repeat the last one. One draw a channel, then one more each if there is a floor.
     pub fn draw_contact(&mut self, rng: &mut Stream) {
         self.forget_contact();
         let mut normal = || -> f64 { StandardNormal.sample(rng) };
-        let noisy = self.units.iter().any(|unit| unit.error_sd != 0.0);
-        for unit in self.units.iter_mut().filter(|_| noisy) {
-            let error = unit.error_sd * normal();
+        let noisy = self.channels.iter().any(|channel| channel.error_sd != 0.0);
+        for channel in self.channels.iter_mut().filter(|_| noisy) {
+            let error = channel.error_sd * normal();
             match self.noise_of {
-                NoiseOf::FullScale => unit.error = error,
-                NoiseOf::Reading => unit.error_of_reading = error,
+                NoiseOf::FullScale => channel.error = error,
+                NoiseOf::Reading => channel.error_of_reading = error,
             }
         }
         if self.floor > 0.0 {
-            self.units.iter_mut().for_each(|unit| unit.error += self.floor * normal());
+            self.channels.iter_mut().for_each(|channel| channel.error += self.floor * normal());
         }
     }
 
     /// The contact is over: in air there is no error.
     pub fn forget_contact(&mut self) {
-        for unit in &mut self.units {
-            (unit.error_of_reading, unit.error) = (0.0, 0.0);
+        for channel in &mut self.channels {
+            (channel.error_of_reading, channel.error) = (0.0, 0.0);
         }
     }
 
     /// Adds to `outputs` what `force_n` at a place (specimen frame) does to each taxel, without any error.
     ///
     /// # Panics
-    /// If `outputs` doesn't have one place a taxel.
+    /// If `outputs` doesn't have as many places as there are outputs.
     pub fn add_load(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
-        assert_eq!(outputs.len(), self.len(), "one output a taxel");
-        for (unit, output) in self.units.iter().zip(outputs) {
-            if let Some(response) = &unit.response {
-                *output += force_n * response.at(place.distance_mm(unit.place)) * unit.gain;
+        assert_eq!(outputs.len(), self.len(), "one place an output");
+        for (channel, output) in self.channels.iter().zip(outputs) {
+            if let Some(response) = &channel.response {
+                *output += force_n * channel.reads.of(response, channel.place, place) * channel.gain;
             }
         }
     }
@@ -145,20 +174,25 @@ impl Skin {
     /// Turns the sum of all loads into what the taxels read of it. `unloading` is 0 on the loading branch of the hysteresis,
     /// 1 on the unloading one.
     pub fn read_out(&self, unloading: f64, outputs: &mut [f64]) {
-        for (unit, output) in self.units.iter().zip(&mut *outputs) {
+        for (channel, output) in self.channels.iter().zip(&mut *outputs) {
             let straight = *output;
             let u = straight / self.full_scale;
-            let loop_width = unit.hysteresis * (4.0 * u * (1.0 - u)).max(0.0);
-            let error = unit.error + unit.error_of_reading * straight;
+            let loop_width = match channel.reads {
+                Reads::Normal => channel.hysteresis * (4.0 * u * (1.0 - u)).max(0.0),
+                // a slope lags behind either way
+                _ => (channel.hysteresis * (4.0 * u.abs() * (1.0 - u.abs())).max(0.0)).copysign(u),
+            };
+            let error = channel.error + channel.error_of_reading * straight;
             *output = straight + unloading * loop_width + error + self.baseline;
         }
         for fault in &self.faults {
-            let output = &mut outputs[fault.unit - 1];
-            match fault.kind {
-                TaxelFaultKind::Dead => *output = 0.0,
-                TaxelFaultKind::Stuck(reading) => *output = reading,
-                TaxelFaultKind::Clipped(most) => *output = output.min(most),
-                TaxelFaultKind::Drifted(_) => {} // is in the gain
+            for output in &mut outputs[self.units[fault.unit - 1].clone()] {
+                match fault.kind {
+                    TaxelFaultKind::Dead => *output = 0.0,
+                    TaxelFaultKind::Stuck(reading) => *output = reading,
+                    TaxelFaultKind::Clipped(most) => *output = output.min(most),
+                    TaxelFaultKind::Drifted(_) => {} // is in the gain
+                }
             }
         }
         if let Some(converter) = self.converter {
@@ -170,11 +204,29 @@ impl Skin {
     /// `outputs` in reading units.
     ///
     /// # Panics
-    /// If `outputs` doesn't have one place a taxel.
+    /// If `outputs` doesn't have as many places as there are outputs.
     pub fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
         outputs.fill(0.0);
         self.add_load(force_n, place, outputs);
         self.read_out(0.0, outputs);
+    }
+}
+
+impl Reads {
+    /// What a newton at a place does to a channel of a unit at another.
+    #[inline]
+    fn of(self, response: &Response, unit: Place, load: Place) -> f64 {
+        let distance_mm = load.distance_mm(unit);
+        let along_mm = match self {
+            Reads::Normal => return response.at(distance_mm),
+            Reads::SlopeX => load.x_mm - unit.x_mm,
+            Reads::SlopeY => load.y_mm - unit.y_mm,
+            Reads::Nothing => return 0.0,
+        };
+        if distance_mm == 0.0 {
+            return 0.0; // straight above it goes neither way
+        }
+        response.with_slope(distance_mm).1 * (along_mm / distance_mm) * response.passage().depth_mm
     }
 }
 

@@ -79,9 +79,9 @@ fn one_newton_straight_above_reads_one_whatever_the_skin_is_made_of() {
 
 #[test]
 fn spreads_are_used_bounded_and_belong_to_the_seed() {
-    let spread_of = |taxels: Taxels, of: fn(&Unit) -> f64| -> Vec<f64> {
+    let spread_of = |taxels: Taxels, of: fn(&Channel) -> f64| -> Vec<f64> {
         let spec = SkinSpec { taxels, ..plain() };
-        (0..60).flat_map(|seed| skin(&spec, seed).units.iter().map(of).collect::<Vec<_>>()).collect()
+        (0..60).flat_map(|seed| skin(&spec, seed).channels.iter().map(of).collect::<Vec<_>>()).collect()
     };
     let used_and_bounded = |values: &[f64], least: f64, most: f64| {
         let (low, high) =
@@ -96,7 +96,7 @@ fn spreads_are_used_bounded_and_belong_to_the_seed() {
     let along_x = spread_of(places, |unit| unit.place.x_mm);
     used_and_bounded(&along_x.iter().map(|x| beside(*x)).collect::<Vec<_>>(), -0.1, 0.1);
     let depths = Taxels { depth_spread_percent: 5.0, ..Taxels::default() };
-    let depth = |unit: &Unit| unit.response.as_ref().map_or(f64::NAN, |response| response.passage().depth_mm);
+    let depth = |channel: &Channel| channel.response.as_ref().map_or(f64::NAN, |response| response.passage().depth_mm);
     used_and_bounded(&spread_of(depths, depth), 4.75, 5.25);
     used_and_bounded(&spread_of(depths, |unit| unit.gain), 1.05f64.powi(-2), 0.95f64.powi(-2));
 
@@ -229,4 +229,50 @@ proptest! {
             prop_assert!((reading - 2.0 * apart.0[unit]).abs() < 1e-12);
         }
     }
+}
+
+#[test]
+fn a_unit_of_three_channels_reads_the_stress_and_its_slopes_times_the_depth() {
+    let layout = paper_layout();
+    let (one, three) = (skin(&plain(), 3), Skin::new(&plain(), &layout.clone().with_channels(3), FULL_SCALE_N, 3));
+    let read = |place: Place| {
+        let mut outputs = [f64::NAN; 27];
+        three.outputs(0.7, place, &mut outputs);
+        outputs
+    };
+    for place in [Place::default(), Place::new(1.3, -5.2), Place::new(-6.0, 6.0)] {
+        let (found, normal) = (read(place), outputs(&one, 0.7, place));
+        // the slopes as differences of the first channel, over a tenth of a micrometre either way
+        let by_mm = |dx: f64, dy: f64, unit: usize| {
+            let at = |way: f64| outputs(&one, 0.7, Place::new(place.x_mm + way * dx, place.y_mm + way * dy))[unit];
+            (at(1.0) - at(-1.0)) / 2e-4
+        };
+        for unit in 0..9 {
+            assert_eq!(found[3 * unit].to_bits(), normal[unit].to_bits());
+            assert!((found[3 * unit + 1] - 5.0 * by_mm(1e-4, 0.0, unit)).abs() < 1e-6, "x, unit {unit}");
+            assert!((found[3 * unit + 2] - 5.0 * by_mm(0.0, 1e-4, unit)).abs() < 1e-6, "y, unit {unit}");
+        }
+    }
+}
+
+#[test]
+fn a_units_fault_hysteresis_and_noise_are_those_of_all_its_channels() {
+    let layout = paper_layout().with_channels(3);
+    let spec = SkinSpec { faults: vec![fault(2, TaxelFaultKind::Stuck(3.0))], ..plain() };
+    let mut outputs = [0.0; 27];
+    Skin::new(&spec, &layout, FULL_SCALE_N, 1).outputs(1.0, Place::new(1.0, 1.0), &mut outputs);
+    assert_eq!(outputs[3..6], [3.0; 3]);
+    assert!(outputs.iter().filter(|output| **output == 3.0).count() == 3);
+    let spec = SkinSpec { hysteresis_percent: Some(vec![5.0; 9]), noise: noise(NoiseOf::FullScale, 0.0), ..plain() };
+    let mut skin = Skin::new(&spec, &layout, FULL_SCALE_N, 1);
+    let (mut loading, mut unloading) = ([0.0; 27], [0.0; 27]);
+    skin.add_load(1.0, Place::new(1.0, 1.0), &mut loading);
+    skin.add_load(1.0, Place::new(1.0, 1.0), &mut unloading);
+    let still = loading;
+    skin.read_out(1.0, &mut unloading);
+    assert!((12..15).all(|channel| unloading[channel].abs() > still[channel].abs()));
+    skin.draw_contact(&mut stream(1, 1, "taxel noise"));
+    skin.read_out(0.0, &mut loading);
+    let errors: Vec<f64> = (12..15).map(|channel| loading[channel] - still[channel]).collect();
+    assert!(errors.iter().all(|error| *error != 0.0) && errors[0] != errors[1], "{errors:?}");
 }

@@ -1,0 +1,79 @@
+//! Runs as a power cut leaves them, and worlds that change before they go on.
+
+use super::Bench;
+use serde_json::{Value, json};
+use std::fs;
+
+/// Cuts a complete run back to the first bytes of its journal: its tables and its manifest are then those that it has while it is
+/// under way, and hold no press that the journal doesn't.
+pub fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
+    let file = |name: &str| format!("{run}/{name}");
+    let mut manifest = bench.manifest(run);
+    let kept: Vec<String> = std::str::from_utf8(journal)
+        .expect("a journal is text")
+        .split_inclusive('\n')
+        .filter(|line| line.ends_with('\n') && line.contains(" {\"contact\":"))
+        .map(|line| record(line)["contact"]["press"].to_string())
+        .collect();
+    let table = bench.read(&file("presses.csv"));
+    let is_kept = |line: &&str| line.starts_with("press,") || kept.iter().any(|press| line.starts_with(&format!("{press},")));
+    let rows: String = table.split_inclusive('\n').filter(is_kept).collect();
+    fs::write(bench.path(&file("journal.log")), journal).expect("a journal");
+    bench.write(&file("presses.csv"), &rows);
+    for view in ["scene.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv"] {
+        let _ = fs::remove_file(bench.path(&file(view))); // not every run has each
+    }
+    let object = manifest.as_object_mut().expect("a manifest");
+    object.remove("ended");
+    object.extend([
+        ("status".to_owned(), json!("stopped")),
+        ("presses_done".to_owned(), json!(0)),
+        ("rows_flagged".to_owned(), json!(0)),
+        ("files".to_owned(), json!([])),
+    ]);
+    bench.write(&file("manifest.json"), &manifest.to_string());
+}
+
+/// The same, back to the first lines of its journal.
+pub fn cut_to_lines(bench: &Bench, run: &str, lines: usize) {
+    let journal = bench.read(&format!("{run}/journal.log"));
+    let kept: String = journal.split_inclusive('\n').take(lines).collect();
+    cut_back(bench, run, kept.as_bytes());
+}
+
+/// How many lines of a run's journal come before its first contact.
+pub fn lines_before_contacts(bench: &Bench, run: &str) -> usize {
+    let journal = bench.read(&format!("{run}/journal.log"));
+    journal.lines().position(|line| line.contains(" {\"contact\":")).expect("a contact")
+}
+
+/// Changes the simulated world that a run is made in, not its rig: the text of the rig is another in the folder and in the
+/// journal, as if it had always been.
+pub fn change_the_world(bench: &Bench, run: &str, rig: &str) {
+    let path = format!("{run}/journal.log");
+    let another = |line: &str| {
+        let mut text = record(line);
+        if text["text"]["name"] != "rig.toml" {
+            return line.to_owned();
+        }
+        text["text"]["text"] = rig.into();
+        let sequence = line.split(' ').next().and_then(|number| number.parse().ok()).expect("a sequence number");
+        sealed(sequence, &text.to_string()) + "\n"
+    };
+    let journal: String = bench.read(&path).split_inclusive('\n').map(another).collect();
+    bench.write(&path, &journal);
+    bench.write(&format!("{run}/rig.toml"), rig);
+}
+
+/// A record as it stands in a journal, without its line end.
+pub fn sealed(sequence: u64, json: &str) -> String {
+    let mut checksum = crc32fast::Hasher::new();
+    checksum.update(&sequence.to_le_bytes());
+    checksum.update(json.as_bytes());
+    format!("{sequence} {:08x} {json}", checksum.finalize())
+}
+
+fn record(line: &str) -> Value {
+    let json = line.splitn(3, ' ').nth(2).expect("a record");
+    serde_json::from_str(json).unwrap_or_else(|error| panic!("{line}: {error}"))
+}
