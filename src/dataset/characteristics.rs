@@ -176,12 +176,16 @@ impl Staircases {
             let branch = if order <= top { Branch::Loading } else { Branch::Unloading };
             let remoteness = |unit: &usize| press.place().distance_mm(layout.places()[*unit]);
             let closest = (0..layout.len()).min_by(|a, b| remoteness(a).total_cmp(&remoteness(b)));
-            let reading = closest.and_then(|unit| {
-                let (force_set_n, force_n) = press.force_set_n.zip(press.force_n)?;
-                Some((unit, Reading { branch, force_set_n, force_n, output: *press.outputs.get(unit)? }))
-            });
-            match reading {
-                Some((unit, reading)) if !press.is_flagged() => self.readings[unit].push(reading),
+            match (closest, press.force_set_n, press.force_n) {
+                (Some(closest), Some(force_set_n), Some(force_n)) if !press.is_flagged() => {
+                    // every channel of the unit
+                    let of_unit = |index: &usize| layout.unit(*index) == layout.unit(closest);
+                    for (index, output) in
+                        press.outputs.iter().take(layout.len()).enumerate().filter(|(index, _)| of_unit(index))
+                    {
+                        self.readings[index].push(Reading { branch, force_set_n, force_n, output: *output });
+                    }
+                }
                 _ => self.left_out += 1,
             }
         }

@@ -76,7 +76,7 @@ impl RunFolder {
         let path = made.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
         sync_folder(parent)?;
         let lock = hold(&path)?; // not sooner: some systems rename no folder in which a file is open
-        let (known, records) = Known::read(&path, Some(layout.channels()))?;
+        let (known, records) = Known::read(&path, Some(layout.len()))?;
         let mut folder = Opened { path, lock, records, known, layout: layout.clone() }.attach()?;
         folder.journal.keep_for(session.durability);
         folder.presses = Some(open_presses(&folder.path)?);
@@ -229,7 +229,7 @@ impl RunFolder {
     fn take(path: &Path, layout: &ArrayLayout) -> Result<(Opened, Vec<String>), DatasetError> {
         check_run(path)?;
         let lock = hold(path)?;
-        let (known, records) = Known::read(path, Some(layout.channels()))?;
+        let (known, records) = Known::read(path, Some(layout.len()))?;
         let lost = lost(path, &known)?;
         Ok((Opened { path: path.to_owned(), lock, records, known, layout: layout.clone() }, lost))
     }
@@ -348,7 +348,7 @@ fn fill(
         journal.append(&record)?;
         manifest.take_in(&record);
     }
-    let views = [(MANIFEST, manifest.text()), (PRESSES, csv_header(layout.channels()))];
+    let views = [(MANIFEST, manifest.text()), (PRESSES, csv_header(layout.len()))];
     for (name, text) in origins.texts().chain(views.iter().map(|(name, text)| (*name, text.as_str()))) {
         let path = draft.join(name);
         let write = |text: &str| {

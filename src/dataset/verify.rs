@@ -41,7 +41,7 @@ pub struct Verified {
 pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, DatasetError> {
     check_run(path)?;
     let mut verified = Verified::default();
-    let known = match Known::read(path, layout.map(ArrayLayout::channels)) {
+    let known = match Known::read(path, layout.map(ArrayLayout::len)) {
         Ok((known, _)) => known,
         Err(DatasetError::Journal(error @ JournalError::Damaged { .. })) => {
             verified.problems.push(error.to_string());
@@ -139,7 +139,7 @@ fn stray_lines(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Optio
         Err(error) => return Err(failed(error)),
     };
     let hasher = RandomState::new();
-    let mut expected = HashSet::from([hasher.hash_one(csv_header(layout.channels()).as_bytes())]);
+    let mut expected = HashSet::from([hasher.hash_one(csv_header(layout.len()).as_bytes())]);
     for contact in known.contacts.contacts(Journal::records(&path.join(JOURNAL))?) {
         expected.extend(contact?.levels.iter().map(|press| hasher.hash_one(csv_line(press).as_bytes())));
     }

@@ -36,7 +36,7 @@ pub(super) fn write<'a>(
     // a reading a level of the characterisation alone, of one unit: what its statistics need
     let mut staircases = Staircases::none(layout);
     let mut matrices = MATRICES.map(|(phase, name)| (phase, name, 0));
-    presses.write(&csv_header(layout.channels()))?;
+    presses.write(&csv_header(layout.len()))?;
     for contact in contacts()? {
         let contact = contact?;
         for press in &contact.levels {
@@ -67,7 +67,7 @@ pub(super) fn write<'a>(
     }
     for (phase, name, points) in matrices.into_iter().filter(|(_, _, points)| *points > 0) {
         let mut matrix = Table::new(folder, name)?;
-        write_matrix(&mut matrix, phase, points, layout.channels(), contacts)?;
+        write_matrix(&mut matrix, phase, points, layout.len(), contacts)?;
         matrix.publish()?;
     }
     if let Some(staircases) = staircases {

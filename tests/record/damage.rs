@@ -68,7 +68,8 @@ fn a_table_that_was_changed_changes_no_answer_and_is_reported_in_a_line() {
 
 #[test]
 fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
-    let simple: String = SMALL.split_inclusive("[[step]]").enumerate().filter(|(n, _)| *n != 1).map(|(_, part)| part).collect();
+    let simple: String =
+        SMALL.split_inclusive("[[step]]").enumerate().filter(|(n, _)| *n != 1).map(|(_, part)| part).collect();
     let bench = Bench::with([("r.toml", simple.as_str())]);
     for run in ["run", "again"] {
         bench.palpate_ends(0, &format!("run r.toml --out {run}"));

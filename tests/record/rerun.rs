@@ -43,9 +43,8 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     bench.palpate_ends(0, "run r.toml --out run");
     let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
     // what the folder says of itself aside
-    let is_measured = |record: &Record| {
-        !matches!(record, Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::End(_))
-    };
+    let is_measured =
+        |record: &Record| !matches!(record, Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::End(_));
     let records: Vec<_> = journal.map(|record| record.expect("a record").1).filter(is_measured).collect();
 
     let spec = rig::parse("rig.toml", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");

@@ -16,7 +16,8 @@ pub fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
         .map(|line| record(line)["contact"]["press"].to_string())
         .collect();
     let table = bench.read(&file("presses.csv"));
-    let is_kept = |line: &&str| line.starts_with("press,") || kept.iter().any(|press| line.starts_with(&format!("{press},")));
+    let is_kept =
+        |line: &&str| line.starts_with("press,") || kept.iter().any(|press| line.starts_with(&format!("{press},")));
     let rows: String = table.split_inclusive('\n').filter(is_kept).collect();
     fs::write(bench.path(&file("journal.log")), journal).expect("a journal");
     bench.write(&file("presses.csv"), &rows);
