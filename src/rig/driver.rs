@@ -36,8 +36,8 @@ fn read<D: Driver + ?Sized + 'static>(
     beside: Beside,
 ) -> Option<(Arc<D>, Link)> {
     let roles = FAMILIES.into_iter().filter_map(role);
-    if table.is_text(key) {
-        let meanings: Vec<_> = roles.flat_map(|role| role.words.iter().map(move |word| (*word, role))).collect();
+    let meanings: Vec<_> = roles.clone().flat_map(|role| role.words.iter().map(move |word| (*word, role))).collect();
+    if table.is_text(key) && !meanings.is_empty() {
         let role = table.word(key, &meanings)?;
         let link = read_link(table, link, None, role.links);
         return (role.read)(table, beside).zip(link);

@@ -253,6 +253,15 @@ mod tests {
                 "stifness_n_mm = 2.0",
                 "`stiffness_n_mm` is missing in `limits`: a number in N/mm, over 0, at most 100000",
             ),
+            ("{ modbus = \"labjack-t7\" }", "\"labjack-t7\"", "`driver` is a string, expected a table"),
+            ("{ modbus = \"labjack-t7\" }", "3", "`driver` is an integer, expected a table"),
+            ("\"esp301\"", "3", "`driver` is an integer, expected a table"),
+            (
+                "\"esp301\"",
+                "{}",
+                "no driver that is known: expected one of xps, process, or a name alone: esp301, esp300, grbl",
+            ),
+            ("{ modbus = \"labjack-t7\" }", "{}", "no driver that is known: expected one of modbus, daqmx, process"),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
         ] {
             assert_eq!(problems(from, to)[0], told);

@@ -4,14 +4,9 @@
 use crate::support::walks::{in_virtual_time, plan};
 use crate::support::{exchanged, shipped_text};
 use palpate::dataset::Memory;
-use palpate::driver::grbl::Grbl;
-use palpate::driver::modbus::{ModbusLoadCell, Transport};
-use palpate::driver::process::{ProcessLoadCell, ProcessStage};
-use palpate::driver::xps::{Xps, XpsAnalog};
-use palpate::driver::{AnyLoadCell, AnyStage, Esp301};
 use palpate::emulator::{Instrument, Shared, serve};
 use palpate::recipe::Entry;
-use palpate::rig::{EmulatedDevice, LoadCellDriver, RigSpec, StageDriver};
+use palpate::rig::{EmulatedDevice, RigSpec};
 use palpate::run::{Cancel, Errand, Halt, Listener, walk_on};
 use palpate::scene::{Fault, FaultKind, Scene};
 use palpate::wire::Connector;
