@@ -5,8 +5,8 @@ use super::recorded::read_run;
 use super::solve::solvers;
 use super::summary::print;
 use crate::dataset::{Recorded, files};
-use crate::quantity::ArrayLayout;
 use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
+use crate::rig::ArraySpec;
 use crate::solver::{BEST, Evaluation};
 use std::fs;
 use std::io;
@@ -46,15 +46,15 @@ pub fn report(args: &Args) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;
-    let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array.layout));
-    let runs: Vec<(Recorded, ArrayLayout)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
-    let (html, told) = if args.compare { compare(&runs, &args.solver) } else { one(runs)? };
+    let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array));
+    let runs: Vec<(Recorded, ArraySpec)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
+    let (html, told) = if args.compare { compare(runs, &args.solver) } else { one(runs)? };
     write(&out, &html)?;
     print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn one(runs: Vec<(Recorded, ArrayLayout)>) -> Result<(String, String), Failure> {
+fn one(runs: Vec<(Recorded, ArraySpec)>) -> Result<(String, String), Failure> {
     let subject = Subject::of(runs).map_err(failure)?;
     let judged = Judged::of(&subject.presses, &subject.layout);
     let told = match judged.decisive() {
@@ -69,8 +69,9 @@ fn one(runs: Vec<(Recorded, ArrayLayout)>) -> Result<(String, String), Failure> 
     Ok((page(&subject, &judged), told))
 }
 
-fn compare(runs: &[(Recorded, ArrayLayout)], solver: &str) -> (String, String) {
-    let compared = Compared::all(runs, solver);
+fn compare(runs: Vec<(Recorded, ArraySpec)>, solver: &str) -> (String, String) {
+    let runs: Vec<_> = runs.into_iter().map(|(recorded, array)| (recorded, array.layout)).collect();
+    let compared = Compared::all(&runs, solver);
     let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();
     (comparison(&compared, solver), format!("{} compared, {accepted} accepted", counted(compared.len(), "run")))
 }
