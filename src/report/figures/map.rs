@@ -43,7 +43,8 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
         ..Figure::default()
     };
     let largest = loudest.abs().max(quietest.abs());
-    let ramp = Some([quietest, loudest].map(|output| format!("{} {}", told(output, largest), load.unit(&subject.unit))));
+    let ramp =
+        Some([quietest, loudest].map(|output| format!("{} {}", told(output, largest), load.unit(&subject.unit))));
     Some(Drawn { figure, ramp })
 }
 
