@@ -81,6 +81,8 @@ columns! {
     z_mm: Option<f64>, Run, 5;
     /// The load cell's mean force in air before the press, from the zero, N.
     air_before_n: Option<f64>, Sparse, 6;
+    /// The same on the way to the next place; none where a rest comes between, or the plan ends.
+    air_after_n: Option<f64>, Sparse, 6;
 }
 
 impl Column {
@@ -193,6 +195,7 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         flags: vec![Flag::OutOfTolerance],
         z_mm: Some(-0.9),
         air_before_n: Some(0.001),
+        air_after_n: None,
     }
 }
 
@@ -205,17 +208,17 @@ mod tests {
         let press = example(3, 0).rounded();
         assert_eq!(
             csv_header(2),
-            "press,level,phase,x_mm,y_mm,force_set_n,force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n\n"
+            "press,level,phase,x_mm,y_mm,force_set_n,force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
         );
         assert_eq!(
             csv_line(&press),
-            "3,0,calibration,-5.5,6,1,0.996235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001\n"
+            "3,0,calibration,-5.5,6,1,0.996235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
         );
         assert_eq!(
             press.to_json(),
             "{\"press\":3,\"level\":0,\"phase\":\"calibration\",\"x_mm\":-5.5,\"y_mm\":6.0,\"force_set_n\":1.0,\
              \"force_n\":0.996235,\"depth_mm\":0.81235,\"t_s\":12.3457,\"out_1\":0.1,\"out_2\":0.0,\
-             \"flags\":\"out-of-tolerance\",\"z_mm\":-0.9,\"air_before_n\":0.001}"
+             \"flags\":\"out-of-tolerance\",\"z_mm\":-0.9,\"air_before_n\":0.001,\"air_after_n\":null}"
         );
     }
 

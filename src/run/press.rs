@@ -39,15 +39,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         // what the cell says on the way is the air of the next press, unless that is long after
         let air = if rests || next.is_none() { None } else { Some(self.hand.cell.close_air().await?) };
         self.hand.cell.watch.pause();
-        let Pressed { levels, air_n, touched_mm, lesson } = pressed;
-        let held = levels;
-        let levels = held
-            .iter()
-            .enumerate()
-            .map(|(level, held)| {
-                dataset::Press { air_before_n: Some(air_n), ..self.row(entry, level, held, touched_mm) }.rounded()
-            })
-            .collect();
+        let Pressed { levels: held, air_n, touched_mm, lesson } = pressed;
+        let level = |(level, held): (usize, &Held)| dataset::Press {
+            air_before_n: Some(air_n),
+            air_after_n: air.map(|air| air.mean_n),
+            ..self.row(entry, level, held, touched_mm)
+        };
+        let levels = held.iter().enumerate().map(level).map(dataset::Press::rounded).collect();
         let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
         let left = next.map(|_| Left { z_mm: self.hand.z_mm, air });
         Ok(Contact { press: entry.press, levels, truth, lesson, left })
