@@ -8,10 +8,12 @@ pub mod modbus;
 pub mod process;
 #[cfg(test)]
 mod script;
+mod toy;
 pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};
 pub use esp301::Esp301;
+pub use toy::Toy;
 
 use std::time::Duration;
 
