@@ -1,7 +1,7 @@
 //! Whichever driver plays a role: a rig file decides while the program runs. A driver has one line in the list of each role that
 //! it plays.
 
-use super::{daqmx, esp301, grbl, modbus, process, toy, xps};
+use super::{daqmx, esp301, grbl, modbus, process, xps};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::quantity::{Axis, ForceReading};
 use std::time::Duration;
@@ -114,5 +114,4 @@ arrays! {
     Modbus(modbus::ModbusArray),
     Daqmx(daqmx::DaqmxArray),
     Process(process::ProcessArray),
-    Toy(toy::Toy),
 }

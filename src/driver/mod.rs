@@ -8,12 +8,10 @@ pub mod modbus;
 pub mod process;
 #[cfg(test)]
 mod script;
-mod toy;
 pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};
 pub use esp301::Esp301;
-pub use toy::Toy;
 
 use std::time::Duration;
 

@@ -23,7 +23,6 @@ mod process;
 mod serve;
 #[cfg(test)]
 mod testbed;
-mod toy;
 mod xps;
 
 pub use daqmx::DaqmxEmulator;
@@ -32,7 +31,6 @@ pub use grbl::Grbl;
 pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
 pub use process::{ProcessArray, ProcessLoadCell, ProcessStage};
 pub use serve::{INBOX_MOST, serve};
-pub use toy::Toy;
 pub use xps::Xps;
 
 use crate::scene::{Device, Scene};

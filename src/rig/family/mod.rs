@@ -8,7 +8,6 @@ mod esp301;
 mod grbl;
 mod modbus;
 mod process;
-mod toy;
 mod xps;
 
 pub use modbus::MappedDevice;
@@ -26,8 +25,8 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 /// Every family, in the order in which messages name them.
-pub const FAMILIES: [&Family; 7] =
-    [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY, &toy::FAMILY];
+pub const FAMILIES: [&Family; 6] =
+    [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
 
 /// Devices of one kind.
 pub struct Family {
