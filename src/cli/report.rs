@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::recorded::read_run;
 use super::solve::solvers;
 use super::summary::print;
-use crate::dataset::{Recorded, files};
+use crate::dataset::{Recorded, check_run, files};
 use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
 use crate::rig::ArraySpec;
 use crate::solver::{BEST, Evaluation};
@@ -82,8 +82,9 @@ fn check_free(out: &Path) -> Result<(), Failure> {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
         is_file && fs::read_to_string(out).is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK))
     };
-    if let Err(why) = files::check_replaceable(out) {
-        let help = "choose another --out: only a page that palpate wrote is replaced";
+    // in a run folder a link is somebody's trap; elsewhere it is a person's wish
+    if let Err(why) = if is_in_run(out) { files::check_replaceable(out) } else { Ok(()) } {
+        let help = "remove it, or choose another --out";
         return Err(Failure::usage(miette::miette!(help = help, "{}: {why}", out.display())));
     }
     if out.symlink_metadata().is_ok() && !is_ours() {
@@ -111,7 +112,12 @@ fn put(out: &Path, html: &str) -> io::Result<()> {
     if let Some(parent) = out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
-    files::place(out, html)
+    let linked = if is_in_run(out) { None } else { fs::canonicalize(out).ok() }; // a link stays one
+    files::place(linked.as_deref().unwrap_or(out), html)
+}
+
+fn is_in_run(out: &Path) -> bool {
+    out.parent().is_some_and(|folder| check_run(folder).is_ok())
 }
 
 fn failure(error: ReportError) -> Failure {
