@@ -84,7 +84,7 @@ const XPS_REQUESTS: &[&str] = &[
     "GroupInitialize(XYZ)",
     "GroupPositionCurrentGet(XYZ,double *,double *,double *)",
     "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,2,0,0,0,XYZ.SGamma.MotionState,0,0,0,0)",
-    "GatheringConfigurationSet(XYZ.X.CurrentPosition,GPIO2.ADC1)GatheringRun(100,10)",
+    "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,3,0,0,0)EventExtendedStart(int *)",
     "GPIOAnalogGet(GPIO2.ADC1,double *)",
 ];
 const GRBL_REQUESTS: &[&str] =
