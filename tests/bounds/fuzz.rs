@@ -71,7 +71,7 @@ const PROCESS_ANSWERS: &[&str] = &[
     r#"{"id": 7, "role": "stage", "protocol": 1, "identity": "model and serial number"}"#,
 ];
 const ESP301_REQUESTS: &[&str] = &[
-    "1PA1.5;2PR-0.5\r",
+    "1PA1.5;2PA-0.5\r",
     "1MD?;2MD?;1TP\r",
     "VE?\r\n",
     "1OR1\r1WS0\r1MD?\r",
