@@ -45,6 +45,13 @@ pub struct Recipe {
 }
 
 impl Recipe {
+    /// A recipe that no file holds.
+    pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
+        let name = name.to_owned();
+        let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
+        Recipe { name, steps, solvers: Vec::new(), presses_max: PRESSES_MAX, file, text }
+    }
+
     /// The recipe with every press made by one strategy, whatever its steps say.
     #[must_use]
     pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
@@ -104,6 +111,13 @@ pub struct Step {
     pub places_span: Span,
     /// Where its force stands in the text.
     pub load_span: Span,
+}
+
+impl Step {
+    /// A step that no file holds.
+    pub fn new(phase: Phase, places: Places, load: Load, manner: Manner) -> Step {
+        Step { phase, places, load, manner, places_span: 0..0, load_span: 0..0 }
+    }
 }
 
 /// Where a step presses, in the specimen frame, mm.

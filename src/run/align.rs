@@ -1,10 +1,11 @@
+//! Finds where the specimen really is: presses around where it should be, and what they show.
+
 use super::Cancel;
 use super::walk::{Ending, Errand, Listener, walk};
-use crate::control::Strategy;
 use crate::dataset::{Memory, Press};
 use crate::document::Problems;
 use crate::quantity::{Frame, Place};
-use crate::recipe::{self, Manner, Plan};
+use crate::recipe::{Load, Manner, Phase, Places, Plan, Recipe, Step};
 use crate::rig::RigSpec;
 use crate::solver::{
     Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, place_array, plane_through,
@@ -93,19 +94,17 @@ pub async fn align(
 pub fn plan(spec: &RigSpec, seed: u64) -> Result<Plan, Problems> {
     let half = half_mm(spec);
     let force_n = FORCE_SHARE * spec.limits.force_n;
-    let step = 2.0 / (PRESSES_A_SIDE - 1) as f64;
-    let along = |n: usize| -1.0 + n as f64 * step;
-    let places: Vec<String> = (0..PRESSES_A_SIDE * PRESSES_A_SIDE)
-        .map(|n| format!("[{:.4}, {:.4}]", along(n % PRESSES_A_SIDE) * half.0, along(n / PRESSES_A_SIDE) * half.1))
-        .collect();
-    let Manner { force_tolerance_n, .. } = Manner::default();
-    let text = format!(
-        "name = \"align\"\n[press]\nforce_tolerance_n = {}\n[[step]]\nphase = \"calibration\"\nlist = {{ places_mm = [{}] }}\nforce_n = {force_n}\n",
-        force_tolerance_n.min(force_n / 2.0),
-        places.join(", "),
-    );
-    let recipe = recipe::parse("align", &text)?.with_strategy(Strategy::Guarded);
-    Plan::new(&recipe, &spec.ground(), seed)
+    let along = |n: usize| 2.0 * n as f64 / (PRESSES_A_SIDE - 1) as f64 - 1.0;
+    let rounded = |mm: f64| (mm * 1e4).round() / 1e4;
+    let place = |n| {
+        let (column, row) = (n % PRESSES_A_SIDE, n / PRESSES_A_SIDE);
+        (Place::new(rounded(along(column) * half.0), rounded(along(row) * half.1)), 0..0)
+    };
+    let places = (0..PRESSES_A_SIDE * PRESSES_A_SIDE).map(place).collect();
+    let paper = Manner::PAPER;
+    let manner = Manner { force_tolerance_n: paper.force_tolerance_n.min(force_n / 2.0), ..paper };
+    let step = Step::new(Phase::Calibration, Places::List(places), Load::Force(force_n), manner);
+    Plan::new(&Recipe::new("align", vec![step]), &spec.ground(), seed)
 }
 
 fn found(spec: &RigSpec, presses: &[&Press]) -> Result<Alignment, AlignError> {

@@ -5,8 +5,8 @@ use super::{StudyError, bound};
 use crate::control::Strategy;
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{Contact, Press, PressTruth, Presses};
-use crate::quantity::ArrayLayout;
-use crate::recipe::{self, Phase, Plan};
+use crate::quantity::{ArrayLayout, Range};
+use crate::recipe::{Load, Manner, Order, Phase, Places, Plan, Recipe, Step};
 use crate::rig::RigSpec;
 use crate::run::{Ending, Halt};
 use crate::solver::{ErrorSummary, Evaluation, SOLVERS};
@@ -132,21 +132,21 @@ impl Condition {
     }
 
     fn plan(&self) -> Result<Plan, StudyError> {
-        let (half_mm, strategy) = (PITCH_MM * (self.side.max(2) - 1) as f64 / 2.0, self.strategy.name());
-        let Condition { force_n, tolerance_n, tests, .. } = self;
-        let mut text = format!(
-            "name = \"study\"\n\n[press]\nforce_tolerance_n = {tolerance_n}\nhold_s = 0.0\nsample_s = {WINDOW_S}\n\
-             strategy = \"{strategy}\"\n\n[[step]]\nphase = \"calibration\"\n\
-             grid = {{ x_mm = [-{half_mm}, {half_mm}], y_mm = [-{half_mm}, {half_mm}], spacing_mm = {PITCH_MM} }}\n\
-             force_n = {force_n}\n"
-        );
-        if *tests > 0 {
-            text += &format!(
-                "\n[[step]]\nphase = \"test\"\nrandom = {{ count = {tests}, x_mm = [-{half_mm}, {half_mm}], \
-                 y_mm = [-{half_mm}, {half_mm}], force_n = [0.1, 1.0] }}\n"
-            );
+        let half_mm = PITCH_MM * (self.side.max(2) - 1) as f64 / 2.0;
+        let square = Range { min: -half_mm, max: half_mm };
+        let manner = Manner {
+            force_tolerance_n: self.tolerance_n,
+            sample_s: WINDOW_S,
+            strategy: self.strategy,
+            ..Manner::PAPER
+        };
+        let grid = Places::Grid { x_mm: square, y_mm: square, spacing_mm: PITCH_MM, order: Order::Raster };
+        let mut steps = vec![Step::new(Phase::Calibration, grid, Load::Force(self.force_n), manner)];
+        if self.tests > 0 {
+            let random = Places::Random { count: self.tests as u64, x_mm: square, y_mm: square };
+            steps.push(Step::new(Phase::Test, random, Load::RandomForce(Range { min: 0.1, max: 1.0 }), manner));
         }
-        let recipe = recipe::parse("study.toml", &text)?;
+        let recipe = Recipe::new("study", steps);
         Ok(Plan::new(&recipe, &self.spec.ground(), self.seed)?)
     }
 

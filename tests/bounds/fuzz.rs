@@ -71,7 +71,7 @@ const PROCESS_ANSWERS: &[&str] = &[
     r#"{"id": 7, "role": "stage", "protocol": 1, "identity": "model and serial number"}"#,
 ];
 const ESP301_REQUESTS: &[&str] = &[
-    "1PA1.5;2PR-0.5\r",
+    "1PA1.5;2PA-0.5\r",
     "1MD?;2MD?;1TP\r",
     "VE?\r\n",
     "1OR1\r1WS0\r1MD?\r",
@@ -84,7 +84,7 @@ const XPS_REQUESTS: &[&str] = &[
     "GroupInitialize(XYZ)",
     "GroupPositionCurrentGet(XYZ,double *,double *,double *)",
     "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,2,0,0,0,XYZ.SGamma.MotionState,0,0,0,0)",
-    "GatheringConfigurationSet(XYZ.X.CurrentPosition,GPIO2.ADC1)GatheringRun(100,10)",
+    "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,3,0,0,0)EventExtendedStart(int *)",
     "GPIOAnalogGet(GPIO2.ADC1,double *)",
 ];
 const GRBL_REQUESTS: &[&str] =

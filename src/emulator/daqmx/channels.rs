@@ -1,3 +1,5 @@
+//! The inputs of the device: how they are named, ranged and converted.
+
 use super::errors::Status;
 use crate::wire::daqmx::{DIFF, NRSE, RSE};
 

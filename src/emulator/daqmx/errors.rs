@@ -1,3 +1,5 @@
+//! The errors of the library, by number and in words.
+
 /// An error of the library, by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status(pub i32);

@@ -1,3 +1,5 @@
+//! One axis: where it is, how it moves, what it is set to.
+
 use super::errors::{AxisFault, Fault, General};
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
@@ -8,8 +10,8 @@ pub const TRAVEL_MM: f64 = 12.5;
 const STAGE_SPEED_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).
 const STAGE_ACCELERATION_MM_S2: f64 = 100.0;
-/// An emergency stop may be this much harder (same file: 1 or 4).
-const EMERGENCY_FACTOR: f64 = 4.0;
+/// How fast it is homed, mm/s.
+const HOME_SPEED_MM_S: f64 = 5.0;
 /// Counts of the encoder a mm: 20 um interpolated 4000 times (same file).
 const COUNTS_PER_MM: f64 = 200_000.0;
 /// `SN` of a stage that counts in encoder counts, and in mm (manual, page SN).
@@ -17,8 +19,6 @@ const UNIT_COUNTS: u16 = 0;
 const UNIT_MM: u16 = 2;
 /// The highest `SN`: microradians.
 pub const UNIT_LAST: u16 = 11;
-/// Bit of `ZS` that has the soft limits checked.
-const SOFT_LIMITS_CHECKED: u16 = 1;
 /// How far beyond the end of travel a target may lie by rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
@@ -37,17 +37,9 @@ pub struct Drive {
     most_speed_mm_s: f64,
     acceleration_mm_s2: f64,
     deceleration_mm_s2: f64,
-    most_acceleration_mm_s2: f64,
-    emergency_mm_s2: f64,
-    jerk_mm_s3: f64,
-    home_speed_mm_s: f64,
-    low_home_speed_mm_s: f64,
-    home_count_mm: f64,
     left_limit_count_mm: f64,
     right_limit_count_mm: f64,
     pub unit: u16,
-    /// `ZH`, `ZS` and `ZE`.
-    pub configuration: [u16; 3],
 }
 
 /// What an axis is about; its motion lies in the scene, and ends there by itself.
@@ -78,16 +70,9 @@ impl Drive {
             most_speed_mm_s: STAGE_SPEED_MM_S,
             acceleration_mm_s2: 50.0,
             deceleration_mm_s2: 50.0,
-            most_acceleration_mm_s2: STAGE_ACCELERATION_MM_S2,
-            emergency_mm_s2: STAGE_ACCELERATION_MM_S2,
-            jerk_mm_s3: 2000.0,
-            home_speed_mm_s: 5.0,
-            low_home_speed_mm_s: 1.0,
-            home_count_mm: 0.0,
             left_limit_count_mm: -TRAVEL_MM,
             right_limit_count_mm: TRAVEL_MM,
             unit: UNIT_MM,
-            configuration: [SOFT_LIMITS_CHECKED; 3],
         }
     }
 
@@ -106,23 +91,6 @@ impl Drive {
         scene.motion(self.axis).end_s()
     }
 
-    /// When a motion that goes past `count_mm` is there, s; its end if it never is, and no sooner than
-    /// now.
-    pub fn passes_s(&self, count_mm: f64, scene: &Scene, now_s: f64) -> f64 {
-        let motion = scene.motion(self.axis);
-        let beyond_s = |at_s: f64| motion.position_mm(at_s) > count_mm + self.offset_mm;
-        let (mut before_s, mut after_s) = (now_s, motion.end_s());
-        let begins_beyond = beyond_s(before_s);
-        if before_s >= after_s || begins_beyond == beyond_s(after_s) {
-            return after_s.max(now_s);
-        }
-        for _ in 0..f64::MANTISSA_DIGITS {
-            let middle_s = (before_s + after_s) / 2.0;
-            *(if beyond_s(middle_s) == begins_beyond { &mut before_s } else { &mut after_s }) = middle_s;
-        }
-        after_s
-    }
-
     /// Draws the consequences of a motion that has ended by `now_s`: what to complain about, and since when, s.
     pub fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(Fault, f64)> {
         let end_s = self.end_s(scene);
@@ -133,7 +101,7 @@ impl Drive {
             Errand::Move(fault) => fault.map(|fault| (self.fault(fault), end_s)),
             Errand::Home { fixes_count } => {
                 if fixes_count {
-                    self.offset_mm = -self.home_count_mm;
+                    self.offset_mm = 0.0;
                 }
                 None
             }
@@ -141,7 +109,7 @@ impl Drive {
         }
     }
 
-    /// Where the axis is, in counts as `SN` has them (mm, unless it says encoder counts), as `TP` and `DP` write it.
+    /// Where the axis is, in counts as `SN` has them (mm, unless it says encoder counts), as `TP` writes it.
     pub fn place(&self, scene: &mut Scene, now_s: f64) -> String {
         let count_mm = scene.axis(self.axis, now_s).0 - self.offset_mm;
         if self.unit == UNIT_COUNTS {
@@ -151,27 +119,15 @@ impl Drive {
         }
     }
 
-    /// How fast the axis moves, mm/s, as `TV` writes it.
-    pub fn speed(&self, scene: &mut Scene, now_s: f64) -> String {
-        decimal(scene.axis(self.axis, now_s).1)
-    }
-
     /// The target, mm, as `PA?` writes it.
     pub fn target(&self) -> String {
         decimal(self.target_mm - self.offset_mm)
-    }
-
-    /// Whether the axis stands at the + or the - end of its travel.
-    pub fn at_limits(&self, scene: &mut Scene, now_s: f64) -> (bool, bool) {
-        let place_mm = scene.axis(self.axis, now_s).0;
-        (place_mm >= TRAVEL_MM - ROUNDING_MM, place_mm <= -TRAVEL_MM + ROUNDING_MM)
     }
 
     /// `PA`: to a count, at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, to the end of it.
     pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
         self.may_move()?;
         let fault = match count_mm {
-            _ if !self.soft_limits_checked() => None,
             right if right > self.right_limit_count_mm => Some(AxisFault::PlusSoftwareLimit),
             left if left < self.left_limit_count_mm => Some(AxisFault::MinusSoftwareLimit),
             _ => None,
@@ -179,48 +135,10 @@ impl Drive {
         match fault {
             Some(fault) => Err(self.fault(fault)),
             None => {
-                self.start_move(scene.target_mm(count_mm) + self.offset_mm, None, scene, now_s);
+                self.start_move(scene.target_mm(count_mm) + self.offset_mm, scene, now_s);
                 Ok(())
             }
         }
-    }
-
-    /// `PR`: on from the last target.
-    pub fn go_on_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
-        self.go_to(self.target_mm - self.offset_mm + way_mm, scene, now_s)
-    }
-
-    /// `MV`: on toward + or -, until stopped or at a limit.
-    pub fn jog(&mut self, plus: bool, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
-        self.may_move()?;
-        if !self.soft_limits_checked() {
-            self.start_move(if plus { f64::INFINITY } else { f64::NEG_INFINITY }, None, scene, now_s);
-            return Ok(());
-        }
-        let (limit_count_mm, fault) = if plus {
-            (self.right_limit_count_mm, AxisFault::PlusSoftwareLimit)
-        } else {
-            (self.left_limit_count_mm, AxisFault::MinusSoftwareLimit)
-        };
-        let limit_mm = limit_count_mm + self.offset_mm;
-        let place_mm = self.commanded(scene, now_s).0;
-        // an axis that is beyond its limit already isn't taken back to it
-        if (limit_mm > place_mm) != plus {
-            return Err(self.fault(fault));
-        }
-        self.start_move(limit_mm, Some(fault), scene, now_s);
-        Ok(())
-    }
-
-    /// `MT`: to an end of the travel. With the soft limits checked it lies beyond them.
-    pub fn go_to_limit(&mut self, plus: bool, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
-        self.may_move()?;
-        if self.soft_limits_checked() {
-            let fault = if plus { AxisFault::PlusSoftwareLimit } else { AxisFault::MinusSoftwareLimit };
-            return Err(self.fault(fault));
-        }
-        self.start_move(if plus { f64::INFINITY } else { f64::NEG_INFINITY }, None, scene, now_s);
-        Ok(())
     }
 
     /// `OR`: mode 0 to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to its + or - end. Where the
@@ -233,7 +151,7 @@ impl Drive {
             4 | 6 => -TRAVEL_MM,
             _ => 0.0,
         };
-        self.start(place_mm, self.home_speed_mm_s, scene, now_s);
+        self.start(place_mm, HOME_SPEED_MM_S, scene, now_s);
         self.errand = Errand::Home { fixes_count: mode != 0 };
         Ok(())
     }
@@ -250,10 +168,10 @@ impl Drive {
         self.brake(self.deceleration_mm_s2, scene, now_s)
     }
 
-    /// `AB` and `MF`: to rest with `AE`, and the motor off. Whether it cut a homing short.
+    /// `AB` and `MF`: to rest as hard as it can, and the motor off. Whether it cut a homing short.
     pub fn cut_power(&mut self, scene: &mut Scene, now_s: f64) -> bool {
         self.motor_on = false;
-        self.brake(self.emergency_mm_s2, scene, now_s)
+        self.brake(STAGE_ACCELERATION_MM_S2, scene, now_s)
     }
 
     /// The number behind a command that sets and tells one.
@@ -263,12 +181,6 @@ impl Drive {
             b"VU" => self.most_speed_mm_s,
             b"AC" => self.acceleration_mm_s2,
             b"AG" => self.deceleration_mm_s2,
-            b"AU" => self.most_acceleration_mm_s2,
-            b"AE" => self.emergency_mm_s2,
-            b"JK" => self.jerk_mm_s3,
-            b"OH" => self.home_speed_mm_s,
-            b"OL" => self.low_home_speed_mm_s,
-            b"SH" => self.home_count_mm,
             b"SL" => self.left_limit_count_mm,
             b"SR" => self.right_limit_count_mm,
             _ => return None,
@@ -277,20 +189,13 @@ impl Drive {
 
     /// Sets such a number, held against what the stage and the other numbers allow; `VA` acts on a move under way.
     pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
-        let (speed, acceleration) = (self.most_speed_mm_s, self.most_acceleration_mm_s2);
-        // what is neither a limit nor a place is above zero
+        // what is no place is above zero
         let above = f64::MIN_POSITIVE;
         let (slot, least, most) = match name {
-            b"VA" => (&mut self.speed_mm_s, above, speed),
+            b"VA" => (&mut self.speed_mm_s, above, self.most_speed_mm_s),
             b"VU" => (&mut self.most_speed_mm_s, above, STAGE_SPEED_MM_S),
-            b"OH" => (&mut self.home_speed_mm_s, above, speed),
-            b"OL" => (&mut self.low_home_speed_mm_s, above, speed),
-            b"AC" => (&mut self.acceleration_mm_s2, above, acceleration),
-            b"AG" => (&mut self.deceleration_mm_s2, above, acceleration),
-            b"AU" => (&mut self.most_acceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
-            b"AE" => (&mut self.emergency_mm_s2, above, acceleration * EMERGENCY_FACTOR),
-            b"JK" => (&mut self.jerk_mm_s3, above, f64::MAX),
-            b"SH" => (&mut self.home_count_mm, f64::MIN, f64::MAX),
+            b"AC" => (&mut self.acceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
+            b"AG" => (&mut self.deceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
             b"SL" => (&mut self.left_limit_count_mm, f64::MIN, self.right_limit_count_mm),
             b"SR" => (&mut self.right_limit_count_mm, self.left_limit_count_mm, f64::MAX),
             _ => return Err(General::UnknownCommand.into()),
@@ -303,8 +208,8 @@ impl Drive {
             return Ok(());
         }
         let fault = match (name[0], value > most) {
-            (b'V' | b'O', true) => AxisFault::SpeedBeyondMost,
-            (b'V' | b'O', false) => AxisFault::SpeedOutOfRange,
+            (b'V', true) => AxisFault::SpeedBeyondMost,
+            (b'V', false) => AxisFault::SpeedOutOfRange,
             (b'A', true) => AxisFault::AccelerationBeyondMost,
             _ => AxisFault::ParameterOutOfRange,
         };
@@ -315,10 +220,6 @@ impl Drive {
     fn commanded(&self, scene: &Scene, now_s: f64) -> (f64, f64) {
         let motion = scene.motion(self.axis);
         (motion.position_mm(now_s), motion.speed_mm_s(now_s))
-    }
-
-    fn soft_limits_checked(&self) -> bool {
-        self.configuration[1] & SOFT_LIMITS_CHECKED != 0
     }
 
     /// No controller is assumed to take a new target on the way to an old one.
@@ -337,13 +238,13 @@ impl Drive {
         self.stands()
     }
 
-    /// To a place at `VA`, or to the end of travel before it; what to complain about on arrival, unless that is the end.
-    fn start_move(&mut self, wanted_mm: f64, on_arrival: Option<AxisFault>, scene: &mut Scene, now_s: f64) {
+    /// To a place at `VA`, or to the end of travel before it; which is complained about.
+    fn start_move(&mut self, wanted_mm: f64, scene: &mut Scene, now_s: f64) {
         let reached_mm = wanted_mm.clamp(-TRAVEL_MM, TRAVEL_MM);
         let fault = match wanted_mm - reached_mm {
             beyond if beyond > ROUNDING_MM => Some(AxisFault::PlusHardwareLimit),
             beyond if beyond < -ROUNDING_MM => Some(AxisFault::MinusHardwareLimit),
-            _ => on_arrival,
+            _ => None,
         };
         self.start(reached_mm, self.speed_mm_s, scene, now_s);
         self.errand = Errand::Move(fault);

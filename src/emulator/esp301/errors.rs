@@ -1,3 +1,5 @@
+//! The error queue: codes and texts.
+
 use crate::quantity::Axis;
 use std::collections::VecDeque;
 

@@ -3,7 +3,8 @@
 //!
 //! Axes 1, 2 and 3 are x, y and z. Where the manual is silent, this controller is the stricter of two readings:
 //! a target is taken only by an axis that stands (x32, or x30 while it homes), a line has 80 characters at most, numbers
-//! have no exponent. Groups are refused (27): the rig doesn't use them.
+//! have no exponent. Groups are refused (27): the rig doesn't use them. Jogs, relative moves, resets, waits but for `WS`, and what is
+//! set of jerks and of the limits of accelerations are unknown here (6), as no client of ours sends them.
 
 mod drive;
 mod errors;
@@ -22,17 +23,13 @@ use syntax::{Argument, Command};
 const VERSION: &str = "ESP301 Version 1.1.1 16/01/14";
 /// Serial number of the first axis' stage; the others count on.
 const FIRST_SERIAL: usize = 171_801;
-/// How long a reset takes, s: that of the ESP302.
-const RESET_S: f64 = 20.0;
 /// Longest stall, s. A wait for a motion that takes longer ends early, or a slip of `VA` would end the program for good.
 const STALL_MOST_S: f64 = 86_400.0;
-/// Longest time that `WT` waits, or `WS` and `WP` add, ms.
+/// Longest time that `WS` adds, ms.
 const DELAY_MOST_MS: f64 = 60_000.0;
 /// Commands that mean one axis, and need its number.
-const OF_ONE_AXIS: [&[u8; 2]; 25] = [
-    b"ID", b"MO", b"MF", b"PA", b"PR", b"MV", b"MT", b"OR", b"DH", b"SN", b"ZH", b"ZS", b"ZE", b"VA", b"VU", b"AC",
-    b"AG", b"AU", b"AE", b"JK", b"OH", b"OL", b"SH", b"SL", b"SR",
-];
+const OF_ONE_AXIS: [&[u8; 2]; 13] =
+    [b"ID", b"MO", b"MF", b"PA", b"OR", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR"];
 
 /// What a command answers: a line, or nothing.
 type Answer = Result<Option<String>, Fault>;
@@ -98,16 +95,12 @@ impl Esp301 {
             b"VE" => tell(command, || VERSION.into()),
             b"TE" => tell(command, || self.errors.pop_code()),
             b"TB" => tell(command, || self.errors.pop_message(now_s)),
-            b"TS" => tell(command, || self.status()),
-            b"PH" => tell(command, || self.limit_switches(scene, now_s)),
-            b"TP" | b"DP" => self.tell_of_axes(command, |drive| drive.place(scene, now_s)),
-            b"TV" => self.tell_of_axes(command, |drive| drive.speed(scene, now_s)),
+            b"TP" => self.tell_of_axes(command, |drive| drive.place(scene, now_s)),
             b"MD" => self.tell_of_axes(command, |drive| u8::from(!drive.moving()).to_string()),
             b"ST" => self.halt(command.axis_or_all()?, now_s, |drive| drive.stop(scene, now_s)),
             // all axes, even with the number that some clients put before it
             b"AB" => self.halt(None, now_s, |drive| drive.cut_power(scene, now_s)),
-            b"WS" | b"WP" | b"WT" => self.wait(command, scene, now_s),
-            b"RS" => self.reset(scene, now_s),
+            b"WS" => self.wait(command, scene, now_s),
             name if OF_ONE_AXIS.contains(&name) => self.run_on_axis(command, scene, now_s),
             // HN, HL, HS and the like: groups
             [b'H', _] => Err(General::NotAllowed.into()),
@@ -130,21 +123,10 @@ impl Esp301 {
             b"MF" => return self.halt(Some(axis), now_s, |drive| drive.cut_power(scene, now_s)),
             b"PA" if asked => return Ok(Some(drive.target())),
             b"PA" => drive.go_to(number()?, scene, now_s)?,
-            b"PR" => drive.go_on_by(number()?, scene, now_s)?,
-            b"MV" | b"MT" if asked => return Ok(Some(u8::from(!drive.moving()).to_string())),
-            b"MV" => drive.jog(plus(argument, out_of_range)?, scene, now_s)?,
-            b"MT" => drive.go_to_limit(plus(argument, out_of_range)?, scene, now_s)?,
             b"OR" => drive.home(whole(number()?, 6, out_of_range)? as u8, scene, now_s)?,
             b"DH" => drive.define(argument.number_or(0.0, out_of_range)?, scene, now_s)?,
             b"SN" if asked => return Ok(Some(drive.unit.to_string())),
             b"SN" => drive.unit = whole(number()?, UNIT_LAST, out_of_range)?,
-            [b'Z', which] => {
-                let bits = &mut drive.configuration[usize::from(*which == b'S') + 2 * usize::from(*which == b'E')];
-                if asked {
-                    return Ok(Some(format!("{bits:X}H")));
-                }
-                *bits = argument.bits(out_of_range)?;
-            }
             name if asked => return Ok(drive.number(name).map(decimal)),
             name => drive.set_number(name, number()?, scene, now_s)?,
         }
@@ -158,24 +140,6 @@ impl Esp301 {
             Some(axis) => each(&self.drives[axis.index()]),
             None => self.drives.iter().map(each).collect::<Vec<_>>().join(", "),
         })
-    }
-
-    /// The status byte as one character: bits 0 to 2, that axis moves; 4, some motor is on; 6 is always set, which makes
-    /// it a printable one (manual, page TS).
-    fn status(&self) -> String {
-        let moving = self.drives.iter().rev().fold(0, |bits, drive| bits << 1 | u8::from(drive.moving()));
-        let on = self.drives.iter().any(|drive| drive.motor_on);
-        char::from(0x40 | u8::from(on) << 4 | moving).into()
-    }
-
-    /// Two words: bits 0 to 2 of the first, the + limits; 8 to 10, the - limits (manual, page PH).
-    fn limit_switches(&self, scene: &mut Scene, now_s: f64) -> String {
-        let mut word = 0u16;
-        for (bit, drive) in self.drives.iter().enumerate() {
-            let (plus, minus) = drive.at_limits(scene, now_s);
-            word |= u16::from(plus) << bit | u16::from(minus) << (8 + bit);
-        }
-        format!("{word:X}H, 0H")
     }
 
     /// Halts one axis, or all; a homing that is cut short is complained about.
@@ -192,31 +156,14 @@ impl Esp301 {
     /// `WS[ms]` and `WPx`: the port takes nothing until the axis (or all) stopped, or passed x; `WTms`: for a time.
     fn wait(&mut self, command: &Command, scene: &Scene, now_s: f64) -> Answer {
         let out_of_range = General::ParameterOutOfRange.into();
-        let (until_s, delay_ms) = match &command.name {
-            b"WS" => {
-                let axis = command.axis_or_all()?;
-                let ends = Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each));
-                let until_s = ends.map(|axis| self.drives[axis.index()].end_s(scene)).fold(now_s, f64::max);
-                (until_s, command.argument.number_or(0.0, out_of_range)?)
-            }
-            b"WP" => {
-                let count_mm = command.argument.number(out_of_range)?;
-                (self.drives[command.axis()?.index()].passes_s(count_mm, scene, now_s), 0.0)
-            }
-            _ => (now_s, command.argument.number(out_of_range)?),
-        };
+        let axis = command.axis_or_all()?;
+        let ends = Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each));
+        let until_s = ends.map(|axis| self.drives[axis.index()].end_s(scene)).fold(now_s, f64::max);
+        let delay_ms = command.argument.number_or(0.0, out_of_range)?;
         if !(0.0..=DELAY_MOST_MS).contains(&delay_ms) {
             return Err(out_of_range);
         }
         self.deaf_until_s = (until_s + delay_ms / 1000.0).min(now_s + STALL_MOST_S);
-        Ok(None)
-    }
-
-    fn reset(&mut self, scene: &mut Scene, now_s: f64) -> Answer {
-        for drive in &mut self.drives {
-            drive.cut_power(scene, now_s);
-        }
-        *self = Esp301 { deaf_until_s: now_s + RESET_S, ..Esp301::new(scene) };
         Ok(None)
     }
 }
@@ -224,16 +171,6 @@ impl Esp301 {
 /// The answer to a query, with or without its question mark.
 fn tell(command: &Command, answer: impl FnOnce() -> String) -> Answer {
     if command.argument.tells() { Ok(Some(answer())) } else { Err(General::ParameterOutOfRange.into()) }
-}
-
-/// The direction of `MV+`, `MV-`, `MT+` and `MT-`.
-fn plus(argument: &Argument, out_of_range: Fault) -> Result<bool, Fault> {
-    match argument {
-        Argument::Value(sign) if sign == "+" => Ok(true),
-        Argument::Value(sign) if sign == "-" => Ok(false),
-        Argument::Value(_) => Err(out_of_range),
-        _ => Err(General::ParameterMissing.into()),
-    }
 }
 
 /// A whole number from 0 to `last`.

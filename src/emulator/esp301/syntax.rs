@@ -1,3 +1,5 @@
+//! Lines, and the commands on them.
+
 use super::errors::{Fault, General};
 use crate::quantity::Axis;
 
@@ -5,7 +7,7 @@ use crate::quantity::Axis;
 const LINE_MOST: usize = 80;
 
 /// Commands that hold up the rest of their line, and whatever is sent after it.
-const WAITS: [[u8; 2]; 3] = [*b"WS", *b"WP", *b"WT"];
+const WAIT: [u8; 2] = *b"WS";
 
 /// One command of a line: `[axis]CC[parameter]` (manual, syntax).
 #[derive(Debug, PartialEq)]
@@ -96,17 +98,6 @@ impl Argument {
     pub fn number_or(&self, default: f64, out_of_range: Fault) -> Result<f64, Fault> {
         if *self == Argument::None { Ok(default) } else { self.number(out_of_range) }
     }
-
-    /// The word of bits of a configuration command: hexadecimal, with or without its `H`.
-    pub fn bits(&self, out_of_range: Fault) -> Result<u16, Fault> {
-        match self {
-            Argument::Value(text) => {
-                let digits = text.strip_suffix('H').unwrap_or(text);
-                u16::from_str_radix(digits, 16).map_err(|_| out_of_range)
-            }
-            _ => Err(General::ParameterMissing.into()),
-        }
-    }
 }
 
 fn command(text: &[u8]) -> Result<Command, Fault> {
@@ -137,7 +128,7 @@ fn end_of_wait(line: &[u8]) -> Option<usize> {
     for text in line.split(|&byte| byte == b';') {
         end += text.len() + 1;
         let letters = text.iter().filter(|byte| byte.is_ascii_alphabetic()).map(u8::to_ascii_uppercase);
-        let waits = WAITS.iter().any(|name| letters.clone().take(2).eq(name.iter().copied()));
+        let waits = letters.take(2).eq(WAIT);
         if waits && end < line.len() {
             return Some(end);
         }
@@ -163,7 +154,7 @@ mod tests {
 
     #[test]
     fn a_line_is_taken_in_parts_up_to_each_wait() {
-        assert_eq!(lines(b"1PA1;1WS0;1TP?;WT5; 2ID\r"), ["1PA1;1WS0;", "1TP?;WT5;", " 2ID"]);
+        assert_eq!(lines(b"1PA1;1WS0;1TP?;WS5; 2ID\r"), ["1PA1;1WS0;", "1TP?;WS5;", " 2ID"]);
         assert_eq!(lines(b"1WS0;\r1WS0\r"), ["1WS0;", "1WS0"]);
     }
 
@@ -200,7 +191,6 @@ mod tests {
             assert_eq!(number(text), Err(bad), "{text}");
         }
         assert_eq!(Argument::None.number(bad), Err(General::ParameterMissing.into()));
-        assert_eq!(Argument::Value("24H".into()).bits(bad), Ok(0x24));
     }
 
     proptest! {
@@ -211,7 +201,6 @@ mod tests {
                 for command in commands(&line).into_iter().flatten() {
                     let _ = (command.axis(), command.axis_or_all());
                     let _ = command.argument.number(General::NotAllowed.into());
-                    let _ = command.argument.bits(General::NotAllowed.into());
                 }
             }
         }

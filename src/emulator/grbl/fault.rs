@@ -1,3 +1,5 @@
+//! Why a line is refused.
+
 /// Why a line is refused: the codes of GRBL's table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
@@ -20,8 +22,5 @@ pub enum Fault {
     RepeatedWord = 25,
     NoAxisWords = 26,
     MissingValue = 28,
-    NoSuchSystem = 29,
-    MachineNeedsMotion = 30,
-    AxesWithoutMotion = 31,
     UnusedWords = 36,
 }

@@ -1,11 +1,9 @@
+//! Lines of G-code: their words, and what they come to.
+
 use super::fault::Fault;
 
-/// Millimetres of an inch.
-pub const MM_PER_INCH: f64 = 25.4;
 /// Letters that take no negative number.
 const NOT_NEGATIVE: [u8; 5] = *b"FNPST";
-/// Work coordinate systems G54 to G59. Their offsets are zero: G10 isn't served.
-pub const SYSTEMS: u8 = 6;
 
 /// How a line moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,64 +14,32 @@ pub enum Motion {
     Feed,
 }
 
-/// The modal state of the parser, as `$G` tells it.
+/// The modal state of the parser, as far as motions depend on it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Modal {
-    /// G0 or G1; none is G80.
-    pub motion: Option<Motion>,
-    /// G54 is 0.
-    pub system: u8,
-    /// G17 to G19: what arcs would lie in.
-    pub plane: u8,
-    /// G20.
-    pub inches: bool,
+    /// G0 or G1.
+    pub motion: Motion,
     /// G91.
     pub incremental: bool,
     /// F, mm/min; zero until it is set.
     pub feed_mm_min: f64,
-    /// M3, M4 or M5.
-    pub spindle: u8,
-    /// M7, M8 or M9.
-    pub coolant: u8,
-    /// T.
-    pub tool: f64,
-    /// S.
-    pub spindle_rpm: f64,
     /// G92: machine less work coordinates, mm.
     pub g92_mm: [f64; 3],
 }
 
 impl Default for Modal {
     fn default() -> Self {
-        Modal {
-            motion: Some(Motion::Rapid),
-            system: 0,
-            plane: 17,
-            inches: false,
-            incremental: false,
-            feed_mm_min: 0.0,
-            spindle: 5,
-            coolant: 9,
-            tool: 0.0,
-            spindle_rpm: 0.0,
-            g92_mm: [0.0; 3],
-        }
+        Modal { motion: Motion::Rapid, incremental: false, feed_mm_min: 0.0, g92_mm: [0.0; 3] }
     }
 }
 
 /// What a line says, as far as it is told from its words alone.
 #[derive(Debug, Default, PartialEq)]
 pub struct Block {
-    motion: Option<Option<Motion>>,
+    motion: Option<Motion>,
     action: Option<Action>,
     machine: bool,
-    system: Option<u8>,
-    plane: Option<u8>,
-    inches: Option<bool>,
     incremental: Option<bool>,
-    spindle: Option<u8>,
-    coolant: Option<u8>,
-    ends: bool,
     /// A word that a jog doesn't take.
     other: bool,
     groups: u16,
@@ -97,8 +63,6 @@ pub enum Order {
     Go { to_mm: [f64; 3], feed_mm_min: Option<f64> },
     /// G4, s.
     Dwell(f64),
-    /// M2 or M30.
-    End,
 }
 
 impl Block {
@@ -140,17 +104,8 @@ impl Block {
     pub fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<Order, Fault> {
         let mut next = modal.clone();
         next.motion = self.motion.unwrap_or(next.motion);
-        next.system = self.system.unwrap_or(next.system);
-        next.plane = self.plane.unwrap_or(next.plane);
-        next.inches = self.inches.unwrap_or(next.inches);
         next.incremental = self.incremental.unwrap_or(next.incremental);
-        next.spindle = self.spindle.unwrap_or(next.spindle);
-        next.coolant = self.coolant.unwrap_or(next.coolant);
-        next.tool = self.value(b'T').unwrap_or(next.tool);
-        next.spindle_rpm = self.value(b'S').unwrap_or(next.spindle_rpm);
-        if let Some(feed) = self.value(b'F') {
-            next.feed_mm_min = feed * unit_mm(next.inches);
-        }
+        next.feed_mm_min = self.value(b'F').unwrap_or(next.feed_mm_min);
         let moves = self.has_axes();
         if self.action != Some(Action::Dwell) && self.value(b'P').is_some() {
             return Err(Fault::UnusedWords);
@@ -163,31 +118,25 @@ impl Block {
                 Order::Nothing
             }
             Some(Action::SetG92) if !moves => return Err(Fault::NoAxisWords),
-            Some(Action::SetG92) if matches!(self.motion, Some(Some(_))) => return Err(Fault::TwoUseAxes),
+            Some(Action::SetG92) if self.motion.is_some() => return Err(Fault::TwoUseAxes),
             Some(Action::SetG92) => {
                 for (n, at_mm) in at_mm.into_iter().enumerate() {
                     if let Some(value) = self.axis(n) {
-                        next.g92_mm[n] = at_mm - value * unit_mm(next.inches);
+                        next.g92_mm[n] = at_mm - value;
                     }
                 }
                 Order::Nothing
             }
-            None if self.machine && next.motion.is_none() => return Err(Fault::MachineNeedsMotion),
             None if !moves => Order::Nothing,
             None => {
-                let motion = next.motion.ok_or(Fault::AxesWithoutMotion)?;
-                if motion == Motion::Feed && next.feed_mm_min == 0.0 {
+                let feeds = next.motion == Motion::Feed;
+                if feeds && next.feed_mm_min == 0.0 {
                     return Err(Fault::NoFeed);
                 }
-                let feed_mm_min = (motion == Motion::Feed).then_some(next.feed_mm_min);
+                let feed_mm_min = feeds.then_some(next.feed_mm_min);
                 Order::Go { to_mm: self.target_mm(&next, at_mm), feed_mm_min }
             }
         };
-        let order = if self.ends { Order::End } else { order };
-        if self.ends {
-            // M2 and M30 take the modes of motion back to what they were at the start
-            next = Modal { g92_mm: next.g92_mm, tool: next.tool, feed_mm_min: next.feed_mm_min, ..Modal::default() };
-        }
         *modal = next;
         Ok(order)
     }
@@ -203,12 +152,9 @@ impl Block {
         if !self.has_axes() {
             return Err(Fault::NoAxisWords);
         }
-        let mut modes = modal.clone();
-        modes.inches = self.inches.unwrap_or(modes.inches);
-        modes.incremental = self.incremental.unwrap_or(modes.incremental);
-        let feed = self.value(b'F').filter(|&feed| feed > 0.0).ok_or(Fault::NoFeed)?;
-        let feed_mm_min = Some(feed * unit_mm(modes.inches));
-        Ok(Order::Go { to_mm: self.target_mm(&modes, at_mm), feed_mm_min })
+        let modes = Modal { incremental: self.incremental.unwrap_or(modal.incremental), ..modal.clone() };
+        let feed_mm_min = self.value(b'F').filter(|&feed| feed > 0.0).ok_or(Fault::NoFeed)?;
+        Ok(Order::Go { to_mm: self.target_mm(&modes, at_mm), feed_mm_min: Some(feed_mm_min) })
     }
 
     fn value(&self, letter: u8) -> Option<f64> {
@@ -225,8 +171,7 @@ impl Block {
 
     fn target_mm(&self, modal: &Modal, at_mm: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|n| {
-            let Some(value) = self.axis(n) else { return at_mm[n] };
-            let value_mm = value * unit_mm(modal.inches);
+            let Some(value_mm) = self.axis(n) else { return at_mm[n] };
             match (self.machine, modal.incremental) {
                 // G53 means absolute, whatever G91 says
                 (true, _) => value_mm,
@@ -243,9 +188,8 @@ impl Block {
             return Err(Fault::Unsupported);
         }
         let (group, allowed_in_jog) = match tenths as u16 {
-            0 => (self.set_motion(Some(Motion::Rapid)), false),
-            10 => (self.set_motion(Some(Motion::Feed)), false),
-            800 => (self.set_motion(None), false),
+            0 => (self.set_motion(Motion::Rapid), false),
+            10 => (self.set_motion(Motion::Feed), false),
             40 => (self.set_action(Action::Dwell), false),
             920 => (self.set_action(Action::SetG92), false),
             921 => (self.set_action(Action::ClearG92), false),
@@ -253,23 +197,14 @@ impl Block {
                 self.machine = true;
                 (0, true)
             }
-            plane @ (170 | 180 | 190) => {
-                self.plane = Some((plane / 10) as u8);
-                (2, false)
-            }
-            units @ (200 | 210) => {
-                self.inches = Some(units == 200);
-                (6, true)
-            }
+            210 => (6, true),
             distance @ (900 | 910) => {
                 self.incremental = Some(distance == 910);
                 (3, true)
             }
-            system @ (540 | 550 | 560 | 570 | 580 | 590) => {
-                self.system = Some((system / 10 - 54) as u8);
-                (8, false)
-            }
-            591..=593 => return Err(Fault::NoSuchSystem),
+            // arcs, whose plane this is, aren't served, and the offsets of all work coordinates are zero
+            170 | 180 | 190 => (2, false),
+            540 | 550 | 560 | 570 | 580 | 590 => (8, false),
             // the only ways GRBL knows, said for the sake of other controllers
             911 => (4, false),
             940 => (5, false),
@@ -286,26 +221,16 @@ impl Block {
         self.other = true;
         let whole = (0..=30).find(|&whole| f64::from(whole) == value);
         let group = match whole.ok_or(Fault::Unsupported)? {
-            // a pause for a person: there is none here
-            0 | 1 => 11,
-            2 | 30 => {
-                self.ends = true;
-                11
-            }
-            spindle @ 3..=5 => {
-                self.spindle = Some(spindle);
-                12
-            }
-            coolant @ 7..=9 => {
-                self.coolant = Some(coolant);
-                13
-            }
+            0..=2 | 30 => 11,
+            // there is no spindle and no coolant
+            3..=5 => 12,
+            7..=9 => 13,
             _ => return Err(Fault::Unsupported),
         };
         self.enter_group(group)
     }
 
-    fn set_motion(&mut self, motion: Option<Motion>) -> u8 {
+    fn set_motion(&mut self, motion: Motion) -> u8 {
         self.motion = Some(motion);
         1
     }
@@ -334,10 +259,6 @@ pub fn number(text: &[u8]) -> Option<(f64, &[u8])> {
     Some((std::str::from_utf8(number).ok()?.parse().ok()?, rest))
 }
 
-fn unit_mm(inches: bool) -> f64 {
-    if inches { MM_PER_INCH } else { 1.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -359,12 +280,12 @@ mod tests {
         assert_eq!(run(&mut modal, "G1G91Z-1F300"), go([1.0, 2.0, 2.0], Some(300.0)));
         assert_eq!(run(&mut modal, "X1"), go([2.0, 2.0, 3.0], Some(300.0)));
         assert_eq!(run(&mut modal, "G53G0X1"), go([1.0, 2.0, 3.0], None));
-        assert_eq!(run(&mut modal, "G20G90X1"), go([25.4, 2.0, 3.0], None));
+        assert_eq!(run(&mut modal, "G90X4"), go([4.0, 2.0, 3.0], None));
         assert_eq!(run(&mut modal, "G21G92X0"), Ok(Order::Nothing));
         assert_eq!(run(&mut modal, "X1"), go([2.0, 2.0, 3.0], None));
         assert_eq!(run(&mut modal, "G92.1"), Ok(Order::Nothing));
         assert_eq!(run(&mut modal, "G4P1.5"), Ok(Order::Dwell(1.5)));
-        assert_eq!(run(&mut modal, "M30"), Ok(Order::End));
+        assert_eq!(run(&mut modal, "G17G54M5M9T0S0"), Ok(Order::Nothing));
         assert_eq!(modal, Modal { feed_mm_min: 300.0, ..Modal::default() });
     }
 
@@ -373,7 +294,7 @@ mod tests {
         let modal = Modal { g92_mm: [0.5, 0.0, 0.0], ..Modal::default() };
         let jog = |line: &str| Block::parse(line)?.jog(&modal, AT_MM);
         assert_eq!(jog("X10Y-1.5F100"), go([10.5, -1.5, 3.0], Some(100.0)));
-        assert_eq!(jog("G91G20X0.5F10"), go([13.7, 2.0, 3.0], Some(254.0)));
+        assert_eq!(jog("G91G21X0.5F10"), go([1.5, 2.0, 3.0], Some(10.0)));
         assert_eq!(jog("G53Y5F100"), go([1.0, 5.0, 3.0], Some(100.0)));
         for (line, fault) in [
             ("X1", Fault::NoFeed),
@@ -402,13 +323,13 @@ mod tests {
             ("G2X1", Fault::Unsupported),
             ("G91Q1", Fault::Unsupported),
             ("G91G0G1", Fault::TwoOfOneGroup),
-            ("G80X1", Fault::AxesWithoutMotion),
-            ("G80G53", Fault::MachineNeedsMotion),
+            ("G80", Fault::Unsupported),
+            ("G20", Fault::Unsupported),
             ("G91G4", Fault::MissingValue),
             ("G91P1", Fault::UnusedWords),
             ("G91G92", Fault::NoAxisWords),
             ("G91G0G92X1", Fault::TwoUseAxes),
-            ("G59.1", Fault::NoSuchSystem),
+            ("G59.1", Fault::Unsupported),
             ("M99", Fault::Unsupported),
             ("G1.23", Fault::Unsupported),
         ] {

@@ -1,3 +1,5 @@
+//! The serial line byte by byte.
+
 /// Longest line, blanks and comments not counted (80 with the zero that ends it in GRBL's memory).
 const LINE_MOST: usize = 79;
 

@@ -1,3 +1,5 @@
+//! The three axes: what is planned, what runs, and homing.
+
 use super::settings::{self, Settings};
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
@@ -22,8 +24,6 @@ const ROUNDING: f64 = 1e-9;
 /// Blocks are planned ahead as motions of the scene, so they run on whether or not anybody asks. An axis stops at each
 /// corner (GRBL would round it, slowly); blocks on one line at one rate become one.
 pub struct Machine {
-    /// Percent of the programmed rates.
-    pub overrides: Overrides,
     /// True place less counted, mm.
     offset_mm: [f64; 3],
     blocks: VecDeque<Block>,
@@ -84,21 +84,6 @@ pub enum Activity {
     Held,
 }
 
-/// Percent of the programmed rates.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Overrides {
-    /// Of a feed, a jog's too.
-    pub feed: f64,
-    /// Of a G0.
-    pub rapid: f64,
-}
-
-impl Default for Overrides {
-    fn default() -> Self {
-        Overrides { feed: 100.0, rapid: 100.0 }
-    }
-}
-
 /// What a search for home comes to when it ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Homed {
@@ -117,8 +102,7 @@ impl Machine {
     /// A frame that is switched on: where it stands is zero.
     pub fn new(scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
-        let overrides = Overrides::default();
-        Machine { overrides, offset_mm, blocks: VecDeque::new(), halt: Halt::None, halted_s: 0.0 }
+        Machine { offset_mm, blocks: VecDeque::new(), halt: Halt::None, halted_s: 0.0 }
     }
 
     /// Draws the consequences of what has ended by `now_s`: whether an axis ran into an end.
@@ -246,7 +230,7 @@ impl Machine {
         for index in 0..self.blocks.len() {
             let block = &self.blocks[index];
             let targets = self.targets(block);
-            let speed_mm_s = block.speed_mm_s(self.overrides);
+            let speed_mm_s = block.feed_mm_s.unwrap_or(f64::INFINITY).min(block.most_mm_s);
             let mut end_s = from_s;
             for n in 0..3 {
                 let share = block.way[n].abs();
@@ -357,14 +341,6 @@ impl Machine {
 }
 
 impl Block {
-    fn speed_mm_s(&self, overrides: Overrides) -> f64 {
-        let speed_mm_s = match self.feed_mm_s {
-            Some(feed_mm_s) => feed_mm_s * overrides.feed / 100.0,
-            None => self.most_mm_s * overrides.rapid / 100.0,
-        };
-        speed_mm_s.min(self.most_mm_s)
-    }
-
     /// Whether another goes on along the same line at the same rate.
     fn runs_into(&self, next: &Block) -> bool {
         let turn = (0..3).map(|n| (self.way[n] - next.way[n]).abs()).fold(0.0, f64::max);

@@ -5,8 +5,8 @@
 //! minus the travel to 0, this one counts from minus half of it to plus half, so that with `$130=25` and so on machine
 //! coordinates are the stage's own once it is homed. Axes home z first, each to its + end, or to the - one where `$23` says so.
 //!
-//! Not served, and answered with an error: arcs, probing, G10, G28, G30, tool offsets, `$C`, `$SLP`, `$RST`, startup lines.
-//! M0 and M1 don't pause. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a
+//! Not served, and answered with an error: inches, arcs, probing, G10, G28, G30, G80, tool offsets, `$C`, `$N`, `$SLP`, `$RST`.
+//! Taken and without effect: spindle, coolant, tools, planes, G54 to G59, M0 to M2, M30, overrides and the door. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a
 //! client comes: nothing here sees its DTR.
 //!
 //! A line that homes, dwells, or needs room in the planner is answered when that is done. Lines behind it wait, single bytes
@@ -27,15 +27,13 @@ use crate::scene::{Device, Scene};
 use fault::Fault;
 use gcode::{Block, Modal, Order};
 use line::{Input, LineReader};
-use machine::{Activity, Homed, Line, Machine, Overrides};
+use machine::{Activity, Homed, Line, Machine};
 use report::{Reporter, Status};
 use settings::Settings;
 use std::sync::Arc;
 use tokio::sync::Notify;
 use waiting::Waiting;
 
-/// Percent that overrides of feed and spindle go down and up to.
-const OVERRIDE_PERCENT: (f64, f64) = (10.0, 200.0);
 /// How far beyond the travel a target may lie by rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 /// What comes after an alarm that only a reset ends.
@@ -47,7 +45,6 @@ const OVERLONG: u8 = b'\t';
 const RUN: u8 = b'\n';
 
 const SOFT_RESET: u8 = 0x18;
-const DOOR: u8 = 0x84;
 const JOG_CANCEL: u8 = 0x85;
 
 /// A GRBL 1.1h with three axes: 12.5 mm to either side, 800 steps a mm, 25 mm/s.
@@ -60,8 +57,6 @@ pub struct Grbl {
     reader: LineReader,
     reporter: Reporter,
     lock: Lock,
-    door: bool,
-    spindle_percent: f64,
     waiting: Waiting,
     /// Homing that was begun: it ends well, or with an alarm.
     homing: Option<Result<Homed, u8>>,
@@ -92,8 +87,6 @@ impl Grbl {
             reader: LineReader::default(),
             reporter: Reporter::default(),
             lock: Lock::Alarm,
-            door: false,
-            spindle_percent: 100.0,
             waiting: Waiting::default(),
             homing: None,
             asked: false,
@@ -207,7 +200,6 @@ impl Grbl {
             Order::Go { to_mm, feed_mm_min } => {
                 self.machine.add(Line { to_mm, feed_mm_min, jog: false }, &self.settings, scene, now_s);
             }
-            Order::End => reply.line("[MSG:Pgm End]"),
             Order::Dwell(_) | Order::Nothing => {}
         }
         if self.modal.g92_mm != g92_mm {
@@ -219,12 +211,11 @@ impl Grbl {
     /// A line that begins with `$`, which is cut off.
     fn run_system(&mut self, command: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
         let activity = self.machine.activity(now_s);
-        let inches = self.settings.on(settings::REPORT_INCHES);
         match command {
             "" => reply.line(report::HELP),
             "$" if activity == Activity::Run => return Err(Fault::NotIdle),
             "$" => self.settings.lines().for_each(|line| reply.line(line)),
-            "G" => reply.line(report::modes(&self.modal, inches)),
+            "G" => reply.line(report::modes(&self.modal)),
             "X" => {
                 if self.lock == Lock::Alarm {
                     self.lock = Lock::Open;
@@ -233,9 +224,8 @@ impl Grbl {
             }
             jog if jog.starts_with('J') => return self.jog(&jog[1..], scene, now_s),
             _ if activity != Activity::Idle => return Err(Fault::NotIdle),
-            "#" => report::parameters(&self.modal, inches).iter().for_each(|line| reply.line(line)),
+            "#" => report::parameters(&self.modal).iter().for_each(|line| reply.line(line)),
             "I" => report::build_info().iter().for_each(|line| reply.line(line)),
-            "N" => ["$N0=", "$N1="].iter().for_each(|line| reply.line(line)),
             "H" => return self.end_homing(reply, scene, now_s),
             setting => {
                 let (number, rest) = gcode::number(setting.as_bytes()).ok_or(Fault::InvalidStatement)?;
@@ -291,53 +281,14 @@ impl Grbl {
             b'?' => self.tell_status(reply, scene, now_s),
             JOG_CANCEL if self.machine.activity(now_s) != Activity::Jog => {}
             b'!' | JOG_CANCEL if self.lock == Lock::Open => self.machine.hold(scene, now_s),
-            DOOR if self.lock == Lock::Open => {
-                reply.line("[MSG:Check Door]");
-                self.machine.hold(scene, now_s);
-                self.door = true;
-            }
-            b'~' => self.go_on(scene, now_s),
-            0x90..=0x9D => self.change_override(byte, scene, now_s),
+            b'~' => self.machine.resume(scene, now_s),
             _ => {}
         }
-    }
-
-    /// Ends a hold.
-    fn go_on(&mut self, scene: &mut Scene, now_s: f64) {
-        match self.machine.activity(now_s) {
-            Activity::Held => self.machine.resume(scene, now_s),
-            // a jog that the door cancelled leaves nothing to go on with
-            Activity::Idle => {}
-            _ => return,
-        }
-        self.door = false;
     }
 
     fn tell_status(&mut self, reply: &mut Reply, scene: &Scene, now_s: f64) {
         let status = self.status(scene, now_s);
         reply.line(self.reporter.status(&status, &self.settings));
-    }
-
-    fn change_override(&mut self, byte: u8, scene: &mut Scene, now_s: f64) {
-        let step = |percent: f64, kind: u8| {
-            let by = [100.0 - percent, 10.0, -10.0, 1.0, -1.0][usize::from(kind)];
-            (percent + by).clamp(OVERRIDE_PERCENT.0, OVERRIDE_PERCENT.1)
-        };
-        let Overrides { feed, rapid } = self.machine.overrides;
-        let (overrides, spindle_percent) = match byte {
-            0x90..=0x94 => (Overrides { feed: step(feed, byte - 0x90), rapid }, self.spindle_percent),
-            0x95 => (Overrides { feed, rapid: 100.0 }, self.spindle_percent),
-            0x96 => (Overrides { feed, rapid: 50.0 }, self.spindle_percent),
-            0x97 => (Overrides { feed, rapid: 25.0 }, self.spindle_percent),
-            0x99..=0x9D => (self.machine.overrides, step(self.spindle_percent, byte - 0x99)),
-            _ => return,
-        };
-        if (overrides, spindle_percent) == (self.machine.overrides, self.spindle_percent) {
-            return;
-        }
-        (self.machine.overrides, self.spindle_percent) = (overrides, spindle_percent);
-        self.reporter.overrides_changed();
-        self.machine.plan(scene, now_s);
     }
 
     /// 0x18. What moved has lost its place.
@@ -364,12 +315,11 @@ impl Grbl {
     /// All is as it is switched on, but for the settings, the place and the lock.
     fn restart(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         self.machine.cut_off(&self.settings, scene, now_s);
-        self.machine.overrides = Overrides::default();
         self.modal = Modal::default();
         self.reporter = Reporter::default();
         self.reader.clear();
         self.waiting.clear();
-        (self.asked, self.door, self.spindle_percent) = (false, false, 100.0);
+        self.asked = false;
         reply.line("");
         reply.line("Grbl 1.1h ['$' for help]");
         if self.lock == Lock::Alarm {
@@ -379,11 +329,8 @@ impl Grbl {
 
     fn status(&self, scene: &Scene, now_s: f64) -> Status {
         let activity = self.machine.activity(now_s);
-        let spindle = if self.modal.spindle == 5 { 0.0 } else { self.modal.spindle_rpm };
         let state = match activity {
             _ if self.lock != Lock::Open => "Alarm",
-            Activity::Idle | Activity::Held if self.door => "Door:0",
-            _ if self.door => "Door:2",
             Activity::Idle => "Idle",
             Activity::Run => "Run",
             Activity::Jog => "Jog",
@@ -392,15 +339,12 @@ impl Grbl {
         };
         Status {
             state: state.into(),
-            busy: activity != Activity::Idle || self.door,
+            busy: activity != Activity::Idle,
             places_mm: self.machine.places_mm(&self.settings, scene, now_s),
             offset_mm: self.modal.g92_mm,
             room: self.machine.room(),
             speed_mm_s: self.machine.speed_mm_s(scene, now_s),
-            spindle_rpm: spindle * self.spindle_percent / 100.0,
             switches: self.machine.switches(scene, now_s),
-            overrides: self.machine.overrides,
-            spindle_percent: self.spindle_percent,
         }
     }
 

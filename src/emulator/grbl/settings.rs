@@ -1,3 +1,5 @@
+//! The numbered settings.
+
 use super::fault::Fault;
 
 /// GRBL's numbered settings, in the order and the units of its manual.
@@ -122,6 +124,8 @@ impl Settings {
         }
         match number {
             0 if value < PULSE_LEAST_US => return Err(Fault::PulseTooShort),
+            // positions in inches aren't served
+            REPORT_INCHES if value != 0.0 => return Err(Fault::InvalidStatement),
             SOFT_LIMITS if value != 0.0 && !self.on(HOMING) => return Err(Fault::SoftLimitsNeedHoming),
             _ => {}
         }
@@ -172,6 +176,7 @@ mod tests {
             (110.0, -1.0, Fault::NegativeValue),
             (100.0, 0.0, Fault::NegativeValue),
             (0.0, 2.0, Fault::PulseTooShort),
+            (13.0, 1.0, Fault::InvalidStatement),
         ] {
             assert_eq!(settings.set(number, value), Err(fault), "${number}={value}");
         }

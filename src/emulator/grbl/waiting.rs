@@ -1,3 +1,5 @@
+//! Lines that came and what they wait for.
+
 use super::gcode::Block;
 use super::machine::Activity;
 use super::report::RX_MOST;
@@ -55,7 +57,7 @@ impl Grbl {
                 self.waiting.clear(); // it answers nothing until it is reset
                 return;
             }
-            if self.is_held() {
+            if self.machine.is_held() {
                 return;
             }
             let stall = self.waiting.stall.or_else(|| self.begin_to_wait(&line, scene, now_s));
@@ -73,7 +75,7 @@ impl Grbl {
 
     /// When the first line may be run, s; none: not before something else happens.
     pub(super) fn next_s(&self) -> Option<f64> {
-        if self.is_held() {
+        if self.machine.is_held() {
             return None;
         }
         Some(match self.waiting.stall? {
@@ -81,11 +83,6 @@ impl Grbl {
             Stall::Dwell { still_s, .. } => still_s,
             Stall::Until(at_s) => at_s,
         })
-    }
-
-    /// Whether lines wait for a `~`.
-    fn is_held(&self) -> bool {
-        self.door || self.machine.is_held()
     }
 
     /// What a line has to wait for; homing begins with it.

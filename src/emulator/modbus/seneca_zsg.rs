@@ -32,10 +32,9 @@ const STABLE: u16 = 1 << 4;
 /// that.
 ///
 /// The manual says of the word order both that the first register is the high word and, in a formula, that it is the low
-/// one; there is a setting that swaps them. Thresholds, outputs and the setting itself aren't served.
+/// one; here it is the high word. Thresholds, outputs and the setting that swaps them aren't served.
 pub struct SenecaZsg {
     range_n: f64,
-    low_word_first: bool,
     tare_n: f64,
     last_n: Option<f64>,
 }
@@ -44,12 +43,7 @@ impl SenecaZsg {
     /// A cell that measures up to `range_n` either way, high word first. Beyond, the weight stays at the range's end, and the
     /// status says so.
     pub fn new(range_n: f64) -> Self {
-        SenecaZsg { range_n, low_word_first: false, tare_n: 0.0, last_n: None }
-    }
-
-    /// The same with the words swapped.
-    pub fn low_word_first(self) -> Self {
-        SenecaZsg { low_word_first: true, ..self }
+        SenecaZsg { range_n, tare_n: 0.0, last_n: None }
     }
 
     /// Net weight, N, and status.
@@ -80,14 +74,13 @@ impl RegisterMap for SenecaZsg {
         }
         let (net_n, status) = self.weigh(scene, now_s);
         let [a, b, c, d] = (net_n as f32).to_be_bytes();
-        let (first, second) = if self.low_word_first { ([c, d], [a, b]) } else { ([a, b], [c, d]) };
         for (register, word) in (address..).zip(words) {
             *word = match register {
                 MACHINE_ID => OWN_ID.to_be_bytes(),
                 FIRMWARE => OWN_FIRMWARE.to_be_bytes(),
                 UNIT => UNIT_NEWTON.to_be_bytes(),
-                NET => first,
-                64 => second,
+                NET => [a, b],
+                64 => [c, d],
                 STATUS => status.to_be_bytes(),
                 _ => [0, 0],
             };
@@ -126,10 +119,9 @@ mod tests {
     }
 
     #[test]
-    fn the_weight_is_in_newtons_in_either_word_order() {
+    fn the_weight_is_in_newtons() {
         // 1.25 is 3FA00000
         assert_eq!(net(&mut SenecaZsg::new(5.0), 1.25), [0x3F, 0xA0, 0, 0]);
-        assert_eq!(net(&mut SenecaZsg::new(5.0).low_word_first(), 1.25), [0, 0, 0x3F, 0xA0]);
         assert_eq!(net(&mut SenecaZsg::new(5.0), 7.0), 5f32.to_be_bytes());
     }
 

@@ -1,3 +1,5 @@
+//! The stage of the process protocol.
+
 use super::{Answer, Instrument, Request, identity, object, reply, reply_line, take_line, unknown};
 use crate::emulator::Owed;
 use crate::quantity::{Axis, Range};

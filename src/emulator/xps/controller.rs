@@ -1,6 +1,7 @@
+//! The controller behind all sockets: which call does what.
+
 use super::errors::{self, Code};
-use super::events::{self, Events, INPUTS, RANGE_V};
-use super::gathering::{Gathering, Source};
+use super::events::{self, Events};
 use super::group::{Group, Outcome};
 use super::syntax::{Call, Type, number, numbers};
 use crate::scene::Scene;
@@ -8,10 +9,6 @@ use crate::scene::Scene;
 /// What `FirmwareVersionGet` and `InstallerVersionGet` answer.
 const FIRMWARE: &str = "XPS-Q8 Firmware V2.6.4";
 const INSTALLER: &str = "XPS-Q8 Installer V2.6.4";
-/// What `HardwareDriverAndStageGet` answers of a plug with a stage.
-const DRIVER_AND_STAGE: &str = "XPS-DRV03;VP-25XL";
-/// Plugs of the controller.
-const PLUGS: i32 = 8;
 /// The one user there is, and the password.
 const ADMINISTRATOR: &str = "Administrator";
 /// How often the controller itself looks at its inputs, s: every tenth servo tick, which is the grain of tokio's timers.
@@ -21,9 +18,7 @@ const TICK_S: f64 = 0.001;
 pub struct Controller {
     pub(super) group: Group,
     events: Events,
-    gathering: Gathering,
     volts_per_newton: f64,
-    outputs_v: [f64; INPUTS],
 }
 
 /// What a call comes to.
@@ -54,22 +49,13 @@ impl From<String> for Answer {
 
 impl Controller {
     pub fn new(group: Group, volts_per_newton: f64) -> Self {
-        let (events, gathering) = (Events::default(), Gathering::default());
-        Controller { group, events, gathering, volts_per_newton, outputs_v: [0.0; INPUTS] }
+        Controller { group, events: Events::default(), volts_per_newton }
     }
 
-    /// Draws the consequences of what has ended by `now_s`, gathers, and lets the events that are met happen.
+    /// Draws the consequences of what has ended by `now_s`, and lets the events that are met happen.
     pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
         self.group.notice(scene, now_s);
-        let positioners = &self.group.positioners;
-        let read = |source| match source {
-            Source::Position(index) => positioners[index].count_mm(scene, now_s),
-            Source::Setpoint(index) => positioners[index].setpoint_mm(scene, now_s),
-            Source::Velocity(index) => positioners[index].speed_mm_s(scene, now_s),
-            Source::Input(input) => events::input_v(input, self.volts_per_newton, scene, now_s),
-        };
-        self.gathering.look(read, now_s);
-        if !self.guards(scene, now_s) {
+        if !self.guards() {
             return;
         }
         let moves = self.group.moves(scene, now_s);
@@ -81,10 +67,9 @@ impl Controller {
     }
 
     /// When [`notice`](Self::notice) may next have something to do, s; infinite: not by itself.
-    pub fn next_s(&self, scene: &Scene, now_s: f64) -> f64 {
-        let look_s = if self.guards(scene, now_s) { now_s + TICK_S } else { f64::INFINITY };
-        let gather_s = self.gathering.next_s().max(now_s + TICK_S);
-        look_s.min(gather_s).min(self.group.end_s())
+    pub fn next_s(&self, now_s: f64) -> f64 {
+        let look_s = if self.guards() { now_s + TICK_S } else { f64::INFINITY };
+        look_s.min(self.group.end_s())
     }
 
     /// Whether no link waits for what the group is about.
@@ -103,15 +88,6 @@ impl Controller {
             "FirmwareVersionGet" => tell(call, Type::Char, FIRMWARE),
             "InstallerVersionGet" => tell(call, Type::Char, INSTALLER),
             "ElapsedTimeGet" => tell(call, Type::Double, &number(now_s)),
-            "HardwareDriverAndStageGet" => {
-                let plug = call.whole()?;
-                call.results(Type::Char, 1)?;
-                match plug {
-                    1..=3 => Ok(DRIVER_AND_STAGE.to_owned().into()),
-                    4..=PLUGS => Ok(().into()),
-                    _ => Err(Code::OUT_OF_RANGE),
-                }
-            }
             "ErrorStringGet" => {
                 let code = Code(call.whole()?);
                 tell(call, Type::Char, code.text().ok_or(Code::OUT_OF_RANGE)?)
@@ -127,9 +103,8 @@ impl Controller {
                 self.group.kill(scene, now_s);
                 Ok(().into())
             }
-            name if name.starts_with("GPIO") => self.run_analog(call, scene, now_s),
+            "GPIOAnalogGet" => self.run_analog(call, scene, now_s),
             name if name.starts_with("Event") => self.run_event(call),
-            name if name.starts_with("Gathering") => self.run_gathering(call, scene, now_s),
             name if name.starts_with("Positioner") => self.run_positioner(call, scene, now_s),
             name if name.starts_with("Group") => self.run_group(call, scene, now_s),
             _ => Err(Code::UNKNOWN_COMMAND),
@@ -137,8 +112,8 @@ impl Controller {
     }
 
     /// Whether the controller must look at what it watches for.
-    fn guards(&self, scene: &Scene, now_s: f64) -> bool {
-        self.events.armed() && self.group.can_be_aborted(scene, now_s)
+    fn guards(&self) -> bool {
+        self.events.armed() && self.group.can_be_aborted()
     }
 
     fn run_event(&mut self, mut call: Call) -> Result<Answer, Code> {
@@ -162,97 +137,20 @@ impl Controller {
                 call.end()?;
                 self.events.remove(id).map(Answer::from)
             }
-            "EventExtendedAllGet" => {
-                let ids = self.events.ids()?;
-                tell(call, Type::Char, &ids)
-            }
             _ => Err(Code::UNKNOWN_COMMAND),
         }
     }
 
-    fn run_gathering(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
-        let gathering = &mut self.gathering;
-        match call.name {
-            "GatheringConfigurationSet" => {
-                gathering.configure(&mut call, &self.group)?;
-                done(call)
-            }
-            "GatheringConfigurationGet" => {
-                let types = gathering.types()?;
-                tell(call, Type::Char, &types)
-            }
-            "GatheringRun" => {
-                let (number, divisor) = (call.whole()?, call.whole()?);
-                call.end()?;
-                gathering.run(number, divisor, now_s)?;
-                // who waits, or does nothing, now looks after this as well
-                self.group.stirred = true;
-                self.notice(scene, now_s);
-                Ok(().into())
-            }
-            "GatheringStop" => {
-                call.end()?;
-                gathering.stop().map(Answer::from)
-            }
-            "GatheringReset" => {
-                call.end()?;
-                gathering.reset().map(Answer::from)
-            }
-            "GatheringCurrentNumberGet" => {
-                call.results(Type::Int, 2)?;
-                gathering.numbers().map(Answer::from)
-            }
-            "GatheringDataGet" => {
-                let lines = gathering.lines(call.whole()?, 1)?;
-                tell(call, Type::Char, &lines)
-            }
-            "GatheringDataMultipleLinesGet" => {
-                let lines = gathering.lines(call.whole()?, call.whole()?)?;
-                tell(call, Type::Char, &lines)
-            }
-            _ => Err(Code::UNKNOWN_COMMAND),
-        }
-    }
-
-    /// `GPIOAnalogGet(name,double *,...)` and `GPIOAnalogSet(name,volts,...)`.
+    /// `GPIOAnalogGet(name,double *,...)`.
     fn run_analog(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
-        match call.name {
-            "GPIOAnalogGet" => {
-                let mut volts = Vec::new();
-                while volts.is_empty() || !call.is_through() {
-                    let name = call.text()?;
-                    call.result(Type::Double)?;
-                    let value = match (events::input(name), output(name)) {
-                        (Some(input), _) => events::input_v(input, self.volts_per_newton, scene, now_s),
-                        (_, Some(output)) => self.outputs_v[output],
-                        _ => return Err(Code::OUT_OF_RANGE),
-                    };
-                    volts.push(value);
-                }
-                Ok(numbers(volts).into())
-            }
-            "GPIOAnalogSet" => {
-                let mut outputs_v = self.outputs_v;
-                let mut first = true;
-                while std::mem::take(&mut first) || !call.is_through() {
-                    let output = output(call.text()?).ok_or(Code::OUT_OF_RANGE)?;
-                    outputs_v[output] = call.number()?;
-                }
-                if outputs_v.iter().any(|volts| volts.abs() > RANGE_V) {
-                    return Err(Code::OUT_OF_RANGE);
-                }
-                self.outputs_v = outputs_v;
-                Ok(().into())
-            }
-            _ => Err(Code::UNKNOWN_COMMAND),
+        let mut volts = Vec::new();
+        while volts.is_empty() || !call.is_through() {
+            let input = events::input(call.text()?).ok_or(Code::OUT_OF_RANGE)?;
+            call.result(Type::Double)?;
+            volts.push(events::input_v(input, self.volts_per_newton, scene, now_s));
         }
+        Ok(numbers(volts).into())
     }
-}
-
-/// Which analog output is called so, from 0.
-fn output(name: &str) -> Option<usize> {
-    let number: usize = name.strip_prefix("GPIO2.DAC")?.parse().ok()?;
-    (1..=INPUTS).contains(&number).then(|| number - 1)
 }
 
 /// One value of a type, if the call names one.

@@ -1,3 +1,5 @@
+//! The codes that a call ends with, and their texts.
+
 /// What a call ends with: 0, or the code of an error (manual, error list).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Code(pub i32);
@@ -19,13 +21,8 @@ impl Code {
     pub const NOT_ALLOWED: Code = Code(-22);
     pub const EMERGENCY: Code = Code(-26);
     pub const ABORTED: Code = Code(-27);
-    pub const GATHERED_TYPE: Code = Code(-29);
-    pub const GATHERING_NOT_STARTED: Code = Code(-30);
-    pub const GATHERING_NOT_CONFIGURED: Code = Code(-32);
     pub const ACTION_NAME: Code = Code(-39);
     pub const EVENT_NAME: Code = Code(-40);
-    pub const JOG_OUT_OF_RANGE: Code = Code(-42);
-    pub const GATHERING_RUNS: Code = Code(-43);
     pub const NO_EVENTS: Code = Code(-80);
     pub const NO_ACTIONS: Code = Code(-81);
     pub const TOO_MANY_EVENTS: Code = Code(-82);
@@ -45,7 +42,7 @@ pub fn list() -> String {
 
 /// The codes met most, and those that are met here; the texts are our own. A reply has 1024 bytes at most, and the list must
 /// go into one.
-const TEXTS: [(i32, &str); 37] = [
+const TEXTS: [(i32, &str); 32] = [
     (0, "Successful command"),
     (-1, "Busy socket"),
     (-2, "TCP timeout"),
@@ -68,16 +65,11 @@ const TEXTS: [(i32, &str); 37] = [
     (-26, "Emergency signal"),
     (-27, "Move aborted"),
     (-28, "Home timeout"),
-    (-29, "No such gathering type"),
-    (-30, "Gathering not started"),
     (-31, "Home out of range"),
-    (-32, "Gathering not configured"),
     (-33, "Motion done timeout"),
     (-35, "Travel limit"),
     (-39, "No such action"),
     (-40, "No such event"),
-    (-42, "Jog out of range"),
-    (-43, "Gathering runs"),
     (-80, "Events not configured"),
     (-81, "Actions not configured"),
     (-82, "Event buffer full"),

@@ -1,3 +1,5 @@
+//! What the controller watches for by itself: the guard of a move.
+
 use super::errors::Code;
 use super::group::{Group, Object};
 use super::syntax::Call;
@@ -8,11 +10,11 @@ const EVENTS_MOST: usize = 10;
 /// Most conditions of one event.
 const CONDITIONS_MOST: usize = 10;
 /// Analog inputs `GPIO2.ADC1` and on.
-pub const INPUTS: usize = 4;
+const INPUTS: usize = 4;
 
 /// The extended events: what the controller watches for by itself, once a servo tick. Conditions: an analog input over or
-/// under a limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), a motion (`XYZ.SGamma.MotionState`, also of one positioner),
-/// `Immediate`, and `Always`, which keeps the event after it has happened. The one action: `XYZ.MoveAbort`.
+/// under a limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), and a motion (`XYZ.SGamma.MotionState`, also of one
+/// positioner). The one action: `XYZ.MoveAbort`.
 #[derive(Default)]
 pub struct Events {
     conditions: Vec<Condition>,
@@ -28,8 +30,6 @@ struct Event {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Condition {
-    Always,
-    Immediate,
     Over { input: usize, limit_v: f64 },
     Under { input: usize, limit_v: f64 },
     Moving(Object),
@@ -86,25 +86,18 @@ impl Events {
         Ok(())
     }
 
-    /// `EventExtendedAllGet`: the ids of all that are started.
-    pub fn ids(&self) -> Result<String, Code> {
-        let ids: Vec<String> = self.started.iter().map(|event| event.id.to_string()).collect();
-        if ids.is_empty() { Err(Code::EVENT_UNKNOWN) } else { Ok(ids.join(";")) }
-    }
-
     /// Whether any is started.
     pub fn armed(&self) -> bool {
         !self.started.is_empty()
     }
 
-    /// Whether one happens now, when the group moves, by what `volts` reads off an input; those that have happened are gone,
-    /// unless they are to stay.
+    /// Whether one happens now, when the group moves, by what `volts` reads off an input; those that have happened are gone.
     pub fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
         let mut happened = false;
         self.started.retain(|event| {
             let met = event.conditions.iter().all(|condition| condition.is_met(&mut volts, moves));
             happened |= met;
-            !met || event.conditions.contains(&Condition::Always)
+            !met
         });
         happened
     }
@@ -113,19 +106,13 @@ impl Events {
 impl Condition {
     fn read(call: &mut Call, group: &Group) -> Result<Self, Code> {
         let name = call.text()?;
-        let condition = match name {
-            "Always" => Some(Condition::Always),
-            "Immediate" => Some(Condition::Immediate),
-            _ => None,
-        };
         let moving = name.strip_suffix(".SGamma.MotionState").and_then(|name| group.object(name).ok());
         let limited = [(".ADCHighLimit", true), (".ADCLowLimit", false)];
         let limited = limited.iter().find_map(|(suffix, over)| Some((input(name.strip_suffix(suffix)?)?, *over)));
         let mut parameters = 4;
-        let condition = match (condition, moving, limited) {
-            (Some(condition), ..) => condition,
-            (_, Some(object), _) => Condition::Moving(object),
-            (.., Some((input, over))) => {
+        let condition = match (moving, limited) {
+            (Some(object), _) => Condition::Moving(object),
+            (_, Some((input, over))) => {
                 let limit_v = call.number()?;
                 parameters -= 1;
                 if over { Condition::Over { input, limit_v } } else { Condition::Under { input, limit_v } }
@@ -140,7 +127,6 @@ impl Condition {
 
     fn is_met(self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
         match self {
-            Condition::Always | Condition::Immediate => true,
             Condition::Over { input, limit_v } => volts(input) > limit_v,
             Condition::Under { input, limit_v } => volts(input) < limit_v,
             Condition::Moving(Object::Group) => moves.contains(&true),
@@ -160,5 +146,5 @@ pub fn input_v(input: usize, volts_per_newton: f64, scene: &mut Scene, now_s: f6
     if input == 0 { (scene.load_cell_n(now_s) * volts_per_newton).clamp(-RANGE_V, RANGE_V) } else { 0.0 }
 }
 
-/// Range of analog inputs and outputs to either side, V.
-pub const RANGE_V: f64 = 10.0;
+/// Range of analog inputs to either side, V.
+const RANGE_V: f64 = 10.0;

@@ -1,3 +1,5 @@
+//! The group: its life cycle, its homing and its motions.
+
 use super::errors::Code;
 use super::positioner::Positioner;
 use crate::quantity::Axis;
@@ -25,23 +27,13 @@ pub enum State {
     ReadyFromHoming = 11,
     ReadyFromMotion = 12,
     ReadyFromEnable = 13,
-    ReadyFromJog = 15,
     Disabled = 20,
     Braking = 40,
     Initializing = 41,
     NotReferenced = 42,
     Homing = 43,
     Moving = 44,
-    Jogging = 47,
     Calibrating = 49,
-}
-
-/// How `GroupInitialize` and its variants differ.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Initialize {
-    Plain,
-    KeepCount,
-    Calibrate,
 }
 
 /// What a call that is answered when it is finished will answer. The group writes it, the link that waits reads it; a link
@@ -71,10 +63,10 @@ struct Errand {
 #[derive(Clone, Copy)]
 enum Then {
     Rest(State),
-    /// z is home, x and y are next, and then maybe a move.
-    HomeOthers(Option<[f64; 3]>),
-    /// All are home; then maybe a move.
-    Homed(Option<[f64; 3]>),
+    /// z is home, x and y are next.
+    HomeOthers,
+    /// All are home.
+    Homed,
 }
 
 impl State {
@@ -87,17 +79,15 @@ impl State {
             11 => "Ready state from homing",
             12 => "Ready state from motion",
             13 => "Ready state due to a MotionEnable command",
-            15 => "Ready state from jogging",
             20 => "Disable state",
             40 => "Emergency braking",
             41 => "Motor initialization state",
             42 => "Not referenced state",
             43 => "Homing state",
             44 => "Moving state",
-            47 => "Jogging state",
             49 => "Encoder calibrating state",
             1..=9 => "Not initialized state for another reason",
-            14 | 16..=19 => "Ready state for another reason",
+            14..=19 => "Ready state for another reason",
             21..=39 => "Disable state for another reason",
             _ => "Unknown state",
         }
@@ -134,25 +124,13 @@ impl Group {
     }
 
     /// Whether something moves that an abort can stop, and that hasn't been aborted.
-    pub fn can_be_aborted(&self, scene: &Scene, now_s: f64) -> bool {
-        match self.state {
-            State::Moving => self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE),
-            State::Jogging => self.moves(scene, now_s).contains(&true),
-            _ => false,
-        }
+    pub fn can_be_aborted(&self) -> bool {
+        self.state == State::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
     }
 
     /// Which positioners move.
     pub fn moves(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
         self.positioners.each_ref().map(|positioner| positioner.moves(scene, now_s))
-    }
-
-    /// Which positioners are busy: moving, or about to.
-    pub fn busy(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
-        match self.state {
-            State::Initializing | State::Homing | State::Calibrating => [true; 3],
-            _ => self.moves(scene, now_s),
-        }
     }
 
     /// When what it is about ends, s; infinite: never by itself.
@@ -170,41 +148,34 @@ impl Group {
         while let Some(errand) = self.errand.take_if(|errand| errand.end_s <= now_s) {
             match errand.then {
                 Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
-                Then::HomeOthers(way_mm) => {
+                Then::HomeOthers => {
                     self.positioners[Axis::Z.index()].set_homed();
-                    self.home([Axis::X, Axis::Y], Then::Homed(way_mm), errand.outcome, scene, now_s);
+                    self.home([Axis::X, Axis::Y], Then::Homed, errand.outcome, scene, now_s);
                 }
-                Then::Homed(way_mm) => {
+                Then::Homed => {
                     self.positioners.iter_mut().for_each(Positioner::set_homed);
-                    let end_s = self.start(way_mm.unwrap_or_default().map(Some), scene, now_s);
-                    self.errand = Some(Errand { end_s, then: Then::Rest(State::ReadyFromHoming), ..errand });
+                    self.rest(State::ReadyFromHoming, errand.code, &errand.outcome);
                 }
             }
         }
     }
 
-    /// `GroupInitialize` and its variants: from not initialised to not referenced.
-    pub fn initialize(&mut self, how: Initialize, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
+    /// `GroupInitialize`, and `GroupInitializeWithEncoderCalibration`: from not initialised to not referenced.
+    pub fn initialize(&mut self, calibrates: bool, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(matches!(self.state, State::NotInitialized | State::Killed))?;
-        if how != Initialize::KeepCount {
-            self.positioners.iter_mut().for_each(|positioner| positioner.reset_encoder(scene));
-        }
-        let calibrates = how == Initialize::Calibrate;
+        self.positioners.iter_mut().for_each(|positioner| positioner.reset_encoder(scene));
         let end_s = now_s + INITIALIZE_S + if calibrates { CALIBRATE_S } else { 0.0 };
         let state = if calibrates { State::Calibrating } else { State::Initializing };
         Ok(self.begin(state, end_s, Then::Rest(State::NotReferenced)))
     }
 
-    /// `GroupHomeSearch`, with a way to go from there or none: z, then x and y together.
-    pub fn home_search(&mut self, way_mm: Option<[f64; 3]>, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+    /// `GroupHomeSearch`: z, then x and y together.
+    pub fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(self.state == State::NotReferenced)?;
-        if let Some(way_mm) = way_mm {
-            self.must_allow(way_mm.map(Some))?;
-        }
         self.state = State::Homing;
         self.stirred = true;
         let outcome = Outcome::default();
-        self.home([Axis::Z], Then::HomeOthers(way_mm), outcome.clone(), scene, now_s);
+        self.home([Axis::Z], Then::HomeOthers, outcome.clone(), scene, now_s);
         Ok(outcome)
     }
 
@@ -227,7 +198,7 @@ impl Group {
 
     /// `GroupMoveAbort`: to rest, as hard as each moves. The move under way ends then, with its error.
     pub fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
-        self.must(matches!(self.state, State::Moving | State::Jogging))?;
+        self.must(self.state == State::Moving)?;
         self.positioners.iter().for_each(|positioner| positioner.abort(scene, now_s));
         self.cut_short(State::Moving, State::ReadyFromAbort, Code::ABORTED, scene, now_s);
         Ok(())
@@ -247,39 +218,9 @@ impl Group {
         Ok(())
     }
 
-    /// `GroupJogModeEnable` and `GroupJogModeDisable`, which wants the positioners to rest.
-    pub fn jog_mode(&mut self, on: bool, scene: &Scene, now_s: f64) -> Result<(), Code> {
-        let rests = !self.moves(scene, now_s).contains(&true);
-        self.must(if on { self.state.is_ready() } else { self.state == State::Jogging && rests })?;
-        self.state = if on { State::Jogging } else { State::ReadyFromJog };
-        self.positioners.iter_mut().for_each(|positioner| positioner.jog.0 = 0.0);
-        Ok(())
-    }
-
-    /// `GroupJogParametersSet`: speeds and accelerations of those that are to change theirs.
-    pub fn jog(&mut self, jogs: [Option<(f64, f64)>; 3], scene: &mut Scene, now_s: f64) -> Result<(), Code> {
-        self.must(self.state == State::Jogging)?;
-        for (positioner, (speed_mm_s, acceleration_mm_s2)) in self.positioners.iter().zip(jogs).filter_map(both) {
-            let asked = super::positioner::SGamma {
-                speed_mm_s: speed_mm_s.abs().max(f64::MIN_POSITIVE),
-                acceleration_mm_s2,
-                ..positioner.s_gamma
-            };
-            if !asked.is_sound() {
-                return Err(Code::JOG_OUT_OF_RANGE);
-            }
-        }
-        for (positioner, jog) in self.positioners.iter_mut().zip(jogs).filter_map(both) {
-            positioner.jog = jog;
-            positioner.run_jog(scene, now_s);
-        }
-        self.stirred = true;
-        Ok(())
-    }
-
     /// `PositionerUserTravelLimitsSet`: within the travel, and not while something moves.
     pub fn limit(&mut self, positioner: usize, limits_mm: (f64, f64)) -> Result<(), Code> {
-        self.must(!matches!(self.state, State::Moving | State::Jogging | State::Homing))?;
+        self.must(!matches!(self.state, State::Moving | State::Homing))?;
         let travel_mm = super::positioner::TRAVEL_MM;
         if limits_mm.0 < -travel_mm || limits_mm.1 > travel_mm || limits_mm.0 >= limits_mm.1 {
             return Err(Code::OUT_OF_RANGE);

@@ -15,7 +15,6 @@
 mod controller;
 mod errors;
 mod events;
-mod gathering;
 mod group;
 mod motion;
 mod positioner;
@@ -111,7 +110,7 @@ impl Instrument for Xps {
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut controller = self.controller();
         controller.notice(scene, now_s);
-        let (stirred, next_s) = (controller.take_stirred(), controller.next_s(scene, now_s));
+        let (stirred, next_s) = (controller.take_stirred(), controller.next_s(now_s));
         let waits = self.pending.is_some() || controller.is_unattended();
         drop(controller);
         if stirred {

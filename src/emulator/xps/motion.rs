@@ -1,11 +1,12 @@
+//! The calls that concern the group and its positioners.
+
 use super::controller::{Answer, Controller, tell};
 use super::errors::Code;
-use super::group::{Group, Initialize, Object, State};
+use super::group::{Group, Object, State};
 use super::positioner::{self, Positioner, SGamma};
 use super::syntax::{Call, Type, numbers};
 use crate::scene::Scene;
 
-/// The calls that concern the group and its positioners.
 impl Controller {
     /// Calls of the group, or of the group or one positioner.
     pub(super) fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
@@ -14,18 +15,7 @@ impl Controller {
             let text = State::text(call.whole()?);
             return tell(call, Type::Char, text);
         }
-        let known = [
-            "GroupPositionCurrentGet",
-            "GroupPositionSetpointGet",
-            "GroupVelocityCurrentGet",
-            "GroupMotionStatusGet",
-            "GroupMoveAbsolute",
-            "GroupMoveRelative",
-            "GroupJogParametersSet",
-            "GroupJogParametersGet",
-            "GroupJogCurrentGet",
-        ];
-        if !known.contains(&name) {
+        if !["GroupPositionCurrentGet", "GroupMoveAbsolute", "GroupMoveRelative"].contains(&name) {
             return self.run_whole_group(call, scene, now_s);
         }
         let object = self.group.object(call.text()?)?;
@@ -43,37 +33,10 @@ impl Controller {
                 let move_so = if name == "GroupMoveAbsolute" { Group::move_to } else { Group::move_by };
                 move_so(&mut self.group, numbers, scene, now_s).map(Answer::from)
             }
-            "GroupJogParametersSet" => {
-                let mut jogs = [None; 3];
-                for index in each {
-                    jogs[index] = Some((call.number()?, call.number()?));
-                }
-                call.end()?;
-                self.group.jog(jogs, scene, now_s).map(Answer::from)
-            }
-            "GroupMotionStatusGet" => {
-                call.results(Type::Int, each.len())?;
-                let busy = &self.group.busy(scene, now_s)[each];
-                let numbers: Vec<&str> = busy.iter().map(|busy| if *busy { "1" } else { "0" }).collect();
-                Ok(numbers.join(",").into())
-            }
-            "GroupJogParametersGet" | "GroupJogCurrentGet" => {
-                call.results(Type::Double, 2 * each.len())?;
-                let current = name == "GroupJogCurrentGet";
-                let jogs = self.group.positioners[each].iter().flat_map(|positioner| {
-                    let (speed_mm_s, acceleration_mm_s2) = positioner.jog;
-                    [if current { positioner.speed_mm_s(scene, now_s) } else { speed_mm_s }, acceleration_mm_s2]
-                });
-                Ok(numbers(jogs).into())
-            }
             _ => {
                 call.results(Type::Double, each.len())?;
-                let tell = |positioner: &Positioner| match name {
-                    "GroupPositionCurrentGet" => positioner.count_mm(scene, now_s),
-                    "GroupPositionSetpointGet" => positioner.setpoint_mm(scene, now_s),
-                    _ => positioner.speed_mm_s(scene, now_s),
-                };
-                Ok(numbers(self.group.positioners[each].iter().map(tell)).into())
+                let count_mm = |positioner: &Positioner| positioner.count_mm(scene, now_s);
+                Ok(numbers(self.group.positioners[each].iter().map(count_mm)).into())
             }
         }
     }
@@ -84,15 +47,11 @@ impl Controller {
         let known = [
             "GroupKill",
             "GroupInitialize",
-            "GroupInitializeNoEncoderReset",
             "GroupInitializeWithEncoderCalibration",
             "GroupHomeSearch",
-            "GroupHomeSearchAndRelativeMove",
             "GroupMotionEnable",
             "GroupMotionDisable",
             "GroupMoveAbort",
-            "GroupJogModeEnable",
-            "GroupJogModeDisable",
             "GroupStatusGet",
         ];
         if !known.contains(&name) {
@@ -105,28 +64,16 @@ impl Controller {
             let status = self.group.status().to_string();
             return tell(call, Type::Int, &status);
         }
-        if name == "GroupHomeSearchAndRelativeMove" {
-            let way_mm = [call.number()?, call.number()?, call.number()?];
-            call.end()?;
-            return self.group.home_search(Some(way_mm), scene, now_s).map(Answer::from);
-        }
         call.end()?;
         match name {
             "GroupKill" => {
                 self.group.kill(scene, now_s);
                 Ok(().into())
             }
-            "GroupInitialize" => self.group.initialize(Initialize::Plain, scene, now_s).map(Answer::from),
-            "GroupInitializeNoEncoderReset" => {
-                self.group.initialize(Initialize::KeepCount, scene, now_s).map(Answer::from)
-            }
-            "GroupInitializeWithEncoderCalibration" => {
-                self.group.initialize(Initialize::Calibrate, scene, now_s).map(Answer::from)
-            }
-            "GroupHomeSearch" => self.group.home_search(None, scene, now_s).map(Answer::from),
+            "GroupInitialize" => self.group.initialize(false, scene, now_s).map(Answer::from),
+            "GroupInitializeWithEncoderCalibration" => self.group.initialize(true, scene, now_s).map(Answer::from),
+            "GroupHomeSearch" => self.group.home_search(scene, now_s).map(Answer::from),
             "GroupMoveAbort" => self.group.abort(scene, now_s).map(Answer::from),
-            "GroupJogModeEnable" => self.group.jog_mode(true, scene, now_s).map(Answer::from),
-            "GroupJogModeDisable" => self.group.jog_mode(false, scene, now_s).map(Answer::from),
             _ => self.group.enable(name == "GroupMotionEnable").map(Answer::from),
         }
     }

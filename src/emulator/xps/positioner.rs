@@ -1,3 +1,5 @@
+//! One positioner of the group: its place, its speeds, its limits.
+
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
 
@@ -32,8 +34,6 @@ pub struct Positioner {
     pub s_gamma: SGamma,
     /// Least and most count that a target may have, mm.
     pub limits_mm: (f64, f64),
-    /// Speed and acceleration of the last jog, mm/s and mm/s^2.
-    pub jog: (f64, f64),
 }
 
 /// How a positioner moves. The jerk times are kept and told, and otherwise mean nothing here: the scene's axes change their
@@ -63,14 +63,8 @@ impl Positioner {
     pub fn new(name: &str, axis: Axis, scene: &Scene) -> Self {
         let s_gamma =
             SGamma { speed_mm_s: SPEED_MOST_MM_S, acceleration_mm_s2: ACCELERATION_MOST_MM_S2, jerk_s: JERK_S };
-        let mut positioner = Positioner {
-            name: name.into(),
-            axis,
-            offset_mm: 0.0,
-            s_gamma,
-            limits_mm: (-TRAVEL_MM, TRAVEL_MM),
-            jog: (0.0, ACCELERATION_MOST_MM_S2),
-        };
+        let mut positioner =
+            Positioner { name: name.into(), axis, offset_mm: 0.0, s_gamma, limits_mm: (-TRAVEL_MM, TRAVEL_MM) };
         positioner.reset_encoder(scene);
         positioner
     }
@@ -93,11 +87,6 @@ impl Positioner {
     /// Where the controller has it by now, count, mm.
     pub fn setpoint_mm(&self, scene: &Scene, now_s: f64) -> f64 {
         scene.motion(self.axis).position_mm(now_s) - self.offset_mm
-    }
-
-    /// How fast it moves, mm/s.
-    pub fn speed_mm_s(&self, scene: &mut Scene, now_s: f64) -> f64 {
-        scene.axis(self.axis, now_s).1
     }
 
     /// Whether the controller moves it.
@@ -129,20 +118,6 @@ impl Positioner {
     /// To the home mark.
     pub fn go_home(&self, scene: &mut Scene, now_s: f64) {
         let way = Trajectory::to(now_s, self.commanded(scene, now_s), 0.0, HOME_SPEED_MM_S, HOME_ACCELERATION_MM_S2);
-        scene.set_motion(self.axis, way, now_s);
-    }
-
-    /// On with the speed of its jog, until that is changed or a limit reached; 0: to rest.
-    pub fn run_jog(&self, scene: &mut Scene, now_s: f64) {
-        let (speed_mm_s, acceleration_mm_s2) = self.jog;
-        if speed_mm_s == 0.0 {
-            self.stop(acceleration_mm_s2, scene, now_s);
-            return;
-        }
-        let limit_mm = if speed_mm_s > 0.0 { self.limits_mm.1 } else { self.limits_mm.0 };
-        let state = self.commanded(scene, now_s);
-        let acceleration_mm_s2 = acceleration_mm_s2.max(least_brake_mm_s2(state));
-        let way = Trajectory::to(now_s, state, limit_mm + self.offset_mm, speed_mm_s.abs(), acceleration_mm_s2);
         scene.set_motion(self.axis, way, now_s);
     }
 

@@ -1,3 +1,5 @@
+//! Requests and replies as they stand on the wire.
+
 use super::errors::Code;
 
 /// Longest reply: clients in the field take one segment of so many bytes for all there is.

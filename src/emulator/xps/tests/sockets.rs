@@ -61,33 +61,32 @@ async fn a_guard_aborts_a_press_within_a_millisecond_and_is_gone() {
     for (sent, answered) in GUARD {
         exchange(&mut polls, sent, answered).await;
     }
-    exchange(&mut polls, "EventExtendedAllGet(char *)", "0,1,EndOfAPI").await;
     exchange(&mut moves, "GroupMoveAbsolute(XYZ,0,0,-3)", "-27,GroupMoveAbsolute(XYZ,0,0,-3),EndOfAPI").await;
     exchange(&mut polls, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
     let force_n = scene.lock().expect("sound").true_force_n(1000.0);
     // 1 mm/s for 2 ms, and 5 um to brake
     assert!((1.5..1.5 + 0.008 * STIFFNESS_N_MM).contains(&force_n), "{force_n} N");
-    exchange(&mut polls, "EventExtendedAllGet(char *)", "-83,EventExtendedAllGet(char *),EndOfAPI").await;
+    exchange(&mut polls, "EventExtendedRemove(1)", "-83,EventExtendedRemove(1),EndOfAPI").await;
     exchange(&mut moves, "GroupMoveAbsolute(XYZ,0,0,-1)", "0,,EndOfAPI").await;
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_guard_that_always_guards_is_armed_during_a_move_and_stays_until_it_is_removed() {
+async fn a_guard_is_armed_during_a_move_and_one_that_is_removed_guards_no_more() {
     let (scene, [mut moves, mut polls, _], _) = wired().await;
     exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
     moves.send(b"GroupMoveAbsolute(XYZ.Z,-3)").await;
     sleep(Duration::from_millis(100)).await;
-    let always = "EventExtendedConfigurationTriggerSet(Always,0,0,0,0,GPIO2.ADC1.ADCHighLimit,3,0,0,0)";
-    exchange(&mut polls, always, "0,,EndOfAPI").await;
-    for (sent, answered) in &GUARD[1..] {
+    for (sent, answered) in GUARD {
         exchange(&mut polls, sent, answered).await;
     }
     exchange(&mut moves, "", "-27,GroupMoveAbsolute(XYZ.Z,-3),EndOfAPI").await;
     let force_n = scene.lock().expect("sound").true_force_n(1000.0);
     assert!((1.5..1.52).contains(&force_n), "{force_n} N");
-    // it is over the limit, so it can't move at all
+    // over the limit it can't move at all while it is guarded
+    exchange(&mut polls, "EventExtendedStart(int *)", "0,2,EndOfAPI").await;
     exchange(&mut moves, "GroupMoveAbsolute(XYZ.Z,0)", "-27,GroupMoveAbsolute(XYZ.Z,0),EndOfAPI").await;
-    exchange(&mut polls, "EventExtendedRemove(1)", "0,,EndOfAPI").await;
+    exchange(&mut polls, "EventExtendedStart(int *)", "0,3,EndOfAPI").await;
+    exchange(&mut polls, "EventExtendedRemove(3)", "0,,EndOfAPI").await;
     exchange(&mut moves, "GroupMoveAbsolute(XYZ.Z,0)", "0,,EndOfAPI").await;
 }
 
@@ -103,17 +102,6 @@ async fn what_a_closed_socket_began_goes_on_and_is_guarded() {
     drop(moves);
     sleep(Duration::from_secs(10)).await;
     assert!(xps.lock().expect("sound").controller().is_unattended());
-    exchange(&mut other, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
-    let force_n = scene.lock().expect("sound").true_force_n(1000.0);
-    assert!((1.5..1.52).contains(&force_n), "{force_n} N");
-    // a jog has no socket that waits for it, and is guarded too
-    exchange(&mut polls, "EventExtendedStart(int *)", "0,2,EndOfAPI").await;
-    exchange(&mut polls, "GroupMoveAbsolute(XYZ.Z,0.5)", "-27,GroupMoveAbsolute(XYZ.Z,0.5),EndOfAPI").await;
-    exchange(&mut polls, "GroupMoveAbsolute(XYZ.Z,0.5)", "0,,EndOfAPI").await;
-    exchange(&mut polls, "EventExtendedStart(int *)", "0,3,EndOfAPI").await;
-    exchange(&mut polls, "GroupJogModeEnable(XYZ)", "0,,EndOfAPI").await;
-    exchange(&mut polls, "GroupJogParametersSet(XYZ.Z,-1,100)", "0,,EndOfAPI").await;
-    sleep(Duration::from_secs(10)).await;
     exchange(&mut other, "GroupStatusGet(XYZ,int *)", "0,10,EndOfAPI").await;
     let force_n = scene.lock().expect("sound").true_force_n(1000.0);
     assert!((1.5..1.52).contains(&force_n), "{force_n} N");
@@ -143,53 +131,6 @@ async fn a_guard_watches_on_while_a_slow_link_takes_its_time() {
     exchange(&mut moves, "", "0,10,EndOfAPI").await;
     let force_n = scene.lock().expect("sound").true_force_n(1000.0);
     assert!((1.5..1.52).contains(&force_n), "{force_n} N");
-}
-
-#[tokio::test(start_paused = true)]
-async fn what_is_gathered_lies_on_one_clock() {
-    let (_, [mut moves, mut polls, _], _) = wired().await;
-    exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
-    let not_yet = "-32,GatheringRun(10,10),EndOfAPI";
-    exchange(&mut polls, "GatheringRun(10,10)", not_yet).await;
-    let types = "XYZ.Z.CurrentPosition,XYZ.Z.SetpointPosition,XYZ.Z.CurrentVelocity,GPIO2.ADC1";
-    exchange(&mut polls, &format!("GatheringConfigurationSet({types})"), "0,,EndOfAPI").await;
-    let bad = "GatheringConfigurationSet(XYZ.Z.Colour)";
-    exchange(&mut polls, bad, &format!("-29,{bad},EndOfAPI")).await;
-    let told = format!("0,{},EndOfAPI", types.replace(',', ";"));
-    exchange(&mut polls, "GatheringConfigurationGet(char *)", &told).await;
-    exchange(&mut polls, "GatheringDataGet(0,char *)", "-30,GatheringDataGet(0,char *),EndOfAPI").await;
-    exchange(&mut polls, "GatheringRun(1000,10)", "0,,EndOfAPI").await;
-    exchange(&mut polls, "GatheringRun(1000,10)", "-43,GatheringRun(1000,10),EndOfAPI").await;
-    moves.send(b"GroupMoveAbsolute(XYZ.Z,-0.5)").await;
-    sleep(Duration::from_millis(100)).await;
-    exchange(&mut moves, "", "0,,EndOfAPI").await;
-    sleep(Duration::from_secs(2)).await;
-    exchange(&mut polls, "GatheringCurrentNumberGet(int *,int *)", "0,1000,250000,EndOfAPI").await;
-    exchange(&mut polls, "GatheringDataGet(0,char *)", "0,0;0;0;0,EndOfAPI").await;
-    exchange(&mut polls, "GatheringDataGet(999,char *)", "0,-0.5;-0.5;0;2,EndOfAPI").await;
-    let beyond = "GatheringDataGet(1000,char *)";
-    exchange(&mut polls, beyond, &format!("-17,{beyond},EndOfAPI")).await;
-    let two = "0,-0.5;-0.5;0;2\n-0.5;-0.5;0;2,EndOfAPI";
-    exchange(&mut polls, "GatheringDataMultipleLinesGet(998,2,char *)", two).await;
-    let long = "GatheringDataMultipleLinesGet(0,500,char *)";
-    exchange(&mut polls, long, &format!("-17,{long},EndOfAPI")).await;
-    // 1 mm/s: a micrometre a sample, 4 mV with it
-    let mut before = [0.0; 4];
-    for sample in 100..110 {
-        polls.send(format!("GatheringDataGet({sample},char *)").as_bytes()).await;
-        let mut reply = Vec::new();
-        while !reply.ends_with(b",EndOfAPI") {
-            reply.extend(polls.ask(b"", 1).await);
-        }
-        let reply = String::from_utf8(reply).expect("text");
-        let values = reply.split(',').nth(1).expect("values").split(';').map(|value| value.parse().expect("a number"));
-        let values: Vec<f64> = values.collect();
-        assert!((values[3] + 4.0 * values[0]).abs() < 1e-9 && (values[2] + 1.0).abs() < 1e-9, "{values:?}");
-        assert!(sample == 100 || (before[0] - values[0] - 0.001).abs() < 1e-9, "{values:?} after {before:?}");
-        before.copy_from_slice(&values);
-    }
-    exchange(&mut polls, "GatheringStop()", "-30,GatheringStop(),EndOfAPI").await;
-    exchange(&mut polls, "GatheringReset()", "0,,EndOfAPI").await;
 }
 
 #[tokio::test(start_paused = true)]
