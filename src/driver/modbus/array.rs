@@ -1,5 +1,6 @@
 use super::client::Client;
-use super::profile::{Outputs, Probe, Profile, Transport};
+use super::profile::{Outputs, Probe, Profile};
+use super::request::Transport;
 use crate::device::{DeviceError, Identity, Problem, SensorArray};
 use crate::wire::Connector;
 

@@ -1,5 +1,6 @@
 use super::line::Line;
-use super::profile::{Function, Probe, Profile, Register, Transport};
+use super::profile::{Probe, Profile, Register};
+use super::request::{Function, Transport};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{ByteStream, Connector};
 use std::io::ErrorKind;

@@ -1,4 +1,4 @@
-use super::profile::Transport;
+use super::request::Transport;
 use crate::wire::ByteStream;
 use std::io;
 use std::pin::Pin;
