@@ -71,6 +71,7 @@ fn contact(press: u64) -> Contact {
         outputs: (0..UNITS as u64).map(wave).collect(),
         flags: Vec::new(),
         z_mm: Some(-wave(3)),
+        ..Press::default()
     };
     let path = (0..6).map(|n| (wave(n) / 3.0, wave(n + 1) / 7.0)).collect();
     let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };

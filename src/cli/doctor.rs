@@ -90,7 +90,11 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             1000.0 * zero.sigma_n
         );
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
-        let _ = writeln!(text, "{:<11}noise of the noisiest output {:.2} mV", "", 1000.0 * outputs_sigma_v);
+        let noise = match spec.array.unit.as_str() {
+            "V" => format!("{:.2} mV", 1000.0 * outputs_sigma_v),
+            unit => format!("{outputs_sigma_v:.4} {unit}"),
+        };
+        let _ = writeln!(text, "{:<11}noise of the noisiest output {noise}", "");
     }
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s) {
         let _ = writeln!(text, "\nreaction   from a force to the stage's answer to a command");

@@ -4,9 +4,9 @@ use super::exit::Failure;
 use super::recorded::read_run;
 use super::solve::solvers;
 use super::summary::print;
-use crate::dataset::{Recorded, files};
-use crate::quantity::ArrayLayout;
+use crate::dataset::{Recorded, check_run, files};
 use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
+use crate::rig::ArraySpec;
 use crate::solver::{BEST, Evaluation};
 use std::fs;
 use std::io;
@@ -46,15 +46,15 @@ pub fn report(args: &Args) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;
-    let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array.layout));
-    let runs: Vec<(Recorded, ArrayLayout)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
-    let (html, told) = if args.compare { compare(&runs, &args.solver) } else { one(runs)? };
+    let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array));
+    let runs: Vec<(Recorded, ArraySpec)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
+    let (html, told) = if args.compare { compare(runs, &args.solver) } else { one(runs)? };
     write(&out, &html)?;
     print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn one(runs: Vec<(Recorded, ArrayLayout)>) -> Result<(String, String), Failure> {
+fn one(runs: Vec<(Recorded, ArraySpec)>) -> Result<(String, String), Failure> {
     let subject = Subject::of(runs).map_err(failure)?;
     let judged = Judged::of(&subject.presses, &subject.layout);
     let told = match judged.decisive() {
@@ -69,8 +69,9 @@ fn one(runs: Vec<(Recorded, ArrayLayout)>) -> Result<(String, String), Failure> 
     Ok((page(&subject, &judged), told))
 }
 
-fn compare(runs: &[(Recorded, ArrayLayout)], solver: &str) -> (String, String) {
-    let compared = Compared::all(runs, solver);
+fn compare(runs: Vec<(Recorded, ArraySpec)>, solver: &str) -> (String, String) {
+    let runs: Vec<_> = runs.into_iter().map(|(recorded, array)| (recorded, array.layout)).collect();
+    let compared = Compared::all(&runs, solver);
     let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();
     (comparison(&compared, solver), format!("{} compared, {accepted} accepted", counted(compared.len(), "run")))
 }
@@ -81,8 +82,9 @@ fn check_free(out: &Path) -> Result<(), Failure> {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
         is_file && fs::read_to_string(out).is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK))
     };
-    if let Err(why) = files::check_replaceable(out) {
-        let help = "choose another --out: only a page that palpate wrote is replaced";
+    // in a run folder a link is somebody's trap; elsewhere it is a person's wish
+    if let Err(why) = if is_in_run(out) { files::check_replaceable(out) } else { Ok(()) } {
+        let help = "remove it, or choose another --out";
         return Err(Failure::usage(miette::miette!(help = help, "{}: {why}", out.display())));
     }
     if out.symlink_metadata().is_ok() && !is_ours() {
@@ -110,7 +112,12 @@ fn put(out: &Path, html: &str) -> io::Result<()> {
     if let Some(parent) = out.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         fs::create_dir_all(parent)?;
     }
-    files::place(out, html)
+    let linked = if is_in_run(out) { None } else { fs::canonicalize(out).ok() }; // a link stays one
+    files::place(linked.as_deref().unwrap_or(out), html)
+}
+
+fn is_in_run(out: &Path) -> bool {
+    out.parent().is_some_and(|folder| check_run(folder).is_ok())
 }
 
 fn failure(error: ReportError) -> Failure {

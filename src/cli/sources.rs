@@ -75,7 +75,10 @@ impl Sources {
     pub fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, rig_text: &str) -> Result<Sources, Failure> {
         let text = texts.recipe().to_owned();
         let name = run.join("recipe.toml").display().to_string();
-        let spec = parse_rig(&rig.rig, rig_text, texts).map(|spec| (rig_text.to_owned(), spec));
+        let began = parse_rig(&run.join("rig.toml"), texts.first_rig(), texts)?;
+        let full_scale_n = Some(began.limits.force_n);
+        let spec = parse_rig(&rig.rig, rig_text, texts);
+        let spec = spec.map(|spec| (rig_text.to_owned(), RigSpec { full_scale_n, ..spec }));
         Sources::of((recipe::parse(&name, &text).map_err(Failure::usage), text), spec, rig)
     }
 

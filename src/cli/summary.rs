@@ -1,7 +1,7 @@
 use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
 use crate::dataset::characteristics::Repeatability;
-use crate::dataset::evaluate::evaluate_run;
+use crate::dataset::evaluate::Trial;
 use crate::dataset::{RunFolder, Status, TABLES};
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
@@ -62,9 +62,8 @@ pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Re
         return Ok(Vec::new());
     }
     let presses = folder.presses().map_err(Failure::dataset)?;
-    let evaluate =
-        |solver: &String| evaluate_run(&presses, Some(&spec.array.layout), solver).map_err(Failure::not_accepted);
-    solvers.iter().map(evaluate).collect()
+    let trial = Trial::of_run(&presses, Some(&spec.array.layout)).map_err(Failure::not_accepted)?;
+    solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
 }
 
 /// What a complete run came to: the evaluation beside the paper's, and Table 1.

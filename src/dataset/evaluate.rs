@@ -5,11 +5,11 @@ use super::{Press, Presses};
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use crate::solver::{
-    Calibration, Evaluation, EvaluationError, FitError, Fitted, Load, Setting, Solver, TestPress, Workspace, evaluate,
-    fit,
+    Evaluation, EvaluationError, FitError, Fitted, Load, Prepared, Setting, Solver, TestPress, Workspace, evaluate,
 };
 use miette::Diagnostic;
 use std::hint::black_box;
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// How long solves are repeated for to time one of them: long beside a clock's grain, short beside a person's patience.
@@ -61,6 +61,8 @@ pub struct Trial<'a> {
     force: &'static ForceColumn,
     /// A run is evaluated by the load cell's forces too.
     is_run: bool,
+    /// What all methods that are fitted to the calibration share.
+    prepared: OnceLock<Prepared<'a>>,
 }
 
 impl<'a> Trial<'a> {
@@ -69,7 +71,8 @@ impl<'a> Trial<'a> {
     pub fn of_run(presses: &'a Presses, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
         let calibration = Selection::of_phase(presses, Phase::Calibration)?;
         let test = Selection::of_phase(presses, Phase::Test)?;
-        Ok(Trial { calibration, test, layout, load: Load::default(), force: &COMMANDED, is_run: true })
+        let prepared = OnceLock::new();
+        Ok(Trial { calibration, test, layout, load: Load::default(), force: &COMMANDED, is_run: true, prepared })
     }
 
     /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
@@ -77,13 +80,14 @@ impl<'a> Trial<'a> {
         check_channels(calibration, test)?;
         let calibration = Selection::of_all(calibration, Phase::Calibration)?;
         let test = Selection::of_all(test, Phase::Test)?;
-        Ok(Trial { calibration, test, layout: None, load: Load::default(), force: &LOAD_CELL, is_run: false })
+        let prepared = OnceLock::new();
+        Ok(Trial { calibration, test, layout: None, load: Load::default(), force: &LOAD_CELL, is_run: false, prepared })
     }
 
     /// The same with what is known of the load of the test.
     #[must_use]
     pub fn with_load(self, load: Load) -> Self {
-        Trial { load, ..self }
+        Trial { load, prepared: OnceLock::new(), ..self }
     }
 
     /// Fits a method and solves the test with it.
@@ -93,10 +97,12 @@ impl<'a> Trial<'a> {
 
     /// The same, with the method that was fitted.
     pub fn evaluate_fitted(&self, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
-        let (mut evaluation, fitted) = self.by(self.force, solver)?;
+        let (mut evaluation, fitted) = self.by(self.force, self.prepared()?, solver)?;
         if self.is_run {
-            // by its name: what was chosen isn't chosen again
-            evaluation.force_error_load_cell_n = self.by(&LOAD_CELL, fitted.name())?.0.force_error_n;
+            // by its name: what was chosen isn't chosen again; of its answers the force alone counts
+            let by_load_cell = self.prepare(&LOAD_CELL, false)?;
+            let answers = self.by(&LOAD_CELL, &by_load_cell, fitted.name())?.0;
+            evaluation.force_error_load_cell_n = answers.force_error_n;
         }
         evaluation.choice = fitted.choice().cloned();
         Ok((evaluation, fitted))
@@ -112,29 +118,43 @@ impl<'a> Trial<'a> {
     /// What the answers alone come to, without the errors that a method states of itself and without the load cell: the same
     /// numbers as [`evaluate`](Self::evaluate), sooner.
     pub fn answers(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
-        let setting = Setting { load: self.load, appraised: false, ..Setting::of_layout(self.layout) };
-        self.in_setting(self.force, solver, &setting).map(|(evaluation, _)| evaluation)
+        self.by(self.force, &self.prepare(self.force, false)?, solver).map(|(evaluation, _)| evaluation)
     }
 
-    fn by(&self, force: &ForceColumn, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
-        self.in_setting(force, solver, &Setting { load: self.load, ..Setting::of_layout(self.layout) })
+    /// The calibration, made ready once for all methods.
+    fn prepared(&self) -> Result<&Prepared<'a>, EvaluateError> {
+        match self.prepared.get() {
+            Some(prepared) => Ok(prepared),
+            None => {
+                let prepared = self.prepare(self.force, true)?;
+                Ok(self.prepared.get_or_init(|| prepared))
+            }
+        }
     }
 
-    fn in_setting(
+    /// `appraised`: see [`Setting::appraised`].
+    fn prepare(&self, force: &ForceColumn, appraised: bool) -> Result<Prepared<'a>, EvaluateError> {
+        let calibration = self.calibration.calibration(force, self.load)?;
+        let setting = Setting { load: self.load, appraised, ..Setting::of_layout(self.layout) };
+        Prepared::new(calibration, &setting).map_err(|source| self.unfit(source))
+    }
+
+    fn by(
         &self,
         force: &ForceColumn,
+        prepared: &Prepared<'_>,
         solver: &str,
-        setting: &Setting<'_>,
     ) -> Result<(Evaluation, Fitted), EvaluateError> {
-        let calibration: Calibration = self.calibration.calibration(force, self.load)?;
-        let fit_error =
-            |source: FitError| CalibrateError::Fit { source_name: self.calibration.source().to_owned(), source };
-        let fitted = fit(solver, &calibration, setting).map_err(fit_error)?;
+        let fitted = prepared.fit(solver).map_err(|source| self.unfit(source))?;
         let mut evaluation = evaluate(&fitted, &self.presses(force))
             .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
         Ok((evaluation, fitted))
+    }
+
+    fn unfit(&self, source: FitError) -> EvaluateError {
+        CalibrateError::Fit { source_name: self.calibration.source().to_owned(), source }.into()
     }
 
     fn presses(&self, force: &ForceColumn) -> Vec<TestPress<'a>> {

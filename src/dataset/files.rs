@@ -108,23 +108,23 @@ impl Draft {
     }
 }
 
-/// Puts a text in a file's place when it is on the disk, with the permissions of the file that it replaces.
+/// Puts a text in a file's place when it is on the disk, whole or not at all, with the permissions of the file that it replaces. It
+/// is written beside it first, under a name of this program's own.
 ///
 /// # Errors
-/// As of [`Draft::new`]; nothing is left beside the place then.
+/// The operating system's; nothing is left beside the place then.
 pub fn place(path: &Path, text: &str) -> io::Result<()> {
-    let mut draft = Draft::new(path)?;
-    let beside = draft.beside.clone();
+    let beside = path.with_file_name(format!(".palpate-{}.new", std::process::id()));
+    let mut file = File::create_new(&beside)?; // what lies there is somebody's
     let permitted = match fs::metadata(path) {
-        Ok(before) => draft.out.get_ref().set_permissions(before.permissions()),
+        Ok(before) => file.set_permissions(before.permissions()),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Err(error) => Err(error),
     };
     let placed = permitted
-        .and_then(|()| draft.write(text))
-        .and_then(|()| draft.out.flush())
-        .and_then(|()| draft.out.get_ref().sync_all())
-        .and_then(|()| draft.publish());
+        .and_then(|()| file.write_all(text.as_bytes()))
+        .and_then(|()| file.sync_all())
+        .and_then(|()| fs::rename(&beside, path));
     if placed.is_err() {
         let _ = fs::remove_file(&beside); // the first error is the one to report
     }

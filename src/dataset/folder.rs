@@ -141,8 +141,12 @@ impl RunFolder {
         self.journal.keep_for(session.durability);
         self.record(&Record::Session(session))?;
         kept.into_iter().try_for_each(|text| self.record(&Record::Text(text)))?;
-        if Fingerprint::of_file(&self.path, RIG).ok() != Some(Fingerprint::of(RIG, rig.as_bytes())) {
-            replace(&self.path, RIG, rig)?;
+        match Fingerprint::of_file(&self.path, RIG) {
+            Ok(found) if found == Fingerprint::of(RIG, rig.as_bytes()) => {}
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(DatasetError::io("reading", self.path.join(RIG))(error));
+            }
+            _ => replace(&self.path, RIG, rig)?,
         }
         self.write_views()?;
         self.write_manifest()?;

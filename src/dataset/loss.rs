@@ -27,8 +27,11 @@ pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetE
         return Ok(Vec::new());
     }
     let mut lost = Vec::new();
-    if let Ok(manifest) = Manifest::read(&folder.join(MANIFEST)) {
-        lost.extend(beyond(folder, &manifest, known)?);
+    match Manifest::read(&folder.join(MANIFEST)) {
+        Ok(manifest) => lost.extend(beyond(folder, &manifest, known)?),
+        Err(DatasetError::Io { why, .. }) if why.kind() == ErrorKind::NotFound => {}
+        Err(error @ DatasetError::Io { .. }) => return Err(error),
+        Err(_) => {}
     }
     for table in [PRESSES, SCENE] {
         let missing: BTreeSet<u64> =

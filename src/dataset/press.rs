@@ -79,6 +79,10 @@ columns! {
     flags: Vec<Flag>, Optional, 0;
     /// The stage's z in the window, read back, stage frame, mm.
     z_mm: Option<f64>, Run, 5;
+    /// The load cell's mean force in air before the press, from the zero, N.
+    air_before_n: Option<f64>, Sparse, 6;
+    /// The same on the way to the next place; none where a rest comes between, or the plan ends.
+    air_after_n: Option<f64>, Sparse, 6;
 }
 
 impl Column {
@@ -190,6 +194,8 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         outputs: vec![0.1, -0.000_000_01],
         flags: vec![Flag::OutOfTolerance],
         z_mm: Some(-0.9),
+        air_before_n: Some(0.001),
+        air_after_n: None,
     }
 }
 
@@ -202,14 +208,17 @@ mod tests {
         let press = example(3, 0).rounded();
         assert_eq!(
             csv_header(2),
-            "press,level,phase,x_mm,y_mm,force_set_n,force_n,depth_mm,t_s,out_1,out_2,flags,z_mm\n"
+            "press,level,phase,x_mm,y_mm,force_set_n,force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
         );
-        assert_eq!(csv_line(&press), "3,0,calibration,-5.5,6,1,0.996235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9\n");
+        assert_eq!(
+            csv_line(&press),
+            "3,0,calibration,-5.5,6,1,0.996235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
+        );
         assert_eq!(
             press.to_json(),
             "{\"press\":3,\"level\":0,\"phase\":\"calibration\",\"x_mm\":-5.5,\"y_mm\":6.0,\"force_set_n\":1.0,\
              \"force_n\":0.996235,\"depth_mm\":0.81235,\"t_s\":12.3457,\"out_1\":0.1,\"out_2\":0.0,\
-             \"flags\":\"out-of-tolerance\",\"z_mm\":-0.9}"
+             \"flags\":\"out-of-tolerance\",\"z_mm\":-0.9,\"air_before_n\":0.001,\"air_after_n\":null}"
         );
     }
 

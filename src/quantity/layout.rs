@@ -50,6 +50,18 @@ impl ArrayLayout {
         }
     }
 
+    /// What an output is called: its unit, counted from 1, and where a unit has several channels the channel too.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    pub fn name(&self, output: usize) -> String {
+        let unit = self.units[output];
+        let of_unit = |index: &usize| self.units[*index] == unit;
+        let (before, all) = ((0..output).filter(of_unit).count(), (0..self.len()).filter(of_unit).count());
+        let channel = if all > 1 { format!(", channel {}", before + 1) } else { String::new() };
+        format!("unit {}{channel}", unit + 1)
+    }
+
     /// How many outputs there are.
     pub fn len(&self) -> usize {
         self.places.len()

@@ -22,7 +22,7 @@ pub struct Compared {
     why_not: Option<String>,
     /// Means over the units, %: repeatability loading and unloading (3 sd), hysteresis.
     table_1: [Option<f64>; 3],
-    /// Mean output of each unit over the calibration, V a newton; empty without one.
+    /// Mean output of each unit over the calibration, in its own unit a newton; empty without one.
     gains: Vec<f64>,
     /// The calibration's places with their commanded forces: gains of the same ones are comparable.
     calibrated: Vec<(Place, f64)>,

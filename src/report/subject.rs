@@ -2,6 +2,7 @@ use super::frame::counted;
 use crate::dataset::{DatasetError, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
+use crate::rig::ArraySpec;
 use miette::Diagnostic;
 use std::path::Path;
 use thiserror::Error;
@@ -14,6 +15,8 @@ pub struct Subject {
     pub presses: Presses,
     /// Where the units are.
     pub layout: ArrayLayout,
+    /// The unit of the outputs, as the rig says.
+    pub unit: String,
 }
 
 /// Why there is no page.
@@ -56,16 +59,16 @@ pub enum ReportError {
 const PHASES: [Phase; 3] = [Phase::Characterisation, Phase::Calibration, Phase::Test];
 
 impl Subject {
-    /// The runs of one sensor, each with the layout of its array's units.
+    /// The runs of one sensor, each with its array as the rig says.
     ///
     /// # Errors
     /// No run, or runs that don't make one page.
-    pub fn of(runs: impl IntoIterator<Item = (Recorded, ArrayLayout)>) -> Result<Subject, ReportError> {
+    pub fn of(runs: impl IntoIterator<Item = (Recorded, ArraySpec)>) -> Result<Subject, ReportError> {
         let mut subject: Option<Subject> = None;
-        for (run, layout) in runs {
+        for (run, ArraySpec { layout, unit, .. }) in runs {
             let presses = run.presses();
             subject = Some(match subject {
-                None => Subject { runs: vec![run], presses, layout },
+                None => Subject { runs: vec![run], presses, layout, unit },
                 Some(subject) => subject.joined(run, presses, &layout)?,
             });
         }
@@ -107,7 +110,7 @@ impl Subject {
         let done: u64 = self.runs.iter().map(|run| run.manifest.presses_done).sum();
         let simulated =
             if self.runs.iter().any(|run| run.manifest.facts.simulated) { ", on a simulated rig" } else { "" };
-        let (presses, units) = (counted(done as usize, "press"), counted(self.layout.len(), "unit"));
+        let (presses, units) = (counted(done as usize, "press"), counted(self.layout.units().len(), "unit"));
         format!("{presses} of the recipe {}, {units}{simulated}.", recipes.join(", "))
     }
 

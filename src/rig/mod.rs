@@ -53,6 +53,9 @@ pub struct RigSpec {
     pub frame: Frame,
     /// What is simulated when links are; the paper's where the file has no `[scene]`.
     pub scene: SceneSpec,
+    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that goes on with a
+    /// tighter limit goes on with the sensor that it began with.
+    pub full_scale_n: Option<f64>,
 }
 
 /// The stage's part of a rig file.

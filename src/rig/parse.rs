@@ -44,6 +44,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             limits: limits?,
             frame: frame?,
             scene: scene?,
+            full_scale_n: None,
         };
         check_links(&spec, table);
         check_drivers(&spec, table);

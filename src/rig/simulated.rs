@@ -77,7 +77,7 @@ impl RigSpec {
             // the drivers go by the rig's word, the scene by how the specimen really lies
             frame: spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm)),
             layout: self.array.layout.clone(),
-            full_scale_n: self.limits.force_n,
+            full_scale_n: self.full_scale_n.unwrap_or(self.limits.force_n),
             half_extent_mm: LOADING_HALF_MM,
             power_on: Position {
                 x_mm: within(Axis::X, self.frame.origin.x_mm + 1.3),

@@ -16,6 +16,7 @@ const GUARD_SIGMAS: f64 = 8.0;
 /// A contact that is over.
 pub(super) struct Pressed {
     levels: Vec<Held>,
+    air_n: f64,
     pub touched_mm: Option<f64>,
     lesson: Option<Lesson>,
 }
@@ -38,9 +39,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         // what the cell says on the way is the air of the next press, unless that is long after
         let air = if rests || next.is_none() { None } else { Some(self.hand.cell.close_air().await?) };
         self.hand.cell.watch.pause();
-        let Pressed { levels, touched_mm, lesson } = pressed;
-        let held = levels;
-        let levels = held.iter().enumerate().map(|(level, held)| self.row(entry, level, held, touched_mm)).collect();
+        let Pressed { levels: held, air_n, touched_mm, lesson } = pressed;
+        let level = |(level, held): (usize, &Held)| dataset::Press {
+            air_before_n: Some(air_n),
+            air_after_n: air.map(|air| air.mean_n),
+            ..self.row(entry, level, held, touched_mm)
+        };
+        let levels = held.iter().enumerate().map(level).map(dataset::Press::rounded).collect();
         let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
         let left = next.map(|_| Left { z_mm: self.hand.z_mm, air });
         Ok(Contact { press: entry.press, levels, truth, lesson, left })
@@ -61,6 +66,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let first_mm = self.first_mm(place, next);
         let mut press = Press::new(task.clone(), self.context(place, task, first_mm));
         let mut levels: Vec<Held> = Vec::with_capacity(task.levels.len());
+        let air_n = air.mean_n;
         let mut event = Event::Begin { z_mm: self.hand.z_mm, air };
         loop {
             let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
@@ -93,7 +99,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
             last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
         }
-        Ok(Pressed { levels, touched_mm: press.touched_mm(), lesson: press.lesson() })
+        Ok(Pressed { levels, air_n, touched_mm: press.touched_mm(), lesson: press.lesson() })
     }
 
     /// Goes to a place in the clear.
@@ -161,8 +167,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             outputs: window.outputs.clone(),
             flags,
             z_mm: Some(self.hand.frame.to_stage(entry.place, *z_mm).z_mm),
+            ..dataset::Press::default()
         }
-        .rounded()
     }
 
     /// What is wrong with a level that was held.

@@ -24,7 +24,7 @@
 //! out (`heldout`) how far they are off; `best` ranks them all by the same. `kriging` is what `surrogate` and
 //! `gaussian-process` share. What [`fit`] gives is a [`Fitted`]; a [`Session`] solves one reading after another with it.
 //!
-//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`] and an arm in `method`.
+//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`] and an arm in `prepared`.
 
 mod appraised;
 mod best;
@@ -44,6 +44,7 @@ mod normal;
 mod pearson;
 mod physics;
 mod placement;
+mod prepared;
 mod response;
 mod scan;
 mod session;
@@ -64,20 +65,13 @@ pub use fitted::{Candidate, Choice, Fitted};
 pub use knn::{NEIGHBOURS, PearsonKnn};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array, plane_through};
+pub use prepared::Prepared;
 pub use session::Session;
 pub use setting::{Load, Setting};
 pub use solution::{Covariance, Solution, Verdict};
 pub use whitened::Whitened;
 
-use crate::parallel::in_parallel;
 use crate::quantity::Place;
-use appraised::Appraised;
-use forward::Forward;
-use gaussian_process::GaussianProcess;
-use heldout::Trial;
-use physics::physics;
-use response::Response;
-use surrogate::surrogate;
 
 /// The names [`fit`] knows, the paper's own first.
 pub const SOLVERS: [&str; 7] =
@@ -144,107 +138,11 @@ pub const BEST: &str = "best";
 ///
 /// Units that are dead or saturated in the calibration are left out of account. Methods that know no map of the array are tried on
 /// presses that were held out of a fit, the force unknown to them: it tells how far they are off, and [`BEST`] which to take.
+///
+/// # Errors
+/// No method of that name, another array's layout, or a calibration that the method can't be fitted to.
 pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
-    if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
-        return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
-    }
-    if name != BEST && !SOLVERS.contains(&name) {
-        return Err(FitError::UnknownSolver { name: name.to_owned() });
-    }
-    fit_without(name, calibration, setting, broken::broken(calibration))
-}
-
-/// The same, some units left out of account.
-fn fit_without(
-    name: &str,
-    calibration: &Calibration,
-    setting: &Setting<'_>,
-    broken: Vec<Broken>,
-) -> Result<Fitted, FitError> {
-    if broken.is_empty() {
-        return fit_to_all(name, calibration, setting);
-    }
-    let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
-    let kept: Vec<usize> = (0..calibration.units()).filter(is_kept).collect();
-    if kept.is_empty() {
-        return Err(FitError::NothingToTellApart);
-    }
-    let layout = setting.layout.map(|layout| layout.only(&kept));
-    let setting = Setting { layout: layout.as_ref(), ..*setting };
-    Ok(fit_to_all(name, &calibration.of_units(&kept), &setting)?.without(broken, calibration.units()))
-}
-
-fn fit_to_all(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
-    let fitted = |solver: Box<dyn Solver>| Fitted::new(solver, calibration.units());
-    if let Some(forward) = forward(name, calibration, setting)? {
-        return Ok(fitted(Box::new(forward)));
-    }
-    if name != BEST && !setting.appraised {
-        return Ok(fitted(Box::new(Appraised::unappraised(method(name, calibration, setting, None)?))));
-    }
-    let response = surrogate(calibration)?;
-    let tried = |name: &str| {
-        // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
-        let sought =
-            (name == "gaussian-process").then(|| GaussianProcess::seek(calibration, setting.load)).transpose()?;
-        heldout::trials(calibration, setting, &response, |part| match sought {
-            Some(sought) => Ok(Box::new(GaussianProcess::fit_with(part, sought)?)),
-            None => method(name, part, setting, Some(&response)),
-        })
-    };
-    let appraised = |name: &str, trials: &[Trial]| -> Result<Box<dyn Solver>, FitError> {
-        let method = method(name, calibration, setting, Some(&response))?;
-        Ok(Box::new(Appraised::new(method, trials, &response, setting)))
-    };
-    if name != BEST {
-        return Ok(fitted(appraised(name, &tried(name)?)?));
-    }
-    let trials = in_parallel(&SOLVERS, |name| tried(name).unwrap_or_default());
-    let candidates = SOLVERS.iter().zip(&trials).map(|(name, trials)| best::candidate(name, trials));
-    let choice = best::choice(candidates.collect());
-    let best = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
-    let chosen = SOLVERS.iter().position(|name| best.is_some_and(|best| best.solver == *name)).unwrap_or(0);
-    let solver = match forward(SOLVERS[chosen], calibration, setting)? {
-        Some(forward) => Box::new(forward),
-        None => appraised(SOLVERS[chosen], &trials[chosen])?,
-    };
-    Ok(fitted(solver).chosen(choice))
-}
-
-/// The method of that name, if it is one that inverts a map of the array.
-fn forward(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Option<Forward>, FitError> {
-    let (name, response) = match name {
-        "surrogate" => ("surrogate", surrogate(calibration)?),
-        "physics" => ("physics", physics(calibration, setting.layout)?),
-        _ => return Ok(None),
-    };
-    Ok(Some(Forward::new(name, response, calibration, setting)))
-}
-
-/// The method of that name, fitted, without an idea of its errors. A response that is known isn't made again.
-fn method(
-    name: &str,
-    calibration: &Calibration,
-    setting: &Setting<'_>,
-    response: Option<&Response>,
-) -> Result<Box<dyn Locate>, FitError> {
-    if let Some(forward) = forward(name, calibration, setting)? {
-        return Ok(Box::new(forward));
-    }
-    Ok(match name {
-        "pearson" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::ClosestUnit)?),
-        "pearson-lsq" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::LeastSquares)?),
-        "pearson-knn" => Box::new(PearsonKnn::fit(calibration)?),
-        "whitened" => {
-            let typical_sd = match response {
-                Some(response) => response.typical_sd(),
-                None => surrogate(calibration)?.typical_sd(),
-            };
-            Box::new(Whitened::fit(calibration, &typical_sd)?)
-        }
-        "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
-        _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
-    })
+    Prepared::new(calibration.clone(), setting)?.fit(name)
 }
 
 /// Why a method couldn't be fitted.

@@ -1,6 +1,5 @@
 use super::{
-    Broken, Calibration, Fault, FitError, Fitted, Setting, Solution, SolveError, Solver, Verdict, Workspace,
-    fit_without,
+    Broken, Calibration, Fault, FitError, Fitted, Prepared, Setting, Solution, SolveError, Solver, Verdict, Workspace,
 };
 
 /// Solves one reading after another, and leaves a unit that breaks on the way out of account from then on.
@@ -77,7 +76,8 @@ impl<'a> Session<'a> {
             let mut broken = self.fitted.broken().to_vec();
             broken.push(Broken { unit, fault: Fault::Contradicts });
             // an array that has too few units left goes on with those it has
-            if let Ok(fitted) = fit_without(&self.name, self.calibration, &self.setting, broken) {
+            let prepared = Prepared::without(self.calibration.clone(), &self.setting, broken);
+            if let Ok(fitted) = prepared.and_then(|prepared| prepared.fit(&self.name)) {
                 self.fitted = fitted;
             }
             self.evidence.fill(0.0);

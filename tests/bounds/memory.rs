@@ -77,6 +77,7 @@ fn contact(press: u64) -> Contact {
         outputs: vec![press as f64 * 1e-3; UNITS],
         flags: Vec::new(),
         z_mm: Some(-0.5),
+        ..Press::default()
     };
     let truth = PressTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
     let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });

@@ -7,6 +7,7 @@
 mod far;
 mod kept;
 
+use crate::support::alone::ran_alone;
 use crate::support::phases::Phase;
 use crate::support::skips;
 use crate::support::walks::{Worst, bench, in_parallel, plan};
@@ -87,6 +88,10 @@ struct Sound {
 
 #[test]
 fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing() {
+    // a program that another test starts holds, for a moment, what this one locks: a run that is let go of wouldn't be free
+    if ran_alone("unplugged::a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing") {
+        return;
+    }
     let sounds = in_parallel(&setups(), |&setup| Sound::of(setup));
     let cases: Vec<Case> = sounds.iter().enumerate().flat_map(|(i, sound)| sound.cases(i)).collect();
     let ends = in_parallel(&cases, |case| sounds[case.setup].lose(case));

@@ -239,7 +239,7 @@ fn a_run_without_test_presses_says_what_is_missing() {
     let bench = Bench::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
     bench.palpate_ends(0, "run r.toml --out run");
     let told = bench.palpate_ends(2, "evaluate run");
-    assert!(told.running().contains("presses.csv: there is no test press"), "{}", told.err);
+    assert!(told.running().contains("run: there is no test press"), "{}", told.err);
 }
 
 /// The object that an evaluation with some more words comes to; it must end as said.

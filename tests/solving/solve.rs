@@ -213,7 +213,7 @@ fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
     for (words, part) in [
         ("solve", "--calibration"),
         ("solve --calibration none.csv", "none.csv: can't be read"),
-        ("solve --calibration .", "is no run: it has no journal.log"),
+        ("solve --calibration .", "is not a run folder (journal.log not found)"),
         ("solve --calibration flat.csv --solver pearson", "flat.csv: can't be calibrated on"),
         ("solve --calibration a.csv --solver all", "invalid value 'all'"),
         ("solve --calibration a.csv --false-alarms 0", "expected a share between 0 and 1"),

@@ -39,13 +39,13 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
         };
         Panel {
             x: Axis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
-            y: Axis::linear("output, V", (least - room, most + room)),
+            y: Axis::linear(&format!("output, {}", subject.unit), (least - room, most + room)),
             marks: vec![
                 Mark::Curve(line(LOADING, Line::Solid), means(readings, Branch::Loading)),
                 Mark::Curve(line(UNLOADING, Line::Dashed), means(readings, Branch::Unloading)),
                 Mark::Curve(LOADING, of(Branch::Loading)),
                 Mark::Curve(UNLOADING, of(Branch::Unloading)),
-                Mark::Title(format!("unit {}", unit + 1)),
+                Mark::Title(subject.layout.name(*unit)),
             ],
         }
     };

@@ -30,7 +30,7 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
         let share = |output: f64| (output - quietest) / (loudest - quietest).max(f64::MIN_POSITIVE);
         let cells =
             drawn.iter().map(|row| cell(row.place(), half_mm, share(load.share(row, row.outputs[unit])))).collect();
-        axes.panel(vec![Mark::Cells(cells), Mark::Title(format!("unit {}", unit + 1))])
+        axes.panel(vec![Mark::Cells(cells), Mark::Title(subject.layout.name(unit))])
     };
     let left_out = subject.presses.channels - units;
     let figure = Figure {
@@ -43,7 +43,8 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
         ..Figure::default()
     };
     let largest = loudest.abs().max(quietest.abs());
-    let ramp = Some([quietest, loudest].map(|output| format!("{} {}", told(output, largest), load.unit())));
+    let ramp =
+        Some([quietest, loudest].map(|output| format!("{} {}", told(output, largest), load.unit(&subject.unit))));
     Some(Drawn { figure, ramp })
 }
 
@@ -73,10 +74,10 @@ impl Load {
         }
     }
 
-    fn unit(self) -> &'static str {
+    fn unit(self, of_outputs: &str) -> String {
         match self {
-            Load::One(_) => "V",
-            Load::Many(..) => "V/N",
+            Load::One(_) => of_outputs.to_owned(),
+            Load::Many(..) => format!("{of_outputs}/N"),
         }
     }
 

@@ -119,7 +119,8 @@ impl LoadCellDriver for LoadCell {
     }
 
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
-        let (range_n, unit_id) = (RANGE_OVER_LIMIT * rig.limits.force_n, self.0.profile.unit_id);
+        let (range_n, unit_id) =
+            (RANGE_OVER_LIMIT * rig.full_scale_n.unwrap_or(rig.limits.force_n), self.0.profile.unit_id);
         match self.0.name.as_str() {
             "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
             "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
