@@ -1,3 +1,5 @@
+//! A sensor array on the inputs of a Modbus converter.
+
 use super::client::Client;
 use super::profile::{Outputs, Probe, Profile};
 use super::request::Transport;

@@ -1,3 +1,5 @@
+//! The client side of Modbus: reads, retries and time-outs.
+
 use super::line::Line;
 use super::profile::{Probe, Profile, Register};
 use super::request::{Function, Transport};

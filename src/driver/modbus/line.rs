@@ -1,3 +1,5 @@
+//! The link as the Modbus library sees it.
+
 use super::request::Transport;
 use crate::wire::ByteStream;
 use std::io;

@@ -1,3 +1,5 @@
+//! A load cell behind a Modbus transmitter.
+
 use super::client::Client;
 use super::profile::{Force, Probe, Profile, Status};
 use super::request::{Function, Transport};

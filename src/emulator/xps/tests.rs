@@ -1,3 +1,5 @@
+//! The XPS, call by call.
+
 mod sockets;
 
 use super::positioner::TRAVEL_MM;
