@@ -58,6 +58,20 @@ pub fn check_replaceable(path: &Path) -> io::Result<()> {
     }
 }
 
+/// Whether a file can be written: its place and the one beside it hold nothing, or a regular file with one name.
+///
+/// # Errors
+/// As of [`check_replaceable`].
+pub(super) fn check_place(path: &Path) -> io::Result<()> {
+    check_replaceable(path)?;
+    check_replaceable(&beside(path))
+}
+
+/// Where a file is written before it is renamed to its place.
+fn beside(path: &Path) -> PathBuf {
+    path.with_file_name(format!(".{}.new", path.file_name().unwrap_or_default().to_string_lossy()))
+}
+
 /// What to do about an error that came back from a file of a run.
 pub(super) fn advice(why: &io::Error) -> &'static str {
     match why.kind() {
@@ -79,10 +93,8 @@ impl Draft {
     /// # Errors
     /// The operating system's, or a place that holds something other than a regular file with one name.
     pub fn new(path: &Path) -> io::Result<Draft> {
-        let name = path.file_name().ok_or_else(|| invalid(path, "has no file name"))?.to_string_lossy();
-        let beside = path.with_file_name(format!(".{name}.new"));
-        check_replaceable(path)?;
-        check_replaceable(&beside)?;
+        check_place(path)?;
+        let beside = beside(path);
         match fs::remove_file(&beside) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
             _ => {}
