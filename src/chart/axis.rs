@@ -1,3 +1,5 @@
+//! One axis.
+
 /// One axis.
 #[derive(Clone, Debug)]
 pub struct Axis {

@@ -15,7 +15,6 @@ pub use look::{Hue, Line, Look, STYLE, Shape};
 pub use ramp::{LEVELS, Ramp};
 
 use look::{write_line, write_marker};
-use ramp::write_cells;
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
@@ -377,6 +376,18 @@ fn write_text(svg: &mut String, (x, y): (f64, f64), class: &str, told: &str) {
 
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Cells, those of one colour in one path.
+fn write_cells(svg: &mut String, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
+    let mut paths = vec![String::new(); LEVELS];
+    for Cell { x, y, share } in cells.iter().filter(|cell| cell.share.is_finite()) {
+        let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
+        let _ = write!(paths[Ramp::level(*share)], "M{left:.1} {top:.1}H{right:.1}V{bottom:.1}H{left:.1}z");
+    }
+    for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
+        let _ = writeln!(svg, "<path class=\"{}\" shape-rendering=\"crispEdges\" d=\"{path}\"/>", Ramp::class(level));
+    }
 }
 
 #[cfg(test)]

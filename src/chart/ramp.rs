@@ -1,5 +1,4 @@
-use super::Cell;
-use std::fmt::Write as _;
+//! Colours for numbers.
 
 /// Colours for a quantity: from a dark blue over greys to a light yellow, ever lighter, so that they keep their order in grey
 /// print and for the colour-blind (after the idea of cividis: Nunez, Anderton and Renslow 2018).
@@ -36,18 +35,6 @@ fn colour(level: usize) -> String {
     let part = |i: usize| ANCHORS[below][i] + (at - below as f64) * (ANCHORS[below + 1][i] - ANCHORS[below][i]);
     let [r, g, b] = [0, 1, 2].map(|i| part(i).round() as u8);
     format!("#{r:02x}{g:02x}{b:02x}")
-}
-
-/// Cells, those of one colour in one path.
-pub(super) fn write_cells(svg: &mut String, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
-    let mut paths = vec![String::new(); LEVELS];
-    for Cell { x, y, share } in cells.iter().filter(|cell| cell.share.is_finite()) {
-        let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
-        let _ = write!(paths[Ramp::level(*share)], "M{left:.1} {top:.1}H{right:.1}V{bottom:.1}H{left:.1}z");
-    }
-    for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
-        let _ = writeln!(svg, "<path class=\"{}\" shape-rendering=\"crispEdges\" d=\"{path}\"/>", Ramp::class(level));
-    }
 }
 
 #[cfg(test)]

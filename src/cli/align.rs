@@ -1,3 +1,5 @@
+//! `palpate align`.
+
 use super::exit::Failure;
 use super::progress::Progress;
 use super::session::runtime;

@@ -1,3 +1,5 @@
+//! `palpate check`.
+
 use super::exit::Failure;
 use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print};

@@ -1,3 +1,5 @@
+//! `palpate doctor`.
+
 use super::exit::Failure;
 use super::session::runtime;
 use super::signals::{First, heed};

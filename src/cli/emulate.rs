@@ -1,3 +1,5 @@
+//! `palpate emulate`.
+
 use super::exit::Failure;
 use super::signals::{First, heed};
 use super::sources::read_rig;

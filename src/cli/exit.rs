@@ -1,3 +1,5 @@
+//! Exit codes, and what is said of a failure.
+
 use crate::dataset::{DatasetError, JournalError};
 use crate::document::Problems;
 use crate::run::{Ending, Halt};

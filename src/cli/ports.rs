@@ -1,3 +1,5 @@
+//! `palpate ports`.
+
 use super::exit::Failure;
 use super::summary::{self, print};
 use serialport::{SerialPortInfo, SerialPortType};

@@ -1,3 +1,5 @@
+//! How far a run is, on a terminal.
+
 use super::exit::Failure;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;

@@ -1,3 +1,5 @@
+//! Which program on which machine.
+
 use crate::dataset::{Durability, Session};
 use jiff::Zoned;
 

@@ -1,3 +1,5 @@
+//! `palpate rebuild`.
+
 use super::exit::Failure;
 use super::provenance::now;
 use super::recorded::rig_of;

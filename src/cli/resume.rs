@@ -1,3 +1,5 @@
+//! `palpate resume`.
+
 use super::exit::Failure;
 use super::provenance::session;
 use super::recorded::rig_of;

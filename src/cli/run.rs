@@ -1,3 +1,5 @@
+//! `palpate run`.
+
 use super::exit::Failure;
 use super::provenance::session;
 use super::session::{SessionArgs, carry_out};

@@ -1,3 +1,5 @@
+//! A run carried out: shown, paced and stopped.
+
 use super::exit::{CANCELLED, Failure, accepted};
 use super::progress::Progress;
 use super::provenance::now;

@@ -1,3 +1,5 @@
+//! Solutions written as lines.
+
 use crate::dataset::readings::Reading;
 use crate::dataset::round;
 use crate::solver::{Covariance, Solution, SolveError, Verdict};

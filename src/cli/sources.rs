@@ -1,3 +1,5 @@
+//! Recipes and rigs as a person names them.
+
 use super::exit::Failure;
 use crate::control::Strategy;
 use crate::dataset::{Origins, Texts};

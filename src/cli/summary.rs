@@ -1,3 +1,5 @@
+//! How a run ended, for a person.
+
 use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
 use crate::dataset::characteristics::Repeatability;

@@ -1,3 +1,5 @@
+//! `palpate verify`.
+
 use super::exit::Failure;
 use super::recorded::rig_of;
 use super::summary;

@@ -1,3 +1,5 @@
+//! Force against depth, as learned.
+
 /// Force against depth, as learned from loading paths of all presses: `linear s + quadratic s^2`.
 ///
 /// All sums, so its size doesn't grow.

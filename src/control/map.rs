@@ -1,3 +1,5 @@
+//! What presses before have taught: surface, curve and how much deeper each went.
+
 use super::curve::{Curve, Shape};
 use super::plane::Plane;
 use super::surface::{Expected, SurfaceMap};

@@ -1,3 +1,5 @@
+//! What motions are permitted.
+
 use super::speed::safe_speed_mm_s;
 use super::trip::{Rule, Trip};
 use super::zero::Zero;

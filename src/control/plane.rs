@@ -1,3 +1,5 @@
+//! A plane over places, learned as values come.
+
 use crate::quantity::Place;
 
 /// A plane over places, fitted as its values come: Bayesian, so that it is usable from no value on.

@@ -1,3 +1,5 @@
+//! A motion from rest to rest as a controller plans it.
+
 /// A motion from rest to rest as a controller plans it: a trapezoid of speed, or a triangle where the way is short.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {

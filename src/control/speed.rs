@@ -1,3 +1,5 @@
+//! How fast the rig may approach by how fast it reacts.
+
 /// How long the rig takes from a force to a stage that brakes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reaction {

@@ -1,3 +1,5 @@
+//! Where the surface is, as learned from touches.
+
 use super::plane::Plane;
 use crate::quantity::Place;
 

@@ -1,3 +1,5 @@
+//! What a press is to do.
+
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -1,3 +1,5 @@
+//! Safety rules that were broken.
+
 use crate::quantity::any_number;
 use serde::{Deserialize, Serialize};
 

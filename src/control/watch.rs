@@ -1,3 +1,5 @@
+//! What every reading must pass.
+
 use super::trip::{Rule, Trip};
 use super::zero::Zero;
 use crate::quantity::{ForceReading, Limits};

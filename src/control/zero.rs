@@ -1,3 +1,5 @@
+//! The load cell's zero in air, and its noise.
+
 use crate::quantity::ForceReading;
 
 /// Chance of a false alarm at which the same code counts as frozen, per run of readings.

@@ -1,3 +1,5 @@
+//! Where the contacts stand in a journal.
+
 use super::{Contact, DatasetError, JournalError, Record, Records};
 use crate::recipe::{ENTRIES_MAX, PRESSES_MAX};
 use std::slice::Iter;

@@ -1,3 +1,5 @@
+//! What a walk needs of a record.
+
 use super::{Contact, DatasetError, Record};
 use std::collections::BTreeSet;
 

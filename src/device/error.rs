@@ -1,3 +1,5 @@
+//! What a device didn't do.
+
 use miette::Diagnostic;
 use thiserror::Error;
 

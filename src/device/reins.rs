@@ -1,3 +1,5 @@
+//! What is asked of a motion under way.
+
 use std::cell::Cell;
 use tokio::sync::Notify;
 

@@ -3,7 +3,6 @@
 //! A [`Key`] is one key of one table; [`Keys`] are all keys of a table and its alternatives. The readers take names, bounds and
 //! defaults from these lists and read nothing that isn't in them; suggestions come from them too.
 
-use super::Bounds;
 use crate::quantity::Range;
 
 /// One key of a table.
@@ -19,6 +18,49 @@ pub struct Key {
     pub meaning: &'static str,
     /// A value of it as TOML; empty for a table, whose keys have examples of their own.
     pub example: &'static str,
+}
+
+/// The stated range of a number, and its unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    min: f64,
+    max: f64,
+    above_min: bool,
+    unit: &'static str,
+}
+
+impl Bounds {
+    /// Both ends allowed.
+    pub const fn within(min: f64, max: f64, unit: &'static str) -> Self {
+        Bounds { min, max, above_min: false, unit }
+    }
+
+    /// The upper end allowed, the lower one not.
+    pub const fn above(min: f64, max: f64, unit: &'static str) -> Self {
+        Bounds { min, max, above_min: true, unit }
+    }
+
+    /// The unit; empty for a number without one.
+    pub const fn unit(&self) -> &'static str {
+        self.unit
+    }
+
+    /// Whether a number lies within.
+    pub fn admit(&self, value: f64) -> bool {
+        value <= self.max && if self.above_min { value > self.min } else { value >= self.min }
+    }
+
+    pub(super) fn in_unit(&self) -> String {
+        if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) }
+    }
+
+    pub(super) fn interval(&self) -> String {
+        if self.above_min {
+            format!("over {}, at most {}", self.min, self.max)
+        } else {
+            format!("{} to {}", self.min, self.max)
+        }
+    }
 }
 
 /// What a key's value may be.

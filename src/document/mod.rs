@@ -12,11 +12,11 @@ pub(crate) mod sample;
 mod table;
 
 pub use difference::{Change, Given, differences};
-pub use key::{Absent, Case, Key, Keys, Kind, Listed, Value};
+pub use key::{Absent, Bounds, Case, Key, Keys, Kind, Listed, Value};
 pub(crate) use key::{keys, row, words};
 pub(crate) use problem::printable;
-pub use problem::{Problem, Problems};
-pub use table::{Bounds, Span, Table};
+pub use problem::{PROBLEMS_MAX, Problem, Problems};
+pub use table::{Span, Table};
 pub(crate) use table::{all, with_nearest};
 
 use problem::Collector;
@@ -27,9 +27,6 @@ use toml_parser::lexer::TokenKind;
 
 /// Longest text that is read as a recipe or a rig, bytes: a hundred times the longest list a person would write by hand.
 pub const TEXT_MAX_BYTES: usize = 4 << 20;
-
-/// Most problems of a text that are told: who has more corrects these first.
-pub const PROBLEMS_MAX: usize = 100;
 
 /// How deep brackets may be open within each other: no recipe or rig needs five. The parser follows those that are never closed
 /// down until its stack ends.

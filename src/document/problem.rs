@@ -1,8 +1,12 @@
-use super::PROBLEMS_MAX;
+//! What is wrong with a text, and where.
+
 use miette::{Diagnostic, LabeledSpan, NamedSource, Report, Severity, SourceCode};
 use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::Arc;
+
+/// Most problems of a text that are told: who has more corrects these first.
+pub const PROBLEMS_MAX: usize = 100;
 
 /// Longest stretch of a text that is shown with a problem, bytes. Beyond 65,535 columns the one who draws it gives up.
 const SHOWN_MAX_BYTES: usize = 8192;

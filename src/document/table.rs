@@ -1,6 +1,6 @@
 //! One table of a text, asked for the keys of its list.
 
-use super::key::{Absent, Case, Key, Keys, Kind, Value};
+use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
 use super::problem::{Collector, Problem};
 use crate::quantity::{Place, Range};
 use toml::Spanned;
@@ -11,49 +11,6 @@ pub type Span = std::ops::Range<usize>;
 
 /// Least similarity (Jaro-Winkler, 0 to 1) at which a known name is offered for an unknown one.
 const SIMILAR: f64 = 0.75;
-
-/// The stated range of a number, and its unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
-    min: f64,
-    max: f64,
-    above_min: bool,
-    unit: &'static str,
-}
-
-impl Bounds {
-    /// Both ends allowed.
-    pub const fn within(min: f64, max: f64, unit: &'static str) -> Self {
-        Bounds { min, max, above_min: false, unit }
-    }
-
-    /// The upper end allowed, the lower one not.
-    pub const fn above(min: f64, max: f64, unit: &'static str) -> Self {
-        Bounds { min, max, above_min: true, unit }
-    }
-
-    /// The unit; empty for a number without one.
-    pub const fn unit(&self) -> &'static str {
-        self.unit
-    }
-
-    /// Whether a number lies within.
-    pub fn admit(&self, value: f64) -> bool {
-        value <= self.max && if self.above_min { value > self.min } else { value >= self.min }
-    }
-
-    fn in_unit(&self) -> String {
-        if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) }
-    }
-
-    fn interval(&self) -> String {
-        if self.above_min {
-            format!("over {}, at most {}", self.min, self.max)
-        } else {
-            format!("{} to {}", self.min, self.max)
-        }
-    }
-}
 
 /// One table of a text. A question for a [`Key`] of its list gives the value, or the key's default where it isn't there; what
 /// is wrong, or missing and has no default, is recorded as a problem and gives none.
@@ -367,7 +324,7 @@ impl<'d> Table<'d> {
             Some(n) if !n.is_finite() => self.fail(value, format!("`{name}` is not a finite number")),
             Some(n) if bounds.admit(n) => Some(n),
             Some(n) => {
-                let told = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit);
+                let told = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit());
                 self.fail(value, told.trim_end().to_owned())
             }
             None => self.fail(value, format!("`{name}` is not a number this program can hold")),
@@ -398,7 +355,7 @@ fn expected(key: &Key) -> String {
     let of = |kind: &Kind| match kind {
         Kind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
         Kind::Range(bounds) => Some(format!("[from, to]{}", bounds.in_unit())),
-        Kind::PerUnit(bounds) => Some(format!("a list, one {} a unit", bounds.unit)),
+        Kind::PerUnit(bounds) => Some(format!("a list, one {} a unit", bounds.unit())),
         Kind::Places(_) => Some("[[x, y], ...]".to_owned()),
         Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
         Kind::Word(words) => Some(format!("one of {}", words.join(", "))),

@@ -1,3 +1,5 @@
+//! Serves an instrument on a link: requests in, answers out, each in its time.
+
 use super::{Instrument, Owed, Shared};
 use crate::scene::Scene;
 use std::future::pending;

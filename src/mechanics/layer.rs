@@ -1,3 +1,5 @@
+//! What the load presses on.
+
 /// What the load presses on, and so how its stress spreads on the way to the taxels. Frictionless normal load at the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Medium {

@@ -1,3 +1,5 @@
+//! What a taxel reads of a load, from place to place.
+
 use super::hankel::Table;
 use super::lambda;
 use super::layer::Medium;

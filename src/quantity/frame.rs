@@ -1,3 +1,5 @@
+//! Axes, places, and where the specimen is in the stage's coordinates.
+
 use serde::{Deserialize, Serialize};
 
 /// One of the stage's three axes.

@@ -1,3 +1,5 @@
+//! Intervals, travels and what a specimen bears.
+
 use super::Axis;
 
 /// A closed interval, mm (or the unit its owner's name says).

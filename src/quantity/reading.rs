@@ -1,3 +1,5 @@
+//! One reading of a load cell.
+
 /// What a load cell says of itself along with a reading; all false means healthy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {

@@ -1,3 +1,5 @@
+//! Random streams, the same on every machine.
+
 use rand::SeedableRng;
 
 /// The generator behind every random stream: portable, so a seed means the same on every machine.

@@ -1,5 +1,7 @@
-use super::teach::teach;
-use super::{Load, Order, PRESSES_CEILING, Phase, Places, Recipe, Step, UnitChoice};
+//! The presses that a recipe comes to.
+
+use super::teach::{Entry, teach};
+use super::{Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
 use crate::control::{Level, Task};
 use crate::document::{PROBLEMS_MAX, Problem, Problems, Span};
 use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, stream};
@@ -15,21 +17,6 @@ pub struct Plan {
     pub seed: u64,
     /// The presses in the order they are made, which need not be that of their numbers.
     pub entries: Vec<Entry>,
-}
-
-/// One contact of the plan.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Entry {
-    /// Its number, from 0 in the order of the recipe, with those that teach last: tables keep to it.
-    pub press: u64,
-    /// What it is made for.
-    pub phase: Phase,
-    /// Where.
-    pub place: Place,
-    /// What it measures.
-    pub task: Task,
-    /// Rest in air after it, s.
-    pub rest_after_s: f64,
 }
 
 /// What a plan is held against.

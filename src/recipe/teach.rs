@@ -1,6 +1,23 @@
-use super::{Entry, Phase};
+//! An entry of a plan, and the presses that teach.
+
+use super::Phase;
 use crate::control::{Branch, Strategy, Task};
 use crate::quantity::{Limits, Place};
+
+/// One contact of the plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Its number, from 0 in the order of the recipe, with those that teach last: tables keep to it.
+    pub press: u64,
+    /// What it is made for.
+    pub phase: Phase,
+    /// Where.
+    pub place: Place,
+    /// What it measures.
+    pub task: Task,
+    /// Rest in air after it, s.
+    pub rest_after_s: f64,
+}
 
 /// Most presses that teach: near the four corners and the centre of what is to be learned.
 pub(super) const TEACHES: usize = 5;

@@ -1,3 +1,5 @@
+//! Runs beside one another.
+
 use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
 use super::judged::{PAPERS, with_cause};

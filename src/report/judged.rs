@@ -1,3 +1,5 @@
+//! The methods that a page shows.
+
 use crate::dataset::Presses;
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::parallel::in_parallel;

@@ -1,3 +1,5 @@
+//! What a page is about: a sensor and its runs.
+
 use super::frame::counted;
 use crate::dataset::{DatasetError, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};

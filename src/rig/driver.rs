@@ -1,7 +1,8 @@
 //! Which driver plays a role, and on which link.
 
-use super::family::{ArrayDriver, Beside, Driver, FAMILIES, Family, Links, LoadCellDriver, Role, StageDriver};
+use super::family::{Beside, FAMILIES, Family, Links, Role};
 use super::keys::{array, load_cell, stage};
+use super::spec::{ArrayDriver, Driver, LoadCellDriver, StageDriver};
 use crate::document::{Key, Problem, Table};
 use crate::wire::Link;
 use std::sync::Arc;

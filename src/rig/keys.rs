@@ -1,7 +1,7 @@
 //! The keys of a rig but for its scene's, table by table.
 
 use super::family::choices;
-use super::scene_keys::scene;
+use super::scene_keys::{ROTATION, scene};
 use crate::document::{Bounds, keys, words};
 use crate::quantity::Down;
 
@@ -20,7 +20,6 @@ const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const CHANNELS_MAX: u64 = 16;
 /// Largest output of any array.
 const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
-pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
 
 /// A stage with a small payload: servo lag and half of its jerk time.
 const SETTLE_MS: f64 = 10.0;

@@ -1,8 +1,9 @@
 //! A rig's drivers put on their links.
 
-use super::{Driver, EmulatedDevice, RigSpec, SceneProbe, SimulatedRig};
+use super::emulated::EmulatedDevice;
+use super::simulated::{SceneProbe, SimulatedRig};
+use super::spec::{Dial, Driver, RigSpec, Wiring};
 use crate::device::{DeviceError, Instruments, Problem, StageUse};
-use crate::driver::daqmx::SharedAcquisition;
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::{self, Instrument, Shared};
 use crate::scene::Scene;
@@ -24,21 +25,6 @@ pub struct OpenRig {
     pub probe: Option<SceneProbe>,
     /// The real links: this program's alone as long as the drivers live.
     pub claims: Claims,
-}
-
-/// Opens the links of one role, as many as its driver needs.
-pub type Dial<'a> = &'a dyn Fn() -> Connector;
-
-/// What a rig's drivers share as they are opened.
-pub struct Wiring<'a> {
-    /// The rig.
-    pub rig: &'a RigSpec,
-    /// When its time begins: readings are timed from then.
-    pub origin: Instant,
-    /// The scene behind a simulated rig.
-    pub(super) scene: Option<Shared<Scene>>,
-    /// The task that samples all NI inputs, once it is made.
-    pub(super) acquisition: OnceCell<SharedAcquisition>,
 }
 
 impl RigSpec {
@@ -131,12 +117,6 @@ impl RigSpec {
         }
         Ok(claims)
     }
-}
-
-/// A driver that can't play a role.
-pub(super) fn unfit(role: &str, driver: &str) -> DeviceError {
-    let problem = Problem::Mismatch(format!("\"{driver}\" can't play this role"));
-    DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }
 }
 
 /// Links in memory: each time one is opened an emulator begins to serve its far end.

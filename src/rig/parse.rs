@@ -1,10 +1,11 @@
 //! A rig's text, read into a [`RigSpec`].
 
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
-use super::family::{Beside, Driver};
+use super::family::Beside;
 use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
+use super::spec::Driver;
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::{self, Problem, Problems, Span, Table};

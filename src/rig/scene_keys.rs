@@ -1,10 +1,10 @@
 //! The keys of a rig's `[scene]`, table by table: each physical term is there because it is named.
 
-use super::keys::ROTATION;
 use crate::document::{Bounds, keys, words};
 use crate::mechanics::MOST_POISSON_RATIO;
 use crate::scene::{FaultKind, NoiseOf};
 
+pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
 const STIFFER: Bounds = Bounds::within(0.0, 50.0, "%");
 const TIME: Bounds = Bounds::within(0.01, 86_400.0, "s");

@@ -1,8 +1,9 @@
 //! A rig's emulators, acting on one scene.
 
-use super::RigSpec;
+use super::emulated::EmulatedDevice;
+use super::spec::RigSpec;
 use crate::device::{DeviceError, Problem};
-use crate::emulator::{Instrument, Shared};
+use crate::emulator::Shared;
 use crate::quantity::{Axis, Place, Position};
 use crate::scene::{Device, SKIN_CHANNELS_MAX, Scene, Setting, Truth};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -28,28 +29,6 @@ pub struct SimulatedRig {
     pub load_cell: EmulatedDevice,
     /// The array's converter.
     pub array: EmulatedDevice,
-}
-
-/// One emulated device.
-#[derive(Clone)]
-pub struct EmulatedDevice {
-    /// What stands at the far end of its link.
-    pub far_end: FarEnd,
-    /// What it speaks, such as `esp301`, `modbus-rtu` or `daqmx`.
-    pub protocol: &'static str,
-}
-
-/// What stands at the far end of a link, and how it would be wired.
-#[derive(Clone)]
-pub enum FarEnd {
-    /// An instrument on a serial line.
-    Serial(Shared<dyn Instrument>),
-    /// An instrument on a network.
-    Network(Shared<dyn Instrument>),
-    /// A program, on its standard input and output.
-    Pipe(Shared<dyn Instrument>),
-    /// NI's library: a table of functions, no stream of bytes.
-    Library,
 }
 
 /// What a run may know of a simulated scene: it names the presses and reads the truth, and touches nothing.
@@ -100,44 +79,6 @@ impl SimulatedRig {
     pub fn devices(&self) -> [(&EmulatedDevice, &'static str); 3] {
         [(&self.stage, Device::Stage), (&self.load_cell, Device::LoadCell), (&self.array, Device::Array)]
             .map(|(device, role)| (device, role.name()))
-    }
-}
-
-impl EmulatedDevice {
-    /// An instrument on a serial line.
-    pub(super) fn serial<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol }
-    }
-
-    /// An instrument on a network.
-    pub(super) fn network<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol }
-    }
-
-    /// A program.
-    pub(super) fn pipe<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol }
-    }
-
-    /// The instrument at the far end; none where it is a library.
-    pub fn instrument(&self) -> Option<&Shared<dyn Instrument>> {
-        match &self.far_end {
-            FarEnd::Serial(instrument) | FarEnd::Network(instrument) | FarEnd::Pipe(instrument) => Some(instrument),
-            FarEnd::Library => None,
-        }
-    }
-
-    /// Whether it is the same instrument as another, in another role.
-    pub fn is_same(&self, other: &EmulatedDevice) -> bool {
-        self.instrument().zip(other.instrument()).is_some_and(|(own, others)| Arc::ptr_eq(own, others))
-    }
-
-    /// Puts another instrument in its place.
-    pub fn replace(&mut self, other: Shared<dyn Instrument>) {
-        match &mut self.far_end {
-            FarEnd::Serial(instrument) | FarEnd::Network(instrument) | FarEnd::Pipe(instrument) => *instrument = other,
-            FarEnd::Library => {}
-        }
     }
 }
 

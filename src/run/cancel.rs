@@ -1,3 +1,5 @@
+//! A person's word to a run.
+
 use super::Halt;
 use std::time::Duration;
 use tokio::sync::watch;

@@ -1,3 +1,5 @@
+//! Time since the run's start.
+
 use tokio::time::Instant;
 
 /// Time since the run's start: a run that goes on counts from where it was.

@@ -1,3 +1,5 @@
+//! How long a plan takes.
+
 use crate::control::{Profile, Strategy};
 use crate::recipe::Entry;
 use crate::rig::RigSpec;

@@ -1,3 +1,5 @@
+//! What each device says and how fast, without pressing.
+
 use super::hand::Hand;
 use super::ready::at_home;
 use super::{Cancel, Halt};

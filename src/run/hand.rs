@@ -1,3 +1,5 @@
+//! The instruments in use.
+
 use super::{Cancel, Halt};
 use crate::control::{AIR_READINGS, Air, Rule, Timing, Trip, Watch, check_sound};
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};

@@ -1,3 +1,5 @@
+//! Motions followed while the force is read.
+
 use super::Halt;
 use super::hand::{Gauge, Hand};
 use crate::control::{Permit, Permitted, Press, Profile, Rule, STALE_S, Sideways, Steer, Trip};

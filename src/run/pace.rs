@@ -1,3 +1,5 @@
+//! Virtual time slowed to the clock on the wall.
+
 use std::time::{Duration, Instant as WallInstant};
 use tokio::time::{Instant, sleep};
 

@@ -1,3 +1,5 @@
+//! What a record says of the presses so far.
+
 use crate::control::{Lesson, Map};
 use crate::dataset::{DatasetError, Ledger, Left, Record};
 use crate::device::{DeviceError, Identity, Problem};

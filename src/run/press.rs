@@ -1,3 +1,5 @@
+//! One press carried out.
+
 use super::Halt;
 use super::walk::Walker;
 use super::window::Window;

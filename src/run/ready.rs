@@ -1,3 +1,5 @@
+//! Makes a rig ready: the stage clear and homed, links timed, the zero taken.
+
 use super::clock::RunClock;
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};

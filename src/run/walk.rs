@@ -1,3 +1,5 @@
+//! Walks a plan on a rig.
+
 use super::clock::RunClock;
 use super::hand::Hand;
 use super::past::Past;

@@ -1,3 +1,5 @@
+//! Readings averaged over a window.
+
 use super::Halt;
 use super::hand::Hand;
 use crate::control::STALE_S;

@@ -1,3 +1,5 @@
+//! The force of a contact, with relaxation, advanced in closed form.
+
 use super::spec::{Branch, Contact};
 use super::surface::Depth;
 

@@ -1,3 +1,5 @@
+//! What goes wrong at a moment, for rehearsals and tests.
+
 /// Something that goes wrong at a moment, for rehearsals and tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {

@@ -1,3 +1,5 @@
+//! What the load cell reads of the true force.
+
 use super::faults::{FaultKind, Faults};
 use super::spec::LoadCell;
 use crate::quantity::Stream;

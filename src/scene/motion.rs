@@ -1,3 +1,5 @@
+//! How an axis moves: trajectories in closed form.
+
 /// To what the time since a motion began is rounded, s: finer than anything here is timed, and far coarser than what a float
 /// loses of the time of day. So a motion is the same to the last bit whenever it is made.
 const GRAIN_S: f64 = 1e-9;

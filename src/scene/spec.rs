@@ -1,3 +1,5 @@
+//! What a scene is told: its physical terms, and what is around it.
+
 use super::faults::Fault;
 use super::skin::SkinSpec;
 use crate::quantity::{ArrayLayout, Frame, Place, Position};

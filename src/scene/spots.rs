@@ -1,3 +1,5 @@
+//! What varies from spot to spot: height and stiffness.
+
 use crate::quantity::{Place, stream};
 use rand::RngExt;
 use rand::distr::Distribution;

@@ -1,3 +1,5 @@
+//! The plane of the true surface.
+
 use crate::quantity::{Frame, stream};
 use rand::RngExt;
 

@@ -1,3 +1,5 @@
+//! Hysteresis and relaxation of what taxels read.
+
 use super::skin::Skin;
 use crate::quantity::{Place, Stream, stream};
 

@@ -1,3 +1,5 @@
+//! The scene as a whole: presses, noise, time.
+
 use super::*;
 use crate::mechanics::Medium;
 use crate::quantity::{ArrayLayout, Down, Frame, Place, Position};

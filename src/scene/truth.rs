@@ -1,3 +1,5 @@
+//! What really happened in a press.
+
 /// Longest stretch of a window that is taken for a trapezoid, s: what relaxes bends by some 1 uN within it.
 const STRETCH_S: f64 = 0.005;
 

@@ -1,3 +1,5 @@
+//! A method with what held-out presses say of its errors.
+
 use super::heldout::Trial;
 use super::noise::{Noise, Residual};
 use super::response::Response;

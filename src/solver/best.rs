@@ -1,3 +1,5 @@
+//! The method that errs least on held-out presses.
+
 use super::fitted::{Candidate, Choice};
 use super::heldout::Trial;
 

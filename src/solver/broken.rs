@@ -1,3 +1,5 @@
+//! Units that are left out of account.
+
 use super::Calibration;
 
 /// A unit that is left out of account.

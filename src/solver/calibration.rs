@@ -1,3 +1,5 @@
+//! Presses of known place and force, checked.
+
 use crate::quantity::Place;
 use std::collections::HashMap;
 

@@ -1,3 +1,5 @@
+//! Descends to where a map fits a reading best.
+
 use super::normal::Normal;
 use super::response::Response;
 use super::{Load, Workspace};

@@ -1,3 +1,5 @@
+//! Solved against true: errors, and how well they were foreseen.
+
 use super::{Choice, Covariance, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;
 use serde::Serialize;

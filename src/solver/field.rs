@@ -1,3 +1,5 @@
+//! Smooth functions of a place as splines.
+
 use crate::quantity::Place;
 
 /// Smooth functions of the place, one a channel, tabulated over an area: uniform cubic B-splines in x and y. A value and its

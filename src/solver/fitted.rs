@@ -1,3 +1,5 @@
+//! What a fit gives: a method ready to solve.
+
 use super::pearson::check;
 use super::{Broken, Covariance, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;

@@ -1,3 +1,5 @@
+//! Inverts a map: the place and force that it reads as the array did.
+
 use super::descent::{Descent, Estimate};
 use super::normal::{Normal, inverse};
 use super::response::Response;

@@ -1,3 +1,5 @@
+//! A Gaussian process from outputs to the place.
+
 use super::kriging::{Kriging, MOST_PLACES, Manner, Sought, farthest_apart};
 use super::{Calibration, FitError, Load, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;

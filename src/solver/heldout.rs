@@ -1,3 +1,5 @@
+//! Calibration presses held out and solved, as trials of a method.
+
 use super::response::Response;
 use super::{Calibration, FitError, Locate, Located, Setting, SolveError, Workspace};
 use crate::quantity::{Place, stream};

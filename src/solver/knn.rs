@@ -1,3 +1,5 @@
+//! The nearest calibration points, weighted.
+
 use super::pearson::{check, direction};
 use super::scan::{Hit, Scan, dot};
 use super::{Calibration, FitError, Locate, Located, SolveError, Workspace};

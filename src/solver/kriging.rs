@@ -1,3 +1,5 @@
+//! Smooth functions of a place, regressed from what was measured.
+
 use faer::{Mat, MatRef, Side};
 
 /// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the

@@ -1,3 +1,5 @@
+//! How far outputs stray, unit by unit.
+
 /// How far a unit's output strays from what its contact calls for, unit by unit: an additive part and one proportional to the
 /// output, variance a^2 + (b y)^2.
 #[derive(Clone, Debug, PartialEq)]

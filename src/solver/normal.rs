@@ -1,3 +1,5 @@
+//! Normal equations of three unknowns.
+
 /// Normal equations of three unknowns: J'WJ and J'Wr, summed over weighted rows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Normal {

@@ -1,3 +1,5 @@
+//! The paper's method: the largest Pearson correlation.
+
 use super::scan::{Scan, dot, to_length_one, to_order_one};
 use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::{ArrayLayout, Place};

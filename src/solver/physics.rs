@@ -1,3 +1,5 @@
+//! The map by elasticity.
+
 use super::field::{Area, Field};
 use super::response::Response;
 use super::spots::Spots;

@@ -1,3 +1,5 @@
+//! Where the array lies, from where its units were found.
+
 use super::physics::unit_places;
 use super::{Calibration, FitError};
 use crate::quantity::{ArrayLayout, Place};

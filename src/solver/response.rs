@@ -1,3 +1,5 @@
+//! What the array reads under one contact, from place to place.
+
 use super::Calibration;
 use super::field::Field;
 use super::noise::{Noise, Residual};

@@ -1,3 +1,5 @@
+//! Looks through a table for the largest dot products.
+
 use pulp::{Arch, Simd, WithSimd};
 
 /// A table of rows of length 1, and the search for those with the largest dot product with a direction.

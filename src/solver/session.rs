@@ -1,3 +1,5 @@
+//! One reading after another, broken units left out.
+
 use super::{
     Broken, Calibration, Fault, FitError, Fitted, Prepared, Setting, Solution, SolveError, Solver, Verdict, Workspace,
 };

@@ -1,3 +1,5 @@
+//! What a fit is told beside the calibration.
+
 use super::Calibration;
 use crate::quantity::ArrayLayout;
 

@@ -1,3 +1,5 @@
+//! One contact as solved, and how sure that is.
+
 use crate::quantity::Place;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 

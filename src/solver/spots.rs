@@ -1,3 +1,5 @@
+//! The places of a calibration, one measurement each.
+
 use super::noise::Residual;
 use super::response::Held;
 use super::{Calibration, kriging::MOST_PLACES, kriging::farthest_apart};

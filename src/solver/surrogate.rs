@@ -1,3 +1,5 @@
+//! The map by regression.
+
 use super::field::{Area, Field};
 use super::kriging::{Kriging, Manner};
 use super::response::Response;

@@ -1,3 +1,5 @@
+//! From where a misfit is more than noise.
+
 use super::heldout::GOLDEN_SHARE;
 use super::response::Response;
 use super::{Calibration, Load, Setting};

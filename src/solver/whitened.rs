@@ -1,3 +1,5 @@
+//! The smallest angle, outputs weighted by their noise.
+
 use super::pearson::check;
 use super::scan::{Scan, to_length_one, to_order_one};
 use super::{Calibration, FitError, Locate, Located, SolveError, Workspace};

@@ -1,3 +1,5 @@
+//! The simulated benches that conditions are measured on.
+
 use super::StudyError;
 use crate::dataset::{Contact, Memory};
 use crate::document::Problems;

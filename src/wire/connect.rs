@@ -1,3 +1,5 @@
+//! Opens links.
+
 use super::{Link, Parity};
 use std::io;
 use std::process::Stdio;

@@ -1,3 +1,5 @@
+//! Questions and answers of one line each.
+
 use super::Connector;
 use super::lines::{Lines, WireError, silent};
 use std::time::Duration;

@@ -1,3 +1,5 @@
+//! Lines on a link, and what goes wrong on it.
+
 use super::{ByteStream, Connector};
 use std::future::poll_fn;
 use std::io;

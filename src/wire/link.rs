@@ -1,3 +1,5 @@
+//! Links as a person names them.
+
 /// Fastest line rate that is taken for a typing error and refused, baud.
 const BAUD_MAX: u32 = 12_000_000;
 

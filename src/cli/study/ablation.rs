@@ -1,6 +1,6 @@
 //! `palpate study ablation`: which terms a scene needs, and for what.
 
-use super::{Begun, Common};
+use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
 use crate::study::ablation::{
     ALL_TERMS, Findings, Needed, PER_PRESS, PER_READING, Question, Row, SHARE, Size, TERMS, Term, ablation,

@@ -1,6 +1,6 @@
 //! `palpate study control`: how fast and how near each strategy presses.
 
-use super::{Begun, Common, number};
+use super::begun::{Begun, Common, number};
 use crate::cli::exit::Failure;
 use crate::control::Strategy;
 use crate::study::{Findings, Outcome, Part, Size, control, figures};

@@ -1,6 +1,6 @@
 //! `palpate study curves`: the paper's numerical study, and any array put through the same.
 
-use super::{Begun, Output, number};
+use super::begun::{Begun, Output, number};
 use crate::cli::exit::Failure;
 use crate::cli::sources::read_rig;
 use crate::document;

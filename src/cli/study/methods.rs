@@ -1,6 +1,6 @@
 //! `palpate study speed-accuracy | budget | failures`: the methods that solve.
 
-use super::{Begun, Common, number};
+use super::begun::{Begun, Common, number};
 use crate::cli::evaluate::read_presses;
 use crate::cli::exit::Failure;
 use crate::cli::recorded::read_run;

@@ -1,6 +1,6 @@
 //! `palpate study validation`: the paper's protocol many times over, and its numerical study, as a page.
 
-use super::{Begun, Common};
+use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
 use crate::study::validation::{QUICK_SEEDS, SEEDS, validation};
 use std::process::ExitCode;

@@ -1,7 +1,8 @@
 //! The guarded press: contact stops a slow approach, then steps from below, each made with a stiffness that can't be too
 //! small: the force never exceeds the one that is set.
 
-use super::{Branch, Command, Press, Rule, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, Strategy, TELL_SIGMAS, Trip};
+use super::state::{Press, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
+use super::{Branch, Command, Rule, Strategy, Trip};
 
 /// Share of the first force that an approach may use up when contact comes, and the most it may, N.
 const TOUCH_SHARE: f64 = 0.6;

@@ -4,6 +4,7 @@
 mod dialogue;
 mod guarded;
 mod shot;
+mod state;
 mod velocity;
 
 use super::map::Lesson;
@@ -14,8 +15,8 @@ use super::trip::{Rule, Trip};
 pub use dialogue::{Air, Command, Context, Event, Moment, Steer};
 pub use velocity::GAIN_TIMES_DEAD_TIME;
 
-use shot::Landing;
-use velocity::Push;
+pub use state::Press;
+use state::{Motion, Push, SEARCH_MM, STEP_LEAST_MM, State, TELL_SIGMAS};
 
 /// Readings in air that are looked at before a press.
 pub const AIR_READINGS: u32 = 8;
@@ -30,86 +31,12 @@ const READ_S: f64 = 0.020;
 /// What it must be known to, if that can be read in so long, s.
 const MEAN_SHARE_MOST: f64 = 0.15;
 const READ_MOST_S: f64 = 0.200;
-/// How far beyond the latest contact the search goes on before there is none, mm: a soft surface yields before it is felt.
-const SEARCH_MM: f64 = 0.20;
 /// What a depth limit must leave beyond the surface's uncertainty for that search, mm.
 pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
 /// Share of a force that must still be there at the next look, nothing having been withdrawn.
 const LEFT_SHARE: f64 = 0.5;
-/// How many sd of a mean a rule on its fall or its answer leaves.
-const TELL_SIGMAS: f64 = 6.0;
-/// Smallest step worth commanding, mm.
-const STEP_LEAST_MM: f64 = 0.000_1;
-/// Most steps to one level: where much more stiffness is declared than there is, each may go a few micrometres only.
-const STEPS_MAX: u32 = 1000;
 /// Most points of a loading path that are kept.
 const PATH_MAX: usize = 12;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum State {
-    Idle,
-    Descending,
-    Approaching,
-    Touching,
-    Pushing,
-    Shooting,
-    Landing,
-    Stepping,
-    Trimming,
-    Reading,
-    Dwelling,
-    Lingering,
-    Waiting,
-    Sampling,
-    Withdrawing,
-    Leaving,
-    Departing,
-    Over,
-}
-
-/// One contact: find the surface from above, reach each level from its own side, hold it, sample it, withdraw.
-pub struct Press {
-    task: Task,
-    context: Context,
-    state: State,
-    level: usize,
-    z_mm: f64,
-    force_n: f64,
-    sigma_n: f64,
-    /// How far the zero has drifted below air, N: the true force is larger by that.
-    drift_n: f64,
-    moment: Moment,
-    /// The earliest surface, expected or, once touched, touched.
-    first_mm: f64,
-    in_contact: bool,
-    dwelt: bool,
-    steps: u32,
-    motion: Option<Motion>,
-    /// A rule that a reading broke while a motion was under way.
-    broken: Option<Trip>,
-    /// When contact was first felt, s.
-    contact_s: Option<f64>,
-    /// Where stiffness is measured from: z and force.
-    anchor: (f64, f64),
-    /// Up to where the force has answered: z and force.
-    answered: (f64, f64),
-    /// Where the last motion ended before this one, mm.
-    before_mm: f64,
-    stiffness_n_mm: Option<f64>,
-    /// The loading path: z and force at rest, from the touch to the first level.
-    path: Vec<(f64, f64)>,
-    push: Push,
-    landing: Option<Landing>,
-}
-
-/// The motion under way: where it began, when at the earliest, and how it goes.
-#[derive(Clone, Copy, Debug)]
-struct Motion {
-    from_mm: f64,
-    from_n: f64,
-    began_s: f64,
-    profile: Profile,
-}
 
 impl Press {
     /// A press that hasn't begun.

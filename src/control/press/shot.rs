@@ -2,7 +2,8 @@
 //! below, and a late trim that allows for what the force will fade until it is sampled.
 
 use super::guarded::LEARN_SHARE;
-use super::{Branch, Command, Level, Press, Rule, STEP_LEAST_MM, STEPS_MAX, State, Steer, TELL_SIGMAS, Trip};
+use super::state::{Landing, Press, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
+use super::{Branch, Command, Level, Rule, Steer, Trip};
 use crate::control::map::{Lesson, Shot};
 use crate::control::profile::Profile;
 use crate::quantity::Place;
@@ -27,18 +28,6 @@ const OVER_SHARE: f64 = 0.02;
 /// The least that a shot must meet of what was expected, and what is allowed beyond, N (E-).
 const MET_SHARE: f64 = 0.4;
 const MET_N: f64 = 0.05;
-
-/// A first motion as it ended, and what came of it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Landing {
-    z_mm: f64,
-    force_n: f64,
-    expected_n: f64,
-    /// The force that the last correction should have left, N.
-    left_n: f64,
-    /// What of it was gone in the window, as a share of the set force.
-    faded: Option<f64>,
-}
 
 impl Landing {
     /// The window of the first level is over.

@@ -1,3 +1,5 @@
+//! The press against a spring.
+
 use super::*;
 use crate::control::{Lesson, Map, Permit, Timing, Zero};
 use crate::quantity::{Limits, Place};

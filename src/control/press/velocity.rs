@@ -1,7 +1,8 @@
 //! The velocity press: one finite, permitted motion toward the force, its speed in proportion to the force that is missing,
 //! stopped when little is. A host that dies leaves a motion that ends on its safe point. What is left is the guarded press'.
 
-use super::{Command, Press, State, Steer, Trip};
+use super::state::{Press, Push, STEP_LEAST_MM, State};
+use super::{Command, Steer, Trip};
 
 /// Gain times dead time: no overshoot up to 1/e, and this leaves room for a dead time that is longer than measured (CONTROL 3.1).
 pub const GAIN_TIMES_DEAD_TIME: f64 = 0.30;
@@ -15,16 +16,6 @@ const SLOWER: f64 = 0.9;
 /// How many sd of a mean the goal stays below the set force.
 const BELOW_SIGMAS: f64 = 4.0;
 
-/// The state of a motion that is steered.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Push {
-    goal_n: f64,
-    speed_mm_s: f64,
-    ordered_s: f64,
-    sum_n: f64,
-    count: f64,
-}
-
 impl Press {
     /// Toward the force, at a speed that is safe for the dead time of the rig.
     pub(super) fn push(&mut self) -> Result<Command, Trip> {
@@ -32,7 +23,7 @@ impl Press {
         let goal_n = level.force_set_n.min(self.context.limits.force_n - self.drift_n) - BELOW_SIGMAS * self.sigma_n;
         let speed_mm_s = self.speed_for(goal_n - self.force_n).min(self.context.speed_mm_s);
         let target_mm = self.context.permit.deepest_mm(&self.standing());
-        if speed_mm_s < SLOWEST_MM_S || target_mm - self.z_mm < super::STEP_LEAST_MM {
+        if speed_mm_s < SLOWEST_MM_S || target_mm - self.z_mm < STEP_LEAST_MM {
             return self.pursue();
         }
         self.push = Push { goal_n, speed_mm_s, ordered_s: self.moment.now_s, sum_n: 0.0, count: 0.0 };

@@ -1,3 +1,5 @@
+//! One task that samples all inputs by the card's own clock.
+
 use crate::device::{DeviceError, Problem};
 use crate::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, Task};
 use std::time::Duration;

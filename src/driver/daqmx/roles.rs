@@ -1,3 +1,5 @@
+//! The load cell and the array that read from one task.
+
 use super::Acquisition;
 use crate::device::{DeviceError, Identity, LoadCell, SensorArray};
 use crate::quantity::{ForceReading, Health};

@@ -1,3 +1,5 @@
+//! The acquisition against a library from a script.
+
 use super::{Acquisition, Inputs, Terminal};
 use crate::wire::daqmx::{Functions, NiDaqmx, Task};
 use std::sync::{Arc, Mutex};

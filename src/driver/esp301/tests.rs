@@ -1,3 +1,5 @@
+//! The ESP301 driver against answers from a script.
+
 use super::*;
 use crate::driver::script::{Script, scripted, usage};
 use tokio::task::JoinHandle;

@@ -1,3 +1,5 @@
+//! The serial line: lines out, reports in.
+
 use super::report::{Report, Status, alarm_name, error_name, parse_report};
 use crate::device::{DeviceError, Problem, Reins};
 use crate::wire::{Connector, Lines, WireError, silent};

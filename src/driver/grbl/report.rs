@@ -1,3 +1,5 @@
+//! What GRBL says, line by line.
+
 /// What a line from the controller is.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Report {

@@ -1,3 +1,5 @@
+//! The stage: made ready, moved by jogs, followed by status reports.
+
 use super::port::{ANSWER_DEADLINE, JOG_CANCEL, Port, SOFT_RESET};
 use super::report::{State, Status};
 use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};

@@ -1,3 +1,5 @@
+//! The GRBL driver against answers from a script.
+
 use super::*;
 use crate::device::{Reins, Stage};
 use crate::driver::script::{Script, scripted, usage};

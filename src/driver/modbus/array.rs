@@ -1,5 +1,8 @@
+//! A sensor array on the inputs of a Modbus converter.
+
 use super::client::Client;
-use super::profile::{Outputs, Probe, Profile, Transport};
+use super::profile::{Outputs, Probe, Profile};
+use super::request::Transport;
 use crate::device::{DeviceError, Identity, Problem, SensorArray};
 use crate::wire::Connector;
 

@@ -1,5 +1,8 @@
+//! The client side of Modbus: reads, retries and time-outs.
+
 use super::line::Line;
-use super::profile::{Function, Probe, Profile, Register, Transport};
+use super::profile::{Probe, Profile, Register};
+use super::request::{Function, Transport};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{ByteStream, Connector};
 use std::io::ErrorKind;

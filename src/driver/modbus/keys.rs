@@ -1,7 +1,7 @@
 //! The keys of a register map, table by table.
 
 use super::number::{NumberType, WordOrder};
-use super::profile::{Function, Transport};
+use super::request::{Function, Transport};
 use crate::document::{Bounds, keys, words};
 
 pub(super) const TRANSPORTS: [(&str, Transport); 2] = [("rtu", Transport::Rtu), ("tcp", Transport::Tcp)];

@@ -1,4 +1,6 @@
-use super::profile::Transport;
+//! The link as the Modbus library sees it.
+
+use super::request::Transport;
 use crate::wire::ByteStream;
 use std::io;
 use std::pin::Pin;

@@ -1,5 +1,8 @@
+//! A load cell behind a Modbus transmitter.
+
 use super::client::Client;
-use super::profile::{Force, Function, Probe, Profile, Status, Transport};
+use super::profile::{Force, Probe, Profile, Status};
+use super::request::{Function, Transport};
 use crate::device::{DeviceError, Identity, LoadCell, Problem};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;

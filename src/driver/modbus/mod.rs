@@ -7,12 +7,14 @@ mod line;
 mod load_cell;
 mod number;
 mod profile;
+mod request;
 
 pub use array::ModbusArray;
 pub use client::Client;
 pub use load_cell::ModbusLoadCell;
 pub use number::{Encoding, NumberType, WordOrder};
-pub use profile::{Function, Profile, Register, SHIPPED, Transport};
+pub use profile::{Profile, Register, SHIPPED};
+pub use request::{Function, Transport};
 
 use crate::document::Keys;
 

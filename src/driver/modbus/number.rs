@@ -1,3 +1,5 @@
+//! What registers hold, and how a number is read from them.
+
 /// What registers hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {

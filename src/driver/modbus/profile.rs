@@ -2,6 +2,7 @@
 
 use super::keys::{self, decimals, force, outputs, probe, register, root, sign, status};
 use super::number::{Encoding, NumberType, WordOrder};
+use super::request::{Function, Transport};
 use crate::document::{self, Problem, Problems, Table};
 
 /// The register maps that come with the program: name and text.
@@ -35,34 +36,6 @@ pub struct Profile {
     pub outputs: Option<Outputs>,
     /// Registers whose value is known: they show at connect that addresses and word order are right.
     pub probe: Vec<Probe>,
-}
-
-/// How Modbus is framed on a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Transport {
-    /// Serial line, CRC and silence.
-    Rtu,
-    /// TCP, with a header that numbers the transactions.
-    Tcp,
-}
-
-/// With which function registers are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Function {
-    /// Function code 3.
-    Holding,
-    /// Function code 4.
-    Input,
-}
-
-impl Function {
-    /// The function that this one's answer can't be taken for.
-    pub fn other(self) -> Function {
-        match self {
-            Function::Holding => Function::Input,
-            Function::Input => Function::Holding,
-        }
-    }
 }
 
 /// Where a number is.

@@ -1,3 +1,5 @@
+//! Modbus drivers against answers from a script.
+
 use super::*;
 use crate::device::LoadCell;
 use crate::driver::script::{Script, closing, scripted};

@@ -1,3 +1,5 @@
+//! One program: requests out, answers in, by their numbers.
+
 use crate::device::{DeviceError, Identity, Problem, Reins};
 use crate::wire::{Connector, Lines, WireError, silent};
 use serde_json::{Map, Value, json};

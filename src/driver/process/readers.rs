@@ -1,3 +1,5 @@
+//! A load cell and an array behind programs of the user's own.
+
 use super::port::{Object, Port};
 use crate::device::{DeviceError, Identity, LoadCell, Problem, SensorArray};
 use crate::quantity::{ForceReading, Health};

@@ -1,3 +1,5 @@
+//! A stage behind a program of the user's own.
+
 use super::port::{Object, PREPARE_DEADLINE, Port};
 use crate::device::{DeviceError, Identity, Problem, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;

@@ -1,3 +1,5 @@
+//! Drivers of programs against answers from a script.
+
 use super::*;
 use crate::device::{LoadCell, Reins, SensorArray, Stage};
 use crate::driver::script::{Script, scripted, usage};

@@ -1,3 +1,5 @@
+//! The load cell on an analog input.
+
 use super::CALL_DEADLINE;
 use super::socket::Socket;
 use super::text::number_in;

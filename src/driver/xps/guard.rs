@@ -1,3 +1,5 @@
+//! What the controller itself looks at while it moves.
+
 use super::CALL_DEADLINE;
 use super::socket::Socket;
 use super::text::Answer;

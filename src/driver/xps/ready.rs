@@ -1,3 +1,5 @@
+//! Makes the group of an XPS ready: initialised, homed, within the rig's travel.
+
 use super::CALL_DEADLINE;
 use super::stage::{AT_REST_MM, Xps};
 use super::text::{Answer, GroupState};

@@ -1,3 +1,5 @@
+//! One socket of an XPS: a call out, its answer in.
+
 use super::text::{Answer, error_name, parse_answer};
 use crate::device::{DeviceError, Problem};
 use crate::wire::{Connector, Lines, WireError, silent};

@@ -1,3 +1,5 @@
+//! The stage: a group of three positioners, over three sockets.
+
 use super::CALL_DEADLINE;
 use super::guard::{Armed, Guard};
 use super::socket::Socket;

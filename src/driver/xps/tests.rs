@@ -1,3 +1,5 @@
+//! The XPS driver against answers from a script.
+
 use super::*;
 use crate::device::{LoadCell, Problem, Reins, Stage};
 use crate::driver::script::{Script, scripted, unused, usage};

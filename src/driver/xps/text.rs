@@ -1,3 +1,5 @@
+//! Answers of an XPS, taken apart.
+
 /// What came back of a call: 0 or the error's code, and the values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {

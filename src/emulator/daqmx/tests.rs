@@ -1,3 +1,5 @@
+//! The library, function by function.
+
 use super::*;
 use crate::emulator::testbed::{STIFFNESS_N_MM, pressed, scene, scene_with, shared};
 use crate::quantity::Axis;

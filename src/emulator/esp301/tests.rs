@@ -1,3 +1,5 @@
+//! The ESP301, command by command.
+
 use super::*;
 use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::scene::Servo;

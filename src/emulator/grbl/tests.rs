@@ -1,3 +1,5 @@
+//! GRBL, line by line.
+
 use super::*;
 use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::quantity::Axis;

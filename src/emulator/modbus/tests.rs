@@ -1,3 +1,5 @@
+//! Frames, exceptions and damage, over RTU and TCP.
+
 use super::*;
 use crate::emulator::testbed::{Wire, pressed, scene, shared};
 use proptest::prelude::*;

@@ -1,3 +1,5 @@
+//! Emulated programs, line by line.
+
 use super::*;
 use crate::emulator::testbed::{POWER_ON, Wire, pressed, scene, shared};
 use crate::emulator::{INBOX_MOST, Owed};

@@ -1,3 +1,5 @@
+//! The XPS, call by call.
+
 mod sockets;
 
 use super::positioner::TRAVEL_MM;
@@ -186,6 +188,7 @@ fn the_group_goes_through_its_life() {
         ("GroupKill(XYZ)", "0", "7", "7"),
         ("GroupInitializeWithEncoderCalibration(XYZ)", "0", "49", "42"),
         ("GroupHomeSearch(XYZ)", "0", "43", "11"),
+        ("GroupMoveAbsolute(XYZ,1,2,3)", "0", "44", "12"),
         ("KillAll()", "0", "7", "7"),
     ] {
         assert_eq!(step(sent), (code.into(), soon.into(), then.into()), "{sent}");

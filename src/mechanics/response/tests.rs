@@ -1,3 +1,5 @@
+//! Responses against known solutions.
+
 use super::*;
 use proptest::prelude::*;
 use std::f64::consts::TAU;

@@ -1,17 +1,14 @@
 //! Inputs of NI devices, by NI's DAQmx library: one as a load cell, some as an array.
 
-use super::{
-    ArrayDriver, Beside, Driver, Family, Links, LoadCellDriver, Misfit, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role,
-    as_a, counted, read_newton_per_volt,
-};
+use super::{Beside, Family, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, counted, read_newton_per_volt};
 use crate::device::{self, DeviceError, Identity};
 use crate::document::{Problem, Table, keys, words};
 use crate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
 use crate::driver::{AnyArray, AnyLoadCell};
 use crate::emulator::{DaqmxEmulator, Shared};
 use crate::quantity::ArrayLayout;
-use crate::rig::open::{Dial, Wiring};
-use crate::rig::{EmulatedDevice, FarEnd, RigSpec};
+use crate::rig::emulated::{EmulatedDevice, FarEnd};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, RigSpec, Wiring};
 use crate::scene::{Device, Scene};
 use crate::wire::daqmx::{DaqmxLibrary, Functions, NiDaqmx};
 use crate::wire::{ClaimError, Claims, Link};

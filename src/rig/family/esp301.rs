@@ -1,10 +1,10 @@
 //! Newport ESP301 and ESP300: three axes on a serial line, or behind a serial server.
 
-use super::{Driver, Family, Links, Role, StageDriver};
+use super::{Family, Links, Role};
 use crate::driver::{AnyStage, Esp301};
 use crate::emulator;
-use crate::rig::open::Dial;
-use crate::rig::{EmulatedDevice, RigSpec};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{Dial, Driver, RigSpec, StageDriver};
 use crate::scene::Scene;
 use std::sync::Arc;
 

@@ -1,11 +1,11 @@
 //! GRBL 1.1: a CNC frame or a converted printer as a stage.
 
-use super::{Driver, Family, Links, Role, StageDriver};
+use super::{Family, Links, Role};
 use crate::driver::AnyStage;
 use crate::driver::grbl::Grbl;
 use crate::emulator;
-use crate::rig::open::Dial;
-use crate::rig::{EmulatedDevice, RigSpec};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{Dial, Driver, RigSpec, StageDriver};
 use crate::scene::Scene;
 use std::sync::Arc;
 

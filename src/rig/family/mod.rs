@@ -6,27 +6,20 @@
 mod daqmx;
 mod esp301;
 mod grbl;
+mod list;
 mod modbus;
 mod process;
 mod xps;
 
-pub use modbus::MappedDevice;
+pub use list::FAMILIES;
+pub(super) use list::choices;
 
-use super::open::{Dial, Wiring};
-use super::{EmulatedDevice, RigSpec};
-use crate::device::DeviceError;
-use crate::document::{Bounds, Case, Key, Keys, Kind, Problem, Table};
-use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
+use super::spec::{ArrayDriver, Driver, LoadCellDriver, StageDriver};
+use crate::device::{self, DeviceError};
+use crate::document::{Bounds, Key, Problem, Table};
 use crate::quantity::ArrayLayout;
-use crate::scene::{Device, Scene};
-use crate::wire::{ClaimError, Claims, Link};
 use std::any::Any;
-use std::fmt::Debug;
 use std::sync::Arc;
-
-/// Every family, in the order in which messages name them.
-pub const FAMILIES: [&Family; 6] =
-    [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
 
 /// Devices of one kind.
 pub struct Family {
@@ -70,94 +63,6 @@ pub enum Links {
 /// Gives the text of a file that lies beside the rig's.
 pub(super) type Beside<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 
-/// A driver as a rig describes it, whichever role it plays.
-pub trait Driver: Any + Debug + Send + Sync {
-    /// The link that it has by itself; none: the rig names it.
-    fn own_link(&self) -> Option<Link> {
-        None
-    }
-
-    /// The register map that it goes by, if it has one.
-    fn map(&self) -> Option<&MappedDevice> {
-        None
-    }
-
-    /// Takes its real link for this program alone.
-    ///
-    /// # Errors
-    /// Another program has it.
-    fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
-        claims.take(link)
-    }
-
-    /// What keeps it from working with the rest of the rig.
-    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        let _ = rig;
-        Vec::new()
-    }
-}
-
-/// A driver that doesn't fit the rest of its rig.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Misfit {
-    /// The role that has to be changed.
-    pub role: Device,
-    /// What is wrong.
-    pub told: String,
-    /// What to do.
-    pub help: Option<&'static str>,
-}
-
-/// A stage.
-pub trait StageDriver: Driver {
-    /// The driver on its link, which `dial` opens; nothing is sent.
-    fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage;
-
-    /// The emulator that answers it in a simulated rig.
-    fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
-}
-
-/// A load cell.
-pub trait LoadCellDriver: Driver {
-    /// The driver on its link, which `dial` opens; nothing is sent.
-    ///
-    /// # Errors
-    /// It can't play this role, or needs a library that isn't there.
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError>;
-
-    /// The emulator that answers it in a simulated rig, whose stage is `stage`.
-    ///
-    /// # Errors
-    /// There is none.
-    fn emulated(&self, rig: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError>;
-}
-
-/// An array.
-pub trait ArrayDriver: Driver {
-    /// The driver on its link, which `dial` opens; nothing is sent.
-    ///
-    /// # Errors
-    /// It can't play this role, or needs a library that isn't there.
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError>;
-
-    /// The emulator that answers it in a simulated rig.
-    ///
-    /// # Errors
-    /// There is none.
-    fn emulated(&self, rig: &RigSpec) -> Result<EmulatedDevice, DeviceError>;
-
-    /// What keeps it from reading all outputs of a layout, and what to do about it.
-    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
-        let _ = layout;
-        None
-    }
-
-    /// The largest output that it can give, where it knows, V.
-    fn range_v(&self) -> Option<f64> {
-        None
-    }
-}
-
 /// The outputs of an array as a person counts them: units, where each has one.
 fn counted(layout: &ArrayLayout) -> String {
     let units = layout.units().len();
@@ -182,69 +87,8 @@ fn read_newton_per_volt(table: &Table, key: &Key) -> Option<f64> {
     Some(newton_per_volt)
 }
 
-/// What the `driver` of a role may be, from the families that play it.
-macro_rules! choice {
-    ($role:ident) => {
-        pub mod $role {
-            use super::*;
-
-            const fn counts() -> (usize, usize) {
-                let (mut words, mut cases, mut i) = (0, 0, 0);
-                while i < FAMILIES.len() {
-                    if let Some(role) = &FAMILIES[i].$role {
-                        words += role.words.len();
-                        cases += !role.keys.is_empty() as usize;
-                    }
-                    i += 1;
-                }
-                (words, cases)
-            }
-
-            const WORDS: [&str; counts().0] = {
-                let (mut words, mut next, mut i) = ([""; counts().0], 0, 0);
-                while i < FAMILIES.len() {
-                    if let Some(role) = &FAMILIES[i].$role {
-                        let mut word = 0;
-                        while word < role.words.len() {
-                            words[next] = role.words[word];
-                            (next, word) = (next + 1, word + 1);
-                        }
-                    }
-                    i += 1;
-                }
-                words
-            };
-
-            const CASES: [Case; counts().1] = {
-                let (mut cases, mut next, mut i) = ([Case { name: "", keys: &[] }; counts().1], 0, 0);
-                while i < FAMILIES.len() {
-                    if let Some(role) = &FAMILIES[i].$role
-                        && !role.keys.is_empty()
-                    {
-                        cases[next] = Case { name: role.keys[0].name, keys: role.keys };
-                        next += 1;
-                    }
-                    i += 1;
-                }
-                cases
-            };
-
-            const KEYS: Keys = Keys::one_of(&CASES);
-
-            /// A word, a table, or either of them.
-            pub const KIND: Kind = match WORDS.len() {
-                0 => Kind::Table(&KEYS),
-                _ => Kind::Either(&[Kind::Word(&WORDS), Kind::Table(&KEYS)]),
-            };
-        }
-    };
-}
-
-/// What `driver` may be, role by role.
-pub(super) mod choices {
-    use super::{Case, FAMILIES, Keys, Kind};
-
-    choice!(stage);
-    choice!(load_cell);
-    choice!(array);
+/// A driver that can't play a role.
+pub(super) fn unfit(role: &str, driver: &str) -> DeviceError {
+    let problem = device::Problem::Mismatch(format!("\"{driver}\" can't play this role"));
+    DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }
 }

@@ -1,14 +1,14 @@
 //! Modbus transmitters and converters: which registers mean what is a register map.
 
-use super::{ArrayDriver, Beside, Driver, Family, Links, LoadCellDriver, Role, counted};
+use super::{Beside, Family, Links, Role, counted, unfit};
 use crate::device::{self, DeviceError};
 use crate::document::{Problem, Table, keys, with_nearest};
 use crate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
 use crate::driver::{AnyArray, AnyLoadCell};
 use crate::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
 use crate::quantity::ArrayLayout;
-use crate::rig::open::{Dial, Wiring, unfit};
-use crate::rig::{EmulatedDevice, RigSpec};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, MappedDevice, RigSpec, Wiring};
 use crate::scene::Device;
 use crate::wire::Link;
 use std::sync::Arc;
@@ -31,17 +31,6 @@ keys! {
         modbus: Text, Refused, "a register map that comes with the program, or a .toml file beside the rig's",
             "\"labjack-t7\"";
     }
-}
-
-/// A Modbus register map and where it came from.
-#[derive(Clone, Debug)]
-pub struct MappedDevice {
-    /// The name in the rig file: one that came with the program, or a file beside the rig's.
-    pub name: String,
-    /// The map.
-    pub profile: Profile,
-    /// The text of a map of the user's own; none where it came with the program.
-    pub own_text: Option<String>,
 }
 
 #[derive(Debug)]

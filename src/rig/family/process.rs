@@ -1,13 +1,13 @@
 //! Programs of the user's own that speak the process protocol (docs/process.md), in any role.
 
-use super::{ArrayDriver, Driver, Family, Links, LoadCellDriver, Role, StageDriver};
+use super::{Family, Links, Role};
 use crate::device::DeviceError;
 use crate::document::{Problem, Table, keys};
 use crate::driver::process::{ProcessArray, ProcessLoadCell, ProcessStage};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator;
-use crate::rig::open::{Dial, Wiring};
-use crate::rig::{EmulatedDevice, RigSpec};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, RigSpec, StageDriver, Wiring};
 use crate::scene::Scene;
 use crate::wire::Link;
 use std::sync::Arc;

@@ -1,16 +1,13 @@
 //! Newport XPS: a group of three positioners as a stage, and an analog input of the same controller as a load cell.
 
-use super::{
-    Beside, Driver, Family, Links, LoadCellDriver, Misfit, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, StageDriver,
-    as_a, read_newton_per_volt,
-};
+use super::{Beside, Family, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, read_newton_per_volt};
 use crate::device::DeviceError;
 use crate::document::{Problem, Table, keys};
 use crate::driver::xps::{Group, Guard, Xps, XpsAnalog};
 use crate::driver::{AnyLoadCell, AnyStage};
 use crate::emulator;
-use crate::rig::open::{Dial, Wiring};
-use crate::rig::{EmulatedDevice, RigSpec};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{Dial, Driver, LoadCellDriver, Misfit, RigSpec, StageDriver, Wiring};
 use crate::scene::{Device, Scene};
 use std::sync::Arc;
 

@@ -1,3 +1,5 @@
+//! What a skin is told: its terms.
+
 use crate::mechanics::Medium;
 
 /// What the taxels read of a contact: each term is optional, and what isn't named isn't computed.

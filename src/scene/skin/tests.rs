@@ -1,3 +1,5 @@
+//! What taxels read of a contact.
+
 use super::*;
 use crate::mechanics::{Medium, lambda};
 use proptest::prelude::*;

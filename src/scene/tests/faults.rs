@@ -1,3 +1,5 @@
+//! What goes wrong when it is told to.
+
 use super::*;
 
 const CELL: LoadCell = LoadCell { noise_n: 0.003, offset_n: 0.1, transport_s: 0.0, low_pass_hz: None };

@@ -1,3 +1,5 @@
+//! Contact, relaxation and the load cell.
+
 use super::*;
 
 /// A scene whose load cell converts `hz` times a second, seen through `cell`, on a spring that bears at once.

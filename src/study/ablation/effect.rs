@@ -1,3 +1,5 @@
+//! What a term changes, as a mean of paired differences.
+
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 

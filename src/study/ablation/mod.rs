@@ -11,12 +11,14 @@ mod figures;
 mod presses;
 mod readings;
 mod rule;
+mod size;
 mod terms;
 
 pub use cost::{ALL_TERMS, Cost, PER_PRESS, PER_READING, cost_of_all_terms};
 pub use effect::Effect;
 pub use figures::ablation_figures;
 pub use rule::{NEEDED, Needed, Question, SHARE, needed};
+pub use size::Size;
 pub use terms::{Model, TERMS, Term, Touches};
 
 use super::StudyError;
@@ -25,26 +27,6 @@ use crate::parallel::in_parallel;
 use crate::rig::RigSpec;
 use serde::Serialize;
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
-    /// Specimens, each with noise of its own; a term is tried off and on with each.
-    pub seeds: usize,
-    /// Calibration presses along a side.
-    pub side: usize,
-    /// Contacts that each calibration is tested with.
-    pub tests: usize,
-    /// Presses of the force loop along a side.
-    pub presses: usize,
-}
-
-impl Size {
-    /// The whole study: the paper's calibration of 625 presses.
-    pub const WHOLE: Size = Size { seeds: 20, side: 25, tests: 500, presses: 7 };
-    /// For a first look, and for tests.
-    pub const QUICK: Size = Size { seeds: 3, side: 7, tests: 40, presses: 2 };
-}
 
 /// What a term changes in one question.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -1,3 +1,5 @@
+//! The library on a thread of its own.
+
 use super::NiDaqmx;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};

@@ -1,3 +1,5 @@
+//! The XPS over several sockets.
+
 use super::*;
 use crate::emulator::testbed::{Wire, shared};
 use std::time::Duration;

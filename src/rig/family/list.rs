@@ -1,0 +1,75 @@
+//! Every family, and what the `driver` of each role may be.
+
+use super::{Family, daqmx, esp301, grbl, modbus, process, xps};
+use crate::document::{Case, Keys, Kind};
+
+/// Every family, in the order in which messages name them.
+pub const FAMILIES: [&Family; 6] =
+    [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
+
+/// What the `driver` of a role may be, from the families that play it.
+macro_rules! choice {
+    ($role:ident) => {
+        pub mod $role {
+            use super::*;
+
+            const fn counts() -> (usize, usize) {
+                let (mut words, mut cases, mut i) = (0, 0, 0);
+                while i < FAMILIES.len() {
+                    if let Some(role) = &FAMILIES[i].$role {
+                        words += role.words.len();
+                        cases += !role.keys.is_empty() as usize;
+                    }
+                    i += 1;
+                }
+                (words, cases)
+            }
+
+            const WORDS: [&str; counts().0] = {
+                let (mut words, mut next, mut i) = ([""; counts().0], 0, 0);
+                while i < FAMILIES.len() {
+                    if let Some(role) = &FAMILIES[i].$role {
+                        let mut word = 0;
+                        while word < role.words.len() {
+                            words[next] = role.words[word];
+                            (next, word) = (next + 1, word + 1);
+                        }
+                    }
+                    i += 1;
+                }
+                words
+            };
+
+            const CASES: [Case; counts().1] = {
+                let (mut cases, mut next, mut i) = ([Case { name: "", keys: &[] }; counts().1], 0, 0);
+                while i < FAMILIES.len() {
+                    if let Some(role) = &FAMILIES[i].$role
+                        && !role.keys.is_empty()
+                    {
+                        cases[next] = Case { name: role.keys[0].name, keys: role.keys };
+                        next += 1;
+                    }
+                    i += 1;
+                }
+                cases
+            };
+
+            const KEYS: Keys = Keys::one_of(&CASES);
+
+            /// A word, a table, or either of them.
+            pub const KIND: Kind = match WORDS.len() {
+                0 => Kind::Table(&KEYS),
+                _ => Kind::Either(&[Kind::Word(&WORDS), Kind::Table(&KEYS)]),
+            };
+        }
+    };
+}
+
+/// What `driver` may be, role by role.
+pub(in crate::rig) mod choices {
+    use super::{Case, FAMILIES, Keys, Kind};
+
+    choice!(stage);
+    choice!(load_cell);
+    choice!(array);
+}

@@ -1,0 +1,250 @@
+//! A rig file understood, and what each of its drivers can do.
+
+use super::emulated::EmulatedDevice;
+use crate::control::Timing;
+use crate::device::DeviceError;
+use crate::driver::daqmx::SharedAcquisition;
+use crate::driver::modbus::Profile;
+use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
+use crate::emulator::Shared;
+use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Range, Travel};
+use crate::recipe::Ground;
+use crate::scene::{Device, Scene, SceneSpec};
+use crate::wire::{ClaimError, Claims, Connector, Link};
+use std::any::Any;
+use std::cell::OnceCell;
+use std::fmt::Debug;
+use std::sync::Arc;
+use tokio::time::Instant;
+
+/// Clearance above the highest the surface may be, in which the indenter travels before the surface is learned, mm.
+const CLEARANCE_MM: f64 = 0.3;
+
+/// A rig file, understood.
+#[derive(Clone, Debug)]
+pub struct RigSpec {
+    /// The three-axis stage.
+    pub stage: StageSpec,
+    /// The load cell.
+    pub load_cell: LoadCellSpec,
+    /// The sensor array.
+    pub array: ArraySpec,
+    /// What the specimen bears.
+    pub limits: Limits,
+    /// Where the specimen is.
+    pub frame: Frame,
+    /// What is simulated when links are; the paper's where the file has no `[scene]`.
+    pub scene: SceneSpec,
+    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that goes on with a
+    /// tighter limit goes on with the sensor that it began with.
+    pub full_scale_n: Option<f64>,
+}
+
+/// The stage's part of a rig file.
+#[derive(Clone, Debug)]
+pub struct StageSpec {
+    /// Which driver.
+    pub driver: Arc<dyn StageDriver>,
+    /// Where it is.
+    pub link: Link,
+    /// How far the axes may go.
+    pub travel: Travel,
+    /// Fastest speed to be used, mm/s.
+    pub speed_mm_s: f64,
+    /// Acceleration to be used, mm/s^2.
+    pub acceleration_mm_s2: f64,
+    /// How long it moves on after its controller says that it stands, s.
+    pub settle_s: f64,
+}
+
+/// The load cell's part of a rig file.
+#[derive(Clone, Debug)]
+pub struct LoadCellSpec {
+    /// Which driver.
+    pub driver: Arc<dyn LoadCellDriver>,
+    /// Where it is.
+    pub link: Link,
+    /// Conversions a second.
+    pub conversions_hz: f64,
+    /// How long its filter and its transport hold a force back, s.
+    pub lag_s: f64,
+}
+
+/// The array's part of a rig file.
+#[derive(Clone, Debug)]
+pub struct ArraySpec {
+    /// Which driver.
+    pub driver: Arc<dyn ArrayDriver>,
+    /// Where it is.
+    pub link: Link,
+    /// Its outputs, and where the units are that they belong to.
+    pub layout: ArrayLayout,
+    /// The largest output it can tell, either way, V; none: not known.
+    pub range_v: Option<f64>,
+    /// The unit of its outputs as it is shown.
+    pub unit: String,
+}
+
+impl RigSpec {
+    /// The same rig with our emulators in place of its links.
+    #[must_use]
+    pub fn simulated(mut self) -> RigSpec {
+        self.stage.link = Link::Sim;
+        self.load_cell.link = Link::Sim;
+        self.array.link = Link::Sim;
+        self
+    }
+
+    /// Whether our emulators are at the far ends: the run then passes in virtual time.
+    pub fn is_simulated(&self) -> bool {
+        self.stage.link == Link::Sim
+    }
+
+    /// The z at which nothing of the specimen can be touched, whatever its surface: the frame's word and a clearance, mm.
+    pub fn clear_mm(&self) -> f64 {
+        -self.frame.uncertainty_mm - CLEARANCE_MM
+    }
+
+    /// How far the axes may go once the specimen counts: z ends where its depth limit does.
+    pub fn permitted_travel(&self) -> Travel {
+        let deepest_mm = self.frame.uncertainty_mm + self.limits.depth_mm;
+        let end_mm = self.frame.to_stage(Default::default(), deepest_mm).z_mm;
+        let mut travel = self.stage.travel;
+        let z = &mut travel.axes[Axis::Z.index()];
+        *z = match self.frame.down {
+            Down::Plus => Range { max: z.max.min(end_mm), ..*z },
+            Down::Minus => Range { min: z.min.max(end_mm), ..*z },
+        };
+        travel
+    }
+
+    /// How fast the rig is as far as its file says; the links haven't been timed.
+    pub fn unmeasured_timing(&self) -> Timing {
+        Timing {
+            exchange_s: 0.0,
+            settle_s: self.stage.settle_s + self.load_cell.lag_s,
+            conversion_s: 1.0 / self.load_cell.conversions_hz,
+            acceleration_mm_s2: self.stage.acceleration_mm_s2,
+            reaction_s: 0.0,
+        }
+    }
+
+    /// What a plan is held against.
+    pub fn ground(&self) -> Ground<'_> {
+        Ground { travel: &self.stage.travel, frame: &self.frame, limits: &self.limits, layout: &self.array.layout }
+    }
+}
+
+/// A driver as a rig describes it, whichever role it plays.
+pub trait Driver: Any + Debug + Send + Sync {
+    /// The link that it has by itself; none: the rig names it.
+    fn own_link(&self) -> Option<Link> {
+        None
+    }
+
+    /// The register map that it goes by, if it has one.
+    fn map(&self) -> Option<&MappedDevice> {
+        None
+    }
+
+    /// Takes its real link for this program alone.
+    ///
+    /// # Errors
+    /// Another program has it.
+    fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
+        claims.take(link)
+    }
+
+    /// What keeps it from working with the rest of the rig.
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        let _ = rig;
+        Vec::new()
+    }
+}
+
+/// A driver that doesn't fit the rest of its rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Misfit {
+    /// The role that has to be changed.
+    pub role: Device,
+    /// What is wrong.
+    pub told: String,
+    /// What to do.
+    pub help: Option<&'static str>,
+}
+
+/// A stage.
+pub trait StageDriver: Driver {
+    /// The driver on its link, which `dial` opens; nothing is sent.
+    fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage;
+
+    /// The emulator that answers it in a simulated rig.
+    fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
+}
+
+/// A load cell.
+pub trait LoadCellDriver: Driver {
+    /// The driver on its link, which `dial` opens; nothing is sent.
+    ///
+    /// # Errors
+    /// It can't play this role, or needs a library that isn't there.
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError>;
+
+    /// The emulator that answers it in a simulated rig, whose stage is `stage`.
+    ///
+    /// # Errors
+    /// There is none.
+    fn emulated(&self, rig: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError>;
+}
+
+/// An array.
+pub trait ArrayDriver: Driver {
+    /// The driver on its link, which `dial` opens; nothing is sent.
+    ///
+    /// # Errors
+    /// It can't play this role, or needs a library that isn't there.
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError>;
+
+    /// The emulator that answers it in a simulated rig.
+    ///
+    /// # Errors
+    /// There is none.
+    fn emulated(&self, rig: &RigSpec) -> Result<EmulatedDevice, DeviceError>;
+
+    /// What keeps it from reading all outputs of a layout, and what to do about it.
+    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
+        let _ = layout;
+        None
+    }
+
+    /// The largest output that it can give, where it knows, V.
+    fn range_v(&self) -> Option<f64> {
+        None
+    }
+}
+
+/// Opens the links of one role, as many as its driver needs.
+pub type Dial<'a> = &'a dyn Fn() -> Connector;
+
+/// What a rig's drivers share as they are opened.
+pub struct Wiring<'a> {
+    /// The rig.
+    pub rig: &'a RigSpec,
+    /// When its time begins: readings are timed from then.
+    pub origin: Instant,
+    /// The scene behind a simulated rig.
+    pub(super) scene: Option<Shared<Scene>>,
+    /// The task that samples all NI inputs, once it is made.
+    pub(super) acquisition: OnceCell<SharedAcquisition>,
+}
+
+/// A Modbus register map and where it came from.
+#[derive(Clone, Debug)]
+pub struct MappedDevice {
+    /// The name in the rig file: one that came with the program, or a file beside the rig's.
+    pub name: String,
+    /// The map.
+    pub profile: Profile,
+    /// The text of a map of the user's own; none where it came with the program.
+    pub own_text: Option<String>,
+}
