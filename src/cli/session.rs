@@ -81,10 +81,13 @@ pub fn carry_out(
     Ok(accepted(&evaluations))
 }
 
+/// Tasks that are polled between two looks at the timers while others are ready. On a paused clock no timer becomes due meanwhile.
+const EVENT_INTERVAL: u32 = 1024;
+
 /// What a rig's drivers run on: virtual time needs no events of the system.
 pub fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
     let mut builder = Builder::new_current_thread();
-    builder.enable_time().start_paused(virtual_time);
+    builder.enable_time().start_paused(virtual_time).event_interval(EVENT_INTERVAL);
     if !virtual_time {
         builder.enable_io();
     }

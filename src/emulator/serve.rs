@@ -85,11 +85,13 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
 
     async fn exchange<S: AsyncWrite + Unpin>(&self, stream: &mut S, request: &[u8]) -> io::Result<()> {
         let deaf_until = self.origin + duration(lock(self.instrument).deaf_until_s());
-        if deaf_until > Instant::now() {
+        let mut now = Instant::now();
+        if deaf_until > now {
             self.pass(stream, deaf_until).await?;
+            now = Instant::now();
         }
-        let Some(latency) = self.latency() else { return Ok(()) };
-        self.pass(stream, Instant::now() + latency).await?;
+        let Some(latency) = self.latency(now) else { return Ok(()) };
+        self.pass(stream, now + latency).await?;
         send(stream, &self.answer(request)).await
     }
 
@@ -138,7 +140,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
                     return Ok(Some(now + duration(wait_s).max(LEAST_LATENCY)));
                 }
                 Owed::Ready(reply) => {
-                    if self.latency().is_some() {
+                    if self.latency(Instant::now()).is_some() {
                         send(stream, &reply).await?;
                     }
                 }
@@ -158,9 +160,9 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
     }
 
     /// None where the link is silent: the request, or the answer, is lost.
-    fn latency(&self) -> Option<Duration> {
+    fn latency(&self, now: Instant) -> Option<Duration> {
         let device = lock(self.instrument).device();
-        let now_s = (Instant::now() - self.origin).as_secs_f64();
+        let now_s = (now - self.origin).as_secs_f64();
         let latency_s = lock(self.scene).latency_s(device, now_s)?;
         Some(duration(latency_s).max(LEAST_LATENCY))
     }

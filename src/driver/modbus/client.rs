@@ -78,8 +78,11 @@ impl Client {
     ) -> Result<Vec<u16>, DeviceError> {
         let mut last = String::new();
         for _ in 0..READ_TRIES {
-            sleep_until(self.next).await;
-            let asked = Instant::now();
+            let mut asked = Instant::now();
+            if self.next > asked {
+                sleep_until(self.next).await;
+                asked = Instant::now();
+            }
             let opened = self.open().await;
             let mut context = opened
                 .map_err(|error| self.error(doing, DeviceProblem::Link(format!("can't open the link: {error}"))))?;
