@@ -1,8 +1,9 @@
 //! Descends to where a map fits a reading best.
 
+use super::ForceKnown;
 use super::normal::Normal;
 use super::response::Response;
-use super::{ForceKnown, Workspace};
+use super::workspace::{Buffers, Workspace};
 use crate::quantity::Place;
 
 /// Finds where a [`Response`] fits a reading best, from a start close by: Gauss and Newton's steps in the place, the force, in
@@ -31,16 +32,6 @@ pub(super) struct Estimate {
     pub beyond: f64,
     /// The variance of the map there over that of the noise, mean of all units.
     pub leverage: f64,
-}
-
-/// One value a unit each.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Buffers {
-    value: Vec<f64>,
-    along_x: Vec<f64>,
-    along_y: Vec<f64>,
-    weight: Vec<f64>,
-    leverage: Vec<f64>,
 }
 
 /// The most steps from a start; two to four do.
