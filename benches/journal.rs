@@ -4,9 +4,9 @@
 //! `cargo bench --bench journal`. The disk is the one that holds the system's temporary folder.
 
 use cpu_time::ProcessTime;
-use palpate::control::{Air, Lesson};
+use palpate::control::{AirReadings, Lesson};
 use palpate::dataset::{
-    Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Record, RunFacts, RunFolder, Session,
+    Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -45,7 +45,7 @@ fn main() {
 /// Wall and processor time of recording so many presses.
 fn written(path: &Path, layout: &ArrayLayout, durability: Durability, presses: u64) -> (Duration, Duration) {
     let facts = RunFacts { recipe: "journal".to_owned(), presses_planned: presses, ..RunFacts::default() };
-    let session = Session { durability, ..Session::default() };
+    let session = Provenance { durability, ..Provenance::default() };
     let origins = Origins { recipe: String::new(), rig: String::new(), maps: Vec::new() };
     let mut folder = RunFolder::create(Some(path), &origins, facts, session, layout).expect("a run folder");
     let (began, cpu_began) = (Instant::now(), ProcessTime::now());
@@ -82,7 +82,7 @@ fn contact(press: u64) -> Contact {
         lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
         left: Some(Left {
             z_mm: -wave(8) / 3.0,
-            air: Some(Air { mean_n: wave(9) / 900.0, sigma_n: 0.002_917_3, readings: 83 }),
+            air: Some(AirReadings { mean_n: wave(9) / 900.0, sigma_n: 0.002_917_3, readings: 83 }),
         }),
     }
 }

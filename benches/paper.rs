@@ -3,10 +3,10 @@
 //! It measures and prints; it doesn't judge. Wall time depends on the disk by one fsync a press.
 
 use cpu_time::ProcessTime;
-use palpate::dataset::{Origins, RunFacts, RunFolder, Session, Status};
+use palpate::dataset::{Origins, Provenance, RunFacts, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig;
-use palpate::run::{Cancel, Errand, Listener, walk};
+use palpate::run::{Cancel, Listener, Walk, walk};
 use std::time::{Duration, Instant};
 
 const RUNS: u64 = 5;
@@ -58,12 +58,12 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
     let facts = RunFacts::new(&plan, true);
     let origins = Origins { recipe: text.to_owned(), rig: RIG.to_owned(), maps: Vec::new() };
     let out = parent.path().join("run");
-    let mut folder =
-        RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout).expect("a run folder");
+    let mut folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout)
+        .expect("a run folder");
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
-    let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert!(ending.status() == Status::Complete, "{:?}", ending.told());
     folder.finish(ending.end(String::new(), 0.0)).expect("the tables");

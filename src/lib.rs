@@ -32,7 +32,7 @@
 //! # One press, followed through
 //!
 //! A recipe becomes a [`recipe::Plan`] of entries. [`run::walk`] takes the next one that isn't recorded, travels there in the
-//! clear, and hands what it sees to a [`control::Press`]: events in, commands out. Each motion toward the specimen carries a
+//! clear, and hands what it sees to a [`control::ForceLoop`]: events in, commands out. Each motion toward the specimen carries a
 //! [`control::Permitted`] that only a [`control::Permit`] can make, since its end point is safe by itself. A driver turns it
 //! into bytes; in a simulated run an emulator at the far end turns them into motions of a [`scene::Scene`]. What comes back is
 //! watched, averaged, sampled, and on disk before the next press begins. The repository's ARCHITECTURE.md follows the same

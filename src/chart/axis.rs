@@ -2,7 +2,7 @@
 
 /// One axis.
 #[derive(Clone, Debug)]
-pub struct Axis {
+pub struct ChartAxis {
     /// What it is, with its unit.
     pub label: String,
     /// How values are spread.
@@ -33,31 +33,31 @@ const NARROWEST: f64 = 1e-12;
 /// The most values that an even axis tells, whatever its range.
 const MOST_TICKS: usize = 100;
 
-impl Axis {
+impl ChartAxis {
     /// An axis by the logarithm, its range widened to hold all values with a little room; at least as wide as asked for.
-    pub fn log(label: &str, values: impl IntoIterator<Item = f64>, least: (f64, f64)) -> Axis {
+    pub fn log(label: &str, values: impl IntoIterator<Item = f64>, least: (f64, f64)) -> ChartAxis {
         let (min, max) = values
             .into_iter()
             .filter(|value| *value > 0.0)
             .fold(least, |(min, max), value| (min.min(value / ROOM), max.max(value * ROOM)));
-        Axis { label: label.to_owned(), scale: Scale::Log, range: (min, max) }
+        ChartAxis { label: label.to_owned(), scale: Scale::Log, range: (min, max) }
     }
 
     /// An axis of even spread; where all values are the same, it begins with them.
-    pub fn linear(label: &str, (min, max): (f64, f64)) -> Axis {
+    pub fn linear(label: &str, (min, max): (f64, f64)) -> ChartAxis {
         let range = if max - min > NARROWEST { (min, max) } else { (min, min + 1.0) };
-        Axis { label: label.to_owned(), scale: Scale::Linear, range }
+        ChartAxis { label: label.to_owned(), scale: Scale::Linear, range }
     }
 
     /// The same for what is counted.
-    pub fn count(label: &str, range: (f64, f64)) -> Axis {
-        Axis { scale: Scale::Count, ..Axis::linear(label, range) }
+    pub fn count(label: &str, range: (f64, f64)) -> ChartAxis {
+        ChartAxis { scale: Scale::Count, ..ChartAxis::linear(label, range) }
     }
 
     /// Rows with names.
-    pub fn rows(names: Vec<String>) -> Axis {
+    pub fn rows(names: Vec<String>) -> ChartAxis {
         let last = names.len() as f64 - 0.5;
-        Axis { label: String::new(), scale: Scale::Rows(names), range: (-0.5, last) }
+        ChartAxis { label: String::new(), scale: Scale::Rows(names), range: (-0.5, last) }
     }
 
     /// Where a value is, from 0 to 1.
@@ -127,35 +127,35 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        let told = |axis: Axis| told(&axis, 400.0);
-        assert_eq!(told(Axis { range: (0.5, 3.2), ..Axis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
-        assert_eq!(told(Axis { range: (1.0, 900.0), ..Axis::log("", [], (1.0, 1.0)) }), "1 10 100");
-        assert_eq!(told(Axis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
-        assert_eq!(told(Axis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
+        let told = |axis: ChartAxis| told(&axis, 400.0);
+        assert_eq!(told(ChartAxis { range: (0.5, 3.2), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
+        assert_eq!(told(ChartAxis { range: (1.0, 900.0), ..ChartAxis::log("", [], (1.0, 1.0)) }), "1 10 100");
+        assert_eq!(told(ChartAxis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
+        assert_eq!(told(ChartAxis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
     }
 
     /// The ticks of an axis so many px long where each takes 13.
-    fn told(axis: &Axis, length_px: f64) -> String {
+    fn told(axis: &ChartAxis, length_px: f64) -> String {
         axis.ticks(length_px, |_| 13.0).into_iter().map(|(_, told)| told).collect::<Vec<_>>().join(" ")
     }
 
     #[test]
     fn an_axis_of_one_value_ends() {
         for range in [(0.0, 0.0), (0.0, f64::MIN_POSITIVE), (0.0, -0.0), (2.0, 2.0), (f64::NAN, f64::NAN)] {
-            let axis = Axis::linear("", range);
+            let axis = ChartAxis::linear("", range);
             assert!(axis.ticks(400.0, |_| 13.0).len() < 10, "{range:?}");
             assert!(range.0.is_nan() || axis.share(range.0).is_finite(), "{range:?}");
         }
-        assert_eq!(told(&Axis::linear("", (2.0, 2.0)), 400.0), "2 2.2 2.4 2.6 2.8 3");
+        assert_eq!(told(&ChartAxis::linear("", (2.0, 2.0)), 400.0), "2 2.2 2.4 2.6 2.8 3");
     }
 
     #[test]
     fn ticks_differ_have_room_and_count_without_halves() {
-        assert_eq!(told(&Axis::linear("", (0.0, 0.0021)), 400.0), "0 0.0005 0.001 0.0015 0.002");
-        assert_eq!(told(&Axis::linear("", (-5e-5, 5e-5)), 400.0), "-0.00004 -0.00002 0 0.00002 0.00004");
-        assert_eq!(told(&Axis::linear("", (-1.5, 1.5)), 28.0), "0");
-        assert_eq!(told(&Axis::linear("", (-1.5, 1.5)), 60.0), "-1 0 1");
-        assert_eq!(told(&Axis::count("", (0.5, 2.5)), 400.0), "1 2");
-        assert_eq!(told(&Axis::count("", (0.5, 100.5)), 400.0), "20 40 60 80 100");
+        assert_eq!(told(&ChartAxis::linear("", (0.0, 0.0021)), 400.0), "0 0.0005 0.001 0.0015 0.002");
+        assert_eq!(told(&ChartAxis::linear("", (-5e-5, 5e-5)), 400.0), "-0.00004 -0.00002 0 0.00002 0.00004");
+        assert_eq!(told(&ChartAxis::linear("", (-1.5, 1.5)), 28.0), "0");
+        assert_eq!(told(&ChartAxis::linear("", (-1.5, 1.5)), 60.0), "-1 0 1");
+        assert_eq!(told(&ChartAxis::count("", (0.5, 2.5)), 400.0), "1 2");
+        assert_eq!(told(&ChartAxis::count("", (0.5, 100.5)), 400.0), "20 40 60 80 100");
     }
 }

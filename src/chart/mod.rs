@@ -10,7 +10,7 @@ mod axis;
 mod look;
 mod ramp;
 
-pub use axis::{Axis, Scale};
+pub use axis::{ChartAxis, Scale};
 pub use look::{Hue, Line, Look, STYLE, Shape};
 pub use ramp::{LEVELS, Ramp};
 
@@ -52,9 +52,9 @@ pub struct Grid {
 #[derive(Clone, Debug)]
 pub struct Panel {
     /// To the right.
-    pub x: Axis,
+    pub x: ChartAxis,
     /// Upward; rows are counted downward.
-    pub y: Axis,
+    pub y: ChartAxis,
     /// In the order they are drawn.
     pub marks: Vec<Mark>,
 }
@@ -396,12 +396,12 @@ mod tests {
 
     #[test]
     fn a_value_is_where_its_share_of_the_range_is_and_stays_in_the_panel() {
-        let axis = Axis { range: (1.0, 100.0), ..Axis::log("", [], (1.0, 1.0)) };
+        let axis = ChartAxis { range: (1.0, 100.0), ..ChartAxis::log("", [], (1.0, 1.0)) };
         assert!((axis.share(10.0) - 0.5).abs() < 1e-12);
         let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: Line::None };
         let panel = Panel {
             x: axis,
-            y: Axis::linear("y", (0.0, 1.0)),
+            y: ChartAxis::linear("y", (0.0, 1.0)),
             marks: vec![
                 Mark::Curve(look, vec![(0.0, 2.0)]),
                 Mark::Words((1.0, 1.0), (0.0, 0.0), Anchor::Start, "a < b & c".to_owned()),

@@ -29,7 +29,7 @@ nor is what --simulate finds in a real rig's place.";
 /// Find where the specimen lies by pressing it, and write the rig's [frame]
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct AlignArgs {
     #[command(flatten)]
     rig: OneRigArgs,
     /// Print what was found, and write nothing
@@ -38,7 +38,7 @@ pub struct Args {
 }
 
 /// Presses, fits, tells, and writes.
-pub fn align_rig(args: &Args) -> Result<ExitCode, Failure> {
+pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let (text, spec, invented) = args.rig.read()?;
     let (file, seed) = (&args.rig.rig, args.rig.seed);
     let plan = align_plan(&spec, seed).map_err(Failure::usage)?;

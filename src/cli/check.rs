@@ -25,7 +25,7 @@ const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
 /// Print what a recipe would do on a rig, without moving anything
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct CheckArgs {
     /// The recipe
     recipe: PathBuf,
     #[command(flatten)]
@@ -33,7 +33,7 @@ pub struct Args {
 }
 
 /// Checks and prints the plan.
-pub fn check(args: &Args) -> Result<ExitCode, Failure> {
+pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     print(&described(&plan, &sources.rig))?;

@@ -8,7 +8,7 @@ use super::summary::print;
 use crate::control::{Reaction, Trip};
 use crate::device::Identity;
 use crate::rig::RigSpec;
-use crate::run::{Air, Examination, NOISE_SHARE, examine};
+use crate::run::{CellInAir, Examination, NOISE_SHARE, examine};
 use miette::{Diagnostic, IntoDiagnostic};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -38,7 +38,7 @@ const SLOW_MM_S: f64 = 1.0;
 /// Look at a rig: identify and check its devices, measure zero, noise and reaction time
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct DoctorArgs {
     #[command(flatten)]
     rig: OneRigArgs,
     /// Print one JSON object
@@ -47,7 +47,7 @@ pub struct Args {
 }
 
 /// Looks, and tells what follows.
-pub fn doctor(args: &Args) -> Result<ExitCode, Failure> {
+pub fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let (_, spec, _) = args.rig.read()?;
     let cancel = heed(First::Stop, Some("stopping"))?;
     let found =
@@ -83,7 +83,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         }
     }
     if let Some(Ok(air)) = &found.air {
-        let Air { zero, fresh_share, outputs_sigma_v } = air;
+        let CellInAir { zero, fresh_share, outputs_sigma_v } = air;
         let _ = writeln!(
             text,
             "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN",

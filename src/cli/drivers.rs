@@ -22,10 +22,10 @@ const INDENT: &str = "            ";
 /// List the families of devices that a rig may name
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {}
+pub struct DriversArgs {}
 
 /// Lists the families, a paragraph each.
-pub fn drivers(_: &Args) -> Result<ExitCode, Failure> {
+pub fn drivers(_: &DriversArgs) -> Result<ExitCode, Failure> {
     print(&FAMILIES.map(paragraph).join("\n"))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -28,7 +28,7 @@ All devices of the rig act on one scene. Ends when it is told to stop (Ctrl-C)."
 /// Serve a rig's emulators in real time, for any program to talk to
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct EmulateArgs {
     /// The rig
     rig: PathBuf,
     /// Print one JSON object a device: device, protocol, listen
@@ -55,13 +55,13 @@ struct Offer<'a> {
 }
 
 /// Serves until it is told to stop.
-pub fn emulate(args: &Args) -> Result<ExitCode, Failure> {
+pub fn emulate(args: &EmulateArgs) -> Result<ExitCode, Failure> {
     let (_, spec) = read_rig(&args.rig)?;
     let runtime = Builder::new_current_thread().enable_all().build().into_diagnostic().map_err(Failure::usage)?;
     runtime.block_on(serve(args, &spec))
 }
 
-async fn serve(args: &Args, spec: &RigSpec) -> Result<ExitCode, Failure> {
+async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> {
     let cancel = heed(First::Stop, None)?;
     let origin = Instant::now();
     let simulated = spec.emulators(args.seed).map_err(Failure::usage)?;

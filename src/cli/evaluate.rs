@@ -37,7 +37,7 @@ input. Of all solvers the best decides; it stands last.";
 /// Solve the test presses of a run, or of two tables, and print how far off the answers are
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct EvaluateArgs {
     /// A run folder: its calibration presses against its test presses
     #[arg(required_unless_present_any = ["calibration", "test"])]
     run: Option<PathBuf>,
@@ -70,7 +70,7 @@ struct Failed<'a> {
 }
 
 /// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its Table 1.
-pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
+pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
             let (recorded, rig) = read_run(run)?;
@@ -94,7 +94,7 @@ pub fn evaluate(args: &Args) -> Result<ExitCode, Failure> {
     }
 }
 
-fn evaluate_trial(args: &Args, trial: Trial<'_>, table_1: Option<String>) -> Result<ExitCode, Failure> {
+fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>) -> Result<ExitCode, Failure> {
     let trial = trial.with_load(load(args.constant_load));
     let names = if args.solver == ALL { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![args.solver.as_str()] };
     let mut outcomes: Vec<(&str, Result<Evaluation, String>)> = Vec::new();
@@ -138,10 +138,10 @@ mod tests {
     #[derive(Parser)]
     struct CommandLine {
         #[command(flatten)]
-        args: Args,
+        args: EvaluateArgs,
     }
 
-    fn arguments(line: &str) -> Result<Args, String> {
+    fn arguments(line: &str) -> Result<EvaluateArgs, String> {
         let words = std::iter::once("evaluate").chain(line.split_whitespace());
         CommandLine::try_parse_from(words).map(|line| line.args).map_err(|error| error.to_string())
     }

@@ -1,6 +1,6 @@
 //! How a method is asked for on the command line, and what is known of the load.
 
-use crate::solver::{Load, SOLVERS};
+use crate::solver::{ForceKnown, SOLVERS};
 use clap::builder::PossibleValuesParser;
 
 /// Every name a method can be asked for by, with some more.
@@ -9,6 +9,6 @@ pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesP
 }
 
 /// What `--constant-load` says.
-pub fn load(is_constant: bool) -> Load {
-    if is_constant { Load::Constant } else { Load::Unknown }
+pub fn load(is_constant: bool) -> ForceKnown {
+    if is_constant { ForceKnown::Constant } else { ForceKnown::Unknown }
 }

@@ -56,20 +56,20 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Check(check::Args),
-    Run(run::Args),
-    Resume(resume::Args),
-    Verify(verify::Args),
-    Rebuild(rebuild::Args),
-    Evaluate(evaluate::Args),
-    Solve(solve::Args),
-    Report(report::Args),
-    Study(study::Args),
-    Doctor(doctor::Args),
-    Align(align::Args),
-    Emulate(emulate::Args),
-    Ports(ports::Args),
-    Drivers(drivers::Args),
+    Check(check::CheckArgs),
+    Run(run::RunArgs),
+    Resume(resume::ResumeArgs),
+    Verify(verify::VerifyArgs),
+    Rebuild(rebuild::RebuildArgs),
+    Evaluate(evaluate::EvaluateArgs),
+    Solve(solve::SolveArgs),
+    Report(report::ReportArgs),
+    Study(study::StudyArgs),
+    Doctor(doctor::DoctorArgs),
+    Align(align::AlignArgs),
+    Emulate(emulate::EmulateArgs),
+    Ports(ports::PortsArgs),
+    Drivers(drivers::DriversArgs),
 }
 
 /// Parses the command line, does what it says, and turns the outcome into an exit code.

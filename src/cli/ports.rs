@@ -14,10 +14,10 @@ A port goes into a rig file as link = \"serial://PORT?baud=RATE\".";
 /// List the serial ports of this machine
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {}
+pub struct PortsArgs {}
 
 /// Lists the ports, one line each.
-pub fn ports(_: &Args) -> Result<ExitCode, Failure> {
+pub fn ports(_: &PortsArgs) -> Result<ExitCode, Failure> {
     let mut ports = serialport::available_ports()
         .map_err(|error| Failure::usage(miette::miette!("this system doesn't list its serial ports: {error}")))?;
     ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));

@@ -1,11 +1,11 @@
 //! Which program on which machine.
 
-use crate::dataset::{Durability, Session};
+use crate::dataset::{Durability, Provenance};
 use jiff::Zoned;
 
 /// This program, on this machine, now.
-pub fn session(durability: Durability) -> Session {
-    Session {
+pub fn session(durability: Durability) -> Provenance {
+    Provenance {
         palpate: env!("CARGO_PKG_VERSION").to_owned(),
         commit: option_env!("PALPATE_COMMIT").map(str::to_owned),
         host: gethostname::gethostname().to_string_lossy().into_owned(),

@@ -20,7 +20,7 @@ regenerates everything from what the journal holds, and records that it did.";
 /// Regenerate a run's tables and manifest from its journal
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct RebuildArgs {
     /// The run folder
     run: PathBuf,
     /// Go on with what the journal holds, although the other files of the run hold more presses
@@ -29,7 +29,7 @@ pub struct Args {
 }
 
 /// Writes every view of the journal.
-pub fn rebuild(args: &Args) -> Result<ExitCode, Failure> {
+pub fn rebuild(args: &RebuildArgs) -> Result<ExitCode, Failure> {
     let (_, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
     let layout = rig_of(&args.run, &texts)?.array.layout;
     let opened = match args.accept_loss {

@@ -26,7 +26,7 @@ Exit code 0 once it is written, whatever it says.";
 /// Write a page about a run, or about many of them side by side
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct ReportArgs {
     /// The run folders
     #[arg(required = true)]
     runs: Vec<PathBuf>,
@@ -42,7 +42,7 @@ pub struct Args {
 }
 
 /// Writes the page and says in a line what is in it.
-pub fn report(args: &Args) -> Result<ExitCode, Failure> {
+pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;

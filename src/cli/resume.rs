@@ -6,9 +6,9 @@ use super::recorded::rig_of;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources, read};
 use super::summary;
-use crate::dataset::{RigChange, RunFolder, Session, Status, Texts, files};
+use crate::dataset::{Provenance, RigChange, RunFolder, Status, Texts, files};
 use crate::document::TEXT_MAX_BYTES;
-use crate::rig::{Difference, Verdict, differences};
+use crate::rig::{Consequence, Difference, differences};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -25,7 +25,7 @@ repeated whole. A complete run is left alone.";
 /// Go on with a run that was stopped
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct ResumeArgs {
     /// The run folder
     run: PathBuf,
     /// Go on with this rig: links and the commands of processes may differ, limits may be tighter
@@ -39,7 +39,7 @@ pub struct Args {
 }
 
 /// Goes on from the journal.
-pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
+pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
     let facts = manifest.facts;
     let rig = RigArgs {
@@ -73,13 +73,13 @@ pub fn resume(args: &Args) -> Result<ExitCode, Failure> {
     for RigChange { key, before, now } in &changes {
         summary::tell(&format!("rig: `{key}` is {now} (it was {before} when the run began)\n"))?;
     }
-    let session = Session { changes, ..session(args.session.durability) };
+    let session = Provenance { changes, ..session(args.session.durability) };
     folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
 }
 
 /// The rig to go on with: one that is named, or that of the folder, or what the journal keeps of it.
-fn rig_text(args: &Args, texts: &Texts) -> Result<String, Failure> {
+fn rig_text(args: &ResumeArgs, texts: &Texts) -> Result<String, Failure> {
     if let Some(rig) = &args.rig {
         return read(rig);
     }
@@ -95,7 +95,7 @@ fn rig_text(args: &Args, texts: &Texts) -> Result<String, Failure> {
 fn changes(path: &Path, texts: &Texts, now: &str) -> Result<Vec<RigChange>, Failure> {
     let found = differences(texts.first_rig(), now).map_err(Failure::usage)?;
     let (refused, allowed): (Vec<Difference>, Vec<Difference>) =
-        found.into_iter().partition(|difference| difference.verdict == Verdict::Other);
+        found.into_iter().partition(|difference| difference.verdict == Consequence::Other);
     if refused.is_empty() {
         return Ok(allowed.into_iter().map(|d| RigChange { key: d.path, before: d.before, now: d.now }).collect());
     }

@@ -22,7 +22,7 @@ both park the stage and keep what was measured. `palpate resume RUN` goes on.";
 /// Carry out a recipe on a rig and keep every press
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct RunArgs {
     /// The recipe
     recipe: PathBuf,
     #[command(flatten)]
@@ -49,7 +49,7 @@ fn sensor(name: &str) -> Result<String, String> {
 }
 
 /// Makes the run's folder and walks its plan.
-pub fn run(args: &Args) -> Result<ExitCode, Failure> {
+pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     args.session.check(&sources.rig)?;

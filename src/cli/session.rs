@@ -8,7 +8,7 @@ use super::summary;
 use crate::dataset::{Durability, RunFolder};
 use crate::recipe::Plan;
 use crate::rig::RigSpec;
-use crate::run::{Ending, Errand, Halt, keep_pace, walk};
+use crate::run::{Ending, Halt, Walk, keep_pace, walk};
 use miette::IntoDiagnostic;
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -57,7 +57,7 @@ pub fn carry_out(
             tokio::spawn(keep_pace(pace));
         }
         let shown = progress.gauge();
-        walk(Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &*shown }, &mut progress).await
+        walk(Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &*shown }, &mut progress).await
     });
     progress.end();
     let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));

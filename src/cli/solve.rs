@@ -9,7 +9,7 @@ use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::readings::{Format, ReadingError, Readings};
 use crate::quantity::ArrayLayout;
-use crate::solver::{BEST, Broken, Calibration, Load, Session, Setting, Solver as _};
+use crate::solver::{BEST, Broken, Calibration, ForceKnown, Session, Setting, Solver as _};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Read, Write};
@@ -37,7 +37,7 @@ Exit code: 0 every line was answered, 2 bad input: those before it were answered
 /// Read outputs of the array line by line and print the contact behind each
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct SolveArgs {
     /// A run folder, or a table of presses to calibrate on
     #[arg(long, value_name = "RUN")]
     calibration: PathBuf,
@@ -69,7 +69,7 @@ pub struct Args {
 }
 
 /// Fits the method, then answers as the readings come in.
-pub fn solve(args: &Args) -> Result<ExitCode, Failure> {
+pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let source = Source::read(&args.calibration, load(args.constant_load))?;
     let setting = Setting {
         layout: source.layout.as_ref(),
@@ -140,7 +140,7 @@ struct Source {
 }
 
 impl Source {
-    fn read(path: &Path, load: Load) -> Result<Source, Failure> {
+    fn read(path: &Path, load: ForceKnown) -> Result<Source, Failure> {
         if path.is_dir() {
             let (recorded, rig) = read_run(path)?;
             let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
@@ -153,7 +153,7 @@ impl Source {
     }
 }
 
-fn forces_n(args: &Args) -> Result<Option<(f64, f64)>, Failure> {
+fn forces_n(args: &SolveArgs) -> Result<Option<(f64, f64)>, Failure> {
     match args.forces_n.as_deref() {
         Some([least, most]) if least < most => Ok(Some((*least, *most))),
         None => Ok(None),

@@ -201,7 +201,7 @@ fn doubted(verdicts: Verdicts) -> Option<String> {
 mod tests {
     use super::*;
     use crate::control::Branch;
-    use crate::dataset::characteristics::Reading;
+    use crate::dataset::characteristics::HeldLevel;
     use crate::dataset::evaluate::{evaluate_run, tests};
 
     fn evaluation(solver: &str) -> Evaluation {
@@ -268,7 +268,7 @@ mod tests {
     #[test]
     fn nothing_printed_is_wider_than_80_columns() {
         let evaluation = evaluation("pearson-lsq");
-        let reading = |force_n| Reading { branch: Branch::Loading, force_set_n: force_n, force_n, output: force_n };
+        let reading = |force_n| HeldLevel { branch: Branch::Loading, force_set_n: force_n, force_n, output: force_n };
         let readings = vec![[0.0, 1.0, 2.0].map(reading).to_vec(); 9];
         for name in Repeatability::NAMES {
             let staircases = Staircases { readings: readings.clone(), left_out: 3 };

@@ -16,13 +16,13 @@ Exit code 1 where something isn't as it was written.";
 /// Compare a run's files with its journal and their SHA-256
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct VerifyArgs {
     /// The run folder
     run: PathBuf,
 }
 
 /// Reports what isn't as it was written.
-pub fn verify_run(args: &Args) -> Result<ExitCode, Failure> {
+pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
     let layout = match Texts::read(&args.run) {
         Ok((_, texts)) if texts.rig().is_empty() => None,
         Ok((_, texts)) => Some(rig_of(&args.run, &texts)?.array.layout),

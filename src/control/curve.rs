@@ -15,7 +15,7 @@ pub(super) struct Curve {
 
 /// A curve at one moment of learning.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Shape {
+pub(super) struct CurveShape {
     linear_n_mm: f64,
     quadratic_n_mm2: f64,
 }
@@ -42,18 +42,18 @@ impl Curve {
     }
 
     /// The curve by least squares; none before a path was taken in.
-    pub fn shape(&self) -> Option<Shape> {
+    pub fn shape(&self) -> Option<CurveShape> {
         if self.s2 <= 0.0 {
             return None;
         }
         let s4 = self.s4 + STRAIGHT;
         let quadratic = ((self.s2 * self.fs2 - self.s3 * self.fs) / (self.s2 * s4 - self.s3 * self.s3)).max(0.0);
         let linear = (self.fs - quadratic * self.s3) / self.s2;
-        (linear > 0.0).then_some(Shape { linear_n_mm: linear, quadratic_n_mm2: quadratic })
+        (linear > 0.0).then_some(CurveShape { linear_n_mm: linear, quadratic_n_mm2: quadratic })
     }
 }
 
-impl Shape {
+impl CurveShape {
     /// Force at a depth, N.
     pub fn force_n(&self, s: f64) -> f64 {
         let s = s.max(0.0);

@@ -1,6 +1,6 @@
 //! What presses before have taught: surface, curve and how much deeper each went.
 
-use super::curve::{Curve, Shape};
+use super::curve::{Curve, CurveShape};
 use super::plane::Plane;
 use super::surface::{Expected, SurfaceMap};
 use crate::quantity::{Limits, Place};
@@ -93,7 +93,7 @@ pub struct Map {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
     surface_mm: f64,
-    shape: Shape,
+    shape: CurveShape,
     /// Depth here over depth on the curve.
     scale: f64,
     /// Where to aim, as a share of the set force.

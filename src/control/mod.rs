@@ -1,6 +1,6 @@
 //! The force loop, pure: what to do next, given what was just seen.
 //!
-//! [`Press`] is a state machine for one contact: events in, commands out, no device, no clock, no randomness. Every motion
+//! [`ForceLoop`] is a state machine for one contact: events in, commands out, no device, no clock, no randomness. Every motion
 //! toward the specimen is a [`Permitted`] one, which only a [`Permit`] can make: its end point is safe by itself, so a host
 //! that dies costs nothing. [`Watch`] holds every reading against the trip rules; [`Map`] learns from each press what the next
 //! will meet.
@@ -23,9 +23,9 @@ mod zero;
 pub use map::{Lesson, Map, Shot};
 pub use permit::{Permit, Permitted, Sideways, Standing};
 pub use press::{
-    AIR_READINGS, Air, Command, Context, Event, GAIN_TIMES_DEAD_TIME, Moment, Press, SEARCH_ROOM_MM, Steer,
+    AIR_READINGS, AirReadings, Command, Context, Event, ForceLoop, GAIN_TIMES_DEAD_TIME, Moment, SEARCH_ROOM_MM, Steer,
 };
-pub use profile::Profile;
+pub use profile::MotionProfile;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Strategy, Task};

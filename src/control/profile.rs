@@ -2,18 +2,18 @@
 
 /// A motion from rest to rest as a controller plans it: a trapezoid of speed, or a triangle where the way is short.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Profile {
+pub struct MotionProfile {
     way_mm: f64,
     peak_mm_s: f64,
     acceleration_mm_s2: f64,
 }
 
-impl Profile {
+impl MotionProfile {
     /// Over a way (its length counts), at most at a speed, with one acceleration both ways.
     pub fn new(way_mm: f64, speed_mm_s: f64, acceleration_mm_s2: f64) -> Self {
         let way_mm = way_mm.abs();
         let summit_mm_s = (way_mm * acceleration_mm_s2).sqrt();
-        Profile { way_mm, peak_mm_s: summit_mm_s.min(speed_mm_s), acceleration_mm_s2 }
+        MotionProfile { way_mm, peak_mm_s: summit_mm_s.min(speed_mm_s), acceleration_mm_s2 }
     }
 
     /// How long it takes, s.
@@ -61,15 +61,15 @@ mod tests {
 
     #[test]
     fn a_short_way_is_a_triangle_and_a_long_one_cruises() {
-        assert!((Profile::new(-0.25, 25.0, 100.0).duration_s() - 0.1).abs() < 1e-12);
-        assert!((Profile::new(10.0, 5.0, 100.0).duration_s() - 2.05).abs() < 1e-12);
-        assert_eq!(Profile::new(0.0, 5.0, 100.0).duration_s(), 0.0);
+        assert!((MotionProfile::new(-0.25, 25.0, 100.0).duration_s() - 0.1).abs() < 1e-12);
+        assert!((MotionProfile::new(10.0, 5.0, 100.0).duration_s() - 2.05).abs() < 1e-12);
+        assert_eq!(MotionProfile::new(0.0, 5.0, 100.0).duration_s(), 0.0);
     }
 
     proptest! {
         #[test]
         fn time_and_place_are_each_others_inverse(way in 0.001..20.0f64, speed in 0.1..25.0f64, share in 0.0..1.0f64) {
-            let profile = Profile::new(way, speed, 100.0);
+            let profile = MotionProfile::new(way, speed, 100.0);
             let mm = share * way;
             prop_assert!((profile.at_mm(profile.reaches_s(mm)) - mm).abs() < 1e-9);
             prop_assert!((profile.at_mm(profile.duration_s() + 1.0) - way).abs() < 1e-12);

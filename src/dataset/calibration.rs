@@ -2,7 +2,7 @@
 
 use super::{Press, Presses};
 use crate::recipe::Phase;
-use crate::solver::{Calibration, CalibrationError, CalibrationPoint, FitError, Load, TestPress};
+use crate::solver::{Calibration, CalibrationError, CalibrationPoint, FitError, ForceKnown, TestPress};
 use miette::Diagnostic;
 
 /// Why a table is no calibration; all of them are exit code 2.
@@ -44,12 +44,12 @@ pub enum CalibrateError {
 }
 
 /// The calibration presses of a run, by the load cell's force.
-pub fn calibration_of_run(presses: &Presses, load: Load) -> Result<Calibration, CalibrateError> {
+pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
     Selection::of_phase(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
 }
 
 /// Every press of a table. Without `force_n` the forces are relative, see [`Calibration::without_forces`].
-pub fn calibration_of_table(presses: &Presses, load: Load) -> Result<Calibration, CalibrateError> {
+pub fn calibration_of_table(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
     Selection::of_all(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
 }
 
@@ -130,7 +130,7 @@ impl<'a> Selection<'a> {
     ///
     /// # Errors
     /// A press that can't be calibrated on.
-    pub fn calibration(&self, force: &ForceColumn, load: Load) -> Result<Calibration, CalibrateError> {
+    pub fn calibration(&self, force: &ForceColumn, load: ForceKnown) -> Result<Calibration, CalibrateError> {
         let point = |press: &'a Press| CalibrationPoint {
             place: press.place(),
             force_n: (force.of)(press).unwrap_or(UNIT_FORCE_N),
@@ -138,7 +138,7 @@ impl<'a> Selection<'a> {
         };
         let points: Vec<CalibrationPoint<'_>> = self.iter().map(point).collect();
         let calibration = match load {
-            Load::Unknown if !self.knows(force) => Calibration::without_forces(&points),
+            ForceKnown::Unknown if !self.knows(force) => Calibration::without_forces(&points),
             _ => Calibration::new(&points),
         };
         calibration.map_err(|source| {
@@ -165,20 +165,20 @@ mod tests {
     fn stated_forces_stand_and_a_constant_load_is_1_n() {
         let stated = table("x_mm,y_mm,force_n,out_1\n0,0,2,1\n1,0,3,9\n");
         let silent = table("x_mm,y_mm,out_1\n0,0,1\n1,0,9\n");
-        for load in [Load::Unknown, Load::Constant] {
+        for load in [ForceKnown::Unknown, ForceKnown::Constant] {
             assert_eq!(forces(&calibration_of_table(&stated, load).unwrap()), [2.0, 3.0]);
         }
-        assert_eq!(forces(&calibration_of_table(&silent, Load::Constant).unwrap()), [1.0, 1.0]);
-        let relative = forces(&calibration_of_table(&silent, Load::Unknown).unwrap());
+        assert_eq!(forces(&calibration_of_table(&silent, ForceKnown::Constant).unwrap()), [1.0, 1.0]);
+        let relative = forces(&calibration_of_table(&silent, ForceKnown::Unknown).unwrap());
         assert!((relative[1] / relative[0] - 9.0).abs() < 1e-12, "{relative:?}");
     }
 
     #[test]
     fn a_runs_calibration_is_its_unflagged_presses_by_the_load_cell() {
         let presses = run(RUN);
-        assert_eq!(forces(&calibration_of_run(&presses, Load::Unknown).unwrap()), [0.8, 0.8]);
+        assert_eq!(forces(&calibration_of_run(&presses, ForceKnown::Unknown).unwrap()), [0.8, 0.8]);
         let without = run(&RUN.replace("calibration", "teach"));
-        let refusal = calibration_of_run(&without, Load::Unknown).unwrap_err();
+        let refusal = calibration_of_run(&without, ForceKnown::Unknown).unwrap_err();
         assert!(matches!(refusal, CalibrateError::NoPresses { phase: "calibration", flagged: 0, .. }), "{refusal}");
     }
 }

@@ -29,7 +29,7 @@ the unit's slope (least squares over its loading outputs)";
 
 /// One held level of one staircase, for the unit it was pressed on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reading {
+pub struct HeldLevel {
     /// On the way up or down.
     pub branch: Branch,
     /// The commanded force, N.
@@ -44,7 +44,7 @@ pub struct Reading {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Staircases {
     /// The readings of each unit, in the order of the layout; empty where none was pressed there.
-    pub readings: Vec<Vec<Reading>>,
+    pub readings: Vec<Vec<HeldLevel>>,
     /// How many rows were left out because they are flagged.
     pub left_out: usize,
 }
@@ -183,7 +183,7 @@ impl Staircases {
                     for (index, output) in
                         press.outputs.iter().take(layout.len()).enumerate().filter(|(index, _)| of_unit(index))
                     {
-                        self.readings[index].push(Reading { branch, force_set_n, force_n, output: *output });
+                        self.readings[index].push(HeldLevel { branch, force_set_n, force_n, output: *output });
                     }
                 }
                 _ => self.left_out += 1,
@@ -192,7 +192,7 @@ impl Staircases {
     }
 }
 
-fn characterise_unit(unit: usize, readings: &[Reading], repeatability: Repeatability) -> UnitCharacteristics {
+fn characterise_unit(unit: usize, readings: &[HeldLevel], repeatability: Repeatability) -> UnitCharacteristics {
     let corrected = Corrected::new(readings);
     let percent = |value: Option<f64>| Some(100.0 * value? / corrected.as_ref()?.full_scale);
     let repeats = |branch| repeatability.of_levels(&corrected.as_ref()?.levels(branch));
@@ -218,7 +218,7 @@ type Level = i64;
 
 impl Corrected {
     /// None where the loading forces don't vary, or nothing is read at the top.
-    fn new(readings: &[Reading]) -> Option<Self> {
+    fn new(readings: &[HeldLevel]) -> Option<Self> {
         let slope = slope(readings)?;
         let mut branches = [BTreeMap::new(), BTreeMap::new()];
         for reading in readings {
@@ -254,11 +254,11 @@ impl Corrected {
 
 /// Least-squares slope of the loading outputs against the load cell, output units per N; none where the force doesn't
 /// vary.
-fn slope(readings: &[Reading]) -> Option<f64> {
+fn slope(readings: &[HeldLevel]) -> Option<f64> {
     let loading = || readings.iter().filter(|reading| reading.branch == Branch::Loading);
     let mean_force = mean(loading().map(|reading| reading.force_n));
     let mean_output = mean(loading().map(|reading| reading.output));
-    let deviation = |reading: &Reading| reading.force_n - mean_force;
+    let deviation = |reading: &HeldLevel| reading.force_n - mean_force;
     let spread: f64 = loading().map(|reading| deviation(reading).powi(2)).sum();
     let common: f64 = loading().map(|reading| deviation(reading) * (reading.output - mean_output)).sum();
     (spread > 0.0).then(|| common / spread)
@@ -300,7 +300,7 @@ mod tests {
 
     /// A unit that reads `force + offset`, with `loop_width` added on the way down at 1 N and half of it at 0.5 and 1.5
     /// N.
-    fn staircase(offset: f64, loop_width: f64, force_error_n: f64) -> Vec<Reading> {
+    fn staircase(offset: f64, loop_width: f64, force_error_n: f64) -> Vec<HeldLevel> {
         let held = LEVELS.iter().enumerate();
         held.map(|(level, &force_set_n)| {
             let branch = if level <= 4 { Branch::Loading } else { Branch::Unloading };
@@ -308,12 +308,12 @@ mod tests {
             let in_contact = if force_set_n > 0.0 { 1.0 } else { 0.0 };
             let sign = if branch == Branch::Loading { -1.0 } else { 1.0 };
             let force_n = force_set_n + sign * force_error_n * in_contact;
-            Reading { branch, force_set_n, force_n, output: force_n + offset * in_contact + share * loop_width }
+            HeldLevel { branch, force_set_n, force_n, output: force_n + offset * in_contact + share * loop_width }
         })
         .collect()
     }
 
-    fn one_unit(readings: Vec<Reading>, repeatability: Repeatability) -> UnitCharacteristics {
+    fn one_unit(readings: Vec<HeldLevel>, repeatability: Repeatability) -> UnitCharacteristics {
         characterise(&Staircases { readings: vec![readings], left_out: 0 }, repeatability)[0]
     }
 
@@ -324,7 +324,7 @@ mod tests {
     #[test]
     fn each_repeatability_is_what_it_says() {
         // Offsets of -0.02..0.02: variance 0.00025, range 0.04; full scale 2.
-        let readings: Vec<Reading> =
+        let readings: Vec<HeldLevel> =
             [-0.02, -0.01, 0.0, 0.01, 0.02].iter().flat_map(|&offset| staircase(offset, 0.0, 0.0)).collect();
         let sd_percent = 0.00025f64.sqrt() / 2.0 * 100.0;
         for (repeatability, expected) in [
@@ -370,11 +370,11 @@ mod tests {
             hysteresis_percent: None,
         };
         assert_eq!(one_unit(Vec::new(), Repeatability::ThreeSd), nothing);
-        let constant = Reading { branch: Branch::Loading, force_set_n: 1.0, force_n: 1.0, output: 1.0 };
+        let constant = HeldLevel { branch: Branch::Loading, force_set_n: 1.0, force_n: 1.0, output: 1.0 };
         assert_eq!(one_unit(vec![constant; 5], Repeatability::ThreeSd), nothing); // no slope
-        let mute = staircase(0.0, 0.0, 0.0).iter().map(|reading| Reading { output: 0.0, ..*reading }).collect();
+        let mute = staircase(0.0, 0.0, 0.0).iter().map(|reading| HeldLevel { output: 0.0, ..*reading }).collect();
         assert_eq!(one_unit(mute, Repeatability::ThreeSd), nothing); // no full scale
-        let only_down = Reading { branch: Branch::Unloading, ..constant };
+        let only_down = HeldLevel { branch: Branch::Unloading, ..constant };
         assert_eq!(one_unit(vec![only_down; 5], Repeatability::ThreeSd), nothing);
     }
 

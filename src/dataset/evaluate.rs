@@ -5,7 +5,8 @@ use super::{Press, Presses};
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use crate::solver::{
-    Evaluation, EvaluationError, FitError, Fitted, Load, Prepared, Setting, Solver, TestPress, Workspace, evaluate,
+    Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver, TestPress, Workspace,
+    evaluate,
 };
 use miette::Diagnostic;
 use std::hint::black_box;
@@ -57,7 +58,7 @@ pub struct Trial<'a> {
     calibration: Selection<'a>,
     test: Selection<'a>,
     layout: Option<&'a ArrayLayout>,
-    load: Load,
+    load: ForceKnown,
     force: &'static ForceColumn,
     /// A run is evaluated by the load cell's forces too.
     is_run: bool,
@@ -72,7 +73,7 @@ impl<'a> Trial<'a> {
         let calibration = Selection::of_phase(presses, Phase::Calibration)?;
         let test = Selection::of_phase(presses, Phase::Test)?;
         let prepared = OnceLock::new();
-        Ok(Trial { calibration, test, layout, load: Load::default(), force: &COMMANDED, is_run: true, prepared })
+        Ok(Trial { calibration, test, layout, load: ForceKnown::default(), force: &COMMANDED, is_run: true, prepared })
     }
 
     /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
@@ -81,12 +82,20 @@ impl<'a> Trial<'a> {
         let calibration = Selection::of_all(calibration, Phase::Calibration)?;
         let test = Selection::of_all(test, Phase::Test)?;
         let prepared = OnceLock::new();
-        Ok(Trial { calibration, test, layout: None, load: Load::default(), force: &LOAD_CELL, is_run: false, prepared })
+        Ok(Trial {
+            calibration,
+            test,
+            layout: None,
+            load: ForceKnown::default(),
+            force: &LOAD_CELL,
+            is_run: false,
+            prepared,
+        })
     }
 
     /// The same with what is known of the load of the test.
     #[must_use]
-    pub fn with_load(self, load: Load) -> Self {
+    pub fn with_load(self, load: ForceKnown) -> Self {
         Trial { load, prepared: OnceLock::new(), ..self }
     }
 
@@ -283,7 +292,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
     #[test]
     fn a_solve_is_timed_only_where_that_is_asked_for() {
         let presses = run(RUN);
-        let trial = Trial::of_run(&presses, None).unwrap().with_load(Load::Constant);
+        let trial = Trial::of_run(&presses, None).unwrap().with_load(ForceKnown::Constant);
         assert_eq!(trial.evaluate("pearson").unwrap().ns_per_solve, None);
         let ns_per_solve = trial.evaluate_timed("pearson").unwrap().ns_per_solve.unwrap();
         assert!(ns_per_solve > 0.0 && ns_per_solve.is_finite());

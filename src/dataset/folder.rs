@@ -12,8 +12,8 @@ use super::recorded::{RECIPE, RIG, Texts};
 use super::verify::fingerprints;
 use super::views::{PRESSES, TABLES, replace, write};
 use super::{
-    Contact, Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Loss, Manifest, Presses, Record, Records,
-    RunFacts, Session, Text, files,
+    Contact, Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Loss, Manifest, Presses, Provenance, Record,
+    Records, RunFacts, Text, files,
 };
 use crate::quantity::ArrayLayout;
 use std::fs::{self, File};
@@ -56,7 +56,7 @@ impl RunFolder {
         out: Option<&Path>,
         origins: &Origins,
         facts: RunFacts,
-        mut session: Session,
+        mut session: Provenance,
         layout: &ArrayLayout,
     ) -> Result<RunFolder, DatasetError> {
         let parent = match out {
@@ -116,7 +116,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// Another text that isn't the one the run began with, or the operating system's.
-    pub fn go_on(&mut self, mut session: Session, rig: &str) -> Result<(), DatasetError> {
+    pub fn go_on(&mut self, mut session: Provenance, rig: &str) -> Result<(), DatasetError> {
         let texts = Texts::of(&self.known.texts);
         let is_changed = texts.rig() != rig;
         for before in self.known.manifest.texts() {
@@ -348,7 +348,7 @@ fn fill(
     draft: &Path,
     origins: &Origins,
     facts: RunFacts,
-    session: &Session,
+    session: &Provenance,
     layout: &ArrayLayout,
 ) -> Result<(), DatasetError> {
     let mut manifest = Manifest::default();

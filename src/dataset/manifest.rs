@@ -1,6 +1,6 @@
 //! The manifest: what a run was and how it ended, in one JSON object for people and other programs.
 
-use super::{DatasetError, End, Fingerprint, Loss, Record, RunFacts, Session, Status, files};
+use super::{DatasetError, End, Fingerprint, Loss, Provenance, Record, RunFacts, Status, files};
 use crate::control::Trip;
 use crate::device::Identity;
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ pub struct Manifest {
     /// Time that passed outside, s; that of a program that was killed isn't known.
     pub wall_s: f64,
     /// Who began it and who went on with it: which program, where, and when.
-    pub sessions: Vec<Session>,
+    pub sessions: Vec<Provenance>,
     /// When it ended, with its time zone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<String>,

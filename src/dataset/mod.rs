@@ -51,7 +51,7 @@ pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
 pub use presses::Presses;
 pub use record::{Contact, Left, PressTruth, Record, Retouch};
 pub use recorded::{Recorded, Texts};
-pub use session::{Durability, End, FORMAT, Loss, RigChange, RunFacts, Session, Status, Text};
+pub use session::{Durability, End, FORMAT, Loss, Provenance, RigChange, RunFacts, Status, Text};
 pub use table::{parse_table, read_table};
 pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};
 pub use verify::{Verified, verify};

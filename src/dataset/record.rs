@@ -1,13 +1,13 @@
 //! The journal's records.
 
 use super::cell::round;
-use super::{End, Loss, Press, RunFacts, Session, Text};
-use crate::control::{Air, Lesson, Trip};
+use super::{End, Loss, Press, Provenance, RunFacts, Text};
+use crate::control::{AirReadings, Lesson, Trip};
 use crate::device::Identity;
 use crate::quantity::{Place, any_number};
 use serde::{Deserialize, Serialize};
 
-/// One record of the journal. What comes from the clock and the machine stands in [`Session`], [`Loss`] and [`End`] alone: all
+/// One record of the journal. What comes from the clock and the machine stands in [`Provenance`], [`Loss`] and [`End`] alone: all
 /// others are the same to the last bit when a simulated run is repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -15,7 +15,7 @@ pub enum Record {
     /// What the run is: the first record.
     Run(RunFacts),
     /// A program begins to measure, or to go on.
-    Session(Session),
+    Session(Provenance),
     /// A text that the run goes by, as given.
     Text(Text),
     /// What the devices said they are.
@@ -94,7 +94,7 @@ pub struct Left {
     pub z_mm: f64,
     /// What the load cell said on the way there, from the zero; none where a rest came after it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub air: Option<Air>,
+    pub air: Option<AirReadings>,
 }
 
 /// A place that was touched again.

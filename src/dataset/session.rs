@@ -78,7 +78,7 @@ impl RunFacts {
 
 /// A program that measures: which one, where, and since when.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Session {
+pub struct Provenance {
     /// The program's version.
     pub palpate: String,
     /// The commit it was built from, where that was known.

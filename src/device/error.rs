@@ -12,12 +12,12 @@ pub struct DeviceError {
     /// What was being done.
     pub doing: String,
     /// What came back, or didn't.
-    pub problem: Problem,
+    pub problem: DeviceProblem,
 }
 
 /// What came back.
 #[derive(Debug, Error)]
-pub enum Problem {
+pub enum DeviceProblem {
     /// The link failed or stayed silent.
     #[error("{0}")]
     Link(String),
@@ -52,21 +52,21 @@ pub enum Problem {
 impl Diagnostic for DeviceError {
     fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
         Some(Box::new(match self.problem {
-            Problem::Link(_) => {
+            DeviceProblem::Link(_) => {
                 "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports"
             }
-            Problem::Claim(_) => {
+            DeviceProblem::Claim(_) => {
                 "one program at a time drives an instrument: it locks a file in the temporary folder meanwhile"
             }
-            Problem::Misfit { .. } => {
+            DeviceProblem::Misfit { .. } => {
                 "check that the driver in the rig file fits the device, and that no other program talks to it"
             }
-            Problem::Refused(_) => {
+            DeviceProblem::Refused(_) => {
                 "look the message up in the device's manual; clear its cause, then `palpate resume` the run"
             }
-            Problem::Mismatch(_) => "correct the rig file or the device's settings so that they agree",
-            Problem::Guarded { .. } => "look at the specimen and the load cell before going on",
-            Problem::Motion(_) => "look for what holds the stage; clear it, then `palpate resume` the run",
+            DeviceProblem::Mismatch(_) => "correct the rig file or the device's settings so that they agree",
+            DeviceProblem::Guarded { .. } => "look at the specimen and the load cell before going on",
+            DeviceProblem::Motion(_) => "look for what holds the stage; clear it, then `palpate resume` the run",
         }))
     }
 }

@@ -6,8 +6,8 @@
 mod error;
 mod reins;
 
-pub use error::{DeviceError, Problem};
-pub use reins::{Order, Reins};
+pub use error::{DeviceError, DeviceProblem};
+pub use reins::{MotionOrder, Reins};
 
 use crate::quantity::{Axis, ForceReading, Range, Travel};
 use serde::{Deserialize, Serialize};

@@ -7,13 +7,13 @@ use tokio::sync::Notify;
 #[derive(Debug, Default)]
 pub struct Reins {
     pulled: Notify,
-    order: Cell<Option<Order>>,
+    order: Cell<Option<MotionOrder>>,
     stopped: Cell<bool>,
 }
 
 /// One thing to do with a motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Order {
+pub enum MotionOrder {
     /// Bring it to rest.
     Stop,
     /// Go on toward the same target at this speed, mm/s.
@@ -24,7 +24,7 @@ impl Reins {
     /// Asks for rest. Nothing that is asked later takes it back.
     pub fn stop(&self) {
         if !self.stopped.replace(true) {
-            self.order.set(Some(Order::Stop));
+            self.order.set(Some(MotionOrder::Stop));
             self.pulled.notify_one();
         }
     }
@@ -32,7 +32,7 @@ impl Reins {
     /// Asks for another speed, mm/s.
     pub fn speed(&self, mm_s: f64) {
         if !self.stopped.get() {
-            self.order.set(Some(Order::Speed(mm_s)));
+            self.order.set(Some(MotionOrder::Speed(mm_s)));
             self.pulled.notify_one();
         }
     }
@@ -48,7 +48,7 @@ impl Reins {
     }
 
     /// What was asked for last and not taken yet.
-    pub fn take(&self) -> Option<Order> {
+    pub fn take(&self) -> Option<MotionOrder> {
         self.order.take()
     }
 }
@@ -62,11 +62,11 @@ mod tests {
         let reins = Reins::default();
         reins.speed(2.0);
         reins.speed(1.0);
-        assert_eq!((reins.take(), reins.take()), (Some(Order::Speed(1.0)), None));
+        assert_eq!((reins.take(), reins.take()), (Some(MotionOrder::Speed(1.0)), None));
         reins.speed(0.5);
         reins.stop();
         reins.speed(3.0);
-        assert_eq!((reins.take(), reins.stopped()), (Some(Order::Stop), true));
+        assert_eq!((reins.take(), reins.stopped()), (Some(MotionOrder::Stop), true));
         reins.stop();
         assert_eq!(reins.take(), None);
     }

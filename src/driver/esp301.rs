@@ -4,7 +4,7 @@
 //! silent, so what became of one is read from `MD?`, the read-back and the error queue.
 
 use super::MOTION_MARGIN;
-use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::quantity::{Axis, Range};
 use crate::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
@@ -130,7 +130,7 @@ impl Esp301 {
             }
         }
         let expected = format!("{expected} to {question}");
-        Err(self.error(doing, Problem::Misfit { answer: answers.join(", "), expected }))
+        Err(self.error(doing, DeviceProblem::Misfit { answer: answers.join(", "), expected }))
     }
 
     /// Where an axis can be.
@@ -143,13 +143,13 @@ impl Esp301 {
         let units = self.ask_number(doing, &format!("{n}SN?")).await?;
         if units != MILLIMETRES {
             let told = format!("axis {n} counts in unit {units}, not in mm (2); set it on the controller, not here");
-            return Err(self.error(doing, Problem::Mismatch(told)));
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         let fastest = self.ask_number(doing, &format!("{n}VU?")).await?;
         if fastest < usage.speed_mm_s {
             let told =
                 format!("axis {n} goes at most {fastest} mm/s, under the rig's speed_mm_s of {}", usage.speed_mm_s);
-            return Err(self.error(doing, Problem::Mismatch(told)));
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         Ok(())
     }
@@ -163,7 +163,7 @@ impl Esp301 {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
                 let told = format!("axis {n} didn't find its home within {} s", HOME_DEADLINE.as_secs());
-                return Err(self.error(doing, Problem::Motion(told)));
+                return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
         }
         // refused, or stopped half-way: the axis doesn't know where it is, and nothing else may move
@@ -179,7 +179,7 @@ impl Esp301 {
         let (at_mm, end_mm) = (self.position_mm(Axis::Z, &Reins::default()).await?, away_end_mm(usage));
         if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
             let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
-            return Err(self.error("homing", Problem::Mismatch(told)));
+            return Err(self.error("homing", DeviceProblem::Mismatch(told)));
         }
         Ok(())
     }
@@ -197,7 +197,7 @@ impl Esp301 {
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
             let told = format!("z was sent to {end_mm:.4} mm and is at {at_mm:.4} mm");
-            return Err(self.error(doing, Problem::Motion(told)));
+            return Err(self.error(doing, DeviceProblem::Motion(told)));
         }
         Ok(())
     }
@@ -209,7 +209,11 @@ impl Esp301 {
 
     async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
         let complaints = self.complaints().await?;
-        if complaints.is_empty() { Ok(()) } else { Err(self.error(doing, Problem::Refused(complaints.join("; ")))) }
+        if complaints.is_empty() {
+            Ok(())
+        } else {
+            Err(self.error(doing, DeviceProblem::Refused(complaints.join("; "))))
+        }
     }
 
     async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -219,10 +223,10 @@ impl Esp301 {
     }
 
     fn failed(&self, doing: &str, error: &WireError) -> DeviceError {
-        self.error(doing, Problem::Link(error.to_string()))
+        self.error(doing, DeviceProblem::Link(error.to_string()))
     }
 
-    fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: format!("stage (ESP301 at {})", self.link), doing: doing.to_owned(), problem }
     }
 }
@@ -233,7 +237,7 @@ impl Stage for Esp301 {
         let version = self.ask(doing, "VE?").await?;
         if !version.contains("ESP30") {
             let expected = "an ESP300 or ESP301 version".to_owned();
-            return Err(self.error(doing, Problem::Misfit { answer: version, expected }));
+            return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
         }
         self.usage = None; // until it is homed it counts as it likes
         // a program that died may have left a motion behind: where an axis is means nothing until it stands
@@ -271,7 +275,7 @@ impl Stage for Esp301 {
         // what the controller complained of in the motion before; on the way to park it is no reason to stay
         if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
             let told = std::mem::take(&mut self.complaints).join("; ");
-            return Err(self.error("starting a motion", Problem::Refused(told)));
+            return Err(self.error("starting a motion", DeviceProblem::Refused(told)));
         }
         self.complaints.clear();
         if reins.stopped() {
@@ -329,7 +333,7 @@ impl Stage for Esp301 {
                 self.stop().await?;
                 let names = axes.iter().map(|axis| axis.name()).collect::<Vec<_>>().join(", ");
                 let told = format!("{names} still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                return Err(self.error(doing, Problem::Motion(told)));
+                return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
         }
     }
@@ -366,10 +370,10 @@ fn away_end_mm(usage: &StageUse) -> f64 {
 }
 
 /// What an order to axes under way is on the line (manual, pages ST and VA).
-fn line_of(order: Order, axes: &[Axis]) -> String {
+fn line_of(order: MotionOrder, axes: &[Axis]) -> String {
     match order {
-        Order::Stop => STOP_ALL.to_owned(),
-        Order::Speed(mm_s) => {
+        MotionOrder::Stop => STOP_ALL.to_owned(),
+        MotionOrder::Speed(mm_s) => {
             axes.iter().map(|&axis| format!("{}VA{mm_s:.5}", number(axis))).collect::<Vec<_>>().join(";")
         }
     }

@@ -2,7 +2,7 @@
 
 use super::{Instrument, Shared, serve};
 use crate::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position};
-use crate::scene::{Contact, Elastomer, Latencies, LoadCell, Scene, SceneSpec, Setting, SkinSpec, Trajectory};
+use crate::scene::{ContactLaw, Elastomer, Latencies, LoadCell, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -29,7 +29,7 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
     let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
     let mut spec = SceneSpec {
         skin: SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() },
-        contact: Contact { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
+        contact: ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
         relaxation: Vec::new(),
         mounting: None,
         surface_tilt_mm: 0.0,
@@ -48,7 +48,7 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
         uncertainty_mm: 0.3,
         down: Down::Minus,
     };
-    let setting = Setting {
+    let setting = Surroundings {
         frame,
         layout: ArrayLayout::grid(3, 3, 4.5),
         full_scale_n: 1.0,

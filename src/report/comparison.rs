@@ -4,7 +4,7 @@ use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
 use super::judged::{PAPERS, with_cause};
 use super::subject::run_name;
-use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel};
+use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{Manifest, Presses, Recorded};
@@ -221,8 +221,8 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
                 subtitle: "marks: means; strokes: up to the 95th percentile".to_owned(),
                 height_px: 240.0,
                 panels: vec![Panel {
-                    x: Axis::count("run", (0.5, runs.len() as f64 + 0.5)),
-                    y: Axis::linear(label, (0.0, 1.05 * most)),
+                    x: ChartAxis::count("run", (0.5, runs.len() as f64 + 0.5)),
+                    y: ChartAxis::linear(label, (0.0, 1.05 * most)),
                     marks,
                 }],
                 grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
@@ -266,8 +266,8 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
         subtitle: format!("over the calibration, a newton, against that of {}", first.told()),
         height_px: (18.0 * units as f64).clamp(80.0, 400.0),
         panels: vec![Panel {
-            x: Axis::count("run", (0.5, runs.len() as f64 + 0.5)),
-            y: Axis::count("unit", (0.5, units as f64 + 0.5)),
+            x: ChartAxis::count("run", (0.5, runs.len() as f64 + 0.5)),
+            y: ChartAxis::count("unit", (0.5, units as f64 + 0.5)),
             marks: vec![Mark::Cells(cells.collect())],
         }],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),

@@ -2,7 +2,7 @@
 
 use super::Subject;
 use super::frame::{Drawn, figures, none, number, section as framed, table, words};
-use crate::chart::{Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::dataset::{Contact, Press, Recorded};
 use crate::recipe::Phase;
 use crate::solver::ErrorSummary;
@@ -146,8 +146,8 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: 
     if is_about_0 {
         marks.push(Mark::Level(0.0, String::new()));
     }
-    let x = Axis::count("press", (0.0, last));
-    let y = Axis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
+    let x = ChartAxis::count("press", (0.0, last));
+    let y = ChartAxis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
     let panels = vec![Panel { x, y, marks }];
     let figure =

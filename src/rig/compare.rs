@@ -14,12 +14,12 @@ pub struct Difference {
     /// The same of the second.
     pub now: String,
     /// What it means for a run that was begun on the first.
-    pub verdict: Verdict,
+    pub verdict: Consequence,
 }
 
 /// What a difference between two rigs means for a run that was begun on the first and is to go on on the second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum Consequence {
     /// The same device is found elsewhere: a link between real devices, or the command of a program.
     Link,
     /// A limit of the specimen became stricter: less force, less depth, or more stiffness to allow for.
@@ -43,21 +43,21 @@ pub fn differences(before: &str, now: &str) -> Result<Vec<Difference>, Problems>
     Ok(changes.into_iter().map(difference).collect())
 }
 
-fn verdict(change: &Change) -> Verdict {
+fn verdict(change: &Change) -> Consequence {
     let (before, now) = (change.before.as_ref(), change.now.as_ref());
     let numbers = before.and_then(|given| given.number).zip(now.and_then(|given| given.number));
     let is_limit = |key: &document::Key| change.path == format!("{}.{}", keys::root::limits.name, key.name);
     let is_simulated = |given: &Given| given.text.trim_matches(['"', '\'']) == "sim";
     match change.path.split('.').collect::<Vec<_>>()[..] {
         // in a rig where any link is simulated all are: none becomes real, or the other way round
-        [_, "link"] if !before.into_iter().chain(now).any(is_simulated) => Verdict::Link,
-        [_, "driver", "process"] if before.is_some() && now.is_some() => Verdict::Link,
+        [_, "link"] if !before.into_iter().chain(now).any(is_simulated) => Consequence::Link,
+        [_, "driver", "process"] if before.is_some() && now.is_some() => Consequence::Link,
         _ => match numbers {
-            Some((before, now)) if is_limit(&limits::force_n) && now < before => Verdict::Tighter,
-            Some((before, now)) if is_limit(&limits::depth_mm) && now < before => Verdict::Tighter,
+            Some((before, now)) if is_limit(&limits::force_n) && now < before => Consequence::Tighter,
+            Some((before, now)) if is_limit(&limits::depth_mm) && now < before => Consequence::Tighter,
             // the largest stiffness that the specimen may have: each permit counts on it
-            Some((before, now)) if is_limit(&limits::stiffness_n_mm) && now > before => Verdict::Tighter,
-            _ => Verdict::Other,
+            Some((before, now)) if is_limit(&limits::stiffness_n_mm) && now > before => Consequence::Tighter,
+            _ => Consequence::Other,
         },
     }
 }
@@ -69,23 +69,23 @@ mod tests {
     use crate::rig::SIM_RIG;
     use std::collections::BTreeSet;
 
-    fn verdicts(before: &str, now: &str) -> Vec<(String, String, String, Verdict)> {
+    fn verdicts(before: &str, now: &str) -> Vec<(String, String, String, Consequence)> {
         let found = differences(before, now).unwrap();
         found.into_iter().map(|found| (found.path, found.before, found.now, found.verdict)).collect()
     }
 
-    fn changed(from: &str, to: &str) -> Vec<(String, String, String, Verdict)> {
+    fn changed(from: &str, to: &str) -> Vec<(String, String, String, Consequence)> {
         assert!(SIM_RIG.contains(from), "{from}");
         verdicts(SIM_RIG, &SIM_RIG.replacen(from, to, 1))
     }
 
-    fn one(path: &str, before: &str, now: &str, verdict: Verdict) -> Vec<(String, String, String, Verdict)> {
+    fn one(path: &str, before: &str, now: &str, verdict: Consequence) -> Vec<(String, String, String, Consequence)> {
         vec![(path.to_owned(), before.to_owned(), now.to_owned(), verdict)]
     }
 
     #[test]
     fn limits_may_become_tighter_and_nothing_else() {
-        use Verdict::{Other, Tighter};
+        use Consequence::{Other, Tighter};
         for (key, tighter, looser) in
             [("force_n = 2.0", "1.5", "2.5"), ("depth_mm = 1.6", "1.5", "1.7"), ("stiffness_n_mm = 2.0", "2.5", "1.5")]
         {
@@ -102,16 +102,16 @@ mod tests {
         let link = |text: &str| format!("[stage]\ndriver = \"grbl\"\n{text}\n");
         let (one_port, other, sim) = ("link = \"serial:///dev/a?baud=1\"", "link = \"tcp://a:1\"", "link = 'sim'");
         let verdict = |before: &str, now: &str| verdicts(&link(before), &link(now)).into_iter().map(|found| found.3);
-        assert!(verdict(one_port, other).eq([Verdict::Link]));
+        assert!(verdict(one_port, other).eq([Consequence::Link]));
         for (before, now) in [(sim, other), (other, sim), (sim, "")] {
-            assert!(verdict(before, now).eq([Verdict::Other]), "{before} {now}");
+            assert!(verdict(before, now).eq([Consequence::Other]), "{before} {now}");
         }
         let driver = |text: &str| format!("[array]\ndriver = {{ {text} }}\n");
         let (mine, others) = (driver("process = [\"a\"]"), driver("process = [\"b\", \"c\"]"));
-        let found = one("array.driver.process", "[\"a\"]", "[\"b\", \"c\"]", Verdict::Link);
+        let found = one("array.driver.process", "[\"a\"]", "[\"b\", \"c\"]", Consequence::Link);
         assert_eq!(verdicts(&mine, &others), found);
         let found = verdicts(&mine, &driver("modbus = \"labjack-t7\""));
-        assert!(found.iter().all(|found| found.3 == Verdict::Other) && found.len() == 2, "{found:?}");
+        assert!(found.iter().all(|found| found.3 == Consequence::Other) && found.len() == 2, "{found:?}");
     }
 
     #[test]
@@ -133,10 +133,10 @@ mod tests {
     fn a_table_of_a_list_is_named_by_its_number() {
         let fault = |kind: &str| format!("\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = 1.0\n");
         let (first, second) = (format!("{SIM_RIG}{}", fault("slip")), format!("{SIM_RIG}{0}{0}", fault("slip")));
-        let found = one("scene.fault[2]", "not set", "{ from_s = 1.0, kind = \"slip\" }", Verdict::Other);
+        let found = one("scene.fault[2]", "not set", "{ from_s = 1.0, kind = \"slip\" }", Consequence::Other);
         assert_eq!(verdicts(&first, &second), found);
         let other = format!("{first}{}", fault("stuck"));
-        let found = one("scene.fault[2].kind", "\"slip\"", "\"stuck\"", Verdict::Other);
+        let found = one("scene.fault[2].kind", "\"slip\"", "\"stuck\"", Consequence::Other);
         assert_eq!(verdicts(&second, &other), found);
         assert_eq!(verdicts(SIM_RIG, &first)[0].0, "scene.fault[1]");
     }
@@ -179,10 +179,10 @@ mod tests {
                 let (before, now) = (shown(value), shown(&other));
                 *value = other;
                 let verdict = match listed.path.as_str() {
-                    "stage.link" | "load_cell.link" | "array.link" => Verdict::Link,
-                    path if path.ends_with("driver.process") => Verdict::Link,
-                    "limits.stiffness_n_mm" => Verdict::Tighter,
-                    _ => Verdict::Other,
+                    "stage.link" | "load_cell.link" | "array.link" => Consequence::Link,
+                    path if path.ends_with("driver.process") => Consequence::Link,
+                    "limits.stiffness_n_mm" => Consequence::Tighter,
+                    _ => Consequence::Other,
                 };
                 let path = path.strip_suffix("[1]").unwrap_or(&path);
                 assert_eq!(verdicts(&text, &rig.to_string()), one(path, &before, &now, verdict));

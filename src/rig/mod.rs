@@ -16,7 +16,7 @@ mod simulated;
 mod skin;
 mod spec;
 
-pub use compare::{Difference, Verdict, differences};
+pub use compare::{Consequence, Difference, differences};
 pub use emulated::{EmulatedDevice, FarEnd};
 pub use family::{FAMILIES, Family, Links, Role};
 pub use open::OpenRig;

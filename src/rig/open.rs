@@ -3,7 +3,7 @@
 use super::emulated::EmulatedDevice;
 use super::simulated::{SceneProbe, SimulatedRig};
 use super::spec::{Dial, Driver, RigSpec, Wiring};
-use crate::device::{DeviceError, Instruments, Problem, StageUse};
+use crate::device::{DeviceError, DeviceProblem, Instruments, StageUse};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::{self, Instrument, Shared};
 use crate::scene::Scene;
@@ -112,7 +112,7 @@ impl RigSpec {
             driver.claim(link, &mut claims).map_err(|error| DeviceError {
                 device: role.to_owned(),
                 doing: "opening its link".to_owned(),
-                problem: Problem::Claim(error.to_string()),
+                problem: DeviceProblem::Claim(error.to_string()),
             })?;
         }
         Ok(claims)

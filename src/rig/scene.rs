@@ -8,7 +8,8 @@ use super::{KEYS, SIM_RIG, keys};
 use crate::document::{self, Key, Problem, Problems, Table, Value};
 use crate::quantity::{Place, Range};
 use crate::scene::{
-    Branch, Contact, Fault, FaultKind, Latencies, LoadCell, Mounting, Relief, SceneSpec, Servo, Spikes, Stiffness,
+    ContactLaw, Fault, FaultKind, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
+    Stiffness,
 };
 
 /// The paper's rig's scene: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through
@@ -31,11 +32,11 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         let linear_n_mm = table.number(&contact::linear_n_mm);
         let quadratic_n_mm2 = table.number(&contact::quadratic_n_mm2);
         let toe_mm = table.number(&contact::toe_mm);
-        Some(Contact { linear_n_mm: linear_n_mm?, quadratic_n_mm2: quadratic_n_mm2?, toe_mm: toe_mm? })
+        Some(ContactLaw { linear_n_mm: linear_n_mm?, quadratic_n_mm2: quadratic_n_mm2?, toe_mm: toe_mm? })
     });
     let relaxation = document::all(table.tables(&scene::relaxation).iter().map(|table| {
         let (share, time_s) = (table.number(&relaxation::share), table.number(&relaxation::time_s));
-        Some(Branch { share: share?, time_s: time_s? })
+        Some(RelaxationBranch { share: share?, time_s: time_s? })
     }));
     // a term that is named and wrong has been reported
     let mounting = table.table(&scene::mounting).and_then(|table| {

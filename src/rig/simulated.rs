@@ -2,10 +2,10 @@
 
 use super::emulated::EmulatedDevice;
 use super::spec::RigSpec;
-use crate::device::{DeviceError, Problem};
+use crate::device::{DeviceError, DeviceProblem};
 use crate::emulator::Shared;
 use crate::quantity::{Axis, Place, Position};
-use crate::scene::{Device, SKIN_CHANNELS_MAX, Scene, Setting, Truth};
+use crate::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::time::Instant;
 
@@ -46,13 +46,13 @@ impl RigSpec {
     pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
             let (device, doing) = (Device::Array.name().to_owned(), "opening it".to_owned());
-            return Err(DeviceError { device, doing, problem: Problem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
+            return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
         }
         let spec = self.scene.clone();
         let away = self.frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
         let travel = &self.stage.travel;
         let within = |axis: Axis, mm: f64| mm.clamp(travel.along(axis).min, travel.along(axis).max);
-        let setting = Setting {
+        let setting = Surroundings {
             // the drivers go by the rig's word, the scene by how the specimen really lies
             frame: spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm)),
             layout: self.array.layout.clone(),

@@ -1,10 +1,10 @@
 //! What comes before a run goes on: is this still the specimen, and back to where the last contact was left.
 
 use super::Halt;
-use super::past::Known;
+use super::past::TouchedPlace;
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::walk::{Listener, Walker};
-use crate::control::{Air, Permit, Rule, Standing, Strategy, Task, Trip};
+use crate::control::{AirReadings, Permit, Rule, Standing, Strategy, Task, Trip};
 use crate::dataset::{Ledger, Left, Record, Retouch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -29,7 +29,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// Touches places again that were touched before, as if nothing were known of the specimen, and compares.
     pub async fn touch_again(
         &mut self,
-        landmarks: &[Known],
+        landmarks: &[TouchedPlace],
         next: Place,
         ledger: &mut dyn Ledger,
         listener: &mut dyn Listener,
@@ -81,7 +81,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             self.hand.move_z(granted, None).await?;
             self.hand.cell.settle().await?;
         }
-        let is_same = |before: &Air| {
+        let is_same = |before: &AirReadings| {
             let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.readings));
             (now.mean_n - before.mean_n).abs() <= most_n
         };

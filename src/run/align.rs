@@ -1,7 +1,7 @@
 //! Finds where the specimen really is: presses around where it should be, and what they show.
 
 use super::Cancel;
-use super::walk::{Ending, Errand, Listener, walk};
+use super::walk::{Ending, Listener, Walk, walk};
 use crate::dataset::{Memory, Press};
 use crate::document::Problems;
 use crate::quantity::{Frame, Place};
@@ -78,7 +78,7 @@ pub async fn align(
 ) -> Result<Alignment, AlignError> {
     let plan = plan(spec, seed).map_err(AlignError::Plan)?;
     let mut ledger = Memory::default();
-    let ending = walk(Errand { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
+    let ending = walk(Walk { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
     if ending.halt.is_some() || ending.unparked.is_some() {
         return Err(AlignError::Halted(Box::new(ending)));
     }

@@ -1,6 +1,6 @@
 //! How long a plan takes.
 
-use crate::control::{Profile, Strategy};
+use crate::control::{MotionProfile, Strategy};
 use crate::recipe::Entry;
 use crate::rig::RigSpec;
 
@@ -24,7 +24,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
     for entry in entries {
         let way_mm = (entry.place.x_mm - place.x_mm).abs().max((entry.place.y_mm - place.y_mm).abs());
         let levels = entry.task.levels.len() as f64;
-        total_s += Profile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()
+        total_s += MotionProfile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()
             + press_s(entry.task.strategy)
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)

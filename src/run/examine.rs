@@ -24,7 +24,7 @@ pub struct Examination {
     /// How long exchanges took, s: the same order. Empty for a device that isn't of use.
     pub exchanges_s: [Vec<f64>; 3],
     /// The load cell in air, or why it can't be trusted.
-    pub air: Option<Result<Air, Trip>>,
+    pub air: Option<Result<CellInAir, Trip>>,
     /// From a force to a stage that brakes, s: one for each pair of exchanges, conversion and lag included.
     pub reactions_s: Vec<f64>,
     /// What a run would reckon with.
@@ -35,7 +35,7 @@ pub struct Examination {
 
 /// The load cell in air.
 #[derive(Clone, Copy, Debug)]
-pub struct Air {
+pub struct CellInAir {
     /// Its zero and its noise.
     pub zero: Zero,
     /// Share of the readings that were another number than the one before.
@@ -101,14 +101,18 @@ async fn look<S: Stage, C: LoadCell, A: SensorArray>(
 async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
     has_array: bool,
-) -> Result<Result<Air, Trip>, Halt> {
+) -> Result<Result<CellInAir, Trip>, Halt> {
     let readings = match hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
         Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
         readings => readings?,
     };
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
     let outputs_sigma_v = if has_array { spread_v(&mut hand.array).await? } else { 0.0 };
-    Ok(Ok(Air { zero: Zero::of(&readings), fresh_share: fresh as f64 / (readings.len() - 1) as f64, outputs_sigma_v }))
+    Ok(Ok(CellInAir {
+        zero: Zero::of(&readings),
+        fresh_share: fresh as f64 / (readings.len() - 1) as f64,
+        outputs_sigma_v,
+    }))
 }
 
 /// The largest spread of any unit's output, V.

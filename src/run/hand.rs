@@ -1,7 +1,7 @@
 //! The instruments in use.
 
 use super::{Cancel, Halt};
-use crate::control::{AIR_READINGS, Air, Rule, Timing, Trip, Watch, check_sound};
+use crate::control::{AIR_READINGS, AirReadings, Rule, Timing, Trip, Watch, check_sound};
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{ForceReading, Frame, Place};
 use crate::rig::SceneProbe;
@@ -135,7 +135,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// What was read in air, and more of it until it is enough; what comes after it isn't air any more.
-    pub async fn close_air(&mut self) -> Result<Air, Halt> {
+    pub async fn close_air(&mut self) -> Result<AirReadings, Halt> {
         if !self.air.open {
             self.open_air();
         }
@@ -143,7 +143,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
             self.force_n().await?;
         }
         self.air.open = false;
-        Ok(Air { mean_n: self.air.mean_n, sigma_n: self.air.sigma_n(), readings: self.air.count })
+        Ok(AirReadings { mean_n: self.air.mean_n, sigma_n: self.air.sigma_n(), readings: self.air.count })
     }
 
     /// How old the last good reading is, s.

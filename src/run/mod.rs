@@ -20,14 +20,14 @@ mod window;
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
 pub use estimate::estimated_s;
-pub use examine::{Air, Examination, examine};
+pub use examine::{CellInAir, Examination, examine};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
-pub use walk::{Ending, Errand, Listener, walk, walk_on};
+pub use walk::{Ending, Listener, Walk, walk, walk_on};
 
 use crate::control::{Rule, Trip};
 use crate::dataset::DatasetError;
-use crate::device::{DeviceError, Problem};
+use crate::device::{DeviceError, DeviceProblem};
 
 /// Why a run ended before its plan did.
 #[derive(Debug)]
@@ -51,7 +51,7 @@ impl From<Trip> for Halt {
 impl From<DeviceError> for Halt {
     fn from(error: DeviceError) -> Self {
         match error.problem {
-            Problem::Guarded { limit_n } => Trip::new(Rule::Guarded, limit_n, limit_n, "N").into(),
+            DeviceProblem::Guarded { limit_n } => Trip::new(Rule::Guarded, limit_n, limit_n, "N").into(),
             _ => Halt::Device(error),
         }
     }

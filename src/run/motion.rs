@@ -2,8 +2,8 @@
 
 use super::Halt;
 use super::hand::{Gauge, Hand};
-use crate::control::{Permit, Permitted, Press, Profile, Rule, STALE_S, Sideways, Steer, Trip};
-use crate::device::{DeviceError, LoadCell, Problem, Reins, SensorArray, Stage};
+use crate::control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
+use crate::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Place, Range};
 use std::cell::Cell;
 use std::time::Duration;
@@ -40,7 +40,7 @@ struct Driven {
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Moves along z to a permitted end, the force read meanwhile and told to the press, which may steer or stop it.
-    pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut Press>) -> Result<(), Halt> {
+    pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
         let target_mm = self.stage_z_mm(granted.z_mm());
         let from_mm = self.stage_z_mm(self.z_mm);
         let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
@@ -79,10 +79,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
         let there = frame.to_stage(next, granted.z_mm());
         let sideways = SIDEWAYS.map(|axis| (axis, there.along(axis)));
-        let withdrawal = Profile::new(granted.z_mm() - self.z_mm, granted.speed_mm_s(), self.usage.acceleration_mm_s2);
+        let withdrawal =
+            MotionProfile::new(granted.z_mm() - self.z_mm, granted.speed_mm_s(), self.usage.acceleration_mm_s2);
         let clears_s = withdrawal.reaches_s(self.z_mm - Permit::clear_mm(first_mm));
         let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
-        let travel_s = Profile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
+        let travel_s = MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
         let due_after = seconds(withdrawal.duration_s() + travel_s);
         let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
@@ -170,7 +171,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.stage.begin(&[(Axis::Z, target_mm)], self.usage.speed_mm_s, &Reins::default()).await?;
-        let profile = Profile::new(target_mm - from_mm, self.usage.speed_mm_s, self.usage.acceleration_mm_s2);
+        let profile = MotionProfile::new(target_mm - from_mm, self.usage.speed_mm_s, self.usage.acceleration_mm_s2);
         let places_mm = self.stage.follow(&[Axis::Z], seconds(profile.duration_s()), &Reins::default()).await?;
         sleep(seconds(self.timing.settle_s)).await;
         self.arrived_z(places_mm.first().copied(), target_mm).await
@@ -215,7 +216,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         way_mm: f64,
         mut steer: impl FnMut(f64, f64) -> Steer,
     ) -> Result<Driven, Halt> {
-        let expected = seconds(Profile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
+        let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
         let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now() + expected)));
         let ends = Cell::new(None);
@@ -366,5 +367,5 @@ fn seconds(s: f64) -> Duration {
 
 fn lost(told: String) -> Halt {
     let doing = "checking where a motion ended".to_owned();
-    DeviceError { device: "stage".to_owned(), doing, problem: Problem::Motion(told) }.into()
+    DeviceError { device: "stage".to_owned(), doing, problem: DeviceProblem::Motion(told) }.into()
 }

@@ -2,7 +2,7 @@
 
 use crate::control::{Lesson, Map};
 use crate::dataset::{DatasetError, Ledger, Left, Record};
-use crate::device::{DeviceError, Identity, Problem};
+use crate::device::{DeviceError, DeviceProblem, Identity};
 use crate::quantity::Place;
 use crate::recipe::Plan;
 
@@ -22,12 +22,12 @@ pub(super) struct Past {
     /// What the devices said they were.
     pub devices: Vec<Identity>,
     /// Places that were touched.
-    known: Vec<Known>,
+    known: Vec<TouchedPlace>,
 }
 
 /// A place that was touched.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Known {
+pub(super) struct TouchedPlace {
     pub place: Place,
     /// Where contact began, mm into the specimen.
     pub z_mm: f64,
@@ -63,7 +63,7 @@ impl Past {
             Some((before, now)) => Err(DeviceError {
                 device: now.role.clone(),
                 doing: "identifying it, to go on with the run".to_owned(),
-                problem: Problem::Mismatch(format!(
+                problem: DeviceProblem::Mismatch(format!(
                     "it was \"{before}\" before and is \"{}\" now: connect the one the run began with, or begin a new run",
                     now.identity
                 )),
@@ -91,17 +91,17 @@ impl Past {
             && *force_n > 0.0
             && self.known.len() < KNOWN_MAX
         {
-            self.known.push(Known { place: *place, z_mm: *z_mm, force_n: *force_n });
+            self.known.push(TouchedPlace { place: *place, z_mm: *z_mm, force_n: *force_n });
         }
     }
 
     /// Three places of the plan that were touched, or as many as there are, as far from one another as they come: a surface
     /// that has sunk, risen or tilted shows at one of them.
-    pub fn landmarks(&self, plan: &Plan) -> Vec<Known> {
-        let planned = |known: &&Known| plan.entries.iter().any(|entry| entry.place == known.place);
-        let mut chosen: Vec<Known> = self.known.iter().find(planned).copied().into_iter().collect();
+    pub fn landmarks(&self, plan: &Plan) -> Vec<TouchedPlace> {
+        let planned = |known: &&TouchedPlace| plan.entries.iter().any(|entry| entry.place == known.place);
+        let mut chosen: Vec<TouchedPlace> = self.known.iter().find(planned).copied().into_iter().collect();
         while chosen.len() < 3 {
-            let apart_mm = |known: &Known| {
+            let apart_mm = |known: &TouchedPlace| {
                 chosen.iter().map(|other| other.place.distance_mm(known.place)).fold(f64::INFINITY, f64::min)
             };
             let farthest = self.known.iter().filter(planned).max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));

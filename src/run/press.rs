@@ -3,7 +3,7 @@
 use super::Halt;
 use super::walk::Walker;
 use super::window::Window;
-use crate::control::{Air, Command, Context, Event, Lesson, Moment, Press, Strategy, Task};
+use crate::control::{AirReadings, Command, Context, Event, ForceLoop, Lesson, Moment, Strategy, Task};
 use crate::dataset::{self, Contact, Flag, Left, PressTruth};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -66,7 +66,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.cell.watch.pause();
         let air = self.air().await?;
         let first_mm = self.first_mm(place, next);
-        let mut press = Press::new(task.clone(), self.context(place, task, first_mm));
+        let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
         let mut levels: Vec<Held> = Vec::with_capacity(task.levels.len());
         let air_n = air.mean_n;
         let mut event = Event::Begin { z_mm: self.hand.z_mm, air };
@@ -111,7 +111,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// What the cell says in the clear: on the way here, and now, since a disk may have been slow meanwhile.
-    async fn air(&mut self) -> Result<Air, Halt> {
+    async fn air(&mut self) -> Result<AirReadings, Halt> {
         match self.left.take().and_then(|left| left.air) {
             Some(air) => {
                 self.hand.cell.force_n().await?;

@@ -17,7 +17,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 /// What is to be done: a plan on a rig, recorded in a ledger.
-pub struct Errand<'a> {
+pub struct Walk<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// The rig.
@@ -61,7 +61,7 @@ pub trait Listener {
 }
 
 /// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear.
-pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
+pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
     match errand.spec.open(errand.plan.seed) {
         Ok(rig) => walk_on(rig, errand, listener).await,
         Err(error) => Ending { halt: Some(error.into()), unparked: None, t_s: 0.0 },
@@ -73,14 +73,14 @@ pub async fn walk(errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
 /// It is boxed so that the library compiles it once: what is `async` is compiled again in each program that awaits it.
 pub fn walk_on<'w, 'e: 'w>(
     rig: OpenRig,
-    errand: Errand<'e>,
+    errand: Walk<'e>,
     listener: &'w mut dyn Listener,
 ) -> Pin<Box<dyn Future<Output = Ending> + 'w>> {
     Box::pin(walk_from(rig, errand, listener))
 }
 
-async fn walk_from(rig: OpenRig, errand: Errand<'_>, listener: &mut dyn Listener) -> Ending {
-    let Errand { plan, spec, ledger, cancel, shown } = errand;
+async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
+    let Walk { plan, spec, ledger, cancel, shown } = errand;
     let past = match Past::of(ledger, spec.frame.uncertainty_mm) {
         Ok(past) => past,
         Err(error) => return Ending { halt: Some(error.into()), unparked: None, t_s: 0.0 },

@@ -3,7 +3,7 @@
 use super::Halt;
 use super::hand::Hand;
 use crate::control::STALE_S;
-use crate::device::{DeviceError, LoadCell, Problem, SensorArray, Stage};
+use crate::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
@@ -101,7 +101,7 @@ fn is_saturated(outputs: &[f64], range_v: Option<f64>) -> Result<bool, DeviceErr
     if let Some((unit, output)) = (1..).zip(outputs).find(|(_, output)| !output.is_finite()) {
         let (answer, expected) = (format!("{output} from unit {unit}"), "a number from every unit".to_owned());
         let (device, doing) = ("array".to_owned(), "sampling the outputs".to_owned());
-        return Err(DeviceError { device, doing, problem: Problem::Misfit { answer, expected } });
+        return Err(DeviceError { device, doing, problem: DeviceProblem::Misfit { answer, expected } });
     }
     Ok(range_v.is_some_and(|range_v| outputs.iter().any(|output| output.abs() >= FULL_SCALE * range_v)))
 }

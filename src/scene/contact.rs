@@ -1,6 +1,6 @@
 //! The force of a contact, with relaxation, advanced in closed form.
 
-use super::spec::{Branch, Contact};
+use super::spec::{ContactLaw, RelaxationBranch};
 use super::surface::Depth;
 
 /// Longest stretch of moving contact that one quadrature spans, s. It is far below the shortest time constant of a
@@ -22,9 +22,9 @@ const SLIPPED: f64 = 0.35;
 /// The contact: relaxed curve plus Zener branches, each following q' = share F_el' - q / time.
 #[derive(Clone)]
 pub(super) struct ContactState {
-    curve: Contact,
+    curve: ContactLaw,
     relaxes: bool,
-    branches: Vec<Branch>,
+    branches: Vec<RelaxationBranch>,
     /// What each branch adds now, N.
     extra_n: Vec<f64>,
     force_n: f64,
@@ -37,7 +37,7 @@ pub(super) struct ContactState {
 }
 
 impl ContactState {
-    pub fn new(curve: Contact, branches: Vec<Branch>) -> Self {
+    pub fn new(curve: ContactLaw, branches: Vec<RelaxationBranch>) -> Self {
         let extra_n = vec![0.0; branches.len()];
         let depth_mm = f64::NEG_INFINITY;
         ContactState {
@@ -56,7 +56,7 @@ impl ContactState {
     }
 
     /// What the tip, in air now, will find where it touches next.
-    pub fn will_meet(&mut self, curve: Contact, relaxes: bool) {
+    pub fn will_meet(&mut self, curve: ContactLaw, relaxes: bool) {
         self.curve = curve;
         self.relaxes = relaxes;
         if !relaxes {
@@ -166,11 +166,11 @@ impl ContactState {
     }
 }
 
-impl Contact {
+impl ContactLaw {
     /// The curve with `factor` times the force everywhere.
-    pub(super) fn times(self, factor: f64) -> Contact {
-        let Contact { linear_n_mm, quadratic_n_mm2, toe_mm } = self;
-        Contact { linear_n_mm: factor * linear_n_mm, quadratic_n_mm2: factor * quadratic_n_mm2, toe_mm }
+    pub(super) fn times(self, factor: f64) -> ContactLaw {
+        let ContactLaw { linear_n_mm, quadratic_n_mm2, toe_mm } = self;
+        ContactLaw { linear_n_mm: factor * linear_n_mm, quadratic_n_mm2: factor * quadratic_n_mm2, toe_mm }
     }
 
     /// Relaxed force at a depth, N.
@@ -181,7 +181,7 @@ impl Contact {
 
     /// Depth at a relaxed force, mm.
     pub fn depth_mm(&self, force_n: f64) -> f64 {
-        let Contact { linear_n_mm: k, quadratic_n_mm2: q, toe_mm } = *self;
+        let ContactLaw { linear_n_mm: k, quadratic_n_mm2: q, toe_mm } = *self;
         let bearing_mm = 2.0 * force_n / (k + (k * k + 4.0 * q * force_n).sqrt());
         if bearing_mm < toe_mm / 2.0 { (2.0 * toe_mm * bearing_mm).sqrt() } else { bearing_mm + toe_mm / 2.0 }
     }

@@ -20,7 +20,8 @@ pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
 };
 pub use spec::{
-    Branch, Contact, Device, Latencies, LoadCell, Mounting, Relief, SceneSpec, Servo, Setting, Spikes, Stiffness,
+    ContactLaw, Device, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes, Stiffness,
+    Surroundings,
 };
 pub use truth::Truth;
 
@@ -43,7 +44,7 @@ const SOFTEST: f64 = 0.1;
 /// A simulated specimen under a simulated indenter, at one moment. A copy goes its own way from there.
 #[derive(Clone)]
 pub struct Scene {
-    setting: Setting,
+    setting: Surroundings,
     seed: u64,
     now_s: f64,
     /// What the controller has the axes do.
@@ -66,13 +67,13 @@ pub struct Scene {
 /// The contact curve, and how its force differs from it from place to place (1 = twice as much).
 #[derive(Clone)]
 struct CurveAt {
-    nominal: Contact,
+    nominal: ContactLaw,
     more: Option<SpotMap>,
 }
 
 impl Scene {
     /// A scene at time 0, the axes at rest where the controller was switched on; `seed` decides the specimen and all noise.
-    pub fn new(spec: SceneSpec, setting: Setting, seed: u64) -> Self {
+    pub fn new(spec: SceneSpec, setting: Surroundings, seed: u64) -> Self {
         let power_on = setting.power_on;
         let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
         let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed);
@@ -97,7 +98,7 @@ impl Scene {
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
             taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, seed)),
             latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
-            setting: Setting { latencies: spec.latencies, ..setting },
+            setting: Surroundings { latencies: spec.latencies, ..setting },
             faults: Faults::new(spec.faults),
             witness: Witness::default(),
         };
@@ -285,7 +286,7 @@ impl Scene {
     /// The tip is in air: what it will meet is what lies under it.
     fn lay_under_the_tip(&mut self, place: Place) {
         if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
-            self.contact.will_meet(Contact { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
+            self.contact.will_meet(ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
         } else if let Some(more) = &mut self.curve.more {
             self.contact.will_meet(self.curve.nominal.times((1.0 + more.at(place)).max(SOFTEST)), true);
         }

@@ -10,9 +10,9 @@ pub struct SceneSpec {
     /// What the taxels read.
     pub skin: SkinSpec,
     /// Relaxed force against depth.
-    pub contact: Contact,
+    pub contact: ContactLaw,
     /// What a sudden load adds, and how it decays.
-    pub relaxation: Vec<Branch>,
+    pub relaxation: Vec<RelaxationBranch>,
     /// How the specimen really lies; none: as the rig says.
     pub mounting: Option<Mounting>,
     /// How far the surface plane may lie from the nominal one, anywhere in the loading area, mm; 0: flat.
@@ -33,7 +33,7 @@ pub struct SceneSpec {
 
 /// Relaxed contact force against depth s: `linear s + quadratic s^2`, with a parabolic toe.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
+pub struct ContactLaw {
     /// N/mm.
     pub linear_n_mm: f64,
     /// N/mm^2.
@@ -44,7 +44,7 @@ pub struct Contact {
 
 /// One relaxation branch: `share` of a sudden load is added and decays with `time_s`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Branch {
+pub struct RelaxationBranch {
     /// Share of the relaxed force, 1.
     pub share: f64,
     /// Time constant, s.
@@ -161,7 +161,7 @@ impl Latencies {
 
 /// What the scene takes from the rig around it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Setting {
+pub struct Surroundings {
     /// Where the specimen is in the stage's coordinates.
     pub frame: Frame,
     /// Where the taxels are.

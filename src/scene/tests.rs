@@ -4,7 +4,7 @@ use super::*;
 use crate::mechanics::Medium;
 use crate::quantity::{ArrayLayout, Down, Frame, Place, Position};
 
-const CONTACT: Contact = Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
+const CONTACT: ContactLaw = ContactLaw { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
 
 fn skin() -> SkinSpec {
     SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() }
@@ -24,7 +24,7 @@ fn plain() -> SceneSpec {
     SceneSpec {
         skin: skin(),
         contact: CONTACT,
-        relaxation: vec![Branch { share: 0.05, time_s: 0.3 }, Branch { share: 0.05, time_s: 5.0 }],
+        relaxation: vec![RelaxationBranch { share: 0.05, time_s: 0.3 }, RelaxationBranch { share: 0.05, time_s: 5.0 }],
         mounting: None,
         surface_tilt_mm: 0.0,
         relief: None,
@@ -45,7 +45,7 @@ fn scene(spec: SceneSpec, seed: u64) -> Scene {
         uncertainty_mm: 0.3,
         down: Down::Minus,
     };
-    let setting = Setting {
+    let setting = Surroundings {
         frame,
         layout: ArrayLayout::grid(3, 3, 4.5),
         full_scale_n: 2.0,
@@ -263,8 +263,8 @@ mod plant;
 #[test]
 fn the_depth_leads_back_to_its_force() {
     for contact in [
-        Contact { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 },
-        Contact { linear_n_mm: 500.0, quadratic_n_mm2: 0.0, toe_mm: 0.01 },
+        ContactLaw { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 },
+        ContactLaw { linear_n_mm: 500.0, quadratic_n_mm2: 0.0, toe_mm: 0.01 },
     ] {
         assert!((contact.force_n(contact.depth_mm(1.0)) - 1.0).abs() < 1e-12);
     }

@@ -1,6 +1,6 @@
 //! A method with what held-out presses say of its errors.
 
-use super::heldout::Trial;
+use super::heldout::HeldPress;
 use super::noise::{Noise, Residual};
 use super::response::Response;
 use super::threshold::chi2_quantile;
@@ -33,7 +33,7 @@ const FEWEST_TRIALS: usize = 20;
 
 impl Appraised {
     /// A method with what its trials tell: nothing, if there are few.
-    pub fn new(method: Box<dyn Locate>, trials: &[Trial], response: &Response, setting: &Setting<'_>) -> Self {
+    pub fn new(method: Box<dyn Locate>, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }
 
@@ -73,7 +73,7 @@ impl Solver for Appraised {
 }
 
 impl Experience {
-    fn of(trials: &[Trial], response: &Response, setting: &Setting<'_>) -> Option<Self> {
+    fn of(trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Option<Self> {
         let (mut location, mut force, mut residue) = (Vec::new(), Vec::new(), Vec::new());
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         for (trial, answer) in answered() {

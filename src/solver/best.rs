@@ -1,12 +1,12 @@
 //! The method that errs least on held-out presses.
 
 use super::fitted::{Candidate, Choice};
-use super::heldout::Trial;
+use super::heldout::HeldPress;
 
 /// How far off a method was in its trials, in the mean: location, mm, and force, N. A press without an answer counts with the
 /// largest error that there was.
-pub(super) fn candidate(solver: &str, trials: &[Trial]) -> Candidate {
-    let mean = |error: &dyn Fn(&Trial) -> Option<f64>| {
+pub(super) fn candidate(solver: &str, trials: &[HeldPress]) -> Candidate {
+    let mean = |error: &dyn Fn(&HeldPress) -> Option<f64>| {
         let errors: Vec<Option<f64>> = trials.iter().map(error).collect();
         let largest = errors.iter().flatten().copied().reduce(f64::max)?;
         Some(errors.iter().map(|error| error.unwrap_or(largest)).sum::<f64>() / errors.len() as f64)

@@ -1,15 +1,16 @@
 //! Descends to where a map fits a reading best.
 
+use super::ForceKnown;
 use super::normal::Normal;
 use super::response::Response;
-use super::{Load, Workspace};
+use super::workspace::{Buffers, Workspace};
 use crate::quantity::Place;
 
 /// Finds where a [`Response`] fits a reading best, from a start close by: Gauss and Newton's steps in the place, the force, in
 /// which the response is linear, eliminated after each. Places stay in the response's area.
 pub(super) struct Descent<'a> {
     pub response: &'a Response,
-    pub load: Load,
+    pub load: ForceKnown,
     /// Whether an offset that all units share is eliminated too.
     pub common_offset: bool,
     /// One output a unit.
@@ -31,16 +32,6 @@ pub(super) struct Estimate {
     pub beyond: f64,
     /// The variance of the map there over that of the noise, mean of all units.
     pub leverage: f64,
-}
-
-/// One value a unit each.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Buffers {
-    value: Vec<f64>,
-    along_x: Vec<f64>,
-    along_y: Vec<f64>,
-    weight: Vec<f64>,
-    leverage: Vec<f64>,
 }
 
 /// The most steps from a start; two to four do.
@@ -69,7 +60,7 @@ impl Descent<'_> {
             self.weigh(force_n, b);
             force_n = self.force_n(b);
             let (normal, chi2) = self.normal(force_n, b);
-            let known = self.load == Load::Constant;
+            let known = self.load == ForceKnown::Constant;
             let freely = normal.step([true, true, !known]);
             let step = self.inside(&normal, place, freely);
             let estimate = |place| {
@@ -118,7 +109,7 @@ impl Descent<'_> {
 
     /// The force that fits best by the weights.
     fn force_n(&self, b: &Buffers) -> f64 {
-        if self.load == Load::Constant {
+        if self.load == ForceKnown::Constant {
             return self.response.force_n;
         }
         let (output_0, value_0) = (self.offset(self.outputs, b), self.offset(&b.value, b));
@@ -166,7 +157,7 @@ impl Descent<'_> {
         let area = self.response.field.area();
         let leaves =
             |at: f64, least: f64, most: f64, step: f64| (at <= least && step < 0.0) || (at >= most && step > 0.0);
-        let mut free = [true, true, self.load == Load::Unknown];
+        let mut free = [true, true, self.load == ForceKnown::Unknown];
         let mut step = freely;
         for _ in 0..2 {
             let x = free[0] && leaves(place.x_mm, area.least.x_mm, area.most.x_mm, step[0]);

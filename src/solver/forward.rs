@@ -6,7 +6,7 @@ use super::response::Response;
 use super::scan::{Scan, to_length_one};
 use super::threshold::{chi2_quantile, one_contact};
 use super::{
-    Calibration, Covariance, Load, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
+    Calibration, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
 };
 use crate::quantity::Place;
 
@@ -17,7 +17,7 @@ use crate::quantity::Place;
 pub(super) struct Forward {
     name: &'static str,
     response: Response,
-    load: Load,
+    load: ForceKnown,
     common_offset: bool,
     starts: Starts,
     /// The largest output a newton that each unit showed anywhere.

@@ -1,7 +1,7 @@
 //! A Gaussian process from outputs to the place.
 
-use super::kriging::{Kriging, MOST_PLACES, Manner, Sought, farthest_apart};
-use super::{Calibration, FitError, Load, Locate, Located, SolveError, Workspace};
+use super::kriging::{Kriging, MOST_PLACES, Regression, Sought, farthest_apart};
+use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 
 /// The regression that a user would otherwise reach for: a Gaussian process straight from what was read to where it was pressed.
@@ -21,7 +21,7 @@ pub(super) struct GaussianProcess {
 /// What the process sees of a reading.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
-    load: Load,
+    load: ForceKnown,
     /// What the logarithm of the reading's length is multiplied by; 0: it isn't seen.
     weight_of_length: f64,
 }
@@ -30,19 +30,19 @@ pub(super) struct View {
 const ANSWERS: usize = 3;
 
 /// The correlation decides, so it is sought with most of the places that there are.
-const MANNER: Manner = Manner { about_mean: true, most_to_seek_with: 320 };
+const MANNER: Regression = Regression { about_mean: true, most_to_seek_with: 320 };
 
 /// Weights of the length that are tried: a direction's coordinates are some tenths apart, so are these.
 const WEIGHTS: [f64; 4] = [0.0, 0.03, 0.1, 0.3];
 
 impl GaussianProcess {
-    pub fn fit(calibration: &Calibration, load: Load) -> Result<Self, FitError> {
+    pub fn fit(calibration: &Calibration, load: ForceKnown) -> Result<Self, FitError> {
         Self::fit_with(calibration, Self::seek(calibration, load)?)
     }
 
     /// The view and the correlation that make a calibration likeliest.
-    pub fn seek(calibration: &Calibration, load: Load) -> Result<(View, Sought), FitError> {
-        let has_several_forces = load == Load::Unknown && calibration.has_several_forces();
+    pub fn seek(calibration: &Calibration, load: ForceKnown) -> Result<(View, Sought), FitError> {
+        let has_several_forces = load == ForceKnown::Unknown && calibration.has_several_forces();
         let weights = if has_several_forces { &WEIGHTS[..] } else { &WEIGHTS[..1] };
         let tried = weights.iter().filter_map(|&weight_of_length| {
             let view = View { load, weight_of_length };
@@ -106,8 +106,8 @@ impl Locate for GaussianProcess {
         let mut answer = [0.0; ANSWERS];
         let nearest = self.process.predict(&workspace.row, &mut answer);
         let force_n = match self.view.load {
-            Load::Unknown => length / answer[2].exp(),
-            Load::Constant => self.force_n,
+            ForceKnown::Unknown => length / answer[2].exp(),
+            ForceKnown::Constant => self.force_n,
         };
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
@@ -124,8 +124,8 @@ impl View {
     /// Appends what is seen of a reading of that length.
     fn see(self, outputs: &[f64], length: f64, seen: &mut Vec<f64>) {
         let scale = match self.load {
-            Load::Unknown => 1.0 / length,
-            Load::Constant => 1.0,
+            ForceKnown::Unknown => 1.0 / length,
+            ForceKnown::Constant => 1.0,
         };
         seen.extend(outputs.iter().map(|output| output * scale));
         if self.weight_of_length > 0.0 {
@@ -156,7 +156,7 @@ mod tests {
             .collect();
         let point = |(x_mm, force_n, outputs)| CalibrationPoint { place: Place::new(x_mm, 0.0), force_n, outputs };
         let points: Vec<_> = presses.iter().map(|(x_mm, force_n, outputs)| point((*x_mm, *force_n, outputs))).collect();
-        let process = GaussianProcess::fit(&Calibration::new(&points).unwrap(), Load::Unknown).unwrap();
+        let process = GaussianProcess::fit(&Calibration::new(&points).unwrap(), ForceKnown::Unknown).unwrap();
         assert!(process.view.weight_of_length > 0.0);
         let located = process.locate(&outputs(0.13, 1.7), &mut Workspace::default()).unwrap();
         assert!((located.place.x_mm - 0.13).abs() < 0.02 && (located.force_n - 1.7).abs() < 0.05, "{located:?}");
@@ -168,7 +168,7 @@ mod tests {
         let point = |(i, outputs)| CalibrationPoint { place: Place::new(i as f64, 0.0), force_n: 1.0, outputs };
         let points: Vec<_> = rows.iter().map(|row| row.as_slice()).enumerate().map(point).collect();
         let calibration = Calibration::new(&points).unwrap();
-        let process = GaussianProcess::fit(&calibration, Load::Constant).unwrap();
+        let process = GaussianProcess::fit(&calibration, ForceKnown::Constant).unwrap();
         let located = process.locate(&[1.45], &mut Workspace::default()).unwrap();
         assert!((located.place.x_mm - 4.5).abs() < 0.1 && located.force_n == 1.0, "{located:?}");
     }

@@ -7,7 +7,7 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 
 /// A calibration press, made as if of another force, solved by a method that was fitted without its place.
-pub(super) struct Trial {
+pub(super) struct HeldPress {
     /// Where it was pressed.
     pub place: Place,
     /// The force it stands for, N.
@@ -37,7 +37,7 @@ pub(super) fn trials(
     setting: &Setting<'_>,
     response: &Response,
     fit: impl Fn(&Calibration) -> Result<Box<dyn Locate>, FitError>,
-) -> Result<Vec<Trial>, FitError> {
+) -> Result<Vec<HeldPress>, FitError> {
     let mut spots = calibration.by_place();
     if spots.len() < FEWEST_PLACES {
         return Ok(Vec::new());
@@ -64,7 +64,7 @@ pub(super) fn trials(
                     *reading = share * output + response.missing_noise(unit, share) * normal;
                 }
                 let answer = method.locate(&reading, &mut workspace);
-                trials.push(Trial { place: point.place, force_n: share * point.force_n, answer });
+                trials.push(HeldPress { place: point.place, force_n: share * point.force_n, answer });
             }
         }
     }

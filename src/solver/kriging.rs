@@ -33,7 +33,7 @@ pub(super) struct Sought {
 
 /// How a process is regressed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Manner {
+pub(super) struct Regression {
     /// Whether each output strays about its mean, or about 0.
     pub about_mean: bool,
     /// The most places that the correlation is sought with.
@@ -72,13 +72,13 @@ const ROUNDS_OF_NOISE: usize = 5;
 impl Kriging {
     /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions). At least one place;
     /// everything finite.
-    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Manner) -> Self {
+    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
         let sought = Self::seek(places, dimensions, values, outputs, manner);
         Self::fit_with(places, dimensions, values, outputs, manner, sought)
     }
 
     /// The likeliest correlation of values as [`fit`](Self::fit) takes them.
-    pub fn seek(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Manner) -> Sought {
+    pub fn seek(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Sought {
         let centred = Centred::new(values, outputs, manner);
         let few = farthest_apart(places, dimensions, manner.most_to_seek_with.min(places.len() / dimensions));
         let few_places: Vec<f64> =
@@ -99,7 +99,7 @@ impl Kriging {
         dimensions: usize,
         values: &[f64],
         outputs: usize,
-        manner: Manner,
+        manner: Regression,
         Sought { correlation, .. }: Sought,
     ) -> Self {
         let centred = Centred::new(values, outputs, manner);
@@ -198,7 +198,7 @@ struct Centred<'a> {
 }
 
 impl<'a> Centred<'a> {
-    fn new(values: &'a [f64], outputs: usize, manner: Manner) -> Self {
+    fn new(values: &'a [f64], outputs: usize, manner: Regression) -> Self {
         match manner.about_mean {
             true => Centred { values, mean: column_means(values, outputs), flat: flat_columns(values, outputs) },
             false => Centred { values, mean: vec![0.0; outputs], flat: vec![false; outputs] },

@@ -54,6 +54,7 @@ mod spots;
 mod surrogate;
 mod threshold;
 mod whitened;
+mod workspace;
 
 pub use broken::{Broken, Fault};
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
@@ -67,9 +68,10 @@ pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array, plane_through};
 pub use prepared::Prepared;
 pub use session::Session;
-pub use setting::{Load, Setting};
+pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};
 pub use whitened::Whitened;
+pub use workspace::Workspace;
 
 use crate::quantity::Place;
 
@@ -112,23 +114,6 @@ struct Located {
     force_n: f64,
     /// How badly the reading fits a contact there, in a measure of the method's own: 0 is a perfect fit.
     residue: f64,
-}
-
-/// Room for a solver to work in, kept from one reading to the next so that none of them allocates.
-#[derive(Clone, Debug, Default)]
-pub struct Workspace {
-    /// A row of the reading's length.
-    row: Vec<f64>,
-    /// What is read of the units that count.
-    kept: Vec<f64>,
-    /// Room to fit a response.
-    buffers: descent::Buffers,
-    /// What is expected there.
-    pattern: Vec<f64>,
-    /// The same, centred.
-    centred: Vec<f64>,
-    /// Room for the search of a table.
-    scratch: scan::Scratch,
 }
 
 /// The name under which [`fit`] chooses the method itself.

@@ -4,7 +4,7 @@ use super::appraised::Appraised;
 use super::broken::broken;
 use super::forward::Forward;
 use super::gaussian_process::GaussianProcess;
-use super::heldout::{self, Trial};
+use super::heldout::{self, HeldPress};
 use super::physics::physics;
 use super::response::Response;
 use super::surrogate::surrogate;
@@ -101,7 +101,7 @@ impl<'a> Prepared<'a> {
     }
 
     /// A method, tried on presses that are held out of its calibration.
-    fn tried(&self, name: &str) -> Result<Vec<Trial>, FitError> {
+    fn tried(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
         let setting = self.setting();
         // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
         let sought =
@@ -112,7 +112,7 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    fn appraised(&self, name: &str, trials: &[Trial]) -> Result<Box<dyn Solver>, FitError> {
+    fn appraised(&self, name: &str, trials: &[HeldPress]) -> Result<Box<dyn Solver>, FitError> {
         Ok(Box::new(Appraised::new(self.method(name)?, trials, self.response()?, &self.setting())))
     }
 

@@ -10,7 +10,7 @@ pub struct Setting<'a> {
     /// largest calibrated output at a point counts as its closest.
     pub layout: Option<&'a ArrayLayout>,
     /// Whether contacts to come press as hard as the calibration did.
-    pub load: Load,
+    pub load: ForceKnown,
     /// Whether all outputs may be off by one and the same amount, which is then solved for with every reading: forward methods pay
     /// for it with some of their accuracy where there is none. Pearson's correlation never sees it.
     pub common_offset: bool,
@@ -25,7 +25,7 @@ pub struct Setting<'a> {
 
 /// Whether the force of contacts to come is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Load {
+pub enum ForceKnown {
     /// It isn't: only what doesn't depend on the amplitude tells the place.
     #[default]
     Unknown,
@@ -40,7 +40,7 @@ impl Default for Setting<'_> {
     fn default() -> Self {
         Setting {
             layout: None,
-            load: Load::default(),
+            load: ForceKnown::default(),
             common_offset: false,
             false_alarms: 0.01,
             forces_n: None,
@@ -61,20 +61,20 @@ impl<'a> Setting<'a> {
         let stands_for_itself = !calibration.forces_are_known() || calibration.has_several_forces();
         match (self.load, self.forces_n) {
             _ if stands_for_itself => (1.0, 1.0),
-            (Load::Constant, _) => (1.0, 1.0),
-            (Load::Unknown, Some((least, most))) => {
+            (ForceKnown::Constant, _) => (1.0, 1.0),
+            (ForceKnown::Unknown, Some((least, most))) => {
                 let force_n = calibration.typical_force_n();
                 (least / force_n, most / force_n)
             }
-            (Load::Unknown, None) => (LEAST_FORCE_SHARE, 1.0),
+            (ForceKnown::Unknown, None) => (LEAST_FORCE_SHARE, 1.0),
         }
     }
 
     /// How many unknowns a reading is solved for.
     pub(super) fn unknowns(&self) -> usize {
         let of_contact = match self.load {
-            Load::Unknown => 3,
-            Load::Constant => 2,
+            ForceKnown::Unknown => 3,
+            ForceKnown::Constant => 2,
         };
         of_contact + usize::from(self.common_offset)
     }

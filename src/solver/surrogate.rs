@@ -1,7 +1,7 @@
 //! The map by regression.
 
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Manner};
+use super::kriging::{Kriging, Regression};
 use super::response::Response;
 use super::spots::Spots;
 use super::{Calibration, FitError};
@@ -12,7 +12,7 @@ use crate::quantity::Place;
 const CELLS_A_GRAIN: f64 = 6.0;
 
 /// Outputs fall to 0 far away. Places to seek with: the correlation then costs a fifth of the fit.
-const MANNER: Manner = Manner { about_mean: false, most_to_seek_with: 144 };
+const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 144 };
 
 /// The response as the calibration has it, free of any idea of what is under the cover: each unit's output a newton, smoothed
 /// over the places by kriging.

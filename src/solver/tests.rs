@@ -17,7 +17,7 @@ fn points<'a>(rows: &'a [(f64, f64, f64, Vec<f64>)]) -> Vec<CalibrationPoint<'a>
 /// Fits every method to a calibration and solves every reading: whatever comes is a number or says why not.
 fn assert_sane(rows: &[(f64, f64, f64, Vec<f64>)], readings: &[Vec<f64>]) {
     for calibration in [Calibration::new(&points(rows)).unwrap(), Calibration::without_forces(&points(rows)).unwrap()] {
-        for load in [Load::Unknown, Load::Constant] {
+        for load in [ForceKnown::Unknown, ForceKnown::Constant] {
             for common_offset in [false, true] {
                 let setting = Setting { load, common_offset, ..Setting::default() };
                 for name in SOLVERS.into_iter().chain([BEST]) {

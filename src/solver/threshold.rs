@@ -2,7 +2,7 @@
 
 use super::heldout::GOLDEN_SHARE;
 use super::response::Response;
-use super::{Calibration, Load, Setting};
+use super::{Calibration, ForceKnown, Setting};
 use crate::quantity::stream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -22,7 +22,7 @@ pub(super) fn one_contact(response: &Response, calibration: &Calibration, settin
     let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
     let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
     let (least, most) = setting.shares(calibration);
-    let columns = [true, true, setting.load == Load::Unknown, setting.common_offset];
+    let columns = [true, true, setting.load == ForceKnown::Unknown, setting.common_offset];
     for (index, held) in response.held.iter().enumerate() {
         response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
         for part in 0..FORCES_A_PRESS {

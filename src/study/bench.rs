@@ -5,7 +5,7 @@ use crate::dataset::{Contact, Memory};
 use crate::document::Problems;
 use crate::recipe::Plan;
 use crate::rig::{self, RigSpec};
-use crate::run::{Cancel, Ending, Errand, Listener, walk};
+use crate::run::{Cancel, Ending, Listener, Walk, walk};
 use tokio::runtime::Builder;
 
 /// The simulated benches that conditions are measured on: one plant, two controllers.
@@ -57,7 +57,7 @@ pub fn papers_rig() -> Result<RigSpec, Problems> {
 pub fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
     let mut memory = Memory::default();
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
-    let errand = Errand { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
+    let errand = Walk { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Nobody));
     Ok((memory.contacts().cloned().collect(), ending))
 }

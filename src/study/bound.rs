@@ -59,7 +59,7 @@ mod tests {
         for (depth_mm, clear_s) in [(0.01, 0.136), (0.09, 0.136), (0.8, 0.136), (1.5, 0.05)] {
             let a = 100.0;
             let way_mm = turning_way_mm(depth_mm, clear_s, a);
-            let triangle = crate::control::Profile::new(way_mm, 1e3, a);
+            let triangle = crate::control::MotionProfile::new(way_mm, 1e3, a);
             let above_s = 2.0 * (triangle.duration_s() - triangle.reaches_s(depth_mm + CLEAR_MM));
             assert!((above_s - clear_s).abs() < 1e-9, "{depth_mm} mm: {above_s} s");
         }

@@ -57,7 +57,7 @@ pub struct Condition {
 
 /// What came of a condition. Errors and peaks are by the truth; presses that teach don't count.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Outcome {
+pub struct ConditionOutcome {
     /// What it was measured for.
     pub part: Part,
     /// How the force was found.
@@ -125,7 +125,7 @@ impl Condition {
     ///
     /// # Errors
     /// A plan that the bench can't carry out.
-    pub fn measure(&self) -> Result<Outcome, StudyError> {
+    pub fn measure(&self) -> Result<ConditionOutcome, StudyError> {
         let plan = self.plan()?;
         let (contacts, ending) = walked(&plan, &self.spec)?;
         Ok(self.outcome(&plan, &contacts, &ending))
@@ -150,7 +150,7 @@ impl Condition {
         Ok(Plan::new(&recipe, &self.spec.ground(), self.seed)?)
     }
 
-    fn outcome(&self, plan: &Plan, contacts: &[Contact], ending: &Ending) -> Outcome {
+    fn outcome(&self, plan: &Plan, contacts: &[Contact], ending: &Ending) -> ConditionOutcome {
         let ordinary = |contact: &&Contact| phase(contact) == Some(Phase::Calibration);
         let made: Vec<&Contact> = contacts.iter().filter(ordinary).collect();
         let misses_mn: Vec<f64> = made.iter().flat_map(|contact| misses_mn(contact)).collect();
@@ -167,7 +167,7 @@ impl Condition {
         let rule = ending.halt.as_ref().map(|_| trip.map_or("device", |trip| trip.rule.name()).to_owned());
         let solved =
             (self.tests > 0 && ending.halt.is_none()).then(|| solved(contacts, &self.spec.array.layout)).flatten();
-        Outcome {
+        ConditionOutcome {
             part: self.part,
             strategy: self.strategy,
             rig: self.bench,

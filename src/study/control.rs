@@ -1,6 +1,6 @@
 //! The study of the force loop: which conditions it is made of, and carrying them out.
 
-use super::condition::{Condition, Outcome, Part};
+use super::condition::{Condition, ConditionOutcome, Part};
 use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
 use super::{Bench, StudyError};
@@ -24,7 +24,7 @@ const TOLERANCE_N: f64 = 0.010;
 
 /// How many places are pressed, along a side of the square.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct LoopSize {
     /// For time against error.
     pub main: usize,
     /// For each scene on the fast bench.
@@ -35,25 +35,25 @@ pub struct Size {
     pub tests: usize,
 }
 
-impl Size {
+impl LoopSize {
     /// The whole study: 625 places for the main figure, 225 a scene.
-    pub const WHOLE: Size = Size { main: 25, scene: 15, small: 9, tests: 100 };
+    pub const WHOLE: LoopSize = LoopSize { main: 25, scene: 15, small: 9, tests: 100 };
     /// A few places each: for a first look, and for tests. Its numbers mean little.
-    pub const QUICK: Size = Size { main: 4, scene: 4, small: 3, tests: 10 };
+    pub const QUICK: LoopSize = LoopSize { main: 4, scene: 4, small: 3, tests: 10 };
 }
 
 /// All that was found.
 #[derive(Clone, Debug)]
-pub struct Findings {
+pub struct LoopFindings {
     /// How many places were pressed.
-    pub size: Size,
+    pub size: LoopSize,
     /// What came of each condition, in the order of the parts.
-    pub outcomes: Vec<Outcome>,
+    pub outcomes: Vec<ConditionOutcome>,
     /// Which gains the velocity loop bears, alone.
     pub onsets: Vec<Onset>,
 }
 
-impl Findings {
+impl LoopFindings {
     /// One JSON object a line.
     pub fn ndjson(&self) -> String {
         // numbers and text can't fail
@@ -63,7 +63,7 @@ impl Findings {
     }
 
     /// The outcomes of one part.
-    pub fn of(&self, part: Part) -> impl Iterator<Item = &Outcome> {
+    pub fn of(&self, part: Part) -> impl Iterator<Item = &ConditionOutcome> {
         self.outcomes.iter().filter(move |outcome| outcome.part == part)
     }
 }
@@ -72,7 +72,7 @@ impl Findings {
 ///
 /// # Errors
 /// A condition that can't be begun; a trip is a finding and no error.
-pub fn control(size: Size, seed: u64, told: &(dyn Fn(usize, usize) + Sync)) -> Result<Findings, StudyError> {
+pub fn control(size: LoopSize, seed: u64, told: &(dyn Fn(usize, usize) + Sync)) -> Result<LoopFindings, StudyError> {
     let conditions = conditions(size, seed)?;
     let done = AtomicUsize::new(0);
     let outcomes = in_parallel(&conditions, |condition| {
@@ -80,13 +80,13 @@ pub fn control(size: Size, seed: u64, told: &(dyn Fn(usize, usize) + Sync)) -> R
         told(1 + done.fetch_add(1, Ordering::Relaxed), conditions.len());
         outcome
     });
-    let mut outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>, _>>()?;
+    let mut outcomes = outcomes.into_iter().collect::<Result<Vec<ConditionOutcome>, _>>()?;
     mark_pareto(&mut outcomes);
-    Ok(Findings { size, outcomes, onsets: stability() })
+    Ok(LoopFindings { size, outcomes, onsets: stability() })
 }
 
 /// Every strategy under every condition.
-fn conditions(size: Size, seed: u64) -> Result<Vec<Condition>, StudyError> {
+fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
     let mut conditions = Vec::new();
     let nominal = |bench: Bench, strategy| -> Result<Condition, StudyError> {
         Ok(Condition {
@@ -156,8 +156,10 @@ fn slow_side(spec: &RigSpec, side: usize) -> usize {
 }
 
 /// Of the outcomes of one bench that made the whole square: is none both faster and nearer?
-fn mark_pareto(outcomes: &mut [Outcome]) {
-    let mark = |outcome: &Outcome| Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none());
+fn mark_pareto(outcomes: &mut [ConditionOutcome]) {
+    let mark = |outcome: &ConditionOutcome| {
+        Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none())
+    };
     let all: Vec<(&str, f64, f64)> = outcomes
         .iter()
         .filter(|outcome| outcome.part == Part::Tolerance)

@@ -1,11 +1,11 @@
 //! The figures of the study: what was found, drawn.
 
 use super::Bench;
-use super::condition::{Outcome, Part};
-use super::control::{Findings, MISMATCHES, SLOW_N_MM, SLOW_SIDE, TOLERANCES_N};
+use super::condition::{ConditionOutcome, Part};
+use super::control::{LoopFindings, MISMATCHES, SLOW_N_MM, SLOW_SIDE, TOLERANCES_N};
 use super::scenes::SCENES;
 use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
-use crate::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
 use crate::paper;
 
@@ -13,10 +13,10 @@ use crate::paper;
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// One number of an outcome, where it has it.
-type Value = fn(&Outcome) -> Option<f64>;
+type Value = fn(&ConditionOutcome) -> Option<f64>;
 
 /// Every figure: a file's name and the SVG.
-pub fn figures(findings: &Findings) -> Vec<(&'static str, String)> {
+pub fn figures(findings: &LoopFindings) -> Vec<(&'static str, String)> {
     vec![
         ("1-time-error.svg", time_and_error(findings).svg()),
         ("2-stability.svg", stability_map(findings).svg()),
@@ -27,15 +27,15 @@ pub fn figures(findings: &Findings) -> Vec<(&'static str, String)> {
 }
 
 /// Time per press against force error, each strategy on each bench.
-fn time_and_error(findings: &Findings) -> Figure {
+fn time_and_error(findings: &LoopFindings) -> Figure {
     let whole = || findings.of(Part::Tolerance).filter(|outcome| outcome.rule.is_none());
-    let point = |outcome: &Outcome| Some((outcome.median_s?, outcome.error_p95_mn?));
+    let point = |outcome: &ConditionOutcome| Some((outcome.median_s?, outcome.error_p95_mn?));
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
-    let x = Axis::log("time per press, median, s", whole().filter_map(point).map(|p| p.0), (bound_s / 1.1, 1.0));
-    let y = Axis::log("force error, 95th percentile, mN", whole().filter_map(point).map(|p| p.1), (2.0, 10.0));
+    let x = ChartAxis::log("time per press, median, s", whole().filter_map(point).map(|p| p.0), (bound_s / 1.1, 1.0));
+    let y = ChartAxis::log("force error, 95th percentile, mN", whole().filter_map(point).map(|p| p.1), (2.0, 10.0));
     let mut marks = vec![Mark::At(bound_s, format!("least time there is: {bound_s:.3} s"))];
     for (bench, strategy) in pairs() {
-        let of_it: Vec<&Outcome> =
+        let of_it: Vec<&ConditionOutcome> =
             whole().filter(|outcome| outcome.rig == bench.name() && outcome.strategy == strategy).collect();
         marks.push(Mark::Curve(look(strategy, bench), of_it.iter().filter_map(|outcome| point(outcome)).collect()));
         for (at, tolerances) in alike(&of_it, point) {
@@ -72,7 +72,7 @@ fn time_and_error(findings: &Findings) -> Figure {
 }
 
 /// What gain the velocity loop bears, and what a wrong stiffness does on the wire.
-fn stability_map(findings: &Findings) -> Figure {
+fn stability_map(findings: &LoopFindings) -> Figure {
     let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
     let dot = |hue, shape, filled| Look { hue, shape: Some(shape), filled, line: Line::None };
     let line = |hue, line| Look { hue, shape: None, filled: true, line };
@@ -92,8 +92,8 @@ fn stability_map(findings: &Findings) -> Figure {
         dots.push((dot(Hue::Grey, shape, false), format!("dead time {:.0} ms", 1000.0 * dead_time_s)));
     }
     let map = Panel {
-        x: Axis { range: (0.45, 5.6), ..Axis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)) },
-        y: Axis { range: (0.05, 5.0), ..Axis::log("gain x dead time", [], (0.05, 5.0)) },
+        x: ChartAxis { range: (0.45, 5.6), ..ChartAxis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)) },
+        y: ChartAxis { range: (0.05, 5.0), ..ChartAxis::log("gain x dead time", [], (0.05, 5.0)) },
         marks,
     };
     let mut marks = vec![Mark::Level(1.0, "set".to_owned())];
@@ -108,7 +108,8 @@ fn stability_map(findings: &Findings) -> Figure {
             let outcomes = findings.of(Part::Mismatch).filter(move |outcome| outcome.rig == bench.name());
             MISMATCHES.into_iter().zip(outcomes)
         };
-        let reached = |(mismatch, outcome): (f64, &Outcome)| Some((mismatch, 1.0 + outcome.peak_over_mn? / 1000.0));
+        let reached =
+            |(mismatch, outcome): (f64, &ConditionOutcome)| Some((mismatch, 1.0 + outcome.peak_over_mn? / 1000.0));
         let look = look(Strategy::Velocity, bench);
         marks.push(Mark::Curve(look, of_it().filter_map(reached).collect()));
         let tripped = of_it().filter_map(|(mismatch, outcome)| Some((mismatch, outcome.trip_force_n?)));
@@ -116,8 +117,8 @@ fn stability_map(findings: &Findings) -> Figure {
         wire_legend.insert(0, (look, format!("right: largest force, {}", bench.name())));
     }
     let wire = Panel {
-        x: Axis { range: (0.45, 5.6), ..Axis::log("true stiffness / declared", [], (0.45, 5.6)) },
-        y: Axis::linear("force, N", (0.0, 1.8)),
+        x: ChartAxis { range: (0.45, 5.6), ..ChartAxis::log("true stiffness / declared", [], (0.45, 5.6)) },
+        y: ChartAxis::linear("force, N", (0.0, 1.8)),
         marks,
     };
     Figure {
@@ -144,14 +145,14 @@ fn stability_map(findings: &Findings) -> Figure {
 }
 
 /// Error and peak of each strategy in each scene, on the fast bench.
-fn scenes(findings: &Findings) -> Figure {
+fn scenes(findings: &LoopFindings) -> Figure {
     let rows: Vec<String> = SCENES.iter().map(|scene| scene.name.to_owned()).collect();
     let count = rows.len() as f64;
     let (mut errors, mut peaks) = (vec![Mark::At(10.0, String::new())], Vec::new());
     for (strategy, offset) in Strategy::ALL.into_iter().zip([-0.27, 0.0, 0.27]) {
         let (mut near, mut over) = (Vec::new(), Vec::new());
         for (row, scene) in SCENES.iter().enumerate() {
-            let is_it = |outcome: &&Outcome| {
+            let is_it = |outcome: &&ConditionOutcome| {
                 outcome.scene == scene.name && outcome.strategy == strategy && outcome.rig == Bench::XpsLike.name()
             };
             let Some(outcome) = findings.of(Part::Scenes).find(is_it) else { continue };
@@ -173,7 +174,7 @@ fn scenes(findings: &Findings) -> Figure {
         errors.push(Mark::Curve(look, near));
         peaks.push(Mark::Curve(look, over));
     }
-    let axis = |label: &str| Axis { range: (1.0, 1000.0), ..Axis::log(label, [], (1.0, 1000.0)) };
+    let axis = |label: &str| ChartAxis { range: (1.0, 1000.0), ..ChartAxis::log(label, [], (1.0, 1000.0)) };
     Figure {
         title: "What the loop is tried on, one thing changed at a time".to_owned(),
         subtitle: format!(
@@ -182,10 +183,10 @@ fn scenes(findings: &Findings) -> Figure {
         ),
         height_px: 44.0 * count,
         panels: vec![
-            Panel { x: axis("force error, 95th percentile, mN"), y: Axis::rows(rows.clone()), marks: errors },
+            Panel { x: axis("force error, 95th percentile, mN"), y: ChartAxis::rows(rows.clone()), marks: errors },
             Panel {
                 x: axis("peak over the set force, mN (at the edge: 1 or less)"),
-                y: Axis::rows(rows),
+                y: ChartAxis::rows(rows),
                 marks: peaks,
             },
         ],
@@ -200,11 +201,14 @@ fn scenes(findings: &Findings) -> Figure {
 }
 
 /// Time per press against the stiffness that is declared, the specimen staying the same.
-fn caution(findings: &Findings) -> Figure {
+fn caution(findings: &LoopFindings) -> Figure {
     let whole = || findings.of(Part::Caution).filter(|outcome| outcome.rule.is_none());
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
-    let y =
-        Axis::log("time per press, median, s", whole().filter_map(|outcome| outcome.median_s), (bound_s / 1.1, 2.0));
+    let y = ChartAxis::log(
+        "time per press, median, s",
+        whole().filter_map(|outcome| outcome.median_s),
+        (bound_s / 1.1, 2.0),
+    );
     let top = y.range.1;
     let mut marks = vec![Mark::Level(bound_s, format!("least time there is: {bound_s:.3} s"))];
     for (strategy, down_px) in Strategy::ALL.into_iter().zip([14.0, 30.0, 46.0]) {
@@ -225,7 +229,7 @@ fn caution(findings: &Findings) -> Figure {
             findings.size.small
         ),
         height_px: 360.0,
-        panels: vec![Panel { x: Axis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 1000.0)), y, marks }],
+        panels: vec![Panel { x: ChartAxis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 1000.0)), y, marks }],
         legend: vec![
             Strategy::ALL.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec(),
         ],
@@ -237,7 +241,7 @@ fn caution(findings: &Findings) -> Figure {
 }
 
 /// What a calibration takes and how well it locates, against the tolerance.
-fn calibration(findings: &Findings) -> Figure {
+fn calibration(findings: &LoopFindings) -> Figure {
     let of = |strategy| findings.of(Part::Tolerance).filter(move |outcome| outcome.strategy == strategy);
     let strategies = [Strategy::Guarded, Strategy::Map];
     let curves = |value: Value| {
@@ -253,10 +257,10 @@ fn calibration(findings: &Findings) -> Figure {
     let location: Value = |outcome| outcome.location_error_mm;
     let minutes: Value = |outcome| outcome.minutes;
     let ends = (1000.0 * TOLERANCES_N[TOLERANCES_N.len() - 1] / 1.2, 1000.0 * TOLERANCES_N[0] * 1.2);
-    let x = || Axis { range: ends, ..Axis::log("force tolerance asked, mN", [], ends) };
+    let x = || ChartAxis { range: ends, ..ChartAxis::log("force tolerance asked, mN", [], ends) };
     let panel = |label: &str, value, level: Option<Mark>| Panel {
         x: x(),
-        y: Axis::linear(label, (0.0, most(value, 0.1))),
+        y: ChartAxis::linear(label, (0.0, most(value, 0.1))),
         marks: level.into_iter().chain(curves(value)).collect(),
     };
     let mut notes = vec![
@@ -318,7 +322,10 @@ fn pairs() -> impl Iterator<Item = (Bench, Strategy)> {
 }
 
 /// Points that are one to the eye, each with its tolerances in mN.
-fn alike(outcomes: &[&Outcome], point: impl Fn(&Outcome) -> Option<(f64, f64)>) -> Vec<((f64, f64), String)> {
+fn alike(
+    outcomes: &[&ConditionOutcome],
+    point: impl Fn(&ConditionOutcome) -> Option<(f64, f64)>,
+) -> Vec<((f64, f64), String)> {
     let mut told: Vec<((f64, f64), String)> = Vec::new();
     for outcome in outcomes {
         let Some((x, y)) = point(outcome) else { continue };
@@ -335,7 +342,10 @@ fn alike(outcomes: &[&Outcome], point: impl Fn(&Outcome) -> Option<(f64, f64)>) 
 }
 
 /// What ended early, in one note; none if nothing did.
-fn ended_early<'a>(outcomes: impl Iterator<Item = &'a Outcome>, name: impl Fn(&Outcome) -> String) -> Option<String> {
+fn ended_early<'a>(
+    outcomes: impl Iterator<Item = &'a ConditionOutcome>,
+    name: impl Fn(&ConditionOutcome) -> String,
+) -> Option<String> {
     let told = outcomes.filter_map(|outcome| {
         let rule = outcome.rule.as_ref()?;
         Some(format!("{} ({rule} after {} of {})", name(outcome), outcome.done, outcome.points))

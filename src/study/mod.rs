@@ -20,10 +20,10 @@ pub mod validation;
 
 pub use bench::Bench;
 pub use bound::least_s;
-pub use condition::{Condition, Outcome, Part};
-pub use control::{DECLARED_N_MM, Findings, MISMATCHES, Size, TOLERANCES_N, control};
+pub use condition::{Condition, ConditionOutcome, Part};
+pub use control::{DECLARED_N_MM, LoopFindings, LoopSize, MISMATCHES, TOLERANCES_N, control};
 pub use figures::figures;
-pub use scenes::{NOMINAL, SCENES, Scene};
+pub use scenes::{BenchChange, NOMINAL, SCENES};
 pub use stability::Onset;
 
 use crate::document::Problems;

@@ -2,11 +2,11 @@
 
 use crate::quantity::Limits;
 use crate::rig::RigSpec;
-use crate::scene::{Branch, Contact, LoadCell, Relief, Servo, Spikes, Stiffness};
+use crate::scene::{ContactLaw, LoadCell, RelaxationBranch, Relief, Servo, Spikes, Stiffness};
 
 /// One change to a bench. Unless the scene is about a wrong one, the limits are those that an honest user would set.
 #[derive(Clone, Copy, Debug)]
-pub struct Scene {
+pub struct BenchChange {
     /// As it stands in tables and figures.
     pub name: &'static str,
     /// The force that is asked for, N.
@@ -21,12 +21,12 @@ const STEEL_N_MM: f64 = 500.0;
 const TIME_CONSTANTS: f64 = 2.5;
 
 /// The benches as they are.
-pub const NOMINAL: Scene = Scene { name: "nominal", force_n: 1.0, change: |_| {} };
+pub const NOMINAL: BenchChange = BenchChange { name: "nominal", force_n: 1.0, change: |_| {} };
 
 /// All scenes of the study.
-pub const SCENES: [Scene; 13] = [
+pub const SCENES: [BenchChange; 13] = [
     NOMINAL,
-    Scene {
+    BenchChange {
         name: "soft, 0.4 N/mm",
         force_n: 0.3,
         change: |spec| {
@@ -34,7 +34,7 @@ pub const SCENES: [Scene; 13] = [
             spec.limits = Limits { force_n: 0.6, stiffness_n_mm: 0.5, ..spec.limits };
         },
     },
-    Scene {
+    BenchChange {
         name: "hard, 20 N/mm",
         force_n: 1.0,
         change: |spec| {
@@ -42,7 +42,7 @@ pub const SCENES: [Scene; 13] = [
             spec.limits.stiffness_n_mm = 24.0;
         },
     },
-    Scene {
+    BenchChange {
         name: "steel, 500 N/mm",
         force_n: 1.0,
         change: |spec| {
@@ -50,7 +50,7 @@ pub const SCENES: [Scene; 13] = [
             spec.limits.stiffness_n_mm = 550.0;
         },
     },
-    Scene {
+    BenchChange {
         // two springs in series are one: 1 / (1/500 + 1/20) = 19.2 N/mm; no contact is stiffer than the spring
         name: "steel behind 20 N/mm",
         force_n: 1.0,
@@ -60,27 +60,27 @@ pub const SCENES: [Scene; 13] = [
             spec.limits.stiffness_n_mm = SPRING_N_MM;
         },
     },
-    Scene {
+    BenchChange {
         name: "stiffness 3x as said",
         force_n: 1.0,
         change: |spec| {
-            let Contact { linear_n_mm, quadratic_n_mm2, .. } = &mut spec.scene.contact;
+            let ContactLaw { linear_n_mm, quadratic_n_mm2, .. } = &mut spec.scene.contact;
             *linear_n_mm *= 3.0;
             *quadratic_n_mm2 *= 3.0;
         },
     },
-    Scene {
+    BenchChange {
         name: "viscous",
         force_n: 1.0,
         change: |spec| {
-            let branch = |(share, time_s)| Branch { share, time_s };
+            let branch = |(share, time_s)| RelaxationBranch { share, time_s };
             spec.scene.relaxation = [(0.15, 0.3), (0.15, 5.0), (0.10, 30.0)].map(branch).to_vec();
             spec.limits.stiffness_n_mm = 2.5;
         },
     },
-    Scene { name: "noise 10 mN", force_n: 1.0, change: |spec| cell(spec).noise_n = 0.010 },
-    Scene { name: "noise 30 mN", force_n: 1.0, change: |spec| cell(spec).noise_n = 0.030 },
-    Scene {
+    BenchChange { name: "noise 10 mN", force_n: 1.0, change: |spec| cell(spec).noise_n = 0.010 },
+    BenchChange { name: "noise 30 mN", force_n: 1.0, change: |spec| cell(spec).noise_n = 0.030 },
+    BenchChange {
         name: "50 Hz bus",
         force_n: 1.0,
         change: |spec| {
@@ -90,12 +90,12 @@ pub const SCENES: [Scene; 13] = [
             spec.load_cell.lag_s = transport_s + TIME_CONSTANTS / (std::f64::consts::TAU * low_pass_hz);
         },
     },
-    Scene {
+    BenchChange {
         name: "2 % spikes of 200 ms",
         force_n: 1.0,
         change: |spec| spec.scene.latencies.stage_spikes = Some(Spikes { share: 0.02, longer_s: 0.2 }),
     },
-    Scene {
+    BenchChange {
         name: "relief 30 um, k +-15 %",
         force_n: 1.0,
         change: |spec| {
@@ -104,7 +104,7 @@ pub const SCENES: [Scene; 13] = [
             spec.scene.stiffness = Some(Stiffness { smooth_percent: 15.0, white_percent: 0.5 });
         },
     },
-    Scene {
+    BenchChange {
         name: "target quantum 1 um",
         force_n: 1.0,
         change: |spec| {
@@ -113,7 +113,7 @@ pub const SCENES: [Scene; 13] = [
     },
 ];
 
-impl Scene {
+impl BenchChange {
     /// A bench with the scene's change.
     #[must_use]
     pub fn on(&self, mut spec: RigSpec) -> RigSpec {
@@ -123,8 +123,8 @@ impl Scene {
 }
 
 /// A specimen that doesn't stiffen with depth.
-pub(super) fn line(linear_n_mm: f64, toe_mm: f64) -> Contact {
-    Contact { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm }
+pub(super) fn line(linear_n_mm: f64, toe_mm: f64) -> ContactLaw {
+    ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm }
 }
 
 /// Bare metal: it bears at once and doesn't relax.

@@ -4,7 +4,7 @@ use crate::HEAP;
 use crate::support::alone::ran_alone;
 use palpate::control::Lesson;
 use palpate::dataset::{
-    Contact, End, Ledger, Origins, Press, PressTruth, Record, RunFacts, RunFolder, Session, Status,
+    Contact, End, Ledger, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -36,7 +36,7 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let bound = PRESSES as usize * HELD_BYTES_A_PRESS + BUFFERS_BYTES;
 
     let before = HEAP.allocated();
-    let mut folder = RunFolder::create(Some(&path), &origins, facts(), Session::default(), &layout).unwrap();
+    let mut folder = RunFolder::create(Some(&path), &origins, facts(), Provenance::default(), &layout).unwrap();
     // every second one first, as a plan may visit them
     for press in (0..PRESSES).step_by(2).chain((1..PRESSES).step_by(2)) {
         folder.record(&Record::Contact(contact(press))).unwrap();

@@ -2,8 +2,8 @@
 //! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
 
 use palpate::control::{
-    AIR_READINGS, Air, Branch, Command, Context, Event, Lesson, Level, Map, Moment, Permit, Permitted, Press, Rule,
-    Shot, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
+    AIR_READINGS, AirReadings, Branch, Command, Context, Event, ForceLoop, Lesson, Level, Map, Moment, Permit,
+    Permitted, Rule, Shot, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
 };
 use palpate::quantity::{Limits, Place, Stream, stream};
 use rand::RngExt;
@@ -28,7 +28,7 @@ const DWELL_MOST_S: f64 = 100.0;
 
 /// A press with all that it knows, drawn at random.
 struct Draw {
-    press: Press,
+    press: ForceLoop,
     context: Context,
     task: Task,
     /// Reaction time of the rig, s.
@@ -94,7 +94,7 @@ fn draw(rng: &mut Stream, truthful: bool) -> Draw {
             reaction_s,
         },
     };
-    Draw { press: Press::new(task.clone(), context), context, task, reaction_s }
+    Draw { press: ForceLoop::new(task.clone(), context), context, task, reaction_s }
 }
 
 fn task(rng: &mut Stream, limits: &Limits) -> Task {
@@ -263,7 +263,7 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let stops_anywhere = rng.random_bool(0.3);
     let start_mm = draw.context.clear_mm;
     let mut told = Told::at(start_mm);
-    let mut event = Event::Begin { z_mm: start_mm, air: Air { mean_n: 0.0, sigma_n, readings: AIR_READINGS } };
+    let mut event = Event::Begin { z_mm: start_mm, air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS } };
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
     for _ in 0..most_commands(&draw.task) {
@@ -336,7 +336,7 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
         let mean_n = if sound { rng.random_range(-0.015..0.015) } else { garbage(rng) };
         let sigma_n = if sound { draw.context.zero.sigma_n } else { garbage(rng) };
         let z_mm = if sound { draw.context.clear_mm } else { garbage(rng) };
-        Event::Begin { z_mm, air: Air { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 } } }
+        Event::Begin { z_mm, air: AirReadings { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 } } }
     };
     let mut before: Option<Command> = None;
     let mut event = begin(&mut rng, &draw);
@@ -466,7 +466,7 @@ fn a_press_that_is_over_moves_nothing_any_more() {
     for seed in 0..STEPS / 1000 {
         let (_, mut draw, told, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
-        let air = Air { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS };
+        let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS };
         for event in [
             Event::Averaged { force_n },
             Event::Moved { z_mm },

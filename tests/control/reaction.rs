@@ -7,7 +7,7 @@ use palpate::dataset::Memory;
 use palpate::emulator::{Instrument, Shared, serve};
 use palpate::recipe::Entry;
 use palpate::rig::{EmulatedDevice, RigSpec};
-use palpate::run::{Cancel, Errand, Halt, Listener, walk_on};
+use palpate::run::{Cancel, Halt, Listener, Walk, walk_on};
 use palpate::scene::{Fault, FaultKind, Scene};
 use palpate::wire::Connector;
 use std::ops::Range;
@@ -122,7 +122,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
     in_virtual_time(async {
         let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
         let (mut ledger, mut begin) = (Memory::default(), Begin(None));
-        let errand = Errand { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = Walk { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(spec.open(1).expect("drivers"), errand, &mut begin).await;
         assert!(ending.halt.is_none(), "{:?}", ending.told());
         let last_s = ledger.contacts().last().expect("a press").levels[0].t_s.expect("a time");
@@ -155,7 +155,7 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
         rig.instruments.stage = spec.stage_on(&to_stage);
         rig.instruments.load_cell = spec.load_cell_on(&to_cell, origin).expect("a driver");
         let (mut ledger, cancel) = (Memory::default(), Cancel::default());
-        let errand = Errand { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(rig, errand, &mut Begin(None)).await;
         assert!(matches!(ending.halt, Some(Halt::Tripped(_))), "at {from_s} s: {:?}", ending.told());
         let heard = std::mem::take(&mut *heard.lock().unwrap());

@@ -5,7 +5,7 @@ use crate::support::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthfu
 use palpate::dataset::Status;
 use palpate::quantity::{Axis, Down, Place, Range};
 use palpate::run::Halt;
-use palpate::scene::{Branch, Contact, LoadCell};
+use palpate::scene::{ContactLaw, LoadCell, RelaxationBranch};
 
 // ---- force and depth -----------------------------------------------------------------------------------------------
 
@@ -46,12 +46,12 @@ fn a_rig_mounted_any_way_round_presses_the_same() {
 
 #[test]
 fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
-    let branch = |share, time_s| Branch { share, time_s };
+    let branch = |share, time_s| RelaxationBranch { share, time_s };
     for (i, (contact, relaxation, declared, force_n)) in [
         (linear(1.8), vec![branch(0.05, 0.3), branch(0.05, 5.0)], 1.98, 2.0),
         (linear(2.0), vec![], 2.0, 2.0),
         (linear(1.0), vec![branch(0.5, 0.05), branch(0.5, 5.0)], 2.0, 1.8),
-        (Contact { linear_n_mm: 0.8, quadratic_n_mm2: 0.5, toe_mm: 0.05 }, vec![], 2.2, 2.0),
+        (ContactLaw { linear_n_mm: 0.8, quadratic_n_mm2: 0.5, toe_mm: 0.05 }, vec![], 2.2, 2.0),
         (linear(18.0), vec![branch(0.1, 1.0)], 20.0, 2.0),
     ]
     .into_iter()
@@ -112,9 +112,9 @@ fn a_noisy_load_cell_doesnt_cost_force() {
 fn depth_is_held_where_the_specimen_yields_late() {
     // a soft start: contact is felt well after it began, and the depth limit is what binds
     for (i, contact) in [
-        Contact { linear_n_mm: 0.1, quadratic_n_mm2: 1.0, toe_mm: 0.0 },
-        Contact { linear_n_mm: 0.6, quadratic_n_mm2: 0.0, toe_mm: 0.3 },
-        Contact { linear_n_mm: 0.05, quadratic_n_mm2: 0.4, toe_mm: 0.0 },
+        ContactLaw { linear_n_mm: 0.1, quadratic_n_mm2: 1.0, toe_mm: 0.0 },
+        ContactLaw { linear_n_mm: 0.6, quadratic_n_mm2: 0.0, toe_mm: 0.3 },
+        ContactLaw { linear_n_mm: 0.05, quadratic_n_mm2: 0.4, toe_mm: 0.0 },
     ]
     .into_iter()
     .enumerate()

@@ -10,7 +10,7 @@ use crate::support::alone::ran_alone;
 use crate::support::skips::asked;
 use crate::support::walks::{in_parallel, in_virtual_time};
 use palpate::rig::{self, RigSpec};
-use palpate::scene::{Contact, Latencies};
+use palpate::scene::{ContactLaw, Latencies};
 use std::collections::BTreeMap;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;
@@ -132,7 +132,7 @@ fn rig(stage: &str, load_cell: &str, array: &str) -> RigSpec {
     );
     let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!("no map of its own"))
         .unwrap_or_else(|problems| panic!("{:?}", problems.lines()));
-    spec.scene.contact = Contact { linear_n_mm: readers::STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    spec.scene.contact = ContactLaw { linear_n_mm: readers::STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
     (spec.scene.relaxation, spec.scene.surface_tilt_mm) = (Vec::new(), 0.0);
     (spec.scene.relief, spec.scene.stiffness, spec.scene.stage, spec.scene.load_cell) = (None, None, None, None);
     (spec.scene.skin.noise, spec.scene.skin.hysteresis_percent) = (None, None);

@@ -5,7 +5,7 @@ use crate::support::walks::in_virtual_time;
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 use palpate::dataset::Recorded;
 use palpate::dataset::evaluate::evaluate_run;
-use palpate::device::{Instruments, Problem, Reins, Stage};
+use palpate::device::{DeviceProblem, Instruments, Reins, Stage};
 use palpate::quantity::{ArrayLayout, Axis, Place};
 use palpate::rig::{self, OpenRig};
 use palpate::scene::{Fault, FaultKind};
@@ -98,7 +98,7 @@ fn an_xps_with_a_guard_ends_a_motion_by_itself_however_slow_its_host_is() {
         stage.begin(&[(Axis::Z, 10.0)], 2.0, &reins).await.expect("a motion");
         let begun_s = began.elapsed().as_secs_f64();
         let error = stage.follow(&[Axis::Z], Duration::from_secs(5), &reins).await.expect_err("it was ended");
-        assert!(matches!(error.problem, Problem::Guarded { limit_n: 2.05 }), "{error}");
+        assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n: 2.05 }), "{error}");
         // under way for less than a second at 2 mm/s, and 0.02 mm to brake
         let ran_mm = 2.0 * (leap_s - begun_s) + 0.02;
         let at_mm = stage.position_mm(Axis::Z, &reins).await.expect("a place");

@@ -8,7 +8,7 @@ use crate::support::python::{Python, said};
 use crate::support::served::Served;
 use crate::support::skips::skipped;
 use crate::support::{Bench, exchanged, shared_library, shipped_text};
-use palpate::device::{DeviceError, Identity, LoadCell, Problem, SensorArray};
+use palpate::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
 use palpate::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
 use std::path::PathBuf;
@@ -48,7 +48,7 @@ fn acquisition(library: DaqmxLibrary, inputs: Vec<Inputs>) -> Acquisition {
 
 fn refused(result: Result<(), DeviceError>) -> String {
     match result.expect_err("an error").problem {
-        Problem::Refused(told) => told.trim_start_matches("it says: ").to_owned(),
+        DeviceProblem::Refused(told) => told.trim_start_matches("it says: ").to_owned(),
         other => panic!("{other}"),
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::support::printed::{is_narrow, is_well_formed};
 use crate::support::{Bench, shipped};
-use palpate::study::ablation::{NEEDED, Needed, Question, Size, TERMS, ablation};
+use palpate::study::ablation::{AblationSize, NEEDED, Needed, Question, TERMS, ablation};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -53,7 +53,7 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice_but_for_its_times
 
 #[test]
 fn what_the_whole_study_found_is_not_refuted_by_a_smaller_one() {
-    let size = Size { seeds: 6, side: 25, tests: 200, presses: 5 };
+    let size = AblationSize { seeds: 6, side: 25, tests: 200, presses: 5 };
     let found = ablation(size, 101, &|_, _| {}).expect("the shipped scene is sound");
     for row in &found.rows {
         let surely_counts = row.effect.difference.abs() - row.effect.within > row.counts_from;

@@ -5,7 +5,7 @@ use crate::support::walks::{bench, in_virtual_time, plan};
 use palpate::dataset::{Ledger, Memory, Press, Record, Retouch, Status};
 use palpate::recipe::Plan;
 use palpate::rig::RigSpec;
-use palpate::run::{Cancel, Ending, Errand, Listener, walk};
+use palpate::run::{Cancel, Ending, Listener, Walk, walk};
 use palpate::scene::{Fault, FaultKind};
 use std::time::Duration;
 use tokio::time::sleep;
@@ -60,7 +60,7 @@ impl Listener for Restless {
 fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
     let cancel = listener.cancel.clone();
     in_virtual_time(async {
-        let errand = Errand { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = Walk { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
         walk(errand, listener).await
     })
 }

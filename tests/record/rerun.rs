@@ -6,7 +6,7 @@ use crate::support::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 use palpate::dataset::{Journal, Memory, Record, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig;
-use palpate::run::{Cancel, Errand, Listener, walk};
+use palpate::run::{Cancel, Listener, Walk, walk};
 
 #[test]
 fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
@@ -52,7 +52,7 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
     let mut walk_on = |expected: &[_]| {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
-        let errand = Errand { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
         let ending = runtime.expect("a runtime").block_on(walk(errand, &mut Silent));
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
         assert_eq!(memory.records()[..records.len()], *expected);

@@ -7,10 +7,10 @@
 use crate::support::skips::skipped;
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate::dataset::evaluate::evaluate_run;
-use palpate::dataset::{Contact, Origins, Presses, RunFacts, RunFolder, Session, Status};
+use palpate::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Errand, Listener, estimated_s, walk};
+use palpate::run::{Cancel, Listener, Walk, estimated_s, walk};
 use palpate::solver::Evaluation;
 use std::io::Write;
 
@@ -51,10 +51,10 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let out = parent.path().join("run");
     let origins = Origins { recipe: recipe_text.to_owned(), rig: rig_text.to_owned(), maps: Vec::new() };
     let facts = RunFacts::new(&plan, true);
-    let mut folder = RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout).unwrap();
+    let mut folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
-    let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();

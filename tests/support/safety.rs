@@ -3,11 +3,11 @@
 
 use super::walks::in_virtual_time;
 use palpate::control::Rule;
-use palpate::dataset::{self, Origins, RunFacts, RunFolder, Session, Status};
+use palpate::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec};
-use palpate::run::{Cancel, Ending, Errand, Halt, Listener, walk};
-use palpate::scene::{Contact, SceneSpec};
+use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk};
+use palpate::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
 use tokio::time::Instant;
 
@@ -68,7 +68,7 @@ impl Bench {
         let home = tempfile::tempdir().unwrap();
         let facts = RunFacts::new(&plan, true);
         let origins = Origins { recipe: recipe_text.to_owned(), rig: String::new(), maps: Vec::new() };
-        let (out, session) = (home.path().join("run"), Session::default());
+        let (out, session) = (home.path().join("run"), Provenance::default());
         let folder = RunFolder::create(Some(&out), &origins, facts, session, &spec.array.layout).unwrap();
         Bench { spec, plan, folder, _home: home }
     }
@@ -87,7 +87,7 @@ impl Bench {
             cancel.ask();
         }
         let Bench { spec, plan, folder, .. } = self;
-        let errand = Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
+        let errand = Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
         let (ending, virtual_s) = in_virtual_time(async {
             let began = Instant::now();
             (walk(errand, &mut Silent).await, began.elapsed().as_secs_f64())
@@ -150,8 +150,8 @@ impl Bench {
     }
 }
 
-pub fn linear(n_mm: f64) -> Contact {
-    Contact { linear_n_mm: n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }
+pub fn linear(n_mm: f64) -> ContactLaw {
+    ContactLaw { linear_n_mm: n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }
 }
 
 /// A load cell that tells the truth, so that what is shown is what was.

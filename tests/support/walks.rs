@@ -8,7 +8,7 @@ use palpate::emulator::{Instrument, Shared};
 use palpate::quantity::Axis;
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SimulatedRig};
-use palpate::run::{Cancel, Ending, Errand, Halt, Listener, walk_on};
+use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
 use palpate::scene::{Device, Scene, Truth};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -126,7 +126,7 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         rig.stage.replace(eye.clone());
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = Errand { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = Walk { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let mut listener = Silent { began, ready_s: 0.0 };
         let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();

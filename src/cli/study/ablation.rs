@@ -3,8 +3,8 @@
 use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
 use crate::study::ablation::{
-    ALL_TERMS, Findings, Needed, PER_PRESS, PER_READING, Question, Row, SHARE, Size, TERMS, Term, ablation,
-    ablation_figures,
+    ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, Question, SHARE, TERMS, Term, TermRow,
+    ablation, ablation_figures,
 };
 use std::path::Path;
 use std::process::ExitCode;
@@ -12,14 +12,14 @@ use std::process::ExitCode;
 /// Carries the study out, writes its figures and prints what was found.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "ablation")?;
-    let size = if args.quick { Size::QUICK } else { Size::WHOLE };
+    let size = if args.quick { AblationSize::QUICK } else { AblationSize::WHOLE };
     let found = begun.carried(ablation(size, args.seed, &begun.told()))?;
     begun.end(ablation_figures(&found), found.ndjson(), |out| summary(&found, out))
 }
 
 /// What was found, in at most 80 columns.
-fn summary(found: &Findings, out: &Path) -> String {
-    let Size { seeds, side, tests, presses } = found.size;
+fn summary(found: &AblationFindings, out: &Path) -> String {
+    let AblationSize { seeds, side, tests, presses } = found.size;
     let mut text = format!(
         "Each term off and on, all else as in rigs/paper.toml; on less off, and half of\n\
          its 95 % interval over {seeds} seeds. *: the base has it; blank: it can't touch it\n\n\
@@ -41,7 +41,7 @@ fn summary(found: &Findings, out: &Path) -> String {
 }
 
 /// A line a term that can touch any of the questions, or costs anything there.
-fn effects(found: &Findings, questions: &[Question], heads: &[&str], cost: Option<(&str, &str)>) -> String {
+fn effects(found: &AblationFindings, questions: &[Question], heads: &[&str], cost: Option<(&str, &str)>) -> String {
     let width = |question: Question| match question.unit() {
         "mm" => 12,
         "N" => 9,
@@ -77,13 +77,13 @@ fn named(term: &Term) -> String {
     format!("{}{}", term.name, if term.in_base { "*" } else { "" })
 }
 
-fn told_cost(found: &Findings, term: &str, cost: &str) -> Option<String> {
+fn told_cost(found: &AblationFindings, term: &str, cost: &str) -> Option<String> {
     let its = found.costs.iter().find(|its| its.term == term && its.cost == cost)?;
     Some(format!("{:>5.0}{:>6.0}", its.off, its.on))
 }
 
-fn cell(found: &Findings, term: &str, question: Question) -> String {
-    let told = |row: &Row| {
+fn cell(found: &AblationFindings, term: &str, question: Question) -> String {
+    let told = |row: &TermRow| {
         let within = shown(row.effect.within, question);
         let difference = shown(row.effect.difference, question);
         let sign = if row.effect.difference < 0.0 { "" } else { "+" };
@@ -109,7 +109,7 @@ fn shown(value: f64, question: Question) -> String {
 }
 
 /// Which term is needed for what.
-fn needs(found: &Findings) -> String {
+fn needs(found: &AblationFindings) -> String {
     let mut text = format!(
         "\nyes: the difference isn't chance and exceeds {:.0} % of the base's number, 0.01 mm,\n\
          1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms; -: it is surely less;\n\

@@ -3,21 +3,21 @@
 use super::begun::{Begun, Common, number};
 use crate::cli::exit::Failure;
 use crate::control::Strategy;
-use crate::study::{Findings, Outcome, Part, Size, control, figures};
+use crate::study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
 use std::path::Path;
 use std::process::ExitCode;
 
 /// Carries the study out, writes its figures and prints what was found.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "control")?;
-    let size = if args.quick { Size::QUICK } else { Size::WHOLE };
+    let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };
     let findings = begun.carried(control(size, args.seed, &begun.told()))?;
     let figures = figures(&findings).into_iter().map(|(name, svg)| (name.to_owned(), svg)).collect();
     begun.end(figures, findings.ndjson(), |out| summary(&findings, out))
 }
 
 /// What was found, in at most 80 columns.
-fn summary(findings: &Findings, out: &Path) -> String {
+fn summary(findings: &LoopFindings, out: &Path) -> String {
     let size = findings.size;
     let mut text =
         format!("1 N at {0} x {0} places 0.5 mm apart: time, and error of the force, by tolerance\n\n", size.main);
@@ -50,7 +50,7 @@ fn summary(findings: &Findings, out: &Path) -> String {
     line("*: none of its bench is both faster and nearer".to_owned());
     line(String::new());
 
-    let cell = |outcome: &Outcome| match &outcome.rule {
+    let cell = |outcome: &ConditionOutcome| match &outcome.rule {
         Some(rule) => format!("{rule} @{}", outcome.done),
         None => format!(
             "{} {:>5} {:>5}",
@@ -59,10 +59,10 @@ fn summary(findings: &Findings, out: &Path) -> String {
             number(outcome.peak_over_mn, 0)
         ),
     };
-    let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&Outcome) -> Option<String>| {
+    let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
         line(title);
         line(format!("{first:<24}{:>18}{:>18}{:>18}", "guarded", "velocity", "map"));
-        let mut rows: Vec<(String, Vec<&Outcome>)> = Vec::new();
+        let mut rows: Vec<(String, Vec<&ConditionOutcome>)> = Vec::new();
         for outcome in findings.of(part) {
             let Some(name) = name(outcome) else { continue };
             match rows.iter_mut().find(|(row, _)| *row == name) {

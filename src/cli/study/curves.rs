@@ -7,7 +7,8 @@ use crate::document;
 use crate::mechanics::{Medium, Passage};
 use crate::scene::{Elastomer, SkinSpec};
 use crate::study::curves::{
-    ASSUMED_SD, Area, Claim, Curves, Design, DesignError, Findings, NEAR_R, Turning, curves, design_figures, figures,
+    ASSUMED_SD, Area, Claim, Curves, Design, DesignError, DesignFindings, NEAR_R, Turning, curves, design_figures,
+    figures,
 };
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ With one: where its units are, how deep, under what; nothing is moved or opened.
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct CurvesArgs {
     /// Study this rig's array in place of the paper's lines
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
@@ -47,7 +48,7 @@ const DEPTH_MAX_MM: f64 = 1000.0;
 const COORDINATE_MAX_MM: f64 = 10_000.0;
 
 /// Carries the study out, writes its figures and prints what was found.
-pub fn study(args: &Args) -> Result<ExitCode, Failure> {
+pub fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "curves")?;
     match &args.rig {
         None => {
@@ -61,7 +62,7 @@ pub fn study(args: &Args) -> Result<ExitCode, Failure> {
     }
 }
 
-fn design(path: &Path, args: &Args) -> Result<Design, Failure> {
+fn design(path: &Path, args: &CurvesArgs) -> Result<Design, Failure> {
     let (text, rig) = read_rig(path)?;
     // a rig without a scene is simulated as the paper's: that says nothing of its own array
     let mut skin = if document::has_key(&text, "scene") { rig.scene.skin } else { SkinSpec::default() };
@@ -110,8 +111,8 @@ fn summary(found: &Curves) -> String {
 }
 
 /// What was found of an array.
-fn design_summary(found: &Findings) -> String {
-    let Findings { passage, area, survey, .. } = found;
+fn design_summary(found: &DesignFindings) -> String {
+    let DesignFindings { passage, area, survey, .. } = found;
     let mut text = String::new();
     let mut line = |name: &str, told: String| text += &told_line(name, &told);
     line("array", format!("{} units, pitch {:.3} mm, {}", found.units, found.pitch_mm, under(passage)));
@@ -194,7 +195,7 @@ fn under(passage: &Passage) -> String {
 }
 
 /// What the paper's rule says of it: of units, and of their spacing.
-fn rule(found: &Findings) -> [String; 2] {
+fn rule(found: &DesignFindings) -> [String; 2] {
     let (enough, near_enough) = found.keeps_rule();
     let word = |kept: bool| if kept { "kept" } else { "not kept" };
     let line = if found.row_is_column { "column" } else { "row" };

@@ -7,8 +7,8 @@ use crate::cli::recorded::{read_presses, read_run};
 use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::study::methods;
 use crate::study::methods::{
-    BudgetSize, CONDITIONS, FailuresSize, Method, Noise, Row, Rows, Trial, budget_figures, failure_figures, of_run,
-    of_tables, speed_accuracy_figures, told,
+    BudgetSize, CONDITIONS, FailuresSize, Method, MethodRow, MethodTrial, NoiseReference, Rows, budget_figures,
+    failure_figures, of_run, of_tables, speed_accuracy_figures, told,
 };
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -53,7 +53,7 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
         }
         _ => {
             let (side, tests) = if args.common.quick { QUICK } else { SIMULATED };
-            begun.carried(Trial::simulated(side, tests, args.common.seed))?
+            begun.carried(MethodTrial::simulated(side, tests, args.common.seed))?
         }
     };
     let titles: Vec<_> = trials.iter().map(told).collect();
@@ -73,7 +73,7 @@ pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
     let size = if args.quick { BudgetSize::QUICK } else { BudgetSize::WHOLE };
     let found = begun.carried(methods::budget(size, args.seed, &begun.told()))?;
     begun.end(budget_figures(&found), found.ndjson(), |out| {
-        let tables = Noise::ALL.map(|noise| budget_table(noise, &found)).concat();
+        let tables = NoiseReference::ALL.map(|noise| budget_table(noise, &found)).concat();
         let minutes = format!("minutes: {} s a press, map on the fast bench; bound: Cramér-Rao\n", methods::PRESS_S);
         format!("location error, mean, mm, by calibration presses\n\n{tables}{minutes}") + &ended(out)
     })
@@ -85,18 +85,18 @@ pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
     let size = if args.quick { FailuresSize::QUICK } else { FailuresSize::WHOLE };
     let found = begun.carried(methods::failures(size, args.seed, &begun.told()))?;
     begun.end(failure_figures(&found), found.ndjson(), |out| {
-        let tables = Noise::ALL.map(|noise| breaks(noise, &found) + &silent(noise, &found)).concat();
+        let tables = NoiseReference::ALL.map(|noise| breaks(noise, &found) + &silent(noise, &found)).concat();
         tables + "rows and figures have every value between\n" + &ended(out)
     })
 }
 
-fn trial_of(run: &Path) -> Result<Trial, Failure> {
+fn trial_of(run: &Path) -> Result<MethodTrial, Failure> {
     let (recorded, spec) = read_run(run)?;
     let name = run.file_name().map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned());
     of_run(&name, &recorded.presses(), &spec, recorded.manifest.facts.seed).map_err(Failure::usage)
 }
 
-fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a Row>) -> String {
+fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow>) -> String {
     let mut text = format!(
         "{told}\n{:<18}{:>8}{:>8}{:>8}{:>9}{:>9}{:>8}{:>8}\n",
         "", "mean mm", "+-", "p95", "force N", "ns", "wrong", "silent"
@@ -128,17 +128,17 @@ fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a Row>) -> 
     text + &refusals + "\n"
 }
 
-fn budget_table(noise: Noise, found: &Rows) -> String {
-    let presses: Vec<&Row> =
+fn budget_table(noise: NoiseReference, found: &Rows) -> String {
+    let presses: Vec<&MethodRow> =
         found.rows.iter().filter(|row| row.scene == noise.name() && row.solver == "best").collect();
-    let line = |name: &str, cell: &dyn Fn(&Row) -> String, rows: &[&Row]| {
+    let line = |name: &str, cell: &dyn Fn(&MethodRow) -> String, rows: &[&MethodRow]| {
         let cells: String = rows.iter().map(|row| format!("{:>7}", cell(row))).collect();
         format!("{name:<18}{cells}\n")
     };
     let mut text = line(noise.told().split(':').next().unwrap_or_default(), &|row| row.value.to_string(), &presses);
     text += &line("minutes", &|row| number(row.minutes, 1), &presses);
     for solver in Method::names() {
-        let rows: Vec<&Row> =
+        let rows: Vec<&MethodRow> =
             found.rows.iter().filter(|row| row.scene == noise.name() && row.solver == solver).collect();
         text += &line(solver, &|row| number(row.mean_mm(), 3), &rows);
     }
@@ -146,10 +146,10 @@ fn budget_table(noise: Noise, found: &Rows) -> String {
 }
 
 /// At which value of each condition a method's mean error exceeds the paper's reference.
-fn breaks(noise: Noise, found: &Rows) -> String {
+fn breaks(noise: NoiseReference, found: &Rows) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
-        let rows: Vec<&Row> = found.of(noise.name(), solver, harm.name).collect();
-        let is_good = |row: &Row| {
+        let rows: Vec<&MethodRow> = found.of(noise.name(), solver, harm.name).collect();
+        let is_good = |row: &MethodRow| {
             let force_n = row.force_error_n.map_or(0.0, |error| error.mean);
             row.mean_mm().is_some_and(|mm| mm <= LOCATION_REFERENCE_MM) && force_n <= FORCE_REFERENCE_N
         };
@@ -160,7 +160,7 @@ fn breaks(noise: Noise, found: &Rows) -> String {
 }
 
 /// The largest share of a method's answers that are wrong and not flagged.
-fn silent(noise: Noise, found: &Rows) -> String {
+fn silent(noise: NoiseReference, found: &Rows) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
         let shares = found.of(noise.name(), solver, harm.name).filter_map(|row| row.wrong_unflagged);
         format!("{:.0}", 100.0 * shares.fold(0.0, f64::max))

@@ -23,7 +23,7 @@ Examples:
 /// Measure strategies of the force loop, methods that solve, or an array's design, and draw what was found
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Args {
+pub struct StudyArgs {
     #[command(subcommand)]
     study: Study,
 }
@@ -39,7 +39,7 @@ enum Study {
     /// Where each method fails, and whether it says so, a minute or two
     Failures(Common),
     /// How alike two contacts read: the paper's claims, or how good an array is, in less than a second
-    Curves(curves::Args),
+    Curves(curves::CurvesArgs),
     /// Which physical and measurement terms a simulated scene needs, and for what, a minute
     Ablation(Common),
     /// The paper's protocol with ten specimens, and its numerical study, as a page; half a minute
@@ -47,7 +47,7 @@ enum Study {
 }
 
 /// Carries a study out, writes its figures and prints what was found.
-pub fn study(args: &Args) -> Result<ExitCode, Failure> {
+pub fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
     match &args.study {
         Study::Control(args) => control::study(args),
         Study::SpeedAccuracy(args) => methods::speed_accuracy(args),

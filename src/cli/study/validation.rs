@@ -13,7 +13,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let page = found.markdown();
     begun.end(vec![("validation.md".to_owned(), page)], found.ndjson(), |out| {
         let accepted = found.outcomes.iter().filter(|outcome| outcome.best.accepted()).count();
-        let mean = |of: fn(&crate::study::validation::Outcome) -> f64| {
+        let mean = |of: fn(&crate::study::validation::ValidationOutcome) -> f64| {
             found.outcomes.iter().map(of).sum::<f64>() / found.outcomes.len() as f64
         };
         format!(

@@ -59,7 +59,7 @@ pub enum Event {
         /// Its z, read back, mm.
         z_mm: f64,
         /// What the load cell said in the clear, from the zero.
-        air: Air,
+        air: AirReadings,
     },
     /// Readings were averaged.
     Averaged {
@@ -96,7 +96,7 @@ impl Event {
 
 /// Readings in air.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Air {
+pub struct AirReadings {
     /// Their mean from the zero, N.
     pub mean_n: f64,
     /// Their standard deviation, N.

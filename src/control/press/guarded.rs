@@ -1,7 +1,7 @@
 //! The guarded press: contact stops a slow approach, then steps from below, each made with a stiffness that can't be too
 //! small: the force never exceeds the one that is set.
 
-use super::state::{Press, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
+use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
 use super::{Branch, Command, Rule, Strategy, Trip};
 
 /// Share of the first force that an approach may use up when contact comes, and the most it may, N.
@@ -38,7 +38,7 @@ const LOOKS_MAX: u32 = 2000;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
 const APPROACH_MOST_MM_S: f64 = 2.0;
 
-impl Press {
+impl ForceLoop {
     /// Fast to just above the earliest contact, if that is worth a motion of its own.
     pub(super) fn descend(&mut self) -> Result<Command, Trip> {
         let standoff_mm = self.first_mm - STANDOFF_MM;

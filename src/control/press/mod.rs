@@ -9,13 +9,13 @@ mod velocity;
 
 use super::map::Lesson;
 use super::permit::{DEPTH_MARGIN_MM, Permitted, Standing};
-use super::profile::Profile;
+use super::profile::MotionProfile;
 use super::task::{Branch, Level, Strategy, Task};
 use super::trip::{Rule, Trip};
-pub use dialogue::{Air, Command, Context, Event, Moment, Steer};
+pub use dialogue::{AirReadings, Command, Context, Event, Moment, Steer};
 pub use velocity::GAIN_TIMES_DEAD_TIME;
 
-pub use state::Press;
+pub use state::ForceLoop;
 use state::{Motion, Push, SEARCH_MM, STEP_LEAST_MM, State, TELL_SIGMAS};
 
 /// Readings in air that are looked at before a press.
@@ -38,10 +38,10 @@ const LEFT_SHARE: f64 = 0.5;
 /// Most points of a loading path that are kept.
 const PATH_MAX: usize = 12;
 
-impl Press {
+impl ForceLoop {
     /// A press that hasn't begun.
     pub fn new(task: Task, context: Context) -> Self {
-        Press {
+        ForceLoop {
             task,
             context,
             state: State::Idle,
@@ -166,7 +166,7 @@ impl Press {
     }
 
     /// The zero is looked at before every press; the permit holds it against its limit.
-    fn begin(&mut self, air: Air) -> Result<Command, Trip> {
+    fn begin(&mut self, air: AirReadings) -> Result<Command, Trip> {
         let noise_n = self.context.zero.noise_most_n();
         // asked for what must hold, so that a NaN is refused
         let is_quiet = air.sigma_n <= noise_n && air.readings >= AIR_READINGS;
@@ -282,7 +282,8 @@ impl Press {
 
     fn advance(&mut self, state: State, z_mm: f64, speed_mm_s: f64) -> Result<Command, Trip> {
         let granted = self.context.permit.advance(&self.standing(), z_mm, speed_mm_s)?;
-        let profile = Profile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
+        let profile =
+            MotionProfile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
         self.motion = Some(Motion { from_mm: self.z_mm, from_n: self.force_n, began_s: self.moment.now_s, profile });
         self.go(state, Command::Move(granted))
     }

@@ -2,10 +2,10 @@
 //! below, and a late trim that allows for what the force will fade until it is sampled.
 
 use super::guarded::LEARN_SHARE;
-use super::state::{Landing, Press, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
+use super::state::{ForceLoop, Landing, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
 use super::{Branch, Command, Level, Rule, Steer, Trip};
 use crate::control::map::{Lesson, Shot};
-use crate::control::profile::Profile;
+use crate::control::profile::MotionProfile;
 use crate::quantity::Place;
 
 /// How far below the set force a correction ends that isn't the last: at least this share of the force, and of its own way.
@@ -41,7 +41,7 @@ impl Landing {
     }
 }
 
-impl Press {
+impl ForceLoop {
     /// To where the aim will be met, or as far as it is permitted; guarded if that isn't into the specimen.
     pub(super) fn shoot(&mut self, shot: Shot, level: Level) -> Result<Command, Trip> {
         let wanted_mm = shot.z_mm(shot.aim_n(level.force_set_n));
@@ -129,7 +129,7 @@ impl Press {
     pub(super) fn after_shot_s(&self, shot: Shot, force_set_n: f64) -> f64 {
         let (depth_mm, stiffness) = shot.on_curve(force_set_n);
         let timing = &self.context.timing;
-        let whole = Profile::new(START_MM + depth_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
+        let whole = MotionProfile::new(START_MM + depth_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
         let shot_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
         let total_s = shot_s + self.reading_s() + self.trim_s(TRIM_SHARE * force_set_n / stiffness) + self.task.hold_s;
         (total_s / GRAIN_S).ceil() * GRAIN_S
@@ -138,7 +138,7 @@ impl Press {
     /// How long a trim takes, to a stage at rest, s.
     fn trim_s(&self, way_mm: f64) -> f64 {
         let timing = &self.context.timing;
-        let way = Profile::new(way_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
+        let way = MotionProfile::new(way_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
         EXCHANGES * timing.exchange_s + way.duration_s() + timing.settle_s
     }
 

@@ -1,7 +1,7 @@
 //! Where a press stands: what all of its parts read and change.
 
 use super::dialogue::{Context, Moment};
-use crate::control::profile::Profile;
+use crate::control::profile::MotionProfile;
 use crate::control::task::Task;
 use crate::control::trip::Trip;
 
@@ -40,7 +40,7 @@ pub(super) enum State {
 }
 
 /// One contact: find the surface from above, reach each level from its own side, hold it, sample it, withdraw.
-pub struct Press {
+pub struct ForceLoop {
     pub(super) task: Task,
     pub(super) context: Context,
     pub(super) state: State,
@@ -80,7 +80,7 @@ pub(super) struct Motion {
     pub(super) from_mm: f64,
     pub(super) from_n: f64,
     pub(super) began_s: f64,
-    pub(super) profile: Profile,
+    pub(super) profile: MotionProfile,
 }
 
 /// The state of a motion that is steered.

@@ -30,17 +30,17 @@ struct Bench {
     tolerance_n: f64,
     map: Map,
     surface_mm: f64,
-    air: Air,
+    air: AirReadings,
 }
 
 fn bench(levels: Arc<[Level]>, surface_mm: f64) -> Bench {
-    let air = Air { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
+    let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
     let map = Map::new(0.3);
     Bench { levels, strategy: Strategy::Guarded, tolerance_n: 0.05, map, surface_mm, air }
 }
 
 impl Bench {
-    fn press(&self) -> Press {
+    fn press(&self) -> ForceLoop {
         let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
         let timing = Timing {
             exchange_s: 0.02,
@@ -69,12 +69,12 @@ impl Bench {
             strategy: self.strategy,
             sample_after_s: None,
         };
-        Press::new(task, context)
+        ForceLoop::new(task, context)
     }
 
     /// Walks a press over a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
     /// last told and reaches its target unless it is stopped.
-    fn walk(&self, force_at: impl Fn(f64) -> f64) -> (Press, Walk) {
+    fn walk(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, Walk) {
         let mut press = self.press();
         let force = |z: f64| force_at(z - self.surface_mm);
         let mut walk = Walk { forces: vec![], moves: vec![], deepest_mm: -0.5, end: Command::Done };
@@ -89,7 +89,7 @@ impl Bench {
                 Command::Move(granted) | Command::Depart(granted) => {
                     let (from_mm, began_s, end_mm) = (z, now_s, granted.z_mm());
                     let heading = (end_mm - z).signum();
-                    let profile = Profile::new(end_mm - z, granted.speed_mm_s(), 100.0);
+                    let profile = MotionProfile::new(end_mm - z, granted.speed_mm_s(), 100.0);
                     let mut ordered: Option<f64> = None;
                     while (end_mm - z) * heading > 1e-12 {
                         now_s += 0.001;
@@ -207,14 +207,14 @@ fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitte
 
 #[test]
 fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
-    let quiet = Air { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
+    let quiet = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
     for (air, rule) in [
-        (Air { mean_n: -0.04, ..quiet }, Rule::ZeroDrifted),
-        (Air { mean_n: 0.04, ..quiet }, Rule::ZeroDrifted),
-        (Air { mean_n: f64::NAN, ..quiet }, Rule::NotFinite),
-        (Air { sigma_n: 0.012, ..quiet }, Rule::Noisy),
-        (Air { sigma_n: f64::NAN, ..quiet }, Rule::NotFinite),
-        (Air { readings: 2, ..quiet }, Rule::Noisy),
+        (AirReadings { mean_n: -0.04, ..quiet }, Rule::ZeroDrifted),
+        (AirReadings { mean_n: 0.04, ..quiet }, Rule::ZeroDrifted),
+        (AirReadings { mean_n: f64::NAN, ..quiet }, Rule::NotFinite),
+        (AirReadings { sigma_n: 0.012, ..quiet }, Rule::Noisy),
+        (AirReadings { sigma_n: f64::NAN, ..quiet }, Rule::NotFinite),
+        (AirReadings { readings: 2, ..quiet }, Rule::Noisy),
     ] {
         let (tripped, walk) = Bench { air, ..bench(Task::press(1.0), 0.0) }.rule(force_at);
         assert_eq!(tripped, rule, "{air:?}");
@@ -301,7 +301,7 @@ fn all_windows_of_shots_begin_at_one_time_after_contact() {
                 Command::Average(_) => Event::Averaged { force_n: force(z) },
                 Command::Move(granted) => {
                     let (from_mm, began_s) = (z, now_s);
-                    let profile = Profile::new(granted.z_mm() - z, granted.speed_mm_s(), 100.0);
+                    let profile = MotionProfile::new(granted.z_mm() - z, granted.speed_mm_s(), 100.0);
                     while now_s - began_s < profile.duration_s() {
                         now_s += 0.001;
                         z = from_mm + profile.at_mm(now_s - began_s);

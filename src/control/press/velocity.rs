@@ -1,7 +1,7 @@
 //! The velocity press: one finite, permitted motion toward the force, its speed in proportion to the force that is missing,
 //! stopped when little is. A host that dies leaves a motion that ends on its safe point. What is left is the guarded press'.
 
-use super::state::{Press, Push, STEP_LEAST_MM, State};
+use super::state::{ForceLoop, Push, STEP_LEAST_MM, State};
 use super::{Command, Steer, Trip};
 
 /// Gain times dead time: no overshoot up to 1/e, and this leaves room for a dead time that is longer than measured (CONTROL 3.1).
@@ -16,7 +16,7 @@ const SLOWER: f64 = 0.9;
 /// How many sd of a mean the goal stays below the set force.
 const BELOW_SIGMAS: f64 = 4.0;
 
-impl Press {
+impl ForceLoop {
     /// Toward the force, at a speed that is safe for the dead time of the rig.
     pub(super) fn push(&mut self) -> Result<Command, Trip> {
         let Some((_, level)) = self.level() else { return self.depart() };

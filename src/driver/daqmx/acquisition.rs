@@ -1,7 +1,7 @@
 //! One task that samples all inputs by the card's own clock.
 
-use crate::device::{DeviceError, Problem};
-use crate::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, Task};
+use crate::device::{DeviceError, DeviceProblem};
+use crate::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, TaskHandle};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
@@ -53,7 +53,7 @@ pub struct Acquisition {
     inputs: Vec<Inputs>,
     rate_hz: f64,
     link: String,
-    task: Option<Task>,
+    task: Option<TaskHandle>,
     /// Scans that came since the task was made.
     scans: u64,
     newest: Vec<f64>,
@@ -108,14 +108,14 @@ impl Acquisition {
             }
             if asked.elapsed() > period + SCAN_DEADLINE {
                 let told = format!("no scan came within {} ms", asked.elapsed().as_millis());
-                return Err(self.error(doing, Problem::Link(told)));
+                return Err(self.error(doing, DeviceProblem::Link(told)));
             }
             sleep(period).await;
         }
     }
 
     /// An error of this device.
-    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError {
             device: format!("NI device ({} over {})", self.names(), self.link),
             doing: doing.to_owned(),
@@ -131,7 +131,7 @@ impl Acquisition {
     async fn fetch(&mut self) -> Result<(), DeviceError> {
         let doing = "reading its inputs";
         let Some(task) = self.task else {
-            return Err(self.error(doing, Problem::Link("its task isn't running".to_owned())));
+            return Err(self.error(doing, DeviceProblem::Link("its task isn't running".to_owned())));
         };
         let channels: usize = self.inputs.iter().map(|inputs| inputs.count).sum();
         let most = (FETCH_S * self.rate_hz).ceil() as usize + 1;
@@ -146,14 +146,14 @@ impl Acquisition {
             Ok(Err(told)) => {
                 // overrun, unplugged, reset: the task is of no use any more
                 self.drop_task();
-                return Err(self.error(doing, Problem::Refused(told)));
+                return Err(self.error(doing, DeviceProblem::Refused(told)));
             }
             fetched => self.said(doing, fetched)?,
         };
         self.looked = Instant::now();
         let Some(read) = usize::try_from(read).ok().filter(|&read| read <= most) else {
             let (answer, expected) = (format!("{read} scans"), format!("{most} at most, as asked for"));
-            return Err(self.error(doing, Problem::Misfit { answer, expected }));
+            return Err(self.error(doing, DeviceProblem::Misfit { answer, expected }));
         };
         if read > 0 {
             self.newest.clear();
@@ -165,7 +165,7 @@ impl Acquisition {
             return Ok(());
         }
         let expected = format!("a voltage within {MOST_V} V from every input");
-        Err(self.error(doing, Problem::Misfit { answer: format!("{:?}", self.newest), expected }))
+        Err(self.error(doing, DeviceProblem::Misfit { answer: format!("{:?}", self.newest), expected }))
     }
 
     /// Throws away what nobody read.
@@ -191,8 +191,8 @@ impl Acquisition {
     fn said<T>(&self, doing: &str, result: Result<Result<T, String>, HeldUp>) -> Result<T, DeviceError> {
         match result {
             Ok(Ok(value)) => Ok(value),
-            Ok(Err(told)) => Err(self.error(doing, Problem::Refused(told))),
-            Err(held_up) => Err(self.error(doing, Problem::Link(held_up.to_string()))),
+            Ok(Err(told)) => Err(self.error(doing, DeviceProblem::Refused(told))),
+            Err(held_up) => Err(self.error(doing, DeviceProblem::Link(held_up.to_string()))),
         }
     }
 }
@@ -204,7 +204,7 @@ impl Drop for Acquisition {
 }
 
 /// Makes and starts a task; one that can't be started isn't left behind.
-fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<Task, String> {
+fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<TaskHandle, String> {
     let mut task = 0;
     check(ni, ni.create_task("", &mut task))?;
     let channels = |inputs: &Inputs| {

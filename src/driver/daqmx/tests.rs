@@ -1,33 +1,33 @@
 //! The acquisition against a library from a script.
 
 use super::{Acquisition, Inputs, Terminal};
-use crate::wire::daqmx::{Functions, NiDaqmx, Task};
+use crate::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
 use std::sync::{Arc, Mutex};
 
 /// One input whose reads give, one after another: how many scans came, and what all of them are, V.
 struct Table(Mutex<Vec<(i32, f64)>>);
 
 impl NiDaqmx for Table {
-    fn create_task(&self, _: &str, task: &mut Task) -> i32 {
+    fn create_task(&self, _: &str, task: &mut TaskHandle) -> i32 {
         *task = 1;
         0
     }
-    fn create_ai_voltage_channel(&self, _: Task, _: &str, _: i32, _: f64, _: f64) -> i32 {
+    fn create_ai_voltage_channel(&self, _: TaskHandle, _: &str, _: i32, _: f64, _: f64) -> i32 {
         0
     }
-    fn configure_sample_clock(&self, _: Task, _: f64, _: u64) -> i32 {
+    fn configure_sample_clock(&self, _: TaskHandle, _: f64, _: u64) -> i32 {
         0
     }
-    fn start_task(&self, _: Task) -> i32 {
+    fn start_task(&self, _: TaskHandle) -> i32 {
         0
     }
-    fn stop_task(&self, _: Task) -> i32 {
+    fn stop_task(&self, _: TaskHandle) -> i32 {
         0
     }
-    fn clear_task(&self, _: Task) -> i32 {
+    fn clear_task(&self, _: TaskHandle) -> i32 {
         0
     }
-    fn read_analog_f64(&self, _: Task, _: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
+    fn read_analog_f64(&self, _: TaskHandle, _: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
         let (scans, volts) = self.0.lock().unwrap().remove(0);
         buffer.fill(volts);
         *read = scans;

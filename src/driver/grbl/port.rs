@@ -1,7 +1,7 @@
 //! The serial line: lines out, reports in.
 
-use super::report::{Report, Status, alarm_name, error_name, parse_report};
-use crate::device::{DeviceError, Problem, Reins};
+use super::report::{GrblStatus, Report, alarm_name, error_name, parse_report};
+use crate::device::{DeviceError, DeviceProblem, Reins};
 use crate::wire::{Connector, Lines, WireError, silent};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -33,7 +33,7 @@ pub(super) const JOG_CANCEL: &[u8] = &[0x85];
 pub(super) const SOFT_RESET: &[u8] = &[0x18];
 
 /// The controller's serial line.
-pub(super) struct Port {
+pub(super) struct GrblPort {
     lines: Lines,
     link: String,
     /// A line's answer may still come: it is waited out before the next is sent.
@@ -47,9 +47,9 @@ pub(super) struct Port {
     pub restarted: bool,
 }
 
-impl Port {
+impl GrblPort {
     pub fn new(connector: Connector, link: String) -> Self {
-        Port {
+        GrblPort {
             lines: Lines::new(connector, "\n", LINE_MAX_BYTES),
             link,
             out_of_step: true,
@@ -81,21 +81,21 @@ impl Port {
                 Some(Report::Refused(code)) => {
                     self.out_of_step = false;
                     let told = format!("error {code} ({}) to {line}", error_name(code));
-                    return Err(self.error(doing, Problem::Refused(told)));
+                    return Err(self.error(doing, DeviceProblem::Refused(told)));
                 }
                 Some(Report::Alarm(code)) => {
                     let told = format!("alarm {code} ({}) at {line}", alarm_name(code));
-                    return Err(self.error(doing, Problem::Refused(told)));
+                    return Err(self.error(doing, DeviceProblem::Refused(told)));
                 }
                 Some(report) => self.keep(report),
                 None => break,
             }
         }
-        Err(self.error(doing, Problem::Link(silent(line, deadline).to_string())))
+        Err(self.error(doing, DeviceProblem::Link(silent(line, deadline).to_string())))
     }
 
     /// Asks for a status.
-    pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<Status, DeviceError> {
+    pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<GrblStatus, DeviceError> {
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
             if self.lines.something_came().await {
@@ -111,7 +111,7 @@ impl Port {
                 }
             }
         }
-        Err(self.error(doing, Problem::Link(silent("?", ANSWER_DEADLINE).to_string())))
+        Err(self.error(doing, DeviceProblem::Link(silent("?", ANSWER_DEADLINE).to_string())))
     }
 
     /// Sends bytes that act at once, in step or not.
@@ -120,7 +120,7 @@ impl Port {
         sent.map_err(|error| self.failed(doing, &error))
     }
 
-    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: format!("stage (GRBL at {})", self.link), doing: doing.to_owned(), problem }
     }
 
@@ -205,6 +205,6 @@ impl Port {
 
     fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
         self.out_of_step = true;
-        self.error(doing, Problem::Link(error.to_string()))
+        self.error(doing, DeviceProblem::Link(error.to_string()))
     }
 }

@@ -10,7 +10,7 @@ pub enum Report {
     /// Something stopped it (`ALARM:N`).
     Alarm(u32),
     /// Where it is and what it does (`<Idle|MPos:0.000,0.000,0.000|FS:0,0>`).
-    Status(Status),
+    Status(GrblStatus),
     /// A setting (`$100=250.000`): number and value.
     Setting(u32, f64),
     /// It has just started (`Grbl 1.1h ['$' for help]`).
@@ -21,7 +21,7 @@ pub enum Report {
 
 /// A status report.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Status {
+pub struct GrblStatus {
     /// What it does.
     pub state: State,
     /// Its position as reported: x, y, z, mm.
@@ -73,7 +73,7 @@ pub fn parse_report(line: &str) -> Option<Report> {
     }
 }
 
-fn parse_status(line: &str) -> Option<Status> {
+fn parse_status(line: &str) -> Option<GrblStatus> {
     let mut fields = line.strip_prefix('<')?.strip_suffix('>')?.split('|');
     let state = match fields.next()?.split(':').next()? {
         "Idle" => State::Idle,
@@ -97,7 +97,7 @@ fn parse_status(line: &str) -> Option<Status> {
             is_machine = name == "MPos";
         }
     }
-    Some(Status { state, position_mm: position?, is_machine })
+    Some(GrblStatus { state, position_mm: position?, is_machine })
 }
 
 /// A refused line in words (error codes of the interface document).

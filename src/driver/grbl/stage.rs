@@ -1,8 +1,8 @@
 //! The stage: made ready, moved by jogs, followed by status reports.
 
-use super::port::{ANSWER_DEADLINE, JOG_CANCEL, Port, SOFT_RESET};
-use super::report::{State, Status};
-use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
+use super::report::{GrblStatus, State};
+use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
@@ -31,7 +31,7 @@ const ACCELERATION_MM_S2: u32 = 120;
 
 /// A GRBL controller on a serial line.
 pub struct Grbl {
-    port: Port,
+    port: GrblPort,
     link: String,
     pub(super) usage: Option<StageUse>,
     /// What the motion under way goes to.
@@ -41,26 +41,28 @@ pub struct Grbl {
 impl Grbl {
     /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
-        Grbl { port: Port::new(connector, link.clone()), link, usage: None, targets: Vec::new() }
+        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, targets: Vec::new() }
     }
 
     /// Its state, and where the axes are in the machine's coordinates; a place they can't be at is no place.
-    async fn status(&mut self, doing: &str, reins: &Reins) -> Result<Status, DeviceError> {
+    async fn status(&mut self, doing: &str, reins: &Reins) -> Result<GrblStatus, DeviceError> {
         let status = self.port.status(doing, (reins, JOG_CANCEL)).await?;
         if self.port.restarted {
             let told = "it started anew: where it is, is lost".to_owned();
-            return Err(self.port.error(doing, Problem::Motion(told)));
+            return Err(self.port.error(doing, DeviceProblem::Motion(told)));
         }
         if !status.is_machine {
             let told = "it reports places of the work piece (WPos); set $10=1 for those of the machine".to_owned();
-            return Err(self.port.error(doing, Problem::Mismatch(told)));
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(told)));
         }
         if let Some(usage) = &self.usage {
             for axis in Axis::ALL {
                 let place_mm = status.position_mm[axis.index()];
                 if !usage.reach(axis).contains(place_mm) {
                     let expected = format!("a place within the travel of {}", axis.name());
-                    return Err(self.port.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
+                    return Err(self
+                        .port
+                        .error(doing, DeviceProblem::Misfit { answer: place_mm.to_string(), expected }));
                 }
             }
         }
@@ -76,7 +78,7 @@ impl Grbl {
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
             let told = "this is Marlin. It tells where a motion will end, not where the axes are, and has no byte that stops \
                         one at once: it can't press with a force. GRBL 1.1 runs on most of the same boards";
-            return Err(self.port.error(doing, Problem::Mismatch(told.to_owned())));
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(told.to_owned())));
         }
         asked?;
         let version = said.iter().find_map(|text| text.strip_prefix("[VER:")?.strip_suffix(']'));
@@ -84,7 +86,7 @@ impl Grbl {
             Some(version) if version.starts_with("1.1") => Ok(format!("GRBL {}", version.trim_end_matches(':'))),
             _ => {
                 let expected = "[VER:1.1...], the version of GRBL that jogs".to_owned();
-                Err(self.port.error(doing, Problem::Misfit { answer: said.join(" "), expected }))
+                Err(self.port.error(doing, DeviceProblem::Misfit { answer: said.join(" "), expected }))
             }
         }
     }
@@ -95,7 +97,7 @@ impl Grbl {
         self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
         let settings = std::mem::take(&mut self.port.settings);
         let of = |number: u32| settings.get(&number).copied();
-        let mismatch = |told: String| Err(self.port.error(doing, Problem::Mismatch(told)));
+        let mismatch = |told: String| Err(self.port.error(doing, DeviceProblem::Mismatch(told)));
         if of(REPORT_INCHES) != Some(0.0) {
             return mismatch(format!("it reports inches; set ${REPORT_INCHES}=0"));
         }
@@ -141,16 +143,20 @@ impl Grbl {
         let doing = "homing";
         match self.until_still(doing).await? {
             State::Idle | State::Alarm => {}
-            state => return Err(self.port.error(doing, Problem::Mismatch(format!("it is in the state {state:?}")))),
+            state => {
+                return Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}"))));
+            }
         }
         // a reset ends a search for home; it says so with a welcome
         self.port.line(doing, "$H", HOME_DEADLINE, Some((reins, SOFT_RESET))).await?;
         if reins.stopped() {
-            return Err(self.port.error(doing, Problem::Motion("it was stopped".to_owned())));
+            return Err(self.port.error(doing, DeviceProblem::Motion("it was stopped".to_owned())));
         }
         match self.status(doing, &Reins::default()).await?.state {
             State::Idle => Ok(()),
-            state => Err(self.port.error(doing, Problem::Motion(format!("it is in the state {state:?} afterwards")))),
+            state => {
+                Err(self.port.error(doing, DeviceProblem::Motion(format!("it is in the state {state:?} afterwards"))))
+            }
         }
     }
 
@@ -173,7 +179,7 @@ impl Grbl {
     async fn late(&mut self, doing: &str) -> Result<DeviceError, DeviceError> {
         self.port.send(doing, JOG_CANCEL).await?;
         let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-        Ok(self.port.error(doing, Problem::Motion(told)))
+        Ok(self.port.error(doing, DeviceProblem::Motion(told)))
     }
 
     /// Goes on toward the same targets at another speed: a jog keeps the speed it began with.
@@ -224,7 +230,7 @@ impl Stage for Grbl {
         for (axis, target_mm) in targets {
             if self.usage.as_ref().is_none_or(|usage| !usage.travel.along(*axis).contains(*target_mm)) {
                 let told = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
-                return Err(self.port.error(doing, Problem::Motion(told)));
+                return Err(self.port.error(doing, DeviceProblem::Motion(told)));
             }
         }
         let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, reins).await?;
@@ -250,11 +256,11 @@ impl Stage for Grbl {
         let mut look = began + expected + if expected.is_zero() { Duration::ZERO } else { FIRST_LOOK };
         loop {
             match reins.take() {
-                Some(Order::Stop) => {
+                Some(MotionOrder::Stop) => {
                     self.port.send(doing, JOG_CANCEL).await?;
                     look = Instant::now();
                 }
-                Some(Order::Speed(mm_s)) => {
+                Some(MotionOrder::Speed(mm_s)) => {
                     self.change_speed(mm_s, reins).await?;
                     look = Instant::now() + STATUS_EVERY;
                 }
@@ -265,14 +271,14 @@ impl Stage for Grbl {
                 () = reins.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
-            let Status { state, position_mm, .. } = self.status(doing, reins).await?;
+            let GrblStatus { state, position_mm, .. } = self.status(doing, reins).await?;
             match state {
                 State::Jog | State::Run | State::Home => {}
                 State::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
                 State::Alarm | State::Other => {
                     let why = self.port.complaints.join("; ");
                     let told = format!("it stopped in the state {state:?}; {why}");
-                    return Err(self.port.error(doing, Problem::Motion(told)));
+                    return Err(self.port.error(doing, DeviceProblem::Motion(told)));
                 }
             }
             if began.elapsed() > expected + MOTION_MARGIN {

@@ -3,7 +3,7 @@
 use super::client::Client;
 use super::profile::{Outputs, Probe, Profile};
 use super::request::Transport;
-use crate::device::{DeviceError, Identity, Problem, SensorArray};
+use crate::device::{DeviceError, DeviceProblem, Identity, SensorArray};
 use crate::wire::Connector;
 
 /// A sensor array on the analog inputs of a Modbus converter.
@@ -47,7 +47,7 @@ impl SensorArray for ModbusArray {
             let value = register.encoding.decode(words).filter(|value| value.is_finite());
             *output = value.ok_or_else(|| {
                 let expected = "a finite number from every unit".to_owned();
-                self.client.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected })
+                self.client.error(doing, DeviceProblem::Misfit { answer: format!("{words:?}"), expected })
             })?;
         }
         Ok(())

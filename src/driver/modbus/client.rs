@@ -1,9 +1,9 @@
 //! The client side of Modbus: reads, retries and time-outs.
 
-use super::line::Line;
+use super::line::ModbusLine;
 use super::profile::{Probe, Profile, Register};
 use super::request::{Function, Transport};
-use crate::device::{DeviceError, Problem};
+use crate::device::{DeviceError, DeviceProblem};
 use crate::wire::{ByteStream, Connector};
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -84,8 +84,8 @@ impl Client {
                 asked = Instant::now();
             }
             let opened = self.open().await;
-            let mut context =
-                opened.map_err(|error| self.error(doing, Problem::Link(format!("can't open the link: {error}"))))?;
+            let mut context = opened
+                .map_err(|error| self.error(doing, DeviceProblem::Link(format!("can't open the link: {error}"))))?;
             if self.doubtful {
                 // RTU numbers nothing: a late answer looks like the next. One to another function can't be taken for it,
                 // be it that the device doesn't know the function and says so
@@ -112,13 +112,13 @@ impl Client {
                 Ok(Ok(Err(exception))) => {
                     self.context = Some(context);
                     let told = format!("{exception} (registers {address} to {})", address.saturating_add(count - 1));
-                    return Err(self.error(doing, Problem::Refused(told)));
+                    return Err(self.error(doing, DeviceProblem::Refused(told)));
                 }
                 Ok(Err(error)) => last = error.to_string(),
                 Err(_) => last = format!("no answer within {} ms", self.deadline.as_millis()),
             }
         }
-        Err(self.error(doing, Problem::Link(format!("{last}, {READ_TRIES} times"))))
+        Err(self.error(doing, DeviceProblem::Link(format!("{last}, {READ_TRIES} times"))))
     }
 
     /// One number.
@@ -130,7 +130,7 @@ impl Client {
         let words = self.read(doing, function, address, encoding.registers()).await?;
         encoding.decode(&words).ok_or_else(|| {
             let expected = format!("a {:?}", encoding.number);
-            self.error(doing, Problem::Misfit { answer: format!("{words:?}"), expected })
+            self.error(doing, DeviceProblem::Misfit { answer: format!("{words:?}"), expected })
         })
     }
 
@@ -144,14 +144,14 @@ impl Client {
             let value = self.read_number(&doing, probe.register).await?;
             if value != probe.value {
                 let expected = format!("{} at register {}", probe.value, probe.register.address);
-                return Err(self.error(&doing, Problem::Misfit { answer: value.to_string(), expected }));
+                return Err(self.error(&doing, DeviceProblem::Misfit { answer: value.to_string(), expected }));
             }
         }
         Ok(())
     }
 
     /// An error of this device.
-    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
     }
 
@@ -166,7 +166,7 @@ impl Client {
         }
         self.opened_before = true;
         let slave = Slave(self.unit_id);
-        let line = Line::new(stream, self.transport);
+        let line = ModbusLine::new(stream, self.transport);
         Ok(match self.transport {
             Transport::Rtu => rtu::attach_slave(line, slave),
             Transport::Tcp => tcp::attach_slave(line, slave),

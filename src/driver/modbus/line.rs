@@ -14,18 +14,18 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 /// On a serial line no request goes out while something lies that wasn't asked for: RTU numbers nothing, and a late or doubled
 /// answer would be taken for the next, and each after it for the one before.
 #[derive(Debug)]
-pub(super) struct Line {
+pub(super) struct ModbusLine {
     stream: ByteStream,
     transport: Transport,
 }
 
-impl Line {
+impl ModbusLine {
     pub fn new(stream: ByteStream, transport: Transport) -> Self {
-        Line { stream, transport }
+        ModbusLine { stream, transport }
     }
 }
 
-impl AsyncRead for Line {
+impl AsyncRead for ModbusLine {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let before = buf.filled().len();
         ready!(Pin::new(&mut self.stream).poll_read(cx, buf))?;
@@ -37,7 +37,7 @@ impl AsyncRead for Line {
     }
 }
 
-impl AsyncWrite for Line {
+impl AsyncWrite for ModbusLine {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         if self.transport == Transport::Rtu {
             let mut stray = [0; 64];
@@ -71,7 +71,7 @@ mod tests {
     #[tokio::test]
     async fn nothing_is_sent_while_something_lies_there_that_was_not_asked_for() {
         let (near, mut far) = duplex(64);
-        let mut line = Line::new(Box::new(near), Transport::Rtu);
+        let mut line = ModbusLine::new(Box::new(near), Transport::Rtu);
         line.write_all(b"ask").await.unwrap();
         far.write_all(b"told").await.unwrap();
         let mut answer = [0; 4];

@@ -1,9 +1,9 @@
 //! A load cell behind a Modbus transmitter.
 
 use super::client::Client;
-use super::profile::{Force, Probe, Profile, Status};
+use super::profile::{Force, Probe, Profile, StatusWord};
 use super::request::{Function, Transport};
-use crate::device::{DeviceError, Identity, LoadCell, Problem};
+use crate::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
 use std::time::Duration;
@@ -17,7 +17,7 @@ const STATUS_EVERY: u32 = 4;
 pub struct ModbusLoadCell {
     client: Client,
     force: Force,
-    status: Option<Status>,
+    status: Option<StatusWord>,
     probes: Vec<Probe>,
     newton_per_count: f64,
     conversion: Duration,
@@ -92,12 +92,12 @@ impl ModbusLoadCell {
             |force_n: &f64| force_n.is_finite() && self.force.range_n.is_none_or(|range_n| force_n.abs() <= range_n);
         force_n.filter(is_possible).ok_or_else(|| {
             let expected = format!("a force within {} N", self.force.range_n.unwrap_or(f64::INFINITY));
-            self.client.error(doing, Problem::Misfit { answer: format!("{words:?}, {force_n:?} N"), expected })
+            self.client.error(doing, DeviceProblem::Misfit { answer: format!("{words:?}, {force_n:?} N"), expected })
         })
     }
 }
 
-impl Status {
+impl StatusWord {
     /// What a status word says.
     fn health(&self, word: u16) -> Health {
         let any = |bits: &[u8]| bits.iter().any(|&bit| word.checked_shr(u32::from(bit)).unwrap_or(0) & 1 == 1);
@@ -114,7 +114,7 @@ impl LoadCell for ModbusLoadCell {
         }
         let Some(scale) = 10_u32.checked_pow(decimals as u32) else {
             let told = format!("it says its weight has {decimals} decimals: is `decimals` of the register map right?");
-            return Err(self.client.error("reading its decimals", Problem::Mismatch(told)));
+            return Err(self.client.error("reading its decimals", DeviceProblem::Mismatch(told)));
         };
         self.newton_per_count = self.force.newton_per_unit / f64::from(scale);
         self.read_status().await?;
@@ -122,7 +122,7 @@ impl LoadCell for ModbusLoadCell {
         self.read_force().await?;
         if self.health.fault {
             let told = "its status word reports a fault of the cell".to_owned();
-            return Err(self.client.error("identifying it", Problem::Refused(told)));
+            return Err(self.client.error("identifying it", DeviceProblem::Refused(told)));
         }
         let identity = format!("{}, {} N a count", self.identity.identity, self.newton_per_count);
         Ok(Identity { identity, ..self.identity.clone() })

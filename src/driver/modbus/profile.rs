@@ -31,7 +31,7 @@ pub struct Profile {
     /// Where a load cell's force is.
     pub force: Option<Force>,
     /// What it says of itself.
-    pub status: Option<Status>,
+    pub status: Option<StatusWord>,
     /// Where an array's outputs are.
     pub outputs: Option<Outputs>,
     /// Registers whose value is known: they show at connect that addresses and word order are right.
@@ -77,7 +77,7 @@ pub struct Bit {
 
 /// The status word of a load cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Status {
+pub struct StatusWord {
     /// Address on the wire.
     pub address: u16,
     /// Bits that say the reading is beyond its range.
@@ -190,11 +190,11 @@ fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
     Some(force)
 }
 
-fn read_status(table: &Table, base: u64) -> Option<Status> {
+fn read_status(table: &Table, base: u64) -> Option<StatusWord> {
     let address = read_address(table, base);
     let bits = |key| table.wholes(key).unwrap_or_default().into_iter().map(|bit| bit as u8).collect();
     let (saturated_bits, fault_bits) = (bits(&status::saturated_bits), bits(&status::fault_bits));
-    Some(Status { address: address?, saturated_bits, fault_bits })
+    Some(StatusWord { address: address?, saturated_bits, fault_bits })
 }
 
 fn read_outputs(table: &Table, base: u64, registers_max: u16) -> Option<Outputs> {

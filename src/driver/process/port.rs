@@ -1,6 +1,6 @@
 //! One program: requests out, answers in, by their numbers.
 
-use crate::device::{DeviceError, Identity, Problem, Reins};
+use crate::device::{DeviceError, DeviceProblem, Identity, Reins};
 use crate::wire::{Connector, Lines, WireError, silent};
 use serde_json::{Map, Value, json};
 use std::time::Duration;
@@ -23,7 +23,7 @@ const STRAY_LINES_MAX: usize = 64;
 pub(super) type Object = Map<String, Value>;
 
 /// One program behind its standard input and output.
-pub(super) struct Port {
+pub(super) struct ProgramPort {
     lines: Lines,
     role: &'static str,
     link: String,
@@ -32,9 +32,9 @@ pub(super) struct Port {
     ended: bool,
 }
 
-impl Port {
+impl ProgramPort {
     pub fn new(connector: Connector, role: &'static str, link: String) -> Self {
-        Port { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, ended: false }
+        ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, ended: false }
     }
 
     /// Who it is, and that it plays the role it is meant for.
@@ -106,15 +106,15 @@ impl Port {
                     None => return Ok(answer),
                     Some(error) => {
                         let told = error.as_str().map_or_else(|| error.to_string(), str::to_owned);
-                        return Err(self.error(doing, Problem::Refused(told)));
+                        return Err(self.error(doing, DeviceProblem::Refused(told)));
                     }
                 },
                 None => strays += 1,
             }
         }
         let problem = match strays {
-            0 => Problem::Link(silent(what, deadline).to_string()),
-            _ => Problem::Misfit {
+            0 => DeviceProblem::Link(silent(what, deadline).to_string()),
+            _ => DeviceProblem::Misfit {
                 answer: format!("{strays} lines"),
                 expected: format!("one JSON object with \"id\": {id}"),
             },
@@ -124,10 +124,10 @@ impl Port {
 
     /// Sends at once what the reins ask for. It has no answer.
     pub async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
-        use crate::device::Order;
+        use crate::device::MotionOrder;
         match reins.take() {
-            Some(Order::Stop) => self.stop(doing).await,
-            Some(Order::Speed(mm_s)) => {
+            Some(MotionOrder::Stop) => self.stop(doing).await,
+            Some(MotionOrder::Speed(mm_s)) => {
                 let line = json!({ "do": "speed", "speed_mm_s": mm_s });
                 self.send(doing, line.as_object().unwrap_or(&Object::new())).await
             }
@@ -143,10 +143,10 @@ impl Port {
 
     pub fn misfit(&self, doing: &str, answer: &Object, expected: String) -> DeviceError {
         let answer = serde_json::to_string(answer).unwrap_or_default();
-        self.error(doing, Problem::Misfit { answer, expected })
+        self.error(doing, DeviceProblem::Misfit { answer, expected })
     }
 
-    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError {
             device: format!("{} ({})", self.role.replace('_', " "), self.link),
             doing: doing.to_owned(),
@@ -156,7 +156,7 @@ impl Port {
 
     async fn send(&mut self, doing: &str, line: &Object) -> Result<(), DeviceError> {
         if self.ended {
-            return Err(self.error(doing, Problem::Link("the program has ended".to_owned())));
+            return Err(self.error(doing, DeviceProblem::Link("the program has ended".to_owned())));
         }
         let text = serde_json::to_string(line).unwrap_or_default() + "\n";
         self.lines.send(text.as_bytes(), ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
@@ -164,7 +164,7 @@ impl Port {
 
     fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
         self.ended |= !matches!(error, WireError::Endless { .. }); // in all other cases the link is closed
-        self.error(doing, Problem::Link(error.to_string()))
+        self.error(doing, DeviceProblem::Link(error.to_string()))
     }
 }
 

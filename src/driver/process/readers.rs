@@ -1,7 +1,7 @@
 //! A load cell and an array behind programs of the user's own.
 
-use super::port::{Object, Port};
-use crate::device::{DeviceError, Identity, LoadCell, Problem, SensorArray};
+use super::port::{Object, ProgramPort};
+use crate::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
 use serde_json::Value;
@@ -10,14 +10,14 @@ use tokio::time::Instant;
 
 /// A load cell behind a program.
 pub struct ProcessLoadCell {
-    port: Port,
+    port: ProgramPort,
     conversion: Duration,
     origin: Instant,
 }
 
 /// An array behind a program.
 pub struct ProcessArray {
-    port: Port,
+    port: ProgramPort,
     units: usize,
 }
 
@@ -25,7 +25,7 @@ impl ProcessLoadCell {
     /// A load cell that has a new reading `conversions_hz` times a second; readings are timed from `origin`.
     pub fn new(connector: Connector, link: String, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
-        ProcessLoadCell { port: Port::new(connector, "load_cell", link), conversion, origin }
+        ProcessLoadCell { port: ProgramPort::new(connector, "load_cell", link), conversion, origin }
     }
 }
 
@@ -56,7 +56,7 @@ impl LoadCell for ProcessLoadCell {
 impl ProcessArray {
     /// An array of so many units.
     pub fn new(connector: Connector, link: String, units: usize) -> Self {
-        ProcessArray { port: Port::new(connector, "array", link), units }
+        ProcessArray { port: ProgramPort::new(connector, "array", link), units }
     }
 }
 
@@ -65,7 +65,7 @@ impl SensorArray for ProcessArray {
         let (identity, said) = self.port.identify().await?;
         if said.get("units").and_then(Value::as_u64) != Some(self.units as u64) {
             let told = format!("it doesn't say \"units\": {}, which the rig file's array has", self.units);
-            return Err(self.port.error("identifying it", Problem::Mismatch(told)));
+            return Err(self.port.error("identifying it", DeviceProblem::Mismatch(told)));
         }
         self.read(&mut vec![0.0; self.units]).await?;
         Ok(identity)

@@ -1,7 +1,7 @@
 //! A stage behind a program of the user's own.
 
-use super::port::{Object, PREPARE_DEADLINE, Port};
-use crate::device::{DeviceError, Identity, Problem, Reins, Stage, StageUse};
+use super::port::{Object, PREPARE_DEADLINE, ProgramPort};
+use crate::device::{DeviceError, DeviceProblem, Identity, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
@@ -17,7 +17,7 @@ const COMPLAINTS_MAX: usize = 16;
 
 /// A stage behind a program.
 pub struct ProcessStage {
-    port: Port,
+    port: ProgramPort,
     /// The axes go no further than this; none before it is prepared.
     usage: Option<StageUse>,
     complaints: Vec<String>,
@@ -31,7 +31,7 @@ struct Status {
 impl ProcessStage {
     /// A stage behind a link; nothing is sent yet.
     pub fn new(connector: Connector, link: String) -> Self {
-        ProcessStage { port: Port::new(connector, "stage", link), usage: None, complaints: Vec::new() }
+        ProcessStage { port: ProgramPort::new(connector, "stage", link), usage: None, complaints: Vec::new() }
     }
 
     async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<Status, DeviceError> {
@@ -71,7 +71,7 @@ impl Stage for ProcessStage {
         self.port.ask_within(doing, "prepare", request, Some(reins), PREPARE_DEADLINE).await?;
         if self.status(doing, None).await?.moving {
             let told = "it says it is prepared, but moves".to_owned();
-            return Err(self.port.error(doing, Problem::Motion(told)));
+            return Err(self.port.error(doing, DeviceProblem::Motion(told)));
         }
         self.usage = Some(usage.clone());
         self.complaints.clear();
@@ -110,7 +110,7 @@ impl Stage for ProcessStage {
             if began.elapsed() > expected + MOTION_MARGIN {
                 self.port.stop(doing).await?;
                 let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                return Err(self.port.error(doing, Problem::Motion(told)));
+                return Err(self.port.error(doing, DeviceProblem::Motion(told)));
             }
             look = Instant::now() + STATUS_EVERY;
         }

@@ -3,7 +3,7 @@
 use super::CALL_DEADLINE;
 use super::socket::Socket;
 use super::text::number_in;
-use crate::device::{DeviceError, Identity, LoadCell, Problem};
+use crate::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
 use std::time::Duration;
@@ -66,7 +66,7 @@ impl LoadCell for XpsAnalog {
         let volts = values.first().and_then(|text| number_in(text)).filter(|volts| volts.abs() <= MOST_V);
         let volts = volts.ok_or_else(|| {
             let expected = "a voltage within +-10 V".to_owned();
-            self.socket.error(doing, Problem::Misfit { answer: values.join(","), expected })
+            self.socket.error(doing, DeviceProblem::Misfit { answer: values.join(","), expected })
         })?;
         let health = Health { saturated: volts.abs() >= FULL_SCALE_V, fault: false };
         Ok(ForceReading { at_s, force_n: volts * self.newton_per_volt, health })

@@ -3,7 +3,7 @@
 use super::CALL_DEADLINE;
 use super::socket::Socket;
 use super::text::Answer;
-use crate::device::{DeviceError, Problem};
+use crate::device::{DeviceError, DeviceProblem};
 
 /// What the controller itself looks at while it moves: it aborts without asking the host.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +36,7 @@ impl Guard {
         let id = started.first().and_then(|id| id.trim().parse().ok()).filter(|&id| id >= 0);
         let id = id.ok_or_else(|| {
             let expected = "the number of an event".to_owned();
-            socket.error(doing, Problem::Misfit { answer: started.join(","), expected })
+            socket.error(doing, DeviceProblem::Misfit { answer: started.join(","), expected })
         })?;
         Ok(Armed { id, limit_n })
     }

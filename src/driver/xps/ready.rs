@@ -3,7 +3,7 @@
 use super::CALL_DEADLINE;
 use super::stage::{AT_REST_MM, Xps};
 use super::text::{Answer, GroupState};
-use crate::device::{DeviceError, Order, Problem, Reins, StageUse};
+use crate::device::{DeviceError, DeviceProblem, MotionOrder, Reins, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use std::time::Duration;
@@ -32,7 +32,7 @@ impl Xps {
                     "the group {group} doesn't know where it is. Home it with the specimen out of the way, or say \
                      home_search = true where the way to its home is clear of the specimen"
                 );
-                return Err(self.error(doing, Problem::Mismatch(told)));
+                return Err(self.error(doing, DeviceProblem::Mismatch(told)));
             }
             GroupState::NotReferenced => {}
             _ => {
@@ -46,7 +46,9 @@ impl Xps {
         self.wait_for("homing", &format!("GroupHomeSearch({group})"), reins).await?;
         match self.until_still("homing", MOTION_MARGIN).await? {
             GroupState::Ready => Ok(()),
-            state => Err(self.error("homing", Problem::Motion(format!("the group is {state:?} after its search")))),
+            state => {
+                Err(self.error("homing", DeviceProblem::Motion(format!("the group is {state:?} after its search"))))
+            }
         }
     }
 
@@ -58,7 +60,7 @@ impl Xps {
             tokio::select! {
                 biased;
                 () = reins.pulled().notified() => {
-                    if reins.take() == Some(Order::Stop) {
+                    if reins.take() == Some(MotionOrder::Stop) {
                         self.kill(doing).await?;
                     }
                 }
@@ -72,7 +74,7 @@ impl Xps {
                 self.kill(doing).await?;
                 self.moves.close();
                 let told = format!("{call} wasn't done within {} s", HOME_DEADLINE.as_secs());
-                Err(self.error(doing, Problem::Motion(told)))
+                Err(self.error(doing, DeviceProblem::Motion(told)))
             }
         }
     }
@@ -94,7 +96,7 @@ impl Xps {
         ] {
             if most < wanted {
                 let told = format!("{positioner} allows {key} {most} at most, under the rig's {wanted}");
-                return Err(self.error(doing, Problem::Mismatch(told)));
+                return Err(self.error(doing, DeviceProblem::Mismatch(told)));
             }
         }
         let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
@@ -104,14 +106,14 @@ impl Xps {
                 "{positioner} runs from {least_mm} to {most_mm} mm, the rig's travel from {} to {} mm",
                 travel.min, travel.max
             );
-            return Err(self.error(doing, Problem::Mismatch(told)));
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
         self.ask(doing, &set).await?;
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
         if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
             let told = format!("{positioner} was limited to the rig's travel and says {least_mm} to {most_mm} mm");
-            return Err(self.error(doing, Problem::Mismatch(told)));
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");
         self.profiles[axis.index()] = self.ask_numbers(doing, &call).await?;

@@ -1,7 +1,7 @@
 //! One socket of an XPS: a call out, its answer in.
 
 use super::text::{Answer, error_name, parse_answer};
-use crate::device::{DeviceError, Problem};
+use crate::device::{DeviceError, DeviceProblem};
 use crate::wire::{Connector, Lines, WireError, silent};
 use std::time::Duration;
 use tokio::time::Instant;
@@ -47,7 +47,7 @@ impl Socket {
         let answer = self.answer_by(doing, Instant::now() + deadline).await?;
         answer.ok_or_else(|| {
             self.close();
-            self.error(doing, Problem::Link(silent(call, deadline).to_string()))
+            self.error(doing, DeviceProblem::Link(silent(call, deadline).to_string()))
         })
     }
 
@@ -82,7 +82,7 @@ impl Socket {
             None => {
                 self.close();
                 let expected = format!("the answer to {call}");
-                Err(self.error(doing, Problem::Misfit { answer: text, expected }))
+                Err(self.error(doing, DeviceProblem::Misfit { answer: text, expected }))
             }
         }
     }
@@ -100,16 +100,16 @@ impl Socket {
 
     /// That a call came back with an error code.
     pub fn refused(&self, doing: &str, call: &str, code: i32) -> DeviceError {
-        self.error(doing, Problem::Refused(format!("error {code} ({}) to {call}", error_name(code))))
+        self.error(doing, DeviceProblem::Refused(format!("error {code} ({}) to {call}", error_name(code))))
     }
 
     /// An error of this device.
-    pub fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
     }
 
     fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
         self.close();
-        self.error(doing, Problem::Link(error.to_string()))
+        self.error(doing, DeviceProblem::Link(error.to_string()))
     }
 }

@@ -4,7 +4,7 @@ use super::CALL_DEADLINE;
 use super::guard::{Armed, Guard};
 use super::socket::Socket;
 use super::text::{Answer, GroupState, group_state, number_in};
-use crate::device::{DeviceError, Identity, Order, Problem, Reins, Stage, StageUse};
+use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
@@ -91,7 +91,7 @@ impl Xps {
         format!("{}.{}", self.group.name, self.group.positioners[axis.index()])
     }
 
-    pub(super) fn error(&self, doing: &str, problem: Problem) -> DeviceError {
+    pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         self.asks.error(doing, problem)
     }
 
@@ -121,7 +121,7 @@ impl Xps {
             && !usage.reach(axis).contains(place_mm)
         {
             let expected = format!("a place within the travel of {}", axis.name());
-            return Err(self.error(doing, Problem::Misfit { answer: place_mm.to_string(), expected }));
+            return Err(self.error(doing, DeviceProblem::Misfit { answer: place_mm.to_string(), expected }));
         }
         Ok(place_mm)
     }
@@ -144,7 +144,7 @@ impl Xps {
             if Instant::now() > until {
                 self.stop().await?;
                 let told = format!("{} still moves after {} s", self.group.name, within.as_secs());
-                return Err(self.error(doing, Problem::Motion(told)));
+                return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
             sleep(STATUS_EVERY).await;
         }
@@ -196,7 +196,7 @@ impl Xps {
             (self.place_mm(doing, axis, &alone).await?, self.place_mm(doing, axis, &alone).await?);
         if (first_mm - again_mm).abs() > AT_REST_MM {
             let told = format!("{} is at {first_mm} mm and then at {again_mm} mm, though it rests", axis.name());
-            return Err(self.error(doing, Problem::Motion(told)));
+            return Err(self.error(doing, DeviceProblem::Motion(told)));
         }
         Ok(first_mm)
     }
@@ -228,7 +228,7 @@ impl Xps {
             }
         }
         self.stop().await?;
-        Err(self.error(doing, Problem::Motion(format!("{} doesn't move", self.group.name))))
+        Err(self.error(doing, DeviceProblem::Motion(format!("{} doesn't move", self.group.name))))
     }
 
     /// What the end of a motion says.
@@ -242,8 +242,10 @@ impl Xps {
             ABORTED if motion.aborted => Ok(()),
             ABORTED => {
                 let problem = match self.armed.take() {
-                    Some(armed) => Problem::Guarded { limit_n: armed.limit_n },
-                    None => Problem::Motion("the motion was aborted at the controller, not by palpate".to_owned()),
+                    Some(armed) => DeviceProblem::Guarded { limit_n: armed.limit_n },
+                    None => {
+                        DeviceProblem::Motion("the motion was aborted at the controller, not by palpate".to_owned())
+                    }
                 };
                 Err(self.error(doing, problem))
             }
@@ -270,7 +272,7 @@ impl Xps {
                     self.stop().await?;
                     self.moves.close();
                     let told = format!("no end of it {} s after it should have ended", MOTION_MARGIN.as_secs());
-                    Err(self.error(doing, Problem::Motion(told)))
+                    Err(self.error(doing, DeviceProblem::Motion(told)))
                 }
             },
         }
@@ -296,7 +298,7 @@ async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> 
     let numbers: Option<Vec<f64>> = values.iter().map(|text| number_in(text)).collect();
     numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
         let expected = format!("{N} numbers to {call}");
-        asks.error(doing, Problem::Misfit { answer: values.join(","), expected })
+        asks.error(doing, DeviceProblem::Misfit { answer: values.join(","), expected })
     })
 }
 
@@ -305,7 +307,7 @@ async fn state(asks: &mut Socket, group: &Group, doing: &str) -> Result<GroupSta
     let [status] = numbers(asks, doing, &format!("GroupStatusGet({},int *)", group.name)).await?;
     group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
         let expected = "a group status".to_owned();
-        asks.error(doing, Problem::Misfit { answer: status.to_string(), expected })
+        asks.error(doing, DeviceProblem::Misfit { answer: status.to_string(), expected })
     })
 }
 
@@ -400,8 +402,8 @@ impl Stage for Xps {
         }
         loop {
             match reins.take() {
-                Some(Order::Stop) => self.stop().await?,
-                Some(Order::Speed(mm_s)) => self.change_speed(mm_s, reins).await?,
+                Some(MotionOrder::Stop) => self.stop().await?,
+                Some(MotionOrder::Speed(mm_s)) => self.change_speed(mm_s, reins).await?,
                 None => {}
             }
             if self.until_ended(doing, until, reins).await?.is_some() {

@@ -1,7 +1,7 @@
 //! The XPS driver against answers from a script.
 
 use super::*;
-use crate::device::{LoadCell, Problem, Reins, Stage};
+use crate::device::{DeviceProblem, LoadCell, Reins, Stage};
 use crate::driver::script::{Script, scripted, unused, usage};
 use crate::quantity::Axis;
 use tokio::task::JoinHandle;
@@ -186,7 +186,7 @@ async fn an_abort_that_nobody_here_asked_for_is_the_guards_if_it_is_armed() {
     stage.guard(Some(2.05)).await.unwrap();
     stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
     let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &Reins::default()).await.unwrap_err();
-    assert!(matches!(error.problem, Problem::Guarded { limit_n } if limit_n == 2.05), "{error}");
+    assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     done(stage, devices).await;
 }
 

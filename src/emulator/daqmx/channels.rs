@@ -1,6 +1,6 @@
 //! The inputs of the device: how they are named, ranged and converted.
 
-use super::errors::Status;
+use super::errors::DaqmxStatus;
 use crate::wire::daqmx::{DIFF, NRSE, RSE};
 
 /// Inputs of a USB-6343: `ai0` and on, each against ground.
@@ -26,20 +26,20 @@ pub struct Channel {
 }
 
 impl Channel {
-    pub fn new(input: u32, terminal: i32, least_v: f64, most_v: f64) -> Result<Self, Status> {
+    pub fn new(input: u32, terminal: i32, least_v: f64, most_v: f64) -> Result<Self, DaqmxStatus> {
         // ai0 to ai7 and ai16 to ai23
         let paired = input % (2 * PAIR) < PAIR;
         let against = match terminal {
             RSE | NRSE => None,
             DIFF if paired => Some(input + PAIR),
             DEFAULT_TERMINAL => paired.then_some(input + PAIR),
-            _ => return Err(Status::BAD_VALUE),
+            _ => return Err(DaqmxStatus::BAD_VALUE),
         };
         let widest_v = least_v.abs().max(most_v.abs());
         let range_v = RANGES_V.into_iter().find(|range_v| widest_v <= range_v + ROUNDING_V);
         match range_v {
             Some(range_v) if least_v < most_v => Ok(Channel { input, against, range_v }),
-            _ => Err(Status::BAD_VALUE),
+            _ => Err(DaqmxStatus::BAD_VALUE),
         }
     }
 
@@ -51,16 +51,17 @@ impl Channel {
 }
 
 /// The inputs that `Dev1/ai0`, `Dev1/ai0:8` or a list of such with commas means, in its order.
-pub fn inputs(physical: &str, device: &str) -> Result<Vec<u32>, Status> {
+pub fn inputs(physical: &str, device: &str) -> Result<Vec<u32>, DaqmxStatus> {
     let mut inputs = Vec::new();
     for part in physical.split(',') {
-        let (name, input) = part.trim().split_once('/').ok_or(Status::NO_SUCH_DEVICE)?;
+        let (name, input) = part.trim().split_once('/').ok_or(DaqmxStatus::NO_SUCH_DEVICE)?;
         if !name.eq_ignore_ascii_case(device) {
-            return Err(Status::NO_SUCH_DEVICE);
+            return Err(DaqmxStatus::NO_SUCH_DEVICE);
         }
         let (first, last) = input.split_once(':').unwrap_or((input, input));
-        let first = number(first).ok_or(Status::NO_SUCH_INPUT)?;
-        let last = number(last).or(last.parse().ok()).filter(|last| *last < INPUTS).ok_or(Status::NO_SUCH_INPUT)?;
+        let first = number(first).ok_or(DaqmxStatus::NO_SUCH_INPUT)?;
+        let last =
+            number(last).or(last.parse().ok()).filter(|last| *last < INPUTS).ok_or(DaqmxStatus::NO_SUCH_INPUT)?;
         if first <= last { inputs.extend(first..=last) } else { inputs.extend((last..=first).rev()) }
     }
     Ok(inputs)
@@ -84,10 +85,10 @@ mod tests {
         assert_eq!(dev1("dev1/AI30:31, Dev1/ai2:0"), Ok(vec![30, 31, 2, 1, 0]));
         assert_eq!(dev1("Dev1/ai0:ai1"), Ok(vec![0, 1]));
         for bad in ["Dev2/ai0", "ai0", "", "Dev1/ai0,,Dev1/ai1"] {
-            assert_eq!(dev1(bad), Err(Status::NO_SUCH_DEVICE), "{bad}");
+            assert_eq!(dev1(bad), Err(DaqmxStatus::NO_SUCH_DEVICE), "{bad}");
         }
         for bad in ["Dev1/ai32", "Dev1/ao0", "Dev1/ai", "Dev1/ai0:4294967295", "Dev1/ai0:", "Dev1/aé"] {
-            assert_eq!(dev1(bad), Err(Status::NO_SUCH_INPUT), "{bad}");
+            assert_eq!(dev1(bad), Err(DaqmxStatus::NO_SUCH_INPUT), "{bad}");
         }
     }
 
@@ -110,7 +111,7 @@ mod tests {
             assert_eq!((channel.convert(-99.0), channel.convert(99.0)), (-range_v, range_v * 32_767.0 / STEPS));
         }
         for (least_v, most_v) in [(-10.1, 1.0), (1.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (0.0, f64::INFINITY)] {
-            assert_eq!(Channel::new(0, RSE, least_v, most_v), Err(Status::BAD_VALUE), "{least_v} to {most_v}");
+            assert_eq!(Channel::new(0, RSE, least_v, most_v), Err(DaqmxStatus::BAD_VALUE), "{least_v} to {most_v}");
         }
     }
 }

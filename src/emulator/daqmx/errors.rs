@@ -2,21 +2,21 @@
 
 /// An error of the library, by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Status(pub i32);
+pub struct DaqmxStatus(pub i32);
 
-impl Status {
-    pub const OUT_OF_MEMORY: Status = Status(-50352);
-    pub const RESERVED: Status = Status(-50103);
-    pub const BAD_VALUE: Status = Status(-200077);
-    pub const BAD_TASK: Status = Status(-200088);
-    pub const TASK_NAME_TAKEN: Status = Status(-200089);
-    pub const NO_SUCH_INPUT: Status = Status(-200170);
-    pub const NO_SUCH_DEVICE: Status = Status(-200220);
-    pub const BUFFER_TOO_SMALL: Status = Status(-200229);
-    pub const OVERRUN: Status = Status(-200279);
-    pub const NOT_THERE_IN_TIME: Status = Status(-200284);
-    pub const NO_CHANNELS: Status = Status(-200478);
-    pub const TASK_RUNS: Status = Status(-200479);
+impl DaqmxStatus {
+    pub const OUT_OF_MEMORY: DaqmxStatus = DaqmxStatus(-50352);
+    pub const RESERVED: DaqmxStatus = DaqmxStatus(-50103);
+    pub const BAD_VALUE: DaqmxStatus = DaqmxStatus(-200077);
+    pub const BAD_TASK: DaqmxStatus = DaqmxStatus(-200088);
+    pub const TASK_NAME_TAKEN: DaqmxStatus = DaqmxStatus(-200089);
+    pub const NO_SUCH_INPUT: DaqmxStatus = DaqmxStatus(-200170);
+    pub const NO_SUCH_DEVICE: DaqmxStatus = DaqmxStatus(-200220);
+    pub const BUFFER_TOO_SMALL: DaqmxStatus = DaqmxStatus(-200229);
+    pub const OVERRUN: DaqmxStatus = DaqmxStatus(-200279);
+    pub const NOT_THERE_IN_TIME: DaqmxStatus = DaqmxStatus(-200284);
+    pub const NO_CHANNELS: DaqmxStatus = DaqmxStatus(-200478);
+    pub const TASK_RUNS: DaqmxStatus = DaqmxStatus(-200479);
 
     /// What is wrong, in a sentence; none: a number that means nothing here.
     pub fn text(self) -> Option<&'static str> {
@@ -27,26 +27,26 @@ impl Status {
     pub fn message(self, task: Option<&str>) -> String {
         let text = self.text().unwrap_or("No text is known for this status code.");
         let task = task.map(|name| format!("Task Name: {name}\n\n")).unwrap_or_default();
-        format!("{text}\n\n{task}Status Code: {}", self.0)
+        format!("{text}\n\n{task}DaqmxStatus Code: {}", self.0)
     }
 }
 
 /// The errors met here, in our own words.
-const TEXTS: [(Status, &str); 12] = [
-    (Status::OUT_OF_MEMORY, "There is no memory left for what was asked for."),
-    (Status::RESERVED, "The resource is reserved: another task of the device is running."),
-    (Status::BAD_VALUE, "The device does not support the value asked for."),
-    (Status::BAD_TASK, "The task does not exist, or is not in a state for this."),
-    (Status::TASK_NAME_TAKEN, "Another task has this name."),
-    (Status::NO_SUCH_INPUT, "The device has no such physical channel."),
-    (Status::NO_SUCH_DEVICE, "The device is not known: it is not connected, or has another name."),
-    (Status::BUFFER_TOO_SMALL, "The buffer is too small for the samples to be read."),
+const TEXTS: [(DaqmxStatus, &str); 12] = [
+    (DaqmxStatus::OUT_OF_MEMORY, "There is no memory left for what was asked for."),
+    (DaqmxStatus::RESERVED, "The resource is reserved: another task of the device is running."),
+    (DaqmxStatus::BAD_VALUE, "The device does not support the value asked for."),
+    (DaqmxStatus::BAD_TASK, "The task does not exist, or is not in a state for this."),
+    (DaqmxStatus::TASK_NAME_TAKEN, "Another task has this name."),
+    (DaqmxStatus::NO_SUCH_INPUT, "The device has no such physical channel."),
+    (DaqmxStatus::NO_SUCH_DEVICE, "The device is not known: it is not connected, or has another name."),
+    (DaqmxStatus::BUFFER_TOO_SMALL, "The buffer is too small for the samples to be read."),
     (
-        Status::OVERRUN,
+        DaqmxStatus::OVERRUN,
         "The application did not keep up with the acquisition: samples were overwritten before they were read. A larger \
          buffer, or reading more often, may help.",
     ),
-    (Status::NOT_THERE_IN_TIME, "Some or all of the samples asked for were not there in time."),
-    (Status::NO_CHANNELS, "The task has no channels."),
-    (Status::TASK_RUNS, "The task is running: stop it first."),
+    (DaqmxStatus::NOT_THERE_IN_TIME, "Some or all of the samples asked for were not there in time."),
+    (DaqmxStatus::NO_CHANNELS, "The task has no channels."),
+    (DaqmxStatus::TASK_RUNS, "The task is running: stop it first."),
 ];

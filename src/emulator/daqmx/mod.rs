@@ -8,9 +8,9 @@ mod tests;
 
 use super::Shared;
 use crate::scene::{Device, Scene};
-use crate::wire::daqmx::{AUTO, NiDaqmx, Task};
+use crate::wire::daqmx::{AUTO, NiDaqmx, TaskHandle};
 use channels::{Channel, INPUTS};
-use errors::Status;
+use errors::DaqmxStatus;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::time::Instant;
@@ -58,8 +58,8 @@ struct Wiring {
 /// What the library keeps.
 #[derive(Default)]
 struct Library {
-    tasks: BTreeMap<Task, Acquisition>,
-    last_task: Task,
+    tasks: BTreeMap<TaskHandle, Acquisition>,
+    last_task: TaskHandle,
     last_error: String,
 }
 
@@ -105,11 +105,11 @@ impl DaqmxEmulator {
     }
 
     /// Acts on a task; what goes wrong is kept as the last error.
-    fn with_task(&self, task: Task, act: impl FnOnce(&mut Acquisition) -> Result<(), Status>) -> i32 {
+    fn with_task(&self, task: TaskHandle, act: impl FnOnce(&mut Acquisition) -> Result<(), DaqmxStatus>) -> i32 {
         let mut library = self.library();
         let result = match library.tasks.get_mut(&task) {
             Some(acquisition) => act(acquisition),
-            None => Err(Status::BAD_TASK),
+            None => Err(DaqmxStatus::BAD_TASK),
         };
         library.report(Some(task), result)
     }
@@ -123,39 +123,46 @@ impl DaqmxEmulator {
 }
 
 impl NiDaqmx for DaqmxEmulator {
-    fn create_task(&self, name: &str, task: &mut Task) -> i32 {
+    fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32 {
         let mut library = self.library();
         let result = library.create(name).map(|created| *task = created);
         library.report(None, result)
     }
 
-    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32 {
+    fn create_ai_voltage_channel(
+        &self,
+        task: TaskHandle,
+        physical: &str,
+        terminal: i32,
+        least_v: f64,
+        most_v: f64,
+    ) -> i32 {
         self.with_task(task, |acquisition| {
             acquisition.must_stand()?;
             let inputs = channels::inputs(physical, &self.device)?;
             if acquisition.channels.len() + inputs.len() > CHANNELS_MOST {
-                return Err(Status::BAD_VALUE);
+                return Err(DaqmxStatus::BAD_VALUE);
             }
-            let added: Result<Vec<Channel>, Status> =
+            let added: Result<Vec<Channel>, DaqmxStatus> =
                 inputs.into_iter().map(|input| Channel::new(input, terminal, least_v, most_v)).collect();
             acquisition.channels.extend(added?);
             Ok(())
         })
     }
 
-    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32 {
+    fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32 {
         self.with_task(task, |acquisition| {
             acquisition.must_stand()?;
             let sound = rate_hz > 0.0 && rate_hz <= RATE_MOST_HZ && (1..=BUFFER_MOST).contains(&samples_per_channel);
             if !sound {
-                return Err(Status::BAD_VALUE);
+                return Err(DaqmxStatus::BAD_VALUE);
             }
             acquisition.clock = Some((rate_hz, samples_per_channel));
             Ok(())
         })
     }
 
-    fn start_task(&self, task: Task) -> i32 {
+    fn start_task(&self, task: TaskHandle) -> i32 {
         let mut library = self.library();
         let another_runs = library.tasks.iter().any(|(other, each)| *other != task && each.run.is_some());
         let result = match library.tasks.get_mut(&task) {
@@ -165,40 +172,40 @@ impl NiDaqmx for DaqmxEmulator {
                     Run { start_s: now_s, count: 0, looked: (0, volts), unread: VecDeque::new(), overrun: false }
                 }));
             }),
-            None => Err(Status::BAD_TASK),
+            None => Err(DaqmxStatus::BAD_TASK),
         };
         library.report(Some(task), result)
     }
 
-    fn stop_task(&self, task: Task) -> i32 {
+    fn stop_task(&self, task: TaskHandle) -> i32 {
         self.with_task(task, |acquisition| {
             acquisition.run = None;
             Ok(())
         })
     }
 
-    fn clear_task(&self, task: Task) -> i32 {
+    fn clear_task(&self, task: TaskHandle) -> i32 {
         let mut library = self.library();
-        let result = library.tasks.remove(&task).map(|_| ()).ok_or(Status::BAD_TASK);
+        let result = library.tasks.remove(&task).map(|_| ()).ok_or(DaqmxStatus::BAD_TASK);
         library.report(Some(task), result)
     }
 
-    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
+    fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
         *read = 0;
         self.with_task(task, |acquisition| {
             let Acquisition { channels, clock: Some(clock), run: Some(run), .. } = acquisition else {
-                return Err(Status::BAD_TASK);
+                return Err(DaqmxStatus::BAD_TASK);
             };
             self.look(|scene, now_s| run.fetch(*clock, channels, &self.wiring, scene, now_s))?;
             let there = run.unread.len() / channels.len();
             let wanted = match samples_per_channel {
                 AUTO => there,
-                wanted => usize::try_from(wanted).map_err(|_| Status::BAD_VALUE)?,
+                wanted => usize::try_from(wanted).map_err(|_| DaqmxStatus::BAD_VALUE)?,
             };
             let samples = wanted.saturating_mul(channels.len());
-            let room = buffer.get_mut(..samples).ok_or(Status::BUFFER_TOO_SMALL)?;
+            let room = buffer.get_mut(..samples).ok_or(DaqmxStatus::BUFFER_TOO_SMALL)?;
             if wanted > there {
-                return Err(Status::NOT_THERE_IN_TIME);
+                return Err(DaqmxStatus::NOT_THERE_IN_TIME);
             }
             for (place, sample) in room.iter_mut().zip(run.unread.drain(..samples)) {
                 *place = sample;
@@ -213,18 +220,18 @@ impl NiDaqmx for DaqmxEmulator {
     }
 
     fn error_string(&self, code: i32) -> String {
-        if code == 0 { String::new() } else { Status(code).message(None) }
+        if code == 0 { String::new() } else { DaqmxStatus(code).message(None) }
     }
 }
 
 impl Library {
-    fn create(&mut self, name: &str) -> Result<Task, Status> {
+    fn create(&mut self, name: &str) -> Result<TaskHandle, DaqmxStatus> {
         if self.tasks.len() == TASKS_MOST {
-            return Err(Status::OUT_OF_MEMORY);
+            return Err(DaqmxStatus::OUT_OF_MEMORY);
         }
         let name = if name.is_empty() { format!("_unnamedTask<{}>", self.last_task) } else { name.into() };
         if self.tasks.values().any(|each| each.name == name) {
-            return Err(Status::TASK_NAME_TAKEN);
+            return Err(DaqmxStatus::TASK_NAME_TAKEN);
         }
         self.last_task += 1;
         let acquisition = Acquisition { name, channels: Vec::new(), clock: None, run: None };
@@ -233,7 +240,7 @@ impl Library {
     }
 
     /// The number for a result; an error is kept, with the task's name.
-    fn report(&mut self, task: Option<Task>, result: Result<(), Status>) -> i32 {
+    fn report(&mut self, task: Option<TaskHandle>, result: Result<(), DaqmxStatus>) -> i32 {
         let Err(status) = result else { return 0 };
         let name = task.and_then(|task| self.tasks.get(&task)).map(|acquisition| acquisition.name.as_str());
         self.last_error = status.message(name);
@@ -242,21 +249,21 @@ impl Library {
 }
 
 impl Acquisition {
-    fn must_stand(&self) -> Result<(), Status> {
-        if self.run.is_some() { Err(Status::TASK_RUNS) } else { Ok(()) }
+    fn must_stand(&self) -> Result<(), DaqmxStatus> {
+        if self.run.is_some() { Err(DaqmxStatus::TASK_RUNS) } else { Ok(()) }
     }
 
-    fn may_start(&self, another_runs: bool) -> Result<(), Status> {
+    fn may_start(&self, another_runs: bool) -> Result<(), DaqmxStatus> {
         self.must_stand()?;
         if self.channels.is_empty() {
-            return Err(Status::NO_CHANNELS);
+            return Err(DaqmxStatus::NO_CHANNELS);
         }
         let channels = self.channels.len();
-        let (rate_hz, scans) = self.clock.ok_or(Status::BAD_VALUE)?;
+        let (rate_hz, scans) = self.clock.ok_or(DaqmxStatus::BAD_VALUE)?;
         if rate_hz * channels as f64 > RATE_MOST_HZ || scans.saturating_mul(channels as u64) > BUFFER_MOST {
-            return Err(Status::BAD_VALUE);
+            return Err(DaqmxStatus::BAD_VALUE);
         }
-        if another_runs { Err(Status::RESERVED) } else { Ok(()) }
+        if another_runs { Err(DaqmxStatus::RESERVED) } else { Ok(()) }
     }
 }
 
@@ -269,7 +276,7 @@ impl Run {
         wiring: &Wiring,
         scene: &mut Scene,
         now_s: f64,
-    ) -> Result<(), Status> {
+    ) -> Result<(), DaqmxStatus> {
         let since_s = now_s - TRANSFER_S - self.start_s;
         // a float that is below zero is cast to none
         let count = ((since_s * rate_hz + ROUNDING).floor() + 1.0) as u64;
@@ -288,7 +295,7 @@ impl Run {
                 self.count = count;
             }
         }
-        if self.overrun { Err(Status::OVERRUN) } else { Ok(()) }
+        if self.overrun { Err(DaqmxStatus::OVERRUN) } else { Ok(()) }
     }
 }
 

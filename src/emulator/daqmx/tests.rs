@@ -15,13 +15,13 @@ fn emulator(scene: Scene) -> DaqmxEmulator {
 }
 
 /// A task that reads some inputs at 10 V and runs.
-fn running(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> Task {
+fn running(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> TaskHandle {
     let task = prepared(daqmx, physical, rate_hz, scans);
     assert_eq!(daqmx.start_task(task), 0, "{}", daqmx.extended_error_info());
     task
 }
 
-fn prepared(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> Task {
+fn prepared(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> TaskHandle {
     let mut task = 0;
     assert_eq!(daqmx.create_task("", &mut task), 0);
     assert_eq!(daqmx.create_ai_voltage_channel(task, physical, RSE, -10.0, 10.0), 0);
@@ -30,7 +30,7 @@ fn prepared(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> 
 }
 
 /// All that is there, or the error.
-fn read(daqmx: &DaqmxEmulator, task: Task) -> Result<Vec<f64>, i32> {
+fn read(daqmx: &DaqmxEmulator, task: TaskHandle) -> Result<Vec<f64>, i32> {
     let (mut buffer, mut scans) = (vec![f64::NAN; 100_000], 0);
     match daqmx.read_analog_f64(task, AUTO, &mut buffer, &mut scans) {
         0 => {
@@ -212,6 +212,6 @@ proptest! {
         let mut task = 0;
         daqmx.create_task("", &mut task);
         let status = daqmx.create_ai_voltage_channel(task, &physical, [10083, -1, 10106, 7, 0][(terminal + 2) as usize], -1.0, 1.0);
-        prop_assert!(status == 0 || Status(status).text().is_some());
+        prop_assert!(status == 0 || DaqmxStatus(status).text().is_some());
     }
 }

@@ -1,6 +1,6 @@
 //! One axis: where it is, how it moves, what it is set to.
 
-use super::errors::{AxisFault, Fault, General};
+use super::errors::{AxisFault, EspError, General};
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
 
@@ -77,8 +77,8 @@ impl Drive {
     }
 
     /// A complaint of this axis.
-    pub fn fault(&self, fault: AxisFault) -> Fault {
-        Fault::OfAxis(self.axis, fault)
+    pub fn fault(&self, fault: AxisFault) -> EspError {
+        EspError::OfAxis(self.axis, fault)
     }
 
     /// Whether the axis is on its way (`MD?` is 0), as of the last [`notice`](Self::notice).
@@ -92,7 +92,7 @@ impl Drive {
     }
 
     /// Draws the consequences of a motion that has ended by `now_s`: what to complain about, and since when, s.
-    pub fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(Fault, f64)> {
+    pub fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(EspError, f64)> {
         let end_s = self.end_s(scene);
         if self.errand == Errand::Idle || now_s < end_s {
             return None;
@@ -125,7 +125,7 @@ impl Drive {
     }
 
     /// `PA`: to a count, at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, to the end of it.
-    pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let fault = match count_mm {
             right if right > self.right_limit_count_mm => Some(AxisFault::PlusSoftwareLimit),
@@ -143,7 +143,7 @@ impl Drive {
 
     /// `OR`: mode 0 to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to its + or - end. Where the
     /// axis comes to is known, so from then on its count is true; mode 0 leaves the count as it is.
-    pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let place_mm = match mode {
             0 => self.offset_mm.clamp(-TRAVEL_MM, TRAVEL_MM),
@@ -157,7 +157,7 @@ impl Drive {
     }
 
     /// `DH`: where the axis stands is `count_mm` from now on.
-    pub fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    pub fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.stands()?;
         self.offset_mm = self.commanded(scene, now_s).0 - count_mm;
         Ok(())
@@ -188,7 +188,7 @@ impl Drive {
     }
 
     /// Sets such a number, held against what the stage and the other numbers allow; `VA` acts on a move under way.
-    pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         // what is no place is above zero
         let above = f64::MIN_POSITIVE;
         let (slot, least, most) = match name {
@@ -223,7 +223,7 @@ impl Drive {
     }
 
     /// No controller is assumed to take a new target on the way to an old one.
-    fn stands(&self) -> Result<(), Fault> {
+    fn stands(&self) -> Result<(), EspError> {
         match self.errand {
             Errand::Idle => Ok(()),
             Errand::Home { .. } => Err(self.fault(AxisFault::WhileHoming)),
@@ -231,7 +231,7 @@ impl Drive {
         }
     }
 
-    fn may_move(&self) -> Result<(), Fault> {
+    fn may_move(&self) -> Result<(), EspError> {
         if !self.motor_on {
             return Err(self.fault(AxisFault::MotorNotEnabled));
         }

@@ -11,7 +11,7 @@ const TICKS_HZ: f64 = 2500.0;
 
 /// What the controller complains about: the codes of the manual's table that three axes and no options can meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum EspError {
     /// One that concerns no axis.
     General(General),
     /// One of an axis: its code carries the axis in the hundreds.
@@ -46,19 +46,19 @@ pub enum AxisFault {
     WhileMoving = 32,
 }
 
-impl Fault {
+impl EspError {
     /// The code as the controller gives it: 104 is fault 4 of axis 1.
     pub fn code(self) -> u16 {
         match self {
-            Fault::General(fault) => fault as u16,
-            Fault::OfAxis(axis, fault) => 100 * (axis.index() as u16 + 1) + fault as u16,
+            EspError::General(fault) => fault as u16,
+            EspError::OfAxis(axis, fault) => 100 * (axis.index() as u16 + 1) + fault as u16,
         }
     }
 
     /// The text of `TB?`. Only that of the hardware limit is known from a real controller; the others follow its style.
     fn text(self) -> String {
         match self {
-            Fault::General(fault) => match fault {
+            EspError::General(fault) => match fault {
                 General::UnknownCommand => "COMMAND DOES NOT EXIST",
                 General::ParameterOutOfRange => "PARAMETER OUT OF RANGE",
                 General::AxisOutOfRange => "AXIS NUMBER OUT OF RANGE",
@@ -67,7 +67,7 @@ impl Fault {
                 General::ParameterMissing => "COMMAND PARAMETER MISSING",
             }
             .into(),
-            Fault::OfAxis(axis, fault) => {
+            EspError::OfAxis(axis, fault) => {
                 let text = match fault {
                     AxisFault::ParameterOutOfRange => "PARAMETER OUT OF RANGE",
                     AxisFault::PlusHardwareLimit => "POSITIVE HARDWARE LIMIT DETECTED",
@@ -88,21 +88,21 @@ impl Fault {
     }
 }
 
-impl From<General> for Fault {
+impl From<General> for EspError {
     fn from(fault: General) -> Self {
-        Fault::General(fault)
+        EspError::General(fault)
     }
 }
 
 /// The queue that `TE` and `TB` both read, and empty (manual, pages TE and TB).
 #[derive(Default)]
 pub struct ErrorQueue {
-    entries: VecDeque<(Fault, i32)>,
+    entries: VecDeque<(EspError, i32)>,
 }
 
 impl ErrorQueue {
     /// Notes a fault that happened at `at_s`.
-    pub fn push(&mut self, fault: Fault, at_s: f64) {
+    pub fn push(&mut self, fault: EspError, at_s: f64) {
         if self.entries.len() == QUEUE_MOST {
             self.entries.pop_front();
         }
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn codes_and_texts_are_those_of_the_recording() {
         let mut queue = ErrorQueue::default();
-        queue.push(Fault::OfAxis(Axis::X, AxisFault::PlusHardwareLimit), 2_141_749_940.0 / TICKS_HZ);
+        queue.push(EspError::OfAxis(Axis::X, AxisFault::PlusHardwareLimit), 2_141_749_940.0 / TICKS_HZ);
         assert_eq!(queue.pop_message(0.0), "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED");
         // the clock has wrapped: 2^32 - 2139482948 ticks after it started
         let now_s = (4_294_967_296.0 - 2_139_482_948.0) / TICKS_HZ;

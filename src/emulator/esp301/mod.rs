@@ -16,7 +16,7 @@ use super::Instrument;
 use crate::quantity::Axis;
 use crate::scene::{Device, Scene};
 use drive::{Drive, UNIT_LAST, decimal};
-use errors::{AxisFault, ErrorQueue, Fault, General};
+use errors::{AxisFault, ErrorQueue, EspError, General};
 use syntax::{Argument, Command};
 
 /// What `VE?` answers: that of the recorded controller.
@@ -32,7 +32,7 @@ const OF_ONE_AXIS: [&[u8; 2]; 13] =
     [b"ID", b"MO", b"MF", b"PA", b"OR", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR"];
 
 /// What a command answers: a line, or nothing.
-type Answer = Result<Option<String>, Fault>;
+type Answer = Result<Option<String>, EspError>;
 
 /// A Newport ESP301 motion controller with three VP-25XL stages: 12.5 mm to either side, 25 mm/s.
 ///
@@ -174,6 +174,6 @@ fn tell(command: &Command, answer: impl FnOnce() -> String) -> Answer {
 }
 
 /// A whole number from 0 to `last`.
-fn whole(number: f64, last: u16, out_of_range: Fault) -> Result<u16, Fault> {
+fn whole(number: f64, last: u16, out_of_range: EspError) -> Result<u16, EspError> {
     (0..=last).find(|&whole| f64::from(whole) == number).ok_or(out_of_range)
 }

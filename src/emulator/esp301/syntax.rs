@@ -1,6 +1,6 @@
 //! Lines, and the commands on them.
 
-use super::errors::{Fault, General};
+use super::errors::{EspError, General};
 use crate::quantity::Axis;
 
 /// Longest line the controller takes, its end not counted. The only bound the manual gives is that of the ESP302.
@@ -49,7 +49,7 @@ pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
 
 /// The commands of a line, in order; `;` stands between them, blanks mean nothing. A line that is too long is none of
 /// its commands.
-pub fn commands(line: &[u8]) -> Vec<Result<Command, Fault>> {
+pub fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
     if line.len() > LINE_MOST {
         return vec![Err(General::UnknownCommand.into())];
     }
@@ -59,7 +59,7 @@ pub fn commands(line: &[u8]) -> Vec<Result<Command, Fault>> {
 
 impl Command {
     /// The axis of a command that needs one.
-    pub fn axis(&self) -> Result<Axis, Fault> {
+    pub fn axis(&self) -> Result<Axis, EspError> {
         match self.axis {
             None => Err(General::AxisMissing.into()),
             Some(number @ 1..=3) => Ok(Axis::ALL[number as usize - 1]),
@@ -68,7 +68,7 @@ impl Command {
     }
 
     /// The axis of a command that can mean all of them, with no number or with 0: then none.
-    pub fn axis_or_all(&self) -> Result<Option<Axis>, Fault> {
+    pub fn axis_or_all(&self) -> Result<Option<Axis>, EspError> {
         match self.axis {
             None | Some(0) => Ok(None),
             Some(_) => self.axis().map(Some),
@@ -84,7 +84,7 @@ impl Argument {
 
     /// The number of a command that needs one: digits, a sign, a point; `out_of_range` if it isn't one. An exponent is
     /// not among the forms seen on real controllers.
-    pub fn number(&self, out_of_range: Fault) -> Result<f64, Fault> {
+    pub fn number(&self, out_of_range: EspError) -> Result<f64, EspError> {
         match self {
             Argument::Value(text) if text.bytes().all(|byte| byte.is_ascii_digit() || b"+-.".contains(&byte)) => {
                 text.parse().map_err(|_| out_of_range)
@@ -95,13 +95,13 @@ impl Argument {
     }
 
     /// The number, or a default if there is nothing.
-    pub fn number_or(&self, default: f64, out_of_range: Fault) -> Result<f64, Fault> {
+    pub fn number_or(&self, default: f64, out_of_range: EspError) -> Result<f64, EspError> {
         if *self == Argument::None { Ok(default) } else { self.number(out_of_range) }
     }
 }
 
-fn command(text: &[u8]) -> Result<Command, Fault> {
-    let unknown = || Fault::from(General::UnknownCommand);
+fn command(text: &[u8]) -> Result<Command, EspError> {
+    let unknown = || EspError::from(General::UnknownCommand);
     let digits = text.iter().take_while(|byte| byte.is_ascii_digit()).count();
     let (number, text) = text.split_at(digits);
     let (&name, parameter) = text.split_first_chunk::<2>().ok_or_else(unknown)?;
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn numbers_are_plain_decimals() {
-        let bad = Fault::from(General::ParameterOutOfRange);
+        let bad = EspError::from(General::ParameterOutOfRange);
         let number = |text: &str| Argument::Value(text.into()).number(bad);
         assert_eq!((number("+3.5"), number("-2"), number("7.")), (Ok(3.5), Ok(-2.0), Ok(7.0)));
         for text in ["1E3", "INF", "NAN", "--1", ".", "1,2", "?"] {

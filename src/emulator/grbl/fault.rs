@@ -2,7 +2,7 @@
 
 /// Why a line is refused: the codes of GRBL's table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum GrblError {
     ExpectedLetter = 1,
     BadNumber = 2,
     InvalidStatement = 3,

@@ -1,13 +1,13 @@
 //! Lines of G-code: their words, and what they come to.
 
-use super::fault::Fault;
+use super::fault::GrblError;
 
 /// Letters that take no negative number.
 const NOT_NEGATIVE: [u8; 5] = *b"FNPST";
 
 /// How a line moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Motion {
+pub enum MotionMode {
     /// G0: at the largest rate.
     Rapid,
     /// G1: at the feed rate.
@@ -18,7 +18,7 @@ pub enum Motion {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Modal {
     /// G0 or G1.
-    pub motion: Motion,
+    pub motion: MotionMode,
     /// G91.
     pub incremental: bool,
     /// F, mm/min; zero until it is set.
@@ -29,14 +29,14 @@ pub struct Modal {
 
 impl Default for Modal {
     fn default() -> Self {
-        Modal { motion: Motion::Rapid, incremental: false, feed_mm_min: 0.0, g92_mm: [0.0; 3] }
+        Modal { motion: MotionMode::Rapid, incremental: false, feed_mm_min: 0.0, g92_mm: [0.0; 3] }
     }
 }
 
 /// What a line says, as far as it is told from its words alone.
 #[derive(Debug, Default, PartialEq)]
 pub struct Block {
-    motion: Option<Motion>,
+    motion: Option<MotionMode>,
     action: Option<Action>,
     machine: bool,
     incremental: Option<bool>,
@@ -56,7 +56,7 @@ enum Action {
 
 /// What a line comes to.
 #[derive(Debug, PartialEq)]
-pub enum Order {
+pub enum BlockOrder {
     /// Nothing that takes time.
     Nothing,
     /// To a place in machine coordinates, mm; at a feed, mm/min, or as fast as it goes.
@@ -67,28 +67,28 @@ pub enum Order {
 
 impl Block {
     /// Reads the words of a line: letters and numbers, nothing between.
-    pub fn parse(line: &str) -> Result<Block, Fault> {
+    pub fn parse(line: &str) -> Result<Block, GrblError> {
         let mut block = Block::default();
         let mut rest = line.as_bytes();
         while let Some((&letter, after)) = rest.split_first() {
             if !letter.is_ascii_uppercase() {
-                return Err(Fault::ExpectedLetter);
+                return Err(GrblError::ExpectedLetter);
             }
-            let (value, left) = number(after).ok_or(Fault::BadNumber)?;
+            let (value, left) = number(after).ok_or(GrblError::BadNumber)?;
             rest = left;
             match letter {
                 b'G' => block.take_g(value)?,
                 b'M' => block.take_m(value)?,
                 b'X' | b'Y' | b'Z' | b'F' | b'N' | b'P' | b'S' | b'T' => {
                     if value < 0.0 && NOT_NEGATIVE.contains(&letter) {
-                        return Err(Fault::NegativeValue);
+                        return Err(GrblError::NegativeValue);
                     }
                     let slot = &mut block.values[usize::from(letter - b'A')];
                     if slot.replace(value).is_some() {
-                        return Err(Fault::RepeatedWord);
+                        return Err(GrblError::RepeatedWord);
                     }
                 }
-                _ => return Err(Fault::Unsupported),
+                _ => return Err(GrblError::Unsupported),
             }
         }
         Ok(block)
@@ -101,40 +101,40 @@ impl Block {
 
     /// Acts on the modal state and tells what is to be done; `at_mm` is where the motions so far end, in machine coordinates.
     /// If it fails, the modal state is as it was.
-    pub fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<Order, Fault> {
+    pub fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         let mut next = modal.clone();
         next.motion = self.motion.unwrap_or(next.motion);
         next.incremental = self.incremental.unwrap_or(next.incremental);
         next.feed_mm_min = self.value(b'F').unwrap_or(next.feed_mm_min);
         let moves = self.has_axes();
         if self.action != Some(Action::Dwell) && self.value(b'P').is_some() {
-            return Err(Fault::UnusedWords);
+            return Err(GrblError::UnusedWords);
         }
         let order = match self.action {
-            Some(Action::Dwell) if moves => return Err(Fault::UnusedWords),
-            Some(Action::Dwell) => Order::Dwell(self.value(b'P').ok_or(Fault::MissingValue)?),
+            Some(Action::Dwell) if moves => return Err(GrblError::UnusedWords),
+            Some(Action::Dwell) => BlockOrder::Dwell(self.value(b'P').ok_or(GrblError::MissingValue)?),
             Some(Action::ClearG92) => {
                 next.g92_mm = [0.0; 3];
-                Order::Nothing
+                BlockOrder::Nothing
             }
-            Some(Action::SetG92) if !moves => return Err(Fault::NoAxisWords),
-            Some(Action::SetG92) if self.motion.is_some() => return Err(Fault::TwoUseAxes),
+            Some(Action::SetG92) if !moves => return Err(GrblError::NoAxisWords),
+            Some(Action::SetG92) if self.motion.is_some() => return Err(GrblError::TwoUseAxes),
             Some(Action::SetG92) => {
                 for (n, at_mm) in at_mm.into_iter().enumerate() {
                     if let Some(value) = self.axis(n) {
                         next.g92_mm[n] = at_mm - value;
                     }
                 }
-                Order::Nothing
+                BlockOrder::Nothing
             }
-            None if !moves => Order::Nothing,
+            None if !moves => BlockOrder::Nothing,
             None => {
-                let feeds = next.motion == Motion::Feed;
+                let feeds = next.motion == MotionMode::Feed;
                 if feeds && next.feed_mm_min == 0.0 {
-                    return Err(Fault::NoFeed);
+                    return Err(GrblError::NoFeed);
                 }
                 let feed_mm_min = feeds.then_some(next.feed_mm_min);
-                Order::Go { to_mm: self.target_mm(&next, at_mm), feed_mm_min }
+                BlockOrder::Go { to_mm: self.target_mm(&next, at_mm), feed_mm_min }
             }
         };
         *modal = next;
@@ -142,19 +142,19 @@ impl Block {
     }
 
     /// What a `$J=` line comes to: the modal state counts, and stays as it is.
-    pub fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<Order, Fault> {
+    pub fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         if self.other || self.action.is_some() || self.motion.is_some() {
-            return Err(Fault::BadJog);
+            return Err(GrblError::BadJog);
         }
         if [b'P', b'S', b'T'].iter().any(|&letter| self.value(letter).is_some()) {
-            return Err(Fault::UnusedWords);
+            return Err(GrblError::UnusedWords);
         }
         if !self.has_axes() {
-            return Err(Fault::NoAxisWords);
+            return Err(GrblError::NoAxisWords);
         }
         let modes = Modal { incremental: self.incremental.unwrap_or(modal.incremental), ..modal.clone() };
-        let feed_mm_min = self.value(b'F').filter(|&feed| feed > 0.0).ok_or(Fault::NoFeed)?;
-        Ok(Order::Go { to_mm: self.target_mm(&modes, at_mm), feed_mm_min: Some(feed_mm_min) })
+        let feed_mm_min = self.value(b'F').filter(|&feed| feed > 0.0).ok_or(GrblError::NoFeed)?;
+        Ok(BlockOrder::Go { to_mm: self.target_mm(&modes, at_mm), feed_mm_min: Some(feed_mm_min) })
     }
 
     fn value(&self, letter: u8) -> Option<f64> {
@@ -181,15 +181,15 @@ impl Block {
         })
     }
 
-    fn take_g(&mut self, value: f64) -> Result<(), Fault> {
+    fn take_g(&mut self, value: f64) -> Result<(), GrblError> {
         // in tenths: G91.1 is one word
         let tenths = (value * 10.0).round();
         if !(0.0..=1000.0).contains(&tenths) || (tenths - value * 10.0).abs() > 1e-6 {
-            return Err(Fault::Unsupported);
+            return Err(GrblError::Unsupported);
         }
         let (group, allowed_in_jog) = match tenths as u16 {
-            0 => (self.set_motion(Motion::Rapid), false),
-            10 => (self.set_motion(Motion::Feed), false),
+            0 => (self.set_motion(MotionMode::Rapid), false),
+            10 => (self.set_motion(MotionMode::Feed), false),
             40 => (self.set_action(Action::Dwell), false),
             920 => (self.set_action(Action::SetG92), false),
             921 => (self.set_action(Action::ClearG92), false),
@@ -211,26 +211,26 @@ impl Block {
             400 => (7, false),
             490 => (9, false),
             610 => (10, false),
-            _ => return Err(Fault::Unsupported),
+            _ => return Err(GrblError::Unsupported),
         };
         self.other |= !allowed_in_jog;
         self.enter_group(group)
     }
 
-    fn take_m(&mut self, value: f64) -> Result<(), Fault> {
+    fn take_m(&mut self, value: f64) -> Result<(), GrblError> {
         self.other = true;
         let whole = (0..=30).find(|&whole| f64::from(whole) == value);
-        let group = match whole.ok_or(Fault::Unsupported)? {
+        let group = match whole.ok_or(GrblError::Unsupported)? {
             0..=2 | 30 => 11,
             // there is no spindle and no coolant
             3..=5 => 12,
             7..=9 => 13,
-            _ => return Err(Fault::Unsupported),
+            _ => return Err(GrblError::Unsupported),
         };
         self.enter_group(group)
     }
 
-    fn set_motion(&mut self, motion: Motion) -> u8 {
+    fn set_motion(&mut self, motion: MotionMode) -> u8 {
         self.motion = Some(motion);
         1
     }
@@ -241,10 +241,10 @@ impl Block {
     }
 
     /// Words of one group exclude each other.
-    fn enter_group(&mut self, group: u8) -> Result<(), Fault> {
+    fn enter_group(&mut self, group: u8) -> Result<(), GrblError> {
         let bit = 1 << group;
         if self.groups & bit != 0 {
-            return Err(Fault::TwoOfOneGroup);
+            return Err(GrblError::TwoOfOneGroup);
         }
         self.groups |= bit;
         Ok(())
@@ -265,12 +265,12 @@ mod tests {
 
     const AT_MM: [f64; 3] = [1.0, 2.0, 3.0];
 
-    fn run(modal: &mut Modal, line: &str) -> Result<Order, Fault> {
+    fn run(modal: &mut Modal, line: &str) -> Result<BlockOrder, GrblError> {
         Block::parse(line)?.execute(modal, AT_MM)
     }
 
-    fn go(to_mm: [f64; 3], feed_mm_min: Option<f64>) -> Result<Order, Fault> {
-        Ok(Order::Go { to_mm, feed_mm_min })
+    fn go(to_mm: [f64; 3], feed_mm_min: Option<f64>) -> Result<BlockOrder, GrblError> {
+        Ok(BlockOrder::Go { to_mm, feed_mm_min })
     }
 
     #[test]
@@ -281,11 +281,11 @@ mod tests {
         assert_eq!(run(&mut modal, "X1"), go([2.0, 2.0, 3.0], Some(300.0)));
         assert_eq!(run(&mut modal, "G53G0X1"), go([1.0, 2.0, 3.0], None));
         assert_eq!(run(&mut modal, "G90X4"), go([4.0, 2.0, 3.0], None));
-        assert_eq!(run(&mut modal, "G21G92X0"), Ok(Order::Nothing));
+        assert_eq!(run(&mut modal, "G21G92X0"), Ok(BlockOrder::Nothing));
         assert_eq!(run(&mut modal, "X1"), go([2.0, 2.0, 3.0], None));
-        assert_eq!(run(&mut modal, "G92.1"), Ok(Order::Nothing));
-        assert_eq!(run(&mut modal, "G4P1.5"), Ok(Order::Dwell(1.5)));
-        assert_eq!(run(&mut modal, "G17G54M5M9T0S0"), Ok(Order::Nothing));
+        assert_eq!(run(&mut modal, "G92.1"), Ok(BlockOrder::Nothing));
+        assert_eq!(run(&mut modal, "G4P1.5"), Ok(BlockOrder::Dwell(1.5)));
+        assert_eq!(run(&mut modal, "G17G54M5M9T0S0"), Ok(BlockOrder::Nothing));
         assert_eq!(modal, Modal { feed_mm_min: 300.0, ..Modal::default() });
     }
 
@@ -297,17 +297,17 @@ mod tests {
         assert_eq!(jog("G91G21X0.5F10"), go([1.5, 2.0, 3.0], Some(10.0)));
         assert_eq!(jog("G53Y5F100"), go([1.0, 5.0, 3.0], Some(100.0)));
         for (line, fault) in [
-            ("X1", Fault::NoFeed),
-            ("X1F0", Fault::NoFeed),
-            ("F100", Fault::NoAxisWords),
-            ("G1X1F100", Fault::BadJog),
-            ("M3X1F100", Fault::BadJog),
-            ("G92X1F100", Fault::BadJog),
-            ("G54X1F100", Fault::BadJog),
-            ("X1F100S5", Fault::UnusedWords),
-            ("X1X2F100", Fault::RepeatedWord),
-            ("G90G91X1F100", Fault::TwoOfOneGroup),
-            ("X1F-100", Fault::NegativeValue),
+            ("X1", GrblError::NoFeed),
+            ("X1F0", GrblError::NoFeed),
+            ("F100", GrblError::NoAxisWords),
+            ("G1X1F100", GrblError::BadJog),
+            ("M3X1F100", GrblError::BadJog),
+            ("G92X1F100", GrblError::BadJog),
+            ("G54X1F100", GrblError::BadJog),
+            ("X1F100S5", GrblError::UnusedWords),
+            ("X1X2F100", GrblError::RepeatedWord),
+            ("G90G91X1F100", GrblError::TwoOfOneGroup),
+            ("X1F-100", GrblError::NegativeValue),
         ] {
             assert_eq!(jog(line), Err(fault), "{line}");
         }
@@ -316,22 +316,22 @@ mod tests {
     #[test]
     fn what_isnt_understood_changes_no_mode() {
         for (line, fault) in [
-            ("5", Fault::ExpectedLetter),
-            ("X", Fault::BadNumber),
-            ("X1.2.3", Fault::BadNumber),
-            ("G1X1", Fault::NoFeed),
-            ("G2X1", Fault::Unsupported),
-            ("G91Q1", Fault::Unsupported),
-            ("G91G0G1", Fault::TwoOfOneGroup),
-            ("G80", Fault::Unsupported),
-            ("G20", Fault::Unsupported),
-            ("G91G4", Fault::MissingValue),
-            ("G91P1", Fault::UnusedWords),
-            ("G91G92", Fault::NoAxisWords),
-            ("G91G0G92X1", Fault::TwoUseAxes),
-            ("G59.1", Fault::Unsupported),
-            ("M99", Fault::Unsupported),
-            ("G1.23", Fault::Unsupported),
+            ("5", GrblError::ExpectedLetter),
+            ("X", GrblError::BadNumber),
+            ("X1.2.3", GrblError::BadNumber),
+            ("G1X1", GrblError::NoFeed),
+            ("G2X1", GrblError::Unsupported),
+            ("G91Q1", GrblError::Unsupported),
+            ("G91G0G1", GrblError::TwoOfOneGroup),
+            ("G80", GrblError::Unsupported),
+            ("G20", GrblError::Unsupported),
+            ("G91G4", GrblError::MissingValue),
+            ("G91P1", GrblError::UnusedWords),
+            ("G91G92", GrblError::NoAxisWords),
+            ("G91G0G92X1", GrblError::TwoUseAxes),
+            ("G59.1", GrblError::Unsupported),
+            ("M99", GrblError::Unsupported),
+            ("G1.23", GrblError::Unsupported),
         ] {
             let mut modal = Modal::default();
             assert_eq!(run(&mut modal, line), Err(fault), "{line}");

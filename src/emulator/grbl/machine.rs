@@ -34,7 +34,7 @@ pub struct Machine {
 
 /// What a line asks for: to a place, machine mm; at a feed, mm/min, or as fast as it goes.
 #[derive(Clone, Copy, Debug)]
-pub struct Line {
+pub struct PlannedLine {
     /// Where to.
     pub to_mm: [f64; 3],
     /// How fast.
@@ -187,7 +187,7 @@ impl Machine {
     }
 
     /// Plans one more line; GRBL looks for room before ([`ready_s`](Self::ready_s)), so there is some.
-    pub fn add(&mut self, line: Line, settings: &Settings, scene: &mut Scene, now_s: f64) {
+    pub fn add(&mut self, line: PlannedLine, settings: &Settings, scene: &mut Scene, now_s: f64) {
         let from_mm = self.end_mm(settings, scene, now_s);
         let steps = settings.of_axes(settings::STEPS);
         let to_mm: [f64; 3] = std::array::from_fn(|n| whole_steps(line.to_mm[n], steps[n]));

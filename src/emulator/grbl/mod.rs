@@ -23,11 +23,11 @@ mod tests;
 
 use super::{Instrument, Owed};
 use crate::scene::{Device, Scene};
-use fault::Fault;
-use gcode::{Block, Modal, Order};
+use fault::GrblError;
+use gcode::{Block, BlockOrder, Modal};
 use line::{Input, LineReader};
-use machine::{Activity, Homed, Line, Machine};
-use report::{RX_MOST, Reporter, Status};
+use machine::{Activity, Homed, Machine, PlannedLine};
+use report::{RX_MOST, Reporter, StatusReport};
 use settings::Settings;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -217,31 +217,31 @@ impl Grbl {
         }
     }
 
-    fn run(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    fn run(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         match line.as_bytes() {
-            [OVERLONG] => Err(Fault::Overlong),
+            [OVERLONG] => Err(GrblError::Overlong),
             [] => Ok(()),
             [b'$', ..] => self.run_system(&line[1..], reply, scene, now_s),
-            _ if self.lock != Lock::Open || self.machine.activity(now_s) == Activity::Jog => Err(Fault::Locked),
+            _ if self.lock != Lock::Open || self.machine.activity(now_s) == Activity::Jog => Err(GrblError::Locked),
             _ => self.run_gcode(line, reply, scene, now_s),
         }
     }
 
-    fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let at_mm = self.machine.end_mm(&self.settings, scene, now_s);
         let g92_mm = self.modal.g92_mm;
         match Block::parse(line)?.execute(&mut self.modal, at_mm)? {
-            Order::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
+            BlockOrder::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
                 self.machine.hold(scene, now_s);
                 self.lock = Lock::Critical;
                 self.unanswered = true;
                 reply.alarm(2);
                 reply.line(RESET_TO_CONTINUE);
             }
-            Order::Go { to_mm, feed_mm_min } => {
-                self.machine.add(Line { to_mm, feed_mm_min, jog: false }, &self.settings, scene, now_s);
+            BlockOrder::Go { to_mm, feed_mm_min } => {
+                self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: false }, &self.settings, scene, now_s);
             }
-            Order::Dwell(_) | Order::Nothing => {}
+            BlockOrder::Dwell(_) | BlockOrder::Nothing => {}
         }
         if self.modal.g92_mm != g92_mm {
             self.reporter.offset_changed();
@@ -250,11 +250,11 @@ impl Grbl {
     }
 
     /// A line that begins with `$`, which is cut off.
-    fn run_system(&mut self, command: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    fn run_system(&mut self, command: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let activity = self.machine.activity(now_s);
         match command {
             "" => reply.line(report::HELP),
-            "$" if activity == Activity::Run => return Err(Fault::NotIdle),
+            "$" if activity == Activity::Run => return Err(GrblError::NotIdle),
             "$" => self.settings.lines().for_each(|line| reply.line(line)),
             "G" => reply.line(report::modes(&self.modal)),
             "X" => {
@@ -264,16 +264,16 @@ impl Grbl {
                 }
             }
             jog if jog.starts_with('J') => return self.jog(&jog[1..], scene, now_s),
-            _ if activity != Activity::Idle => return Err(Fault::NotIdle),
+            _ if activity != Activity::Idle => return Err(GrblError::NotIdle),
             "#" => report::parameters(&self.modal).iter().for_each(|line| reply.line(line)),
             "I" => report::build_info().iter().for_each(|line| reply.line(line)),
             "H" => return self.end_homing(reply, scene, now_s),
             setting => {
-                let (number, rest) = gcode::number(setting.as_bytes()).ok_or(Fault::InvalidStatement)?;
-                let value = rest.strip_prefix(b"=").ok_or(Fault::InvalidStatement)?;
-                match gcode::number(value).ok_or(Fault::BadNumber)? {
+                let (number, rest) = gcode::number(setting.as_bytes()).ok_or(GrblError::InvalidStatement)?;
+                let value = rest.strip_prefix(b"=").ok_or(GrblError::InvalidStatement)?;
+                match gcode::number(value).ok_or(GrblError::BadNumber)? {
                     (value, []) => self.settings.set(number, value)?,
-                    _ => return Err(Fault::InvalidStatement),
+                    _ => return Err(GrblError::InvalidStatement),
                 }
             }
         }
@@ -281,25 +281,25 @@ impl Grbl {
     }
 
     /// A jog: what follows `$J`. In an alarm it isn't the lock that refuses it, but that it isn't idle.
-    fn jog(&mut self, jog: &str, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    fn jog(&mut self, jog: &str, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let ready = matches!(self.machine.activity(now_s), Activity::Idle | Activity::Jog);
         if self.lock != Lock::Open || !ready {
-            return Err(Fault::NotIdle);
+            return Err(GrblError::NotIdle);
         }
-        let words = jog.strip_prefix('=').ok_or(Fault::BadJog)?;
+        let words = jog.strip_prefix('=').ok_or(GrblError::BadJog)?;
         let at_mm = self.machine.end_mm(&self.settings, scene, now_s);
-        if let Order::Go { to_mm, feed_mm_min } = Block::parse(words)?.jog(&self.modal, at_mm)? {
+        if let BlockOrder::Go { to_mm, feed_mm_min } = Block::parse(words)?.jog(&self.modal, at_mm)? {
             if self.beyond_travel(to_mm) {
-                return Err(Fault::TravelExceeded);
+                return Err(GrblError::TravelExceeded);
             }
-            self.machine.add(Line { to_mm, feed_mm_min, jog: true }, &self.settings, scene, now_s);
+            self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: true }, &self.settings, scene, now_s);
         }
         Ok(())
     }
 
-    fn end_homing(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), Fault> {
+    fn end_homing(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         match self.homing.take() {
-            None => return Err(Fault::HomingDisabled),
+            None => return Err(GrblError::HomingDisabled),
             Some(Ok(homed)) => {
                 self.machine.is_home(homed);
                 self.lock = Lock::Open;
@@ -368,7 +368,7 @@ impl Grbl {
         }
     }
 
-    fn status(&self, scene: &Scene, now_s: f64) -> Status {
+    fn status(&self, scene: &Scene, now_s: f64) -> StatusReport {
         let activity = self.machine.activity(now_s);
         let state = match activity {
             _ if self.lock != Lock::Open => "Alarm",
@@ -378,7 +378,7 @@ impl Grbl {
             Activity::Braking => "Hold:1",
             Activity::Held => "Hold:0",
         };
-        Status {
+        StatusReport {
             state: state.into(),
             busy: activity != Activity::Idle,
             places_mm: self.machine.places_mm(&self.settings, scene, now_s),

@@ -1,6 +1,6 @@
 //! What it says of itself: status reports and the answers to `$` questions.
 
-use super::gcode::{Modal, Motion};
+use super::gcode::{Modal, MotionMode};
 use super::machine::BLOCKS_MOST;
 use super::settings::{self, Settings};
 use std::fmt::Write;
@@ -25,7 +25,7 @@ pub struct Reporter {
 }
 
 /// What a status report tells.
-pub struct Status {
+pub struct StatusReport {
     /// The state's name.
     pub state: String,
     /// Whether something moves, or is held in its motion.
@@ -49,7 +49,7 @@ impl Reporter {
     }
 
     /// The line that answers `?`.
-    pub fn status(&mut self, status: &Status, settings: &Settings) -> String {
+    pub fn status(&mut self, status: &StatusReport, settings: &Settings) -> String {
         let mask = settings.get(settings::STATUS_MASK) as u8;
         let mut line = format!("<{}|", status.state);
         // writing to a string can't fail
@@ -96,7 +96,7 @@ pub fn parameters(modal: &Modal) -> Vec<String> {
 
 /// The line of `$G`.
 pub fn modes(modal: &Modal) -> String {
-    let (motion, distance) = (u8::from(modal.motion == Motion::Feed), 90 + u8::from(modal.incremental));
+    let (motion, distance) = (u8::from(modal.motion == MotionMode::Feed), 90 + u8::from(modal.incremental));
     format!("[GC:G{motion} G54 G17 G21 G{distance} G94 M5 M9 T0 F{:.0} S0]", modal.feed_mm_min)
 }
 

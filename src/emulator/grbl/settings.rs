@@ -1,6 +1,6 @@
 //! The numbered settings.
 
-use super::fault::Fault;
+use super::fault::GrblError;
 
 /// GRBL's numbered settings, in the order and the units of its manual.
 #[derive(Clone, Debug)]
@@ -116,17 +116,17 @@ impl Settings {
     }
 
     /// Sets one: `$n=v`.
-    pub fn set(&mut self, number: f64, value: f64) -> Result<(), Fault> {
-        let index = TABLE.iter().position(|entry| f64::from(entry.0) == number).ok_or(Fault::InvalidStatement)?;
+    pub fn set(&mut self, number: f64, value: f64) -> Result<(), GrblError> {
+        let index = TABLE.iter().position(|entry| f64::from(entry.0) == number).ok_or(GrblError::InvalidStatement)?;
         let (number, kind, _) = TABLE[index];
         if value < 0.0 || (kind == Kind::Positive && value == 0.0) {
-            return Err(Fault::NegativeValue);
+            return Err(GrblError::NegativeValue);
         }
         match number {
-            0 if value < PULSE_LEAST_US => return Err(Fault::PulseTooShort),
+            0 if value < PULSE_LEAST_US => return Err(GrblError::PulseTooShort),
             // positions in inches aren't served
-            REPORT_INCHES if value != 0.0 => return Err(Fault::InvalidStatement),
-            SOFT_LIMITS if value != 0.0 && !self.on(HOMING) => return Err(Fault::SoftLimitsNeedHoming),
+            REPORT_INCHES if value != 0.0 => return Err(GrblError::InvalidStatement),
+            SOFT_LIMITS if value != 0.0 && !self.on(HOMING) => return Err(GrblError::SoftLimitsNeedHoming),
             _ => {}
         }
         self.values[index] = match kind {
@@ -171,12 +171,12 @@ mod tests {
     fn what_a_setting_cant_be_is_refused_and_changes_nothing() {
         let mut settings = Settings::default();
         for (number, value, fault) in [
-            (7.0, 1.0, Fault::InvalidStatement),
-            (10.5, 1.0, Fault::InvalidStatement),
-            (110.0, -1.0, Fault::NegativeValue),
-            (100.0, 0.0, Fault::NegativeValue),
-            (0.0, 2.0, Fault::PulseTooShort),
-            (13.0, 1.0, Fault::InvalidStatement),
+            (7.0, 1.0, GrblError::InvalidStatement),
+            (10.5, 1.0, GrblError::InvalidStatement),
+            (110.0, -1.0, GrblError::NegativeValue),
+            (100.0, 0.0, GrblError::NegativeValue),
+            (0.0, 2.0, GrblError::PulseTooShort),
+            (13.0, 1.0, GrblError::InvalidStatement),
         ] {
             assert_eq!(settings.set(number, value), Err(fault), "${number}={value}");
         }
@@ -188,6 +188,6 @@ mod tests {
         let mut settings = Settings::default();
         settings.set(22.0, 0.0).expect("a switch");
         assert!(!settings.on(SOFT_LIMITS));
-        assert_eq!(settings.set(20.0, 1.0), Err(Fault::SoftLimitsNeedHoming));
+        assert_eq!(settings.set(20.0, 1.0), Err(GrblError::SoftLimitsNeedHoming));
     }
 }

@@ -1,9 +1,9 @@
 //! Figure 8: what each unit reads of the load on it, up and down again, every repeat.
 
 use super::WIDTH_PX;
-use crate::chart::{Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::Branch;
-use crate::dataset::characteristics::{Reading, Staircases};
+use crate::dataset::characteristics::{HeldLevel, Staircases};
 use crate::report::Subject;
 use crate::report::frame::Drawn;
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), fil
 /// A panel a unit.
 pub fn characteristics(subject: &Subject) -> Option<Drawn> {
     let staircases = Staircases::of_run(&subject.presses, &subject.layout)?;
-    let pressed: Vec<(usize, &[Reading])> = staircases
+    let pressed: Vec<(usize, &[HeldLevel])> = staircases
         .readings
         .iter()
         .enumerate()
@@ -33,13 +33,13 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
     let (least, most) = all().fold((0.0f64, 0.0f64), |(l, m), reading| (l.min(reading.output), m.max(reading.output)));
     let room = 0.06 * (most - least).max(f64::MIN_POSITIVE);
     let columns = (drawn.len() as f64).sqrt().ceil().clamp(1.0, 5.0) as usize;
-    let panel = |(unit, readings): &(usize, &[Reading])| {
+    let panel = |(unit, readings): &(usize, &[HeldLevel])| {
         let of = |branch: Branch| -> Vec<(f64, f64)> {
             readings.iter().filter(|r| r.branch == branch).map(|r| (r.force_n, r.output)).collect()
         };
         Panel {
-            x: Axis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
-            y: Axis::linear(&format!("output, {}", subject.unit), (least - room, most + room)),
+            x: ChartAxis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
+            y: ChartAxis::linear(&format!("output, {}", subject.unit), (least - room, most + room)),
             marks: vec![
                 Mark::Curve(line(LOADING, Line::Solid), means(readings, Branch::Loading)),
                 Mark::Curve(line(UNLOADING, Line::Dashed), means(readings, Branch::Unloading)),
@@ -70,7 +70,7 @@ fn line(look: Look, line: Line) -> Look {
 }
 
 /// The mean force and output of each level of a branch.
-fn means(readings: &[Reading], branch: Branch) -> Vec<(f64, f64)> {
+fn means(readings: &[HeldLevel], branch: Branch) -> Vec<(f64, f64)> {
     let mut levels: BTreeMap<i64, (f64, f64, f64)> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.branch == branch) {
         let micronewtons = (1e6 * reading.force_set_n).round() as i64;

@@ -1,7 +1,7 @@
 //! Figure 10, how errors are distributed, and what they depend on: the force, and how near the edge of the area it was.
 
 use super::{WIDTH_PX, methods, name};
-use crate::chart::{Anchor, Axis, Figure, Grid, Line, Look, Mark, Panel};
+use crate::chart::{Anchor, ChartAxis, Figure, Grid, Line, Look, Mark, Panel};
 use crate::quantity::Place;
 use crate::recipe::Phase;
 use crate::report::frame::{Drawn, figures, section};
@@ -99,8 +99,8 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         subtitle: format!("columns: share of the presses in each {width} {}; lines: share up to there", unit(kind)),
         height_px: 260.0,
         panels: vec![Panel {
-            x: Axis::linear(kind.label, (0.0, last)),
-            y: Axis::linear("share of the presses, %", (0.0, 100.0)),
+            x: ChartAxis::linear(kind.label, (0.0, last)),
+            y: ChartAxis::linear("share of the presses, %", (0.0, 100.0)),
             marks,
         }],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
@@ -175,8 +175,8 @@ fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judg
         marks.push(Mark::Curve(Look { shape: None, line: Line::Solid, ..*look }, means));
     }
     Some(Panel {
-        x: Axis::linear(label, (first, 1.03 * last)),
-        y: Axis::linear(kind.label, (0.0, 1.05 * most.max(f64::MIN_POSITIVE))),
+        x: ChartAxis::linear(label, (first, 1.03 * last)),
+        y: ChartAxis::linear(kind.label, (0.0, 1.05 * most.max(f64::MIN_POSITIVE))),
         marks,
     })
 }

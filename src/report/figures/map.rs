@@ -1,7 +1,7 @@
 //! The calibration matrix: what each unit reads of the same load, place by place.
 
 use super::WIDTH_PX;
-use crate::chart::{Axis, Cell, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
+use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
 use crate::dataset::Press;
 use crate::quantity::Place;
 use crate::recipe::Phase;
@@ -123,7 +123,7 @@ impl Axes {
 
     /// A panel over the area.
     pub fn panel(&self, marks: Vec<Mark>) -> Panel {
-        Panel { x: Axis::linear("x, mm", self.x), y: Axis::linear("y, mm", self.y), marks }
+        Panel { x: ChartAxis::linear("x, mm", self.x), y: ChartAxis::linear("y, mm", self.y), marks }
     }
 
     /// How high a panel must be for one scale, where there are so many side by side, px.

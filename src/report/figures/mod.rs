@@ -5,21 +5,18 @@ mod errors;
 mod expected;
 mod locations;
 mod map;
+mod size;
 
 pub use errors::{dependences, distributions};
 pub use expected::expected;
 pub use locations::locations;
+pub use size::{SQUARE_PX, WIDTH_PX};
 
 use super::Subject;
 use super::frame::{figures, section};
 use crate::chart::{Hue, Line, Look, Shape};
 use crate::solver::Evaluation;
 use maud::Markup;
-
-/// Width of a figure, px: as wide as a telephone, so that its letters stay legible there.
-pub const WIDTH_PX: f64 = 440.0;
-/// Height of a square panel in such a figure, px.
-const SQUARE_PX: f64 = 344.0;
 
 /// What each unit reads: of a load on it, up and down, and of the calibration's at every place.
 pub fn units(subject: &Subject) -> Option<Markup> {

@@ -178,7 +178,7 @@ fn library(rig: &RigSpec) -> Result<Functions, DeviceError> {
     let failed = |told: String| DeviceError {
         device: "NI device".to_owned(),
         doing: "loading NI's library".to_owned(),
-        problem: device::Problem::Link(told),
+        problem: device::DeviceProblem::Link(told),
     };
     let library = DaqmxLibrary::load(path).map_err(|error| failed(error.to_string()))?;
     let functions = Functions::on_a_thread(Arc::new(library));

@@ -89,6 +89,6 @@ fn read_newton_per_volt(table: &Table, key: &Key) -> Option<f64> {
 
 /// A driver that can't play a role.
 pub(super) fn unfit(role: &str, driver: &str) -> DeviceError {
-    let problem = device::Problem::Mismatch(format!("\"{driver}\" can't play this role"));
+    let problem = device::DeviceProblem::Mismatch(format!("\"{driver}\" can't play this role"));
     DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }
 }

@@ -160,7 +160,7 @@ impl MappedDevice {
             self.name
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
-        DeviceError { device, doing, problem: device::Problem::Mismatch(told) }
+        DeviceError { device, doing, problem: device::DeviceProblem::Mismatch(told) }
     }
 }
 

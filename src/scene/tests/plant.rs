@@ -4,10 +4,10 @@ use super::*;
 
 /// A scene whose load cell converts `hz` times a second, seen through `cell`, on a spring that bears at once.
 fn with_cell(cell: LoadCell, hz: f64) -> Scene {
-    let contact = Contact { linear_n_mm: 1.0, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    let contact = ContactLaw { linear_n_mm: 1.0, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
     let spec = SceneSpec { contact, load_cell: Some(cell), relaxation: vec![], ..plain() };
     let setting = scene(spec.clone(), 1).setting;
-    Scene::new(spec, Setting { conversions_hz: hz, ..setting }, 1)
+    Scene::new(spec, Surroundings { conversions_hz: hz, ..setting }, 1)
 }
 
 /// Puts a newton on the specimen of [`with_cell`] at once.

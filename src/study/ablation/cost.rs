@@ -1,6 +1,6 @@
 //! What a term costs: time of a reading of a skin, and of a press in the loop. Measured by a clock, one after another.
 
-use super::Size;
+use super::AblationSize;
 use super::presses;
 use super::terms::{Model, TERMS, Touches};
 use crate::quantity::{Place, stream};
@@ -47,7 +47,7 @@ pub const PER_PRESS: &str = "us a press";
 ///
 /// # Errors
 /// A scene that can't be pressed.
-pub fn costs(base: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<Vec<Cost>, StudyError> {
+pub fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<Vec<Cost>, StudyError> {
     let mut costs = Vec::new();
     for term in &TERMS {
         let [off, on] = [false, true].map(|on| term.set(base, on));
@@ -102,8 +102,8 @@ fn read(skin: &Skin, force_n: f64, place: Place, outputs: &mut [f64]) {
     skin.read_out(0.5, outputs);
 }
 
-fn us_per_press(models: [&Model; 2], rig: &RigSpec, size: Size, seed: u64) -> Result<[f64; 2], StudyError> {
-    let size = Size { presses: size.presses.min(SIDE), ..size };
+fn us_per_press(models: [&Model; 2], rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[f64; 2], StudyError> {
+    let size = AblationSize { presses: size.presses.min(SIDE), ..size };
     let mut least = [f64::INFINITY; 2];
     for _ in 0..WALKS {
         for (model, least) in models.iter().zip(&mut least) {

@@ -3,8 +3,8 @@
 
 use super::rule::{Question, SHARE};
 use super::terms::{TERMS, Touches};
-use super::{Findings, Row};
-use crate::chart::{Axis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use super::{AblationFindings, TermRow};
+use crate::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 
 /// Height of a term's row, px.
 const ROW_PX: f64 = 32.0;
@@ -12,7 +12,7 @@ const ROW_PX: f64 = 32.0;
 const APART: f64 = 0.24;
 
 /// A file's name and the SVG.
-pub fn ablation_figures(found: &Findings) -> Vec<(String, String)> {
+pub fn ablation_figures(found: &AblationFindings) -> Vec<(String, String)> {
     let methods = figure(
         found,
         "What each term of a scene changes in the methods that solve",
@@ -38,7 +38,7 @@ pub fn ablation_figures(found: &Findings) -> Vec<(String, String)> {
     vec![("ablation-methods.svg".to_owned(), methods.svg()), ("ablation-rig.svg".to_owned(), rig.svg())]
 }
 
-fn figure(found: &Findings, title: &str, panels: &[(&str, &[Question])]) -> Figure {
+fn figure(found: &AblationFindings, title: &str, panels: &[(&str, &[Question])]) -> Figure {
     let asked = || panels.iter().flat_map(|(_, questions)| questions.iter().copied());
     // rows only of terms that can touch any of it
     let names: Vec<&'static str> =
@@ -78,7 +78,7 @@ fn legend(panels: &[(&str, &[Question])]) -> Vec<Vec<(Look, String)>> {
 }
 
 /// What was pressed for it.
-fn pressed(found: &Findings, panels: &[(&str, &[Question])]) -> String {
+fn pressed(found: &AblationFindings, panels: &[(&str, &[Question])]) -> String {
     let size = found.size;
     match panels.first().and_then(|(_, questions)| questions.first()).map(|question| question.of()) {
         Some(Touches::Methods) => format!(
@@ -93,7 +93,7 @@ fn pressed(found: &Findings, panels: &[(&str, &[Question])]) -> String {
     }
 }
 
-fn panel(found: &Findings, told: &str, questions: &[Question], names: &[&'static str]) -> Panel {
+fn panel(found: &AblationFindings, told: &str, questions: &[Question], names: &[&'static str]) -> Panel {
     let row = |name: &str, question| found.row(name, question);
     let every = || names.iter().flat_map(|name| questions.iter().filter_map(|question| row(name, *question)));
     let ends =
@@ -116,15 +116,15 @@ fn panel(found: &Findings, told: &str, questions: &[Question], names: &[&'static
         marks.push(Mark::Curve(Look { line: Line::None, ..look }, points));
     }
     Panel {
-        x: Axis::linear("on less off, % of the base's number", (ends.0 - room, ends.1 + room)),
-        y: Axis::rows(names.iter().map(|name| (*name).to_owned()).collect()),
+        x: ChartAxis::linear("on less off, % of the base's number", (ends.0 - room, ends.1 + room)),
+        y: ChartAxis::rows(names.iter().map(|name| (*name).to_owned()).collect()),
         marks,
     }
 }
 
 /// Where a row's interval begins, its middle and where it ends, % of the base's number; in that measure a difference counts from
 /// the rule's share on.
-fn percents(row: &Row) -> (f64, f64, f64) {
+fn percents(row: &TermRow) -> (f64, f64, f64) {
     let percent = |difference: f64| 100.0 * SHARE * difference / row.counts_from;
     let super::Effect { difference, within, .. } = row.effect;
     (percent(difference - within), percent(difference), percent(difference + within))

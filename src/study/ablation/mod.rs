@@ -18,7 +18,7 @@ pub use cost::{ALL_TERMS, Cost, PER_PRESS, PER_READING, cost_of_all_terms};
 pub use effect::Effect;
 pub use figures::ablation_figures;
 pub use rule::{NEEDED, Needed, Question, SHARE, needed};
-pub use size::Size;
+pub use size::AblationSize;
 pub use terms::{Model, TERMS, Term, Touches};
 
 use super::StudyError;
@@ -30,7 +30,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What a term changes in one question.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct TermRow {
     /// "ablation".
     pub study: &'static str,
     /// The term's name.
@@ -56,16 +56,16 @@ pub struct Row {
 
 /// All that was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Findings {
+pub struct AblationFindings {
     /// How much was measured.
-    pub size: Size,
+    pub size: AblationSize,
     /// A row a term and a question that it can touch.
-    pub rows: Vec<Row>,
+    pub rows: Vec<TermRow>,
     /// What terms cost; measured by a clock.
     pub costs: Vec<Cost>,
 }
 
-impl Findings {
+impl AblationFindings {
     /// One JSON object a line.
     pub fn ndjson(&self) -> String {
         // numbers and text can't fail
@@ -75,7 +75,7 @@ impl Findings {
     }
 
     /// What a term changes in a question; none where it can't touch it, or no two tries came to a number.
-    pub fn row(&self, term: &str, question: Question) -> Option<&Row> {
+    pub fn row(&self, term: &str, question: Question) -> Option<&TermRow> {
         self.rows.iter().find(|row| row.term == term && row.question == question)
     }
 
@@ -104,7 +104,7 @@ struct Job {
 ///
 /// # Errors
 /// A scene that can't be pressed; none in practice: a test holds the shipped one to be sound.
-pub fn ablation(size: Size, seed: u64, told: Told<'_>) -> Result<Findings, StudyError> {
+pub fn ablation(size: AblationSize, seed: u64, told: Told<'_>) -> Result<AblationFindings, StudyError> {
     let (base, rig) = Model::base()?;
     let jobs = jobs(size);
     let done = AtomicUsize::new(0);
@@ -127,11 +127,11 @@ pub fn ablation(size: Size, seed: u64, told: Told<'_>) -> Result<Findings, Study
         }
     }
     let costs = cost::costs(&base, &rig, size, seed)?;
-    Ok(Findings { size, rows, costs })
+    Ok(AblationFindings { size, rows, costs })
 }
 
 /// What takes longest first, so that no processor waits for another at the end.
-fn jobs(size: Size) -> Vec<Job> {
+fn jobs(size: AblationSize) -> Vec<Job> {
     let tried = |on| {
         let terms = TERMS.iter().enumerate().filter(move |(_, term)| term.touches(on)).map(|(index, _)| Some(index));
         [None].into_iter().chain(terms).flat_map(move |term| (0..size.seeds).map(move |seed| Job { term, on, seed }))
@@ -139,7 +139,7 @@ fn jobs(size: Size) -> Vec<Job> {
     Touches::ALL.into_iter().flat_map(tried).collect()
 }
 
-fn answers(model: &Model, rig: &RigSpec, on: Touches, size: Size, seed: u64) -> Result<Answers, StudyError> {
+fn answers(model: &Model, rig: &RigSpec, on: Touches, size: AblationSize, seed: u64) -> Result<Answers, StudyError> {
     let mut answers = Answers::default();
     let found: Vec<Option<f64>> = match on {
         Touches::Methods => readings::methods(model, rig, size, seed)?.to_vec(),
@@ -151,7 +151,7 @@ fn answers(model: &Model, rig: &RigSpec, on: Touches, size: Size, seed: u64) -> 
     Ok(answers)
 }
 
-fn row(term: &Term, question: Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<Row> {
+fn row(term: &Term, question: Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<TermRow> {
     let pair = |(base, other): (&Option<f64>, &Option<f64>)| {
         let (base, other) = ((*base)?, (*other)?);
         Some(if term.in_base { (other, base) } else { (base, other) })
@@ -159,7 +159,7 @@ fn row(term: &Term, question: Question, base: &[Option<f64>], other: &[Option<f6
     let pairs: Vec<(f64, f64)> = base.iter().zip(other).filter_map(pair).collect();
     let effect = Effect::of(&pairs)?;
     let base = if term.in_base { effect.on } else { effect.off };
-    Some(Row {
+    Some(TermRow {
         study: "ablation",
         term: term.name,
         told: term.told,
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn every_try_has_its_pair() {
-        let jobs = jobs(Size { seeds: 4, ..Size::QUICK });
+        let jobs = jobs(AblationSize { seeds: 4, ..AblationSize::QUICK });
         for job in &jobs {
             let is_pair = |other: &&Job| other.term.is_none() && (other.on, other.seed) == (job.on, job.seed);
             assert_eq!(jobs.iter().filter(is_pair).count(), 1);

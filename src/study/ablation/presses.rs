@@ -1,6 +1,6 @@
 //! A few presses in the force loop: the driver and the control core as in any run, in virtual time.
 
-use super::{Model, Size};
+use super::{AblationSize, Model};
 use crate::control::Strategy;
 use crate::rig::RigSpec;
 use crate::study::{Condition, Part, StudyError};
@@ -10,7 +10,7 @@ const FORCE_N: f64 = 1.0;
 const TOLERANCE_N: f64 = 0.05;
 
 /// Mean force error in the window (mN), peak over the set force (mN), time from one press to the next (s).
-pub fn press(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<[Option<f64>; 3], StudyError> {
+pub fn press(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[Option<f64>; 3], StudyError> {
     let outcome = condition(model, rig, size, seed).measure()?;
     // a walk that ends early has pressed other places
     let is_whole = outcome.rule.is_none();
@@ -19,7 +19,7 @@ pub fn press(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<[Opt
 }
 
 /// A square of presses around the origin, by the strategy that a recipe without one gets.
-pub fn condition(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Condition {
+pub fn condition(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Condition {
     Condition {
         part: Part::Scenes,
         bench: "the paper's rig",

@@ -1,14 +1,14 @@
 //! What a specimen reads without a rig: a calibration and its test, and the staircases of Table 1.
 
-use super::{Model, Size};
+use super::{AblationSize, Model};
 use crate::control::Branch;
-use crate::dataset::characteristics::{Reading, Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::dataset::characteristics::{HeldLevel, Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::quantity::{Place, Stream, stream};
 use crate::rig::RigSpec;
 use crate::scene::Skin;
 use crate::solver::{ForceRule, Pearson, Setting, SolveError, Solver as _, Workspace, fit};
 use crate::study::StudyError;
-use crate::study::methods::specimen::{FORCES_N, Readings, Touch, Truth, anywhere, grid};
+use crate::study::methods::specimen::{FORCES_N, KnownContact, KnownReadings, Touch, anywhere, grid};
 use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -26,7 +26,7 @@ const WINDOW_S: f64 = 0.1;
 const HOUR_S: f64 = 3600.0;
 
 /// Mean location (mm) and force (N) errors of the paper's method, the surrogate and the physics solver.
-pub fn methods(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<[Option<f64>; 6], StudyError> {
+pub fn methods(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[Option<f64>; 6], StudyError> {
     let layout = &rig.array.layout;
     let mut specimen = Specimen::new(model, rig, seed);
     let presses = specimen.readings(&grid(size.side), PRESS_S);
@@ -51,7 +51,7 @@ pub fn methods(model: &Model, rig: &RigSpec, size: Size, seed: u64) -> Result<[O
 
 /// Mean location and force error; none unless every reading has an answer: a mean over fewer is of other contacts.
 fn mean_errors(
-    test: &Readings,
+    test: &KnownReadings,
     mut solve: impl FnMut(&[f64]) -> Result<(Place, f64), SolveError>,
 ) -> Option<(f64, f64)> {
     let (mut location_mm, mut error_n) = (0.0, 0.0);
@@ -71,7 +71,7 @@ pub fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
     let readings = places
         .iter()
         .enumerate()
-        .map(|(unit, &place)| (0..REPEATS).flat_map(|_| specimen.staircase(unit, place)).collect::<Vec<Reading>>());
+        .map(|(unit, &place)| (0..REPEATS).flat_map(|_| specimen.staircase(unit, place)).collect::<Vec<HeldLevel>>());
     let staircases = Staircases { readings: readings.collect(), left_out: 0 };
     let units = characterise(&staircases, Repeatability::default());
     let mean = |of: fn(&UnitCharacteristics) -> Option<f64>| {
@@ -125,7 +125,7 @@ impl<'a> Specimen<'a> {
     }
 
     /// What is read of some touches, one every so many seconds. The truth is what was asked for.
-    fn readings(&mut self, touches: &[Touch], each_s: f64) -> Readings {
+    fn readings(&mut self, touches: &[Touch], each_s: f64) -> KnownReadings {
         let units = self.skin.len();
         let mut outputs = vec![0.0; units * touches.len()];
         for (touch, outputs) in touches.iter().zip(outputs.chunks_exact_mut(units)) {
@@ -134,12 +134,12 @@ impl<'a> Specimen<'a> {
             let force_n = self.reached_n(touch.force_n);
             self.read(touch.place, force_n, 0.0, outputs);
         }
-        let truth = |touch: &Touch| Truth { place: touch.place, force_n: Some(touch.force_n), second: None };
-        Readings { units, truths: touches.iter().map(truth).collect(), outputs }
+        let truth = |touch: &Touch| KnownContact { place: touch.place, force_n: Some(touch.force_n), second: None };
+        KnownReadings { units, truths: touches.iter().map(truth).collect(), outputs }
     }
 
     /// One staircase above a unit, after a rest: zero, up to full scale and back, one contact.
-    fn staircase(&mut self, unit: usize, place: Place) -> Vec<Reading> {
+    fn staircase(&mut self, unit: usize, place: Place) -> Vec<HeldLevel> {
         self.wander(REST_S);
         let mut outputs = vec![0.0; self.skin.len()];
         let level =
@@ -158,7 +158,7 @@ impl<'a> Specimen<'a> {
             let unloading = if branch == Branch::Unloading { 1.0 } else { 0.0 };
             self.read(place, true_n, unloading, &mut outputs);
             let force_n = true_n + self.cell_sd_n * normal(&mut self.cell);
-            held.push(Reading { branch, force_set_n, force_n, output: outputs[unit] });
+            held.push(HeldLevel { branch, force_set_n, force_n, output: outputs[unit] });
         }
         held
     }

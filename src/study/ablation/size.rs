@@ -2,7 +2,7 @@
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct AblationSize {
     /// Specimens, each with noise of its own; a term is tried off and on with each.
     pub seeds: usize,
     /// Calibration presses along a side.
@@ -13,9 +13,9 @@ pub struct Size {
     pub presses: usize,
 }
 
-impl Size {
+impl AblationSize {
     /// The whole study: the paper's calibration of 625 presses.
-    pub const WHOLE: Size = Size { seeds: 20, side: 25, tests: 500, presses: 7 };
+    pub const WHOLE: AblationSize = AblationSize { seeds: 20, side: 25, tests: 500, presses: 7 };
     /// For a first look, and for tests.
-    pub const QUICK: Size = Size { seeds: 3, side: 7, tests: 40, presses: 2 };
+    pub const QUICK: AblationSize = AblationSize { seeds: 3, side: 7, tests: 40, presses: 2 };
 }

@@ -4,7 +4,7 @@ use crate::document::Problems;
 use crate::mechanics::Medium;
 use crate::paper;
 use crate::rig::RigSpec;
-use crate::scene::{Branch, Elastomer, LoadCell, NoiseOf, SceneSpec, Servo, TaxelNoise, Taxels};
+use crate::scene::{Elastomer, LoadCell, NoiseOf, RelaxationBranch, SceneSpec, Servo, TaxelNoise, Taxels};
 use crate::study::bench::papers_rig;
 use crate::study::methods::specimen::CONVERTER;
 
@@ -237,7 +237,7 @@ pub const TERMS: [Term; 16] = [
         in_base: true,
         on: PRESS,
         set: |model, on| {
-            let branch = |(share, time_s)| Branch { share, time_s };
+            let branch = |(share, time_s)| RelaxationBranch { share, time_s };
             model.scene.relaxation = if on { [(0.05, 0.3), (0.05, 5.0)].map(branch).to_vec() } else { Vec::new() };
         },
     },

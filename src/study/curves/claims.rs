@@ -34,7 +34,7 @@ const SMALL: f64 = 0.01;
 
 /// What became of a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum Verdict {
+pub enum ClaimVerdict {
     /// It is as the paper says.
     #[serde(rename = "holds")]
     Holds,
@@ -46,21 +46,21 @@ pub enum Verdict {
     Fails,
 }
 
-impl Verdict {
+impl ClaimVerdict {
     /// In words.
     pub fn name(self) -> &'static str {
         match self {
-            Verdict::Holds => "holds",
-            Verdict::Bounded => "holds with a bound",
-            Verdict::Fails => "fails",
+            ClaimVerdict::Holds => "holds",
+            ClaimVerdict::Bounded => "holds with a bound",
+            ClaimVerdict::Fails => "fails",
         }
     }
 
-    fn of(holds: bool, bounded: bool) -> Verdict {
+    fn of(holds: bool, bounded: bool) -> ClaimVerdict {
         match (holds, bounded) {
-            (true, _) => Verdict::Holds,
-            (false, true) => Verdict::Bounded,
-            (false, false) => Verdict::Fails,
+            (true, _) => ClaimVerdict::Holds,
+            (false, true) => ClaimVerdict::Bounded,
+            (false, false) => ClaimVerdict::Fails,
         }
     }
 }
@@ -73,7 +73,7 @@ pub struct Claim {
     /// What the paper says, in our words.
     pub told: &'static str,
     /// What became of it.
-    pub verdict: Verdict,
+    pub verdict: ClaimVerdict,
     /// The numbers, in a sentence.
     pub found: String,
     /// The same by name; distances in depths H unless a name says mm.
@@ -115,7 +115,7 @@ fn receptive_field() -> Claim {
     Claim {
         claim: "receptive-field",
         told: "lambda nears 0 beyond k = 2",
-        verdict: Verdict::of(there < NEAR_ZERO.0, there < NEAR_ZERO.1),
+        verdict: ClaimVerdict::of(there < NEAR_ZERO.0, there < NEAR_ZERO.1),
         found: format!(
             "{:.2} % of the peak at k = 2, 1 % only at k = {percent_at:.3}; {:.2} % of the load is carried beyond k = 2",
             100.0 * there,
@@ -140,7 +140,7 @@ fn two_units() -> Claim {
     Claim {
         claim: "two-units",
         told: "r of n = 2 units is a step",
-        verdict: Verdict::of(is_step, false),
+        verdict: ClaimVerdict::of(is_step, false),
         found: format!(
             "{:+.3} before d = {step_at:.3}, {:+.3} beyond{}",
             before.0,
@@ -182,7 +182,7 @@ fn few_units() -> Claim {
     Claim {
         claim: "few-units",
         told: "below n = 5 r is flat or turns beyond d = 1.5",
-        verdict: Verdict::of(is_flat(2) && few_turn && enough_fall, is_flat(2) && few_turn),
+        verdict: ClaimVerdict::of(is_flat(2) && few_turn && enough_fall, is_flat(2) && few_turn),
         found,
         numbers: numbers(fields),
     }
@@ -199,7 +199,7 @@ fn many_units() -> Claim {
     Claim {
         claim: "many-units",
         told: "the curves are very close for n above 9",
-        verdict: Verdict::of(to_15 < CLOSE.0, to_15 < CLOSE.1),
+        verdict: ClaimVerdict::of(to_15 < CLOSE.0, to_15 < CLOSE.1),
         found: format!(
             "n = 9 and 10 differ by up to {to_10:.4}, n = 9 and 15 by up to {to_15:.4}; r at d = 2: {nine:.4} and \
              {fifteen:.4}"
@@ -237,7 +237,7 @@ fn wide_spacing() -> Claim {
     Claim {
         claim: "wide-spacing",
         told: "s > 1: r is flat at small d",
-        verdict: Verdict::of(is_flatter && is_flatter_midway, is_flatter),
+        verdict: ClaimVerdict::of(is_flatter && is_flatter_midway, is_flatter),
         found: format!(
             "above a unit, (1 - r) / d^2 at d = {SMALL} and the d at which r = {NEAR_R}, by s: {}; half-way between two \
              units it isn't: (1 - r) / d^2 is {:.2} (1.0) and {:.2} (2.0)",
@@ -254,7 +254,7 @@ fn narrow_spacing() -> Claim {
     Claim {
         claim: "narrow-spacing",
         told: "s = 0.2: r turns and rises again",
-        verdict: Verdict::of(turning.is_some(), false),
+        verdict: ClaimVerdict::of(turning.is_some(), false),
         found: turning.map_or("it falls all the way".to_owned(), |(d, r)| format!("it turns at d = {d:.4}, r {r:.5}")),
         numbers: numbers([
             ("turns_at".to_owned(), turning.map(|(d, _)| d)),
@@ -284,7 +284,7 @@ fn rule() -> Claim {
     Claim {
         claim: "rule",
         told: "so n >= 5 and s <= 1",
-        verdict: Verdict::of(five_fall && least.is_none(), five_fall && is_one_range),
+        verdict: ClaimVerdict::of(five_fall && least.is_none(), five_fall && is_one_range),
         found,
         numbers: numbers([
             ("s_turning_least".to_owned(), least),
@@ -313,7 +313,7 @@ fn figure_5() -> Claim {
     Claim {
         claim: "figure-5",
         told: "r falls up to a relative distance of 2 wherever F1 is",
-        verdict: Verdict::of(least > FIELD, false),
+        verdict: ClaimVerdict::of(least > FIELD, false),
         found: format!("first turnings, by d1: {}", found.join(", ")),
         numbers: numbers(fields),
     }
@@ -340,7 +340,7 @@ fn always() -> Claim {
     Claim {
         claim: "always",
         told: "r always falls with distance, wherever the loads are",
-        verdict: Verdict::of(least.is_infinite(), false),
+        verdict: ClaimVerdict::of(least.is_infinite(), false),
         found: format!("over all d1 of 0 to 8 it turns from d = {least:.4} on: from d1 = {left:.2}, and {right:.2}"),
         numbers: named([("turns_from", least), ("d1", left), ("d1_mirrored", right)]),
     }
@@ -379,7 +379,7 @@ fn papers_array() -> Claim {
     Claim {
         claim: "papers-array",
         told: "the same of the paper's own 3 x 3 array, s = 0.9",
-        verdict: Verdict::of(survey.first.is_none(), false),
+        verdict: ClaimVerdict::of(survey.first.is_none(), false),
         found,
         numbers: numbers(fields),
     }
@@ -399,7 +399,7 @@ fn half_space() -> Claim {
     Claim {
         claim: "half-space",
         told: "a half-space stands for a 5 mm cover on a rigid base",
-        verdict: Verdict::of(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),
+        verdict: ClaimVerdict::of(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),
         found: format!(
             "bonded, Poisson's ratio {POISSON_RATIO}: peak {peak:.3} times as high, half of it at {half_layer_mm:.3} mm \
              (half-space {half_space_mm:.3}), at {OFF_MM} mm {off_layer:.4} of it (half-space {off_space:.4})"

@@ -79,7 +79,7 @@ pub struct Course {
 
 /// The least errors of any method, on average over area and forces (Cramer and Rao).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Least {
+pub struct LeastErrors {
     /// Mean distance, mm.
     pub location_mm: f64,
     /// Mean force error, N.
@@ -88,7 +88,7 @@ pub struct Least {
 
 /// What was found of a design.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Findings {
+pub struct DesignFindings {
     /// How many units there are.
     pub units: usize,
     /// The smallest distance between two of them, mm.
@@ -118,7 +118,7 @@ pub struct Findings {
     /// r over the area.
     pub survey: Survey,
     /// None: there are contacts whose place and force the units don't tell.
-    pub least: Option<Least>,
+    pub least: Option<LeastErrors>,
     /// Whether the rig names no noise, so that [`ASSUMED_SD`] was taken.
     pub noise_is_assumed: bool,
 }
@@ -163,7 +163,7 @@ impl Design {
     }
 
     /// Carries the study out.
-    pub fn study(&self) -> Findings {
+    pub fn study(&self) -> DesignFindings {
         let Elastomer { depth_mm, medium } = self.elastomer;
         let passage = Passage {
             medium,
@@ -185,7 +185,7 @@ impl Design {
             distances.map(|mm| (mm, share(response, mm))).collect()
         };
         let (row, row_is_column) = self.row();
-        Findings {
+        DesignFindings {
             units: self.layout.len(),
             pitch_mm: self.pitch_mm,
             passage,
@@ -243,19 +243,20 @@ impl Design {
         ((READINGS / readings_a_ray) as usize).clamp(RAYS.0, RAYS.1)
     }
 
-    fn least(&self) -> Option<Least> {
+    fn least(&self) -> Option<LeastErrors> {
         let skin = Skin::new(&self.skin, &self.layout, self.full_scale_n, 0);
         let of_contact = |contact: usize| {
             let [across, up, hard] = spread(contact);
             let force_n = FORCES_N.0 + hard * (FORCES_N.1 - FORCES_N.0);
             bound(&skin, &self.skin, self.full_scale_n, self.area.at(across, up), force_n)
         };
-        let cramer_rao::Least { location_mm, force_n } = cramer_rao::Least::mean((1..=CONTACTS).map(of_contact))?;
-        Some(Least { location_mm, force_n })
+        let cramer_rao::MeanBound { location_mm, force_n } =
+            cramer_rao::MeanBound::mean((1..=CONTACTS).map(of_contact))?;
+        Some(LeastErrors { location_mm, force_n })
     }
 }
 
-impl Findings {
+impl DesignFindings {
     /// Whether the paper's rule is kept: enough units on the row, and near enough to each other.
     pub fn keeps_rule(&self) -> (bool, bool) {
         (self.row_units >= RULE.0, self.spacing <= RULE.1)

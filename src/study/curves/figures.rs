@@ -1,8 +1,8 @@
 //! The paper's Figures 3 to 5, and the two of an array.
 
-use super::line::{Curve, FIGURE_4_TO, Figure as Place};
-use super::{Curves, Findings};
-use crate::chart::{Anchor, Axis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use super::line::{CurveFigure as Place, FIGURE_4_TO, LineCurve};
+use super::{Curves, DesignFindings};
+use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::mechanics::lambda;
 
 /// A figure: its file's name and the SVG.
@@ -42,8 +42,8 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
     let field = 2.0;
     let told = format!("{:.1} % of the peak at k = 2", 100.0 * lambda(field));
     let panel = Panel {
-        x: Axis::linear("k: distance over depth", (0.0, curve.last().map_or(1.0, |(k, _)| *k))),
-        y: Axis::linear("lambda: stress over its peak", (0.0, 1.05)),
+        x: ChartAxis::linear("k: distance over depth", (0.0, curve.last().map_or(1.0, |(k, _)| *k))),
+        y: ChartAxis::linear("lambda: stress over its peak", (0.0, 1.05)),
         marks: vec![
             Mark::At(field, String::new()),
             Mark::Curve(line(0), curve.to_vec()),
@@ -62,8 +62,8 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
 }
 
 fn figure_4(found: &Curves, place: Place) -> Figure {
-    let curves: Vec<&Curve> = found.curves.iter().filter(|curve| curve.figure == place).collect();
-    let y = Axis::linear("Pearson's r", (-1.05, 1.05));
+    let curves: Vec<&LineCurve> = found.curves.iter().filter(|curve| curve.figure == place).collect();
+    let y = ChartAxis::linear("Pearson's r", (-1.05, 1.05));
     let (mut marks, mut ends) = (Vec::new(), Vec::new());
     for (index, curve) in curves.iter().enumerate() {
         let look = line(index);
@@ -89,7 +89,7 @@ fn figure_4(found: &Curves, place: Place) -> Figure {
         height_px: HEIGHT_PX,
         // room for names at the right
         panels: vec![Panel {
-            x: Axis::linear("distance from F1 to F2, depths H", (0.0, 1.12 * FIGURE_4_TO)),
+            x: ChartAxis::linear("distance from F1 to F2, depths H", (0.0, 1.12 * FIGURE_4_TO)),
             y,
             marks,
         }],
@@ -117,7 +117,7 @@ fn figure_5(found: &Curves) -> Figure {
         subtitle: "9 units at 0 to 8, H apart at depth H; F1 at d1".to_owned(),
         height_px: HEIGHT_PX,
         panels: vec![Panel {
-            x: Axis::linear("d2: where F2 is, depths H", (-0.25, to + 0.25)),
+            x: ChartAxis::linear("d2: where F2 is, depths H", (-0.25, to + 0.25)),
             y: r_axis(found.curves.iter().filter(|curve| curve.figure == Place::Start).flat_map(|curve| &curve.points)),
             marks,
         }],
@@ -128,12 +128,12 @@ fn figure_5(found: &Curves) -> Figure {
 }
 
 /// What a rig's array reads beside a contact, and r along its row.
-pub fn design_figures(found: &Findings) -> Vec<Drawn> {
+pub fn design_figures(found: &DesignFindings) -> Vec<Drawn> {
     let drawn = [("array-field.svg", field(found)), ("array-r.svg", courses(found))];
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
 }
 
-fn field(found: &Findings) -> Figure {
+fn field(found: &DesignFindings) -> Figure {
     let space = Look { hue: Hue::Grey, shape: None, filled: true, line: Line::Dashed };
     let depth_mm = found.passage.depth_mm;
     let least = found.field.iter().map(|(_, share)| *share).fold(0.0, f64::min);
@@ -157,8 +157,8 @@ fn field(found: &Findings) -> Figure {
         subtitle: format!("units {depth_mm} mm deep, pitch {:.3} mm: s = {:.3}", found.pitch_mm, found.spacing),
         height_px: 320.0,
         panels: vec![Panel {
-            x: Axis::linear("distance, mm", (0.0, to_mm)),
-            y: Axis::linear("reading over its peak", ((1.2 * least).min(-0.02), 1.05)),
+            x: ChartAxis::linear("distance, mm", (0.0, to_mm)),
+            y: ChartAxis::linear("reading over its peak", ((1.2 * least).min(-0.02), 1.05)),
             marks,
         }],
         grid: GRID,
@@ -167,7 +167,7 @@ fn field(found: &Findings) -> Figure {
     }
 }
 
-fn courses(found: &Findings) -> Figure {
+fn courses(found: &DesignFindings) -> Figure {
     let mut marks = Vec::new();
     for (index, course) in found.courses.iter().enumerate() {
         marks.extend(joined(line(index), &course.points));
@@ -187,7 +187,7 @@ fn courses(found: &Findings) -> Figure {
         ),
         height_px: HEIGHT_PX,
         panels: vec![Panel {
-            x: Axis::linear(&format!("{along} of F2, mm"), (from - room, to + room)),
+            x: ChartAxis::linear(&format!("{along} of F2, mm"), (from - room, to + room)),
             y: r_axis(points),
             marks,
         }],
@@ -198,9 +198,9 @@ fn courses(found: &Findings) -> Figure {
 }
 
 /// From 1, with room for words above, down to the lowest.
-fn r_axis<'a>(points: impl Iterator<Item = &'a (f64, Option<f64>)>) -> Axis {
+fn r_axis<'a>(points: impl Iterator<Item = &'a (f64, Option<f64>)>) -> ChartAxis {
     let least = points.filter_map(|(_, r)| *r).fold(-0.2, f64::min);
-    Axis::linear("Pearson's r", (least - 0.05, 1.12))
+    ChartAxis::linear("Pearson's r", (least - 0.05, 1.12))
 }
 
 /// A curve, in pieces where r is 0/0 or steps from one end of its range toward the other.
@@ -224,7 +224,7 @@ fn nearest(points: &[(f64, Option<f64>)], place: f64) -> Option<f64> {
 }
 
 /// Names right of the ends of curves, apart from each other, each led to from its curve's end.
-fn named_ends(mut ends: Vec<(Look, (f64, f64), String)>, y: &Axis, aside: f64) -> Vec<Mark> {
+fn named_ends(mut ends: Vec<(Look, (f64, f64), String)>, y: &ChartAxis, aside: f64) -> Vec<Mark> {
     ends.sort_by(|a, b| b.1.1.total_cmp(&a.1.1));
     let apart = (y.range.1 - y.range.0) * NAME_PX / HEIGHT_PX;
     let mut heights: Vec<f64> = ends.iter().map(|(_, (_, r), _)| *r).collect();
@@ -253,7 +253,7 @@ mod tests {
     fn names_of_curves_that_end_together_stand_apart_in_their_order() {
         let end = |r: f64| (line(0), (2.0, r), r.to_string());
         let marks =
-            named_ends(vec![end(-0.10), end(-0.11), end(0.9), end(-0.105)], &Axis::linear("", (-1.0, 1.0)), 0.1);
+            named_ends(vec![end(-0.10), end(-0.11), end(0.9), end(-0.105)], &ChartAxis::linear("", (-1.0, 1.0)), 0.1);
         let words: Vec<(f64, &str)> = marks
             .iter()
             .filter_map(|mark| match mark {

@@ -1,7 +1,7 @@
 //! The curves of the paper's Figures 3 to 5.
 
 use super::array::Array;
-use super::turning::Walk;
+use super::turning::ArrayWalk;
 use crate::mechanics::lambda;
 use crate::quantity::Place;
 use serde::Serialize;
@@ -22,7 +22,7 @@ const FIGURE_3_TO: f64 = 3.0;
 
 /// Which figure a curve belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum Figure {
+pub enum CurveFigure {
     /// r by how many units there are.
     #[serde(rename = "4a")]
     Units,
@@ -36,9 +36,9 @@ pub enum Figure {
 
 /// r of two contacts on a line of units, against where the second is; all in depths H.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Curve {
+pub struct LineCurve {
     /// Where it is drawn.
-    pub figure: Figure,
+    pub figure: CurveFigure,
     /// Units in the line, the first at 0.
     pub n: usize,
     /// From one unit to the next.
@@ -56,21 +56,21 @@ pub fn lambda_curve() -> Vec<(f64, f64)> {
 }
 
 /// Figures 4a, 4b and 5.
-pub fn curves() -> Vec<Curve> {
-    let of_units = (2..=15).map(|n| curve(Figure::Units, n, 1.0, 0.0, FIGURE_4_TO));
-    let of_spacing = (1..=10).map(|k| curve(Figure::Spacing, UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
-    let of_start = (0..6).map(|k| curve(Figure::Start, UNITS, 1.0, 1.5 * f64::from(k), FIGURE_5_TO));
+pub fn curves() -> Vec<LineCurve> {
+    let of_units = (2..=15).map(|n| curve(CurveFigure::Units, n, 1.0, 0.0, FIGURE_4_TO));
+    let of_spacing = (1..=10).map(|k| curve(CurveFigure::Spacing, UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
+    let of_start = (0..6).map(|k| curve(CurveFigure::Start, UNITS, 1.0, 1.5 * f64::from(k), FIGURE_5_TO));
     of_units.chain(of_spacing).chain(of_start).collect()
 }
 
-fn curve(figure: Figure, n: usize, s: f64, d1: f64, to: f64) -> Curve {
+fn curve(figure: CurveFigure, n: usize, s: f64, d1: f64, to: f64) -> LineCurve {
     let array = Array::line(n, s);
     let last = (to / STEP).round() as usize;
     let point = |d2: f64| (d2, array.r(on_line(d1), on_line(d2)));
-    Curve { figure, n, s, d1, points: (0..=last).map(|index| point(index as f64 * STEP)).collect() }
+    LineCurve { figure, n, s, d1, points: (0..=last).map(|index| point(index as f64 * STEP)).collect() }
 }
 
-impl Curve {
+impl LineCurve {
     /// How far from the first contact r turns, to the left and to the right of it.
     pub fn turnings(&self) -> [Option<f64>; 2] {
         let array = Array::line(self.n, self.s);
@@ -85,11 +85,11 @@ pub fn on_line(d: f64) -> Place {
 }
 
 /// From d1 on to the right, up to `to`.
-pub fn walk_right(array: &Array, d1: f64, to: f64) -> Walk {
+pub fn walk_right(array: &Array, d1: f64, to: f64) -> ArrayWalk {
     array.walk(on_line(d1), 0.0, to - d1, WALK_STEP)
 }
 
 /// From d1 on to the left, down to 0.
-pub fn walk_left(array: &Array, d1: f64) -> Walk {
+pub fn walk_left(array: &Array, d1: f64) -> ArrayWalk {
     array.walk(on_line(d1), PI, d1, WALK_STEP)
 }

@@ -11,11 +11,11 @@ mod line;
 mod turning;
 
 pub use array::{Aim, Array};
-pub use claims::{Claim, Verdict};
-pub use design::{ASSUMED_SD, Course, Design, DesignError, Findings, Least};
+pub use claims::{Claim, ClaimVerdict};
+pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings, LeastErrors};
 pub use figures::{design_figures, figures};
-pub use line::{Curve, Figure};
-pub use turning::{Area, NEAR_R, Survey, Turning, Walk};
+pub use line::{CurveFigure, LineCurve};
+pub use turning::{Area, ArrayWalk, NEAR_R, Survey, Turning};
 
 use serde::Serialize;
 use serde_json::json;
@@ -26,7 +26,7 @@ pub struct Curves {
     /// Figure 3: k and lambda.
     pub lambda: Vec<(f64, f64)>,
     /// Figures 4 and 5.
-    pub curves: Vec<Curve>,
+    pub curves: Vec<LineCurve>,
     /// Each claim.
     pub claims: Vec<Claim>,
 }
@@ -42,7 +42,7 @@ impl Curves {
         let claims = self.claims.iter().map(|claim| row("claim", claim));
         let lambda =
             self.lambda.iter().map(|(k, lambda)| row("curve", &json!({"figure": "3", "k": k, "lambda": lambda})));
-        let points = self.curves.iter().flat_map(|Curve { figure, n, s, d1, points }| {
+        let points = self.curves.iter().flat_map(|LineCurve { figure, n, s, d1, points }| {
             let point =
                 move |(d2, r): &(f64, Option<f64>)| json!({"figure": figure, "n": n, "s": s, "d1": d1, "d2": d2, "r": r});
             points.iter().map(move |at| row("curve", &point(at)))

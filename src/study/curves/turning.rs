@@ -77,7 +77,7 @@ pub struct Turning {
 
 /// What r did on one way.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Walk {
+pub struct ArrayWalk {
     /// Where it had fallen to [`NEAR_R`], mm.
     pub near_mm: Option<f64>,
     /// Where it turned, mm.
@@ -91,8 +91,8 @@ impl Array {
     }
 
     /// Takes a second contact from a first one so far in a direction.
-    pub fn walk(&self, from: Place, direction_rad: f64, reach_mm: f64, step_mm: f64) -> Walk {
-        let mut walk = Walk::default();
+    pub fn walk(&self, from: Place, direction_rad: f64, reach_mm: f64, step_mm: f64) -> ArrayWalk {
+        let mut walk = ArrayWalk::default();
         let Some(aim) = self.aim(from) else { return walk };
         let (sin, cos) = direction_rad.sin_cos();
         let at = |mm: f64| aim.r_and_slope(Place::new(from.x_mm + mm * cos, from.y_mm + mm * sin), direction_rad);
@@ -148,7 +148,7 @@ impl Survey {
         let walks = in_parallel(&starts, |&(from, direction_rad)| {
             array.walk(from, direction_rad, area.reach_mm(from, direction_rad), step_mm)
         });
-        let ordered = |distance_mm: fn(&Walk) -> Option<f64>| {
+        let ordered = |distance_mm: fn(&ArrayWalk) -> Option<f64>| {
             let found = starts.iter().zip(&walks).filter_map(|(&(from, direction_rad), walk)| {
                 Some(Turning { from, direction_rad, distance_mm: distance_mm(walk)? })
             });

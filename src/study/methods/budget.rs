@@ -1,8 +1,8 @@
 //! How many calibration presses each method needs.
 
-use super::cramer_rao::Least;
-use super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Readings, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally};
+use super::cramer_rao::MeanBound;
+use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
+use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally};
 use super::{Rows, Told};
 use crate::parallel::in_parallel;
 use crate::quantity::stream;
@@ -26,7 +26,7 @@ const PLACE_SPREAD_MM: f64 = 0.1;
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct BudgetSize {
     /// Presses along a side.
     sides: &'static [usize],
     /// Specimens, each calibrated once with each number of presses.
@@ -35,21 +35,21 @@ pub struct Size {
     pub tests: usize,
 }
 
-impl Size {
+impl BudgetSize {
     /// The whole study.
-    pub const WHOLE: Size = Size { sides: &SIDES, specimens: 6, tests: 1000 };
+    pub const WHOLE: BudgetSize = BudgetSize { sides: &SIDES, specimens: 6, tests: 1000 };
     /// For a first look, and for tests.
-    pub const QUICK: Size = Size { sides: &QUICK_SIDES, specimens: 1, tests: 60 };
+    pub const QUICK: BudgetSize = BudgetSize { sides: &QUICK_SIDES, specimens: 1, tests: 60 };
 }
 
 /// Calibrates every method with ever fewer presses.
 ///
 /// # Errors
 /// None in practice: simulated presses can be calibrated on.
-pub fn budget(size: Size, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
+pub fn budget(size: BudgetSize, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
     let mut jobs = Vec::new();
     for &side in size.sides {
-        for noise in Noise::ALL {
+        for noise in NoiseReference::ALL {
             jobs.extend((0..size.specimens).map(|specimen| (noise, side, specimen)));
         }
     }
@@ -61,7 +61,7 @@ pub fn budget(size: Size, seed: u64, told: Told<'_>) -> Result<Rows, StudyError>
     });
     let tried = tried.into_iter().collect::<Result<Vec<Tried>, StudyError>>()?;
     let mut rows = Vec::new();
-    for noise in Noise::ALL {
+    for noise in NoiseReference::ALL {
         for &side in size.sides.iter().rev() {
             let of_it: Vec<&Tried> = jobs
                 .iter()
@@ -82,27 +82,27 @@ pub fn budget(size: Size, seed: u64, told: Told<'_>) -> Result<Rows, StudyError>
 /// What every method made of one calibration.
 struct Tried {
     tallies: Vec<Tally>,
-    least: Option<Least>,
+    least: Option<MeanBound>,
 }
 
-fn calibrate(noise: Noise, side: usize, tests: usize, seed: u64) -> Result<Tried, StudyError> {
+fn calibrate(noise: NoiseReference, side: usize, tests: usize, seed: u64) -> Result<Tried, StudyError> {
     let specimen = Specimen::papers(noise).with(|skin| {
         skin.taxels.gain_spread_percent = GAIN_SPREAD_PERCENT;
         skin.taxels.place_spread_mm = PLACE_SPREAD_MM;
         skin.taxels.depth_spread_percent = DEPTH_SPREAD_PERCENT;
     });
     let mut skin = specimen.skin(seed);
-    let presses = Readings::of(&mut skin, &grid(side), &mut stream(seed, side as u64, "calibration noise"));
+    let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, side as u64, "calibration noise"));
     let touches = anywhere(tests, FORCES_N, &mut stream(seed, 0, "test contacts"));
-    let test = Readings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
+    let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
     let methods = Method::all(&presses.calibration()?, &Setting::of_layout(Some(&specimen.layout)));
     Ok(Tried {
         tallies: methods.iter().map(|method| Tally::of(method, &test)).collect(),
-        least: Least::over(&skin, &specimen.skin, FULL_SCALE_N, &test),
+        least: MeanBound::over(&skin, &specimen.skin, FULL_SCALE_N, &test),
     })
 }
 
-fn row(noise: Noise, side: usize, solver: &'static str, sum: &Tally, least: Option<Least>) -> Row {
+fn row(noise: NoiseReference, side: usize, solver: &'static str, sum: &Tally, least: Option<MeanBound>) -> MethodRow {
     let presses = side * side;
     let heading = Heading {
         study: "budget",
@@ -113,14 +113,14 @@ fn row(noise: Noise, side: usize, solver: &'static str, sum: &Tally, least: Opti
         calibration_presses: presses,
     };
     let minutes = Some((presses as f64 * PRESS_S / 60.0 * 1e3).round() / 1e3);
-    Row { minutes, ..sum.row(solver, heading, least.map(|least| (least, CRAMER_RAO))) }
+    MethodRow { minutes, ..sum.row(solver, heading, least.map(|least| (least, CRAMER_RAO))) }
 }
 
 /// The mean over specimens; none if one has none.
-fn mean(bounds: impl Iterator<Item = Option<Least>>) -> Option<Least> {
-    let bounds = bounds.collect::<Option<Vec<Least>>>()?;
+fn mean(bounds: impl Iterator<Item = Option<MeanBound>>) -> Option<MeanBound> {
+    let bounds = bounds.collect::<Option<Vec<MeanBound>>>()?;
     let count = bounds.len() as f64;
-    let sum = |of: fn(&Least) -> f64| bounds.iter().map(of).sum::<f64>() / count;
+    let sum = |of: fn(&MeanBound) -> f64| bounds.iter().map(of).sum::<f64>() / count;
     (!bounds.is_empty())
-        .then(|| Least { location_mm: sum(|least| least.location_mm), force_n: sum(|least| least.force_n) })
+        .then(|| MeanBound { location_mm: sum(|least| least.location_mm), force_n: sum(|least| least.force_n) })
 }

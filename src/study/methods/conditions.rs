@@ -1,6 +1,6 @@
 //! What makes methods fail: one thing at a time, from harmless to past bearing.
 
-use super::specimen::{CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, Noise, Specimen, Touch, anywhere};
+use super::specimen::{CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, NoiseReference, Specimen, Touch, anywhere};
 use crate::mechanics::Medium;
 use crate::quantity::{Place, Stream};
 use crate::scene::{Converter, Elastomer, SkinSpec, TaxelFault, TaxelFaultKind};
@@ -112,7 +112,7 @@ const fn harm(kind: Kind, name: &'static str, label: &'static str, spread: Sprea
 
 /// One value of one condition.
 #[derive(Clone, Debug)]
-pub struct Case {
+pub struct ConditionValue {
     /// What is calibrated.
     pub calibrated: Specimen,
     /// What has become of it when it is tested.
@@ -131,10 +131,12 @@ impl Harm {
     }
 
     /// What is calibrated and tested at a value.
-    pub fn case(&self, noise: Noise, value: f64) -> Case {
+    pub fn case(&self, noise: NoiseReference, value: f64) -> ConditionValue {
         let papers = Specimen::papers(noise);
-        let same = |specimen: Specimen| Case { tested: specimen.clone(), calibrated: specimen, map_is_known: true };
-        let after = |tested: Specimen| Case { map_is_known: tested == papers, calibrated: papers.clone(), tested };
+        let same =
+            |specimen: Specimen| ConditionValue { tested: specimen.clone(), calibrated: specimen, map_is_known: true };
+        let after =
+            |tested: Specimen| ConditionValue { map_is_known: tested == papers, calibrated: papers.clone(), tested };
         let fault = |unit: usize, kind| after(papers.with(|skin| skin.faults = vec![TaxelFault { unit, kind }]));
         match self.kind {
             Kind::Force | Kind::Outside | Kind::Second => same(papers),
@@ -150,7 +152,7 @@ impl Harm {
                         noise.floor *= value;
                     }
                 });
-                Case { map_is_known: true, ..after(louder) }
+                ConditionValue { map_is_known: true, ..after(louder) }
             }
             Kind::Bits => {
                 same(papers.with(|skin| skin.converter = Some(Converter { bits: value as u32, ..CONVERTER })))
@@ -242,7 +244,7 @@ mod tests {
     #[test]
     fn the_first_value_is_harmless_where_there_is_such_a_one_and_shares_its_calibration() {
         for harm in CONDITIONS.iter().filter(|harm| harm.kind != Kind::Stuck) {
-            let case = harm.case(Noise::T, harm.values[0]);
+            let case = harm.case(NoiseReference::T, harm.values[0]);
             assert_eq!(case.calibrated, case.tested, "{}", harm.name);
             assert!(case.map_is_known, "{}", harm.name);
         }
@@ -258,6 +260,6 @@ mod tests {
             }
             all.len()
         };
-        assert_eq!(calibrations(Noise::Q), 22, "the paper's, and those that can't share it");
+        assert_eq!(calibrations(NoiseReference::Q), 22, "the paper's, and those that can't share it");
     }
 }

@@ -5,7 +5,7 @@
 //! left out, and so is the noise of a calibration. A method that knows that contacts lie in an area, or averages, is biased and
 //! can do better where the bound is large: at low force, and in the corners.
 
-use super::specimen::{Readings, Truth};
+use super::specimen::{KnownContact, KnownReadings};
 use crate::quantity::Place;
 use crate::scene::{NoiseOf, Skin, SkinSpec, TaxelFaultKind};
 use crate::solver::Covariance;
@@ -65,43 +65,43 @@ pub fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, forc
 
 /// Means of the bound over some contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Least {
+pub struct MeanBound {
     /// Mean distance, mm.
     pub location_mm: f64,
     /// Mean force error, N.
     pub force_n: f64,
 }
 
-impl Least {
+impl MeanBound {
     /// Over the single contacts among some readings; none if there is one that the units don't tell.
-    pub fn over(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, readings: &Readings) -> Option<Least> {
-        let of = |truth: &Truth| bound(skin, spec, full_scale_n, truth.place, truth.force_n?);
+    pub fn over(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, readings: &KnownReadings) -> Option<MeanBound> {
+        let of = |truth: &KnownContact| bound(skin, spec, full_scale_n, truth.place, truth.force_n?);
         Self::mean(readings.truths.iter().map(of))
     }
 
     /// Of covariances, however they were come by; none if one is missing, or all are.
-    pub fn mean(covariances: impl Iterator<Item = Option<Covariance>>) -> Option<Least> {
-        let (mut sum, mut count) = (Least { location_mm: 0.0, force_n: 0.0 }, 0.0);
+    pub fn mean(covariances: impl Iterator<Item = Option<Covariance>>) -> Option<MeanBound> {
+        let (mut sum, mut count) = (MeanBound { location_mm: 0.0, force_n: 0.0 }, 0.0);
         for covariance in covariances {
             let covariance = covariance?;
             sum.location_mm += covariance.mean_distance_mm();
             sum.force_n += covariance.mean_force_error_n();
             count += 1.0;
         }
-        (count > 0.0).then(|| Least { location_mm: sum.location_mm / count, force_n: sum.force_n / count })
+        (count > 0.0).then(|| MeanBound { location_mm: sum.location_mm / count, force_n: sum.force_n / count })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Specimen, Touch, anywhere, grid};
+    use super::super::specimen::{FORCES_N, FULL_SCALE_N, NoiseReference, Specimen, Touch, anywhere, grid};
     use super::*;
     use crate::quantity::stream;
     use crate::scene::TaxelNoise;
     use crate::solver::{Setting, Solver, fit};
 
     fn even(sd: f64) -> Specimen {
-        Specimen::papers(Noise::T).with(|skin| {
+        Specimen::papers(NoiseReference::T).with(|skin| {
             let repeatability_percent = vec![300.0 * sd / FULL_SCALE_N; 9];
             skin.noise = Some(TaxelNoise { repeatability_percent, of: NoiseOf::FullScale, floor: 0.0 });
             skin.converter = None;
@@ -128,12 +128,13 @@ mod tests {
 
     #[test]
     fn the_mean_over_area_and_forces_is_that_of_both_scenes() {
-        for (noise, location_mm, force_n) in [(Noise::T, 0.2288, 0.0181), (Noise::Q, 0.0352, 0.0033)] {
+        for (noise, location_mm, force_n) in [(NoiseReference::T, 0.2288, 0.0181), (NoiseReference::Q, 0.0352, 0.0033)]
+        {
             let specimen = Specimen::papers(noise);
             let touches = anywhere(20_000, FORCES_N, &mut stream(3, 0, "test"));
             let mut skin = specimen.skin(1);
-            let readings = Readings::of(&mut skin, &touches, &mut stream(3, 1, "test"));
-            let least = Least::over(&skin, &specimen.skin, FULL_SCALE_N, &readings).unwrap();
+            let readings = KnownReadings::of(&mut skin, &touches, &mut stream(3, 1, "test"));
+            let least = MeanBound::over(&skin, &specimen.skin, FULL_SCALE_N, &readings).unwrap();
             assert!((least.location_mm / location_mm - 1.0).abs() < 0.02, "{noise:?}: {least:?}");
             assert!((least.force_n / force_n - 1.0).abs() < 0.02, "{noise:?}: {least:?}");
         }
@@ -141,9 +142,9 @@ mod tests {
 
     #[test]
     fn what_a_fitted_map_expects_is_the_bound_and_the_maps_own_error() {
-        let specimen = Specimen::papers(Noise::T);
+        let specimen = Specimen::papers(NoiseReference::T);
         let mut skin = specimen.skin(1);
-        let presses = Readings::of(&mut skin, &grid(25), &mut stream(5, 0, "calibration"));
+        let presses = KnownReadings::of(&mut skin, &grid(25), &mut stream(5, 0, "calibration"));
         let setting = Setting::of_layout(Some(&specimen.layout));
         for name in ["physics", "surrogate"] {
             let fitted = fit(name, &presses.calibration().unwrap(), &setting).unwrap();
@@ -161,12 +162,12 @@ mod tests {
 
     #[test]
     fn where_units_do_not_tell_there_is_no_bound() {
-        let specimen = Specimen::square(Noise::T, 1, 4.5);
+        let specimen = Specimen::square(NoiseReference::T, 1, 4.5);
         assert_eq!(bound(&specimen.skin(1), &specimen.skin, FULL_SCALE_N, Place::default(), 1.0), None);
         let touch = Touch { place: Place::default(), force_n: 1.0, second: Some(Place::default()) };
-        let papers = Specimen::papers(Noise::T);
+        let papers = Specimen::papers(NoiseReference::T);
         let mut skin = papers.skin(1);
-        let readings = Readings::of(&mut skin, &[touch], &mut stream(1, 0, "test"));
-        assert_eq!(Least::over(&skin, &papers.skin, FULL_SCALE_N, &readings), None, "two contacts");
+        let readings = KnownReadings::of(&mut skin, &[touch], &mut stream(1, 0, "test"));
+        assert_eq!(MeanBound::over(&skin, &papers.skin, FULL_SCALE_N, &readings), None, "two contacts");
     }
 }

@@ -1,9 +1,9 @@
 //! Where each method fails, and whether it says so.
 
-use super::conditions::{CONDITIONS, Case, Harm};
-use super::cramer_rao::Least;
-use super::specimen::{FULL_SCALE_N, Noise, Readings, Specimen, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally};
+use super::conditions::{CONDITIONS, ConditionValue, Harm};
+use super::cramer_rao::MeanBound;
+use super::specimen::{FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, grid};
+use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally};
 use super::{Rows, Told};
 use crate::parallel::in_parallel;
 use crate::quantity::stream;
@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct FailuresSize {
     /// Calibration presses along a side.
     pub side: usize,
     /// Contacts at each value of each condition.
@@ -22,25 +22,25 @@ pub struct Size {
     pub ends_only: bool,
 }
 
-impl Size {
+impl FailuresSize {
     /// The whole study.
-    pub const WHOLE: Size = Size { side: 25, tests: 1000, ends_only: false };
+    pub const WHOLE: FailuresSize = FailuresSize { side: 25, tests: 1000, ends_only: false };
     /// For a first look, and for tests.
-    pub const QUICK: Size = Size { side: 5, tests: 40, ends_only: true };
+    pub const QUICK: FailuresSize = FailuresSize { side: 5, tests: 40, ends_only: true };
 }
 
 /// What is calibrated once, and all that is tried on it.
 struct Job {
-    noise: Noise,
+    noise: NoiseReference,
     calibrated: Specimen,
-    cases: Vec<(Harm, f64, Case)>,
+    cases: Vec<(Harm, f64, ConditionValue)>,
 }
 
 /// Tries every method under every condition with both noises.
 ///
 /// # Errors
 /// None in practice: simulated presses can be calibrated on.
-pub fn failures(size: Size, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
+pub fn failures(size: FailuresSize, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
     let jobs = jobs(size.ends_only);
     let done = AtomicUsize::new(0);
     let tried = in_parallel(&jobs, |job| {
@@ -50,19 +50,19 @@ pub fn failures(size: Size, seed: u64, told: Told<'_>) -> Result<Rows, StudyErro
     });
     let mut rows = tried.into_iter().collect::<Result<Vec<_>, _>>()?.concat();
     // as the conditions are listed, not as calibrations are shared
-    let rank = |row: &Row| {
+    let rank = |row: &MethodRow| {
         let harm = CONDITIONS.iter().position(|harm| harm.name == row.condition);
         let value = harm.and_then(|harm| CONDITIONS[harm].values.iter().position(|value| *value == row.value));
         (row.scene.clone(), harm, value)
     };
     rows.sort_by_key(rank); // methods stay in their order
-    rows.sort_by_key(|row| row.scene != Noise::T.name());
+    rows.sort_by_key(|row| row.scene != NoiseReference::T.name());
     Ok(Rows { rows })
 }
 
 fn jobs(ends_only: bool) -> Vec<Job> {
     let mut jobs: Vec<Job> = Vec::new();
-    for noise in Noise::ALL {
+    for noise in NoiseReference::ALL {
         for harm in CONDITIONS {
             let is_end = |index: usize| index == 0 || index + 1 == harm.values.len();
             for (_, &value) in harm.values.iter().enumerate().filter(|(index, _)| !ends_only || is_end(*index)) {
@@ -83,17 +83,18 @@ fn jobs(ends_only: bool) -> Vec<Job> {
 }
 
 impl Job {
-    fn rows(&self, size: Size, seed: u64) -> Result<Vec<Row>, StudyError> {
+    fn rows(&self, size: FailuresSize, seed: u64) -> Result<Vec<MethodRow>, StudyError> {
         let mut skin = self.calibrated.skin(seed);
-        let presses = Readings::of(&mut skin, &grid(size.side), &mut stream(seed, 0, "calibration noise"));
+        let presses = KnownReadings::of(&mut skin, &grid(size.side), &mut stream(seed, 0, "calibration noise"));
         let calibration = presses.calibration()?;
         let methods = Method::all(&calibration, &Setting::of_layout(Some(&self.calibrated.layout)));
         let mut rows = Vec::new();
         for (harm, value, case) in &self.cases {
             let touches = harm.touches(*value, size.tests, &mut stream(seed, 0, "test contacts"));
             let mut skin = case.tested.skin(seed);
-            let test = Readings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
-            let least = case.map_is_known.then(|| Least::over(&skin, &case.tested.skin, FULL_SCALE_N, &test)).flatten();
+            let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
+            let least =
+                case.map_is_known.then(|| MeanBound::over(&skin, &case.tested.skin, FULL_SCALE_N, &test)).flatten();
             rows.extend(methods.iter().map(|method| {
                 let heading = Heading {
                     study: "failures",

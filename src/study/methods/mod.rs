@@ -10,14 +10,14 @@ pub(super) mod specimen;
 mod speed_accuracy;
 mod trial;
 
-pub use budget::{PRESS_S, Size as BudgetSize, budget};
+pub use budget::{BudgetSize, PRESS_S, budget};
 pub use conditions::{CONDITIONS, Harm};
-pub use failures::{Size as FailuresSize, failures};
+pub use failures::{FailuresSize, failures};
 pub use figures::{budget_figures, failure_figures, speed_accuracy_figures, told};
 pub use recorded::{of_run, of_tables};
-pub use specimen::Noise;
-pub use speed_accuracy::{Trial, speed_accuracy};
-pub use trial::{Errors, Method, Row};
+pub use specimen::NoiseReference;
+pub use speed_accuracy::{MethodTrial, speed_accuracy};
+pub use trial::{Errors, Method, MethodRow};
 
 /// Hears how many parts of a study are done, and of how many.
 pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
@@ -26,7 +26,7 @@ pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rows {
     /// A row a method and condition.
-    pub rows: Vec<Row>,
+    pub rows: Vec<MethodRow>,
 }
 
 impl Rows {
@@ -37,7 +37,12 @@ impl Rows {
     }
 
     /// The rows of one scene, method and condition, in order.
-    pub fn of<'a>(&'a self, scene: &'a str, solver: &'a str, condition: &'a str) -> impl Iterator<Item = &'a Row> {
+    pub fn of<'a>(
+        &'a self,
+        scene: &'a str,
+        solver: &'a str,
+        condition: &'a str,
+    ) -> impl Iterator<Item = &'a MethodRow> {
         self.rows.iter().filter(move |row| row.scene == scene && row.solver == solver && row.condition == condition)
     }
 }

@@ -1,8 +1,8 @@
 //! A trial from what was recorded: a run, or two plain tables.
 
-use super::cramer_rao::Least;
-use super::specimen::{Readings, Truth};
-use super::speed_accuracy::Trial;
+use super::cramer_rao::MeanBound;
+use super::specimen::{KnownContact, KnownReadings};
+use super::speed_accuracy::MethodTrial;
 use super::trial::{CRAMER_RAO, STATED};
 use crate::dataset::Presses;
 use crate::dataset::calibration::{LOAD_CELL, Selection};
@@ -11,22 +11,23 @@ use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use crate::rig::RigSpec;
 use crate::scene::Skin;
-use crate::solver::{Calibration, Load, Setting, Solver, TestPress, Workspace, fit};
+use crate::solver::{Calibration, ForceKnown, Setting, Solver, TestPress, Workspace, fit};
 
 /// A run's calibration presses and its test presses, flagged ones left out, by the load cell's forces. `seed` is the run's: of a
 /// simulated rig it gives the bound.
 ///
 /// # Errors
 /// A run without presses of both kinds, or with one that can't be calibrated on.
-pub fn of_run(name: &str, presses: &Presses, spec: &RigSpec, seed: u64) -> Result<Trial, EvaluateError> {
+pub fn of_run(name: &str, presses: &Presses, spec: &RigSpec, seed: u64) -> Result<MethodTrial, EvaluateError> {
     let layout = &spec.array.layout;
     let calibration = Selection::of_phase(presses, Phase::Calibration)?;
     let test = readings(&Selection::of_phase(presses, Phase::Test)?, &calibration, presses.channels);
-    let mut trial = trial(name.to_owned(), calibration.calibration(&LOAD_CELL, Load::default())?, test, Some(layout));
+    let mut trial =
+        trial(name.to_owned(), calibration.calibration(&LOAD_CELL, ForceKnown::default())?, test, Some(layout));
     if spec.is_simulated() {
         let full_scale_n = spec.limits.force_n;
         let skin = Skin::new(&spec.scene.skin, layout, full_scale_n, seed);
-        let least = Least::over(&skin, &spec.scene.skin, full_scale_n, &trial.test);
+        let least = MeanBound::over(&skin, &spec.scene.skin, full_scale_n, &trial.test);
         trial.least = least.map(|least| (least, CRAMER_RAO));
     }
     Ok(trial)
@@ -36,33 +37,33 @@ pub fn of_run(name: &str, presses: &Presses, spec: &RigSpec, seed: u64) -> Resul
 ///
 /// # Errors
 /// Tables of two arrays, without presses, or with one that can't be calibrated on.
-pub fn of_tables(calibration: &Presses, test: &Presses) -> Result<Trial, EvaluateError> {
+pub fn of_tables(calibration: &Presses, test: &Presses) -> Result<MethodTrial, EvaluateError> {
     check_channels(calibration, test)?;
     let selection = Selection::of_all(calibration, Phase::Calibration)?;
     let readings = readings(&Selection::of_all(test, Phase::Test)?, &selection, test.channels);
-    Ok(trial(test.source.clone(), selection.calibration(&LOAD_CELL, Load::default())?, readings, None))
+    Ok(trial(test.source.clone(), selection.calibration(&LOAD_CELL, ForceKnown::default())?, readings, None))
 }
 
 /// The presses to solve with what is true of them.
-fn readings(test: &Selection<'_>, calibration: &Selection<'_>, channels: usize) -> Readings {
+fn readings(test: &Selection<'_>, calibration: &Selection<'_>, channels: usize) -> KnownReadings {
     let presses = test.to_solve(&LOAD_CELL, calibration.knows(&LOAD_CELL));
-    let truth = |press: &TestPress<'_>| Truth { place: press.place, force_n: press.force_n, second: None };
-    Readings {
+    let truth = |press: &TestPress<'_>| KnownContact { place: press.place, force_n: press.force_n, second: None };
+    KnownReadings {
         units: channels,
         truths: presses.iter().map(truth).collect(),
         outputs: presses.iter().flat_map(|press| press.outputs).copied().collect(),
     }
 }
 
-fn trial(scene: String, calibration: Calibration, test: Readings, layout: Option<&ArrayLayout>) -> Trial {
+fn trial(scene: String, calibration: Calibration, test: KnownReadings, layout: Option<&ArrayLayout>) -> MethodTrial {
     let least = stated(&calibration, &test, layout).map(|least| (least, STATED));
-    Trial { told: scene.clone(), scene, layout: layout.cloned(), calibration, test, least }
+    MethodTrial { told: scene.clone(), scene, layout: layout.cloned(), calibration, test, least }
 }
 
 /// The errors that `surrogate` states of its answers, on the average of those that state any; none if it has none.
-fn stated(calibration: &Calibration, test: &Readings, layout: Option<&ArrayLayout>) -> Option<Least> {
+fn stated(calibration: &Calibration, test: &KnownReadings, layout: Option<&ArrayLayout>) -> Option<MeanBound> {
     let solver = fit("surrogate", calibration, &Setting::of_layout(layout)).ok()?;
     let mut workspace = Workspace::default();
     let solutions = test.iter().filter_map(|(_, outputs)| solver.solve(outputs, &mut workspace).ok());
-    Least::mean(solutions.filter_map(|solution| solution.covariance).map(Some))
+    MeanBound::mean(solutions.filter_map(|solution| solution.covariance).map(Some))
 }

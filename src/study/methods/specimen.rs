@@ -28,30 +28,30 @@ pub const CONVERTER: Converter = Converter { bits: 16, range: 10.0 };
 
 /// What Table 1's repeatability is a share of. The paper doesn't say; both are tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum Noise {
+pub enum NoiseReference {
     /// Full scale: the noise is the same at every force.
     T,
     /// The reading, over a small floor.
     Q,
 }
 
-impl Noise {
+impl NoiseReference {
     /// Both.
-    pub const ALL: [Noise; 2] = [Noise::T, Noise::Q];
+    pub const ALL: [NoiseReference; 2] = [NoiseReference::T, NoiseReference::Q];
 
     /// One letter, as it stands in rows and files.
     pub fn name(self) -> &'static str {
         match self {
-            Noise::T => "T",
-            Noise::Q => "Q",
+            NoiseReference::T => "T",
+            NoiseReference::Q => "Q",
         }
     }
 
     /// The same for a person.
     pub fn told(self) -> &'static str {
         match self {
-            Noise::T => "T: noise a share of full scale",
-            Noise::Q => "Q: noise a share of the reading",
+            NoiseReference::T => "T: noise a share of full scale",
+            NoiseReference::Q => "Q: noise a share of the reading",
         }
     }
 }
@@ -67,20 +67,20 @@ pub struct Specimen {
 
 impl Specimen {
     /// The paper's 3 x 3 units with their own noise.
-    pub fn papers(noise: Noise) -> Specimen {
+    pub fn papers(noise: NoiseReference) -> Specimen {
         Self::new(noise, ArrayLayout::grid(SIDE, SIDE, PITCH_MM), paper::repeatability_percent().to_vec())
     }
 
     /// A square of units that are all as noisy as the paper's are on average.
-    pub fn square(noise: Noise, side: usize, pitch_mm: f64) -> Specimen {
+    pub fn square(noise: NoiseReference, side: usize, pitch_mm: f64) -> Specimen {
         let mean = paper::repeatability_percent().iter().sum::<f64>() / paper::TABLE_1_PERCENT.len() as f64;
         Self::new(noise, ArrayLayout::grid(side, side, pitch_mm), vec![mean; side * side])
     }
 
-    fn new(noise: Noise, layout: ArrayLayout, repeatability_percent: Vec<f64>) -> Specimen {
+    fn new(noise: NoiseReference, layout: ArrayLayout, repeatability_percent: Vec<f64>) -> Specimen {
         let (of, floor) = match noise {
-            Noise::T => (NoiseOf::FullScale, 0.0),
-            Noise::Q => (NoiseOf::Reading, FLOOR),
+            NoiseReference::T => (NoiseOf::FullScale, 0.0),
+            NoiseReference::Q => (NoiseOf::Reading, FLOOR),
         };
         let skin = SkinSpec {
             elastomer: Some(Elastomer::half_space(DEPTH_MM)),
@@ -118,7 +118,7 @@ pub struct Touch {
 
 /// What is known of a reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Truth {
+pub struct KnownContact {
     /// Where it was pressed, mm.
     pub place: Place,
     /// How hard, N; none where that isn't known, or isn't one force.
@@ -129,18 +129,18 @@ pub struct Truth {
 
 /// Readings whose truth is known.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Readings {
+pub struct KnownReadings {
     /// Outputs a reading.
     pub units: usize,
     /// One a reading.
-    pub truths: Vec<Truth>,
+    pub truths: Vec<KnownContact>,
     /// The readings one after another, one output a unit.
     pub outputs: Vec<f64>,
 }
 
-impl Readings {
+impl KnownReadings {
     /// What a skin reads of some touches, each with an error of its own.
-    pub fn of(skin: &mut Skin, touches: &[Touch], rng: &mut Stream) -> Readings {
+    pub fn of(skin: &mut Skin, touches: &[Touch], rng: &mut Stream) -> KnownReadings {
         let units = skin.len();
         let mut outputs = vec![0.0; units * touches.len()];
         for (touch, outputs) in touches.iter().zip(outputs.chunks_exact_mut(units)) {
@@ -151,16 +151,16 @@ impl Readings {
             }
             skin.read_out(0.0, outputs);
         }
-        let truth = |touch: &Touch| Truth {
+        let truth = |touch: &Touch| KnownContact {
             place: touch.place,
             force_n: touch.second.is_none().then_some(touch.force_n),
             second: touch.second,
         };
-        Readings { units, truths: touches.iter().map(truth).collect(), outputs }
+        KnownReadings { units, truths: touches.iter().map(truth).collect(), outputs }
     }
 
     /// One after another.
-    pub fn iter(&self) -> impl Iterator<Item = (&Truth, &[f64])> {
+    pub fn iter(&self) -> impl Iterator<Item = (&KnownContact, &[f64])> {
         self.truths.iter().zip(self.outputs.chunks_exact(self.units))
     }
 
@@ -169,8 +169,8 @@ impl Readings {
     /// # Errors
     /// A press that can't be calibrated on.
     pub fn calibration(&self) -> Result<Calibration, CalibrationError> {
-        let point = |(truth, outputs): (&Truth, _)| {
-            let Truth { place, force_n, .. } = *truth;
+        let point = |(truth, outputs): (&KnownContact, _)| {
+            let KnownContact { place, force_n, .. } = *truth;
             CalibrationPoint { place, force_n: force_n.unwrap_or(CALIBRATION_N), outputs }
         };
         Calibration::new(&self.iter().map(point).collect::<Vec<_>>())

@@ -1,8 +1,8 @@
 //! How near each method comes, and what a solve takes.
 
-use super::cramer_rao::Least;
-use super::specimen::{FORCES_N, FULL_SCALE_N, Noise, Readings, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, Row, Tally, mark_pareto, ns_per_solve};
+use super::cramer_rao::MeanBound;
+use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
+use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally, mark_pareto, ns_per_solve};
 use super::{Rows, Told};
 use crate::parallel::in_parallel;
 use crate::quantity::{ArrayLayout, stream};
@@ -14,7 +14,7 @@ const STUDY: &str = "speed-accuracy";
 
 /// What methods are calibrated on and tried on.
 #[derive(Clone, Debug)]
-pub struct Trial {
+pub struct MethodTrial {
     /// The scene's name in rows.
     pub scene: String,
     /// The same for a person.
@@ -24,25 +24,25 @@ pub struct Trial {
     /// What to calibrate on.
     pub calibration: Calibration,
     /// What to solve.
-    pub test: Readings,
+    pub test: KnownReadings,
     /// The least errors there are, and whose bound that is.
-    pub least: Option<(Least, &'static str)>,
+    pub least: Option<(MeanBound, &'static str)>,
 }
 
-impl Trial {
+impl MethodTrial {
     /// Both scenes of the paper's array: `side` x `side` presses with 1 N, then contacts anywhere of 0.1 to 1 N.
     ///
     /// # Errors
     /// None in practice: simulated presses can be calibrated on.
-    pub fn simulated(side: usize, tests: usize, seed: u64) -> Result<Vec<Trial>, StudyError> {
-        let of = |noise: &Noise| {
+    pub fn simulated(side: usize, tests: usize, seed: u64) -> Result<Vec<MethodTrial>, StudyError> {
+        let of = |noise: &NoiseReference| {
             let specimen = Specimen::papers(*noise);
             let mut skin = specimen.skin(seed);
-            let presses = Readings::of(&mut skin, &grid(side), &mut stream(seed, 0, "calibration noise"));
+            let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, 0, "calibration noise"));
             let touches = anywhere(tests, FORCES_N, &mut stream(seed, 0, "test contacts"));
-            let test = Readings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
-            let least = Least::over(&skin, &specimen.skin, FULL_SCALE_N, &test);
-            Ok(Trial {
+            let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
+            let least = MeanBound::over(&skin, &specimen.skin, FULL_SCALE_N, &test);
+            Ok(MethodTrial {
                 scene: noise.name().to_owned(),
                 told: noise.told().to_owned(),
                 layout: Some(specimen.layout),
@@ -51,12 +51,12 @@ impl Trial {
                 least: least.map(|least| (least, CRAMER_RAO)),
             })
         };
-        Noise::ALL.iter().map(of).collect()
+        NoiseReference::ALL.iter().map(of).collect()
     }
 }
 
 /// Calibrates every method on each trial, solves its test and takes the time of it.
-pub fn speed_accuracy(trials: &[Trial], told: Told<'_>) -> Rows {
+pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Rows {
     let mut rows = Vec::new();
     let tried = in_parallel(trials, |trial| {
         let methods = Method::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
@@ -78,7 +78,7 @@ pub fn speed_accuracy(trials: &[Trial], told: Told<'_>) -> Rows {
             let mut row = tally.row(method.name, heading, trial.least);
             // one after another: two at once would take each other's time. The best is one of them, and takes as long.
             let same =
-                rows[first..].iter().find(|other: &&Row| method.name == BEST && Some(other.solver) == row.chosen);
+                rows[first..].iter().find(|other: &&MethodRow| method.name == BEST && Some(other.solver) == row.chosen);
             row.ns_per_solve = match (same, &method.fitted) {
                 (Some(same), _) => same.ns_per_solve,
                 (None, Ok(solver)) => ns_per_solve(solver.as_ref(), &trial.test),

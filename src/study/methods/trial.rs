@@ -1,7 +1,7 @@
 //! One method on some readings: how far off, how sure, how long it takes.
 
-use super::cramer_rao::Least;
-use super::specimen::Readings;
+use super::cramer_rao::MeanBound;
+use super::specimen::KnownReadings;
 use crate::solver::{
     BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, SOLVERS, Setting,
     Solver, Verdict, Workspace, fit,
@@ -42,7 +42,7 @@ impl Method {
 
 /// What a method made of one condition. Times are measured, all else follows from the seed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct MethodRow {
     /// Which study.
     pub study: &'static str,
     /// The noise's letter, or the run's or the table's name.
@@ -148,7 +148,7 @@ pub struct Tally {
 
 impl Tally {
     /// Solves all readings.
-    pub fn of(method: &Method, readings: &Readings) -> Tally {
+    pub fn of(method: &Method, readings: &KnownReadings) -> Tally {
         let solver = match &method.fitted {
             Ok(solver) => solver,
             Err(refused) => return Tally { refused: Some(refused.to_string()), ..Tally::default() },
@@ -197,11 +197,11 @@ impl Tally {
     }
 
     /// The row it makes.
-    pub fn row(&self, solver: &'static str, heading: Heading, least: Option<(Least, &'static str)>) -> Row {
+    pub fn row(&self, solver: &'static str, heading: Heading, least: Option<(MeanBound, &'static str)>) -> MethodRow {
         let share = |count: usize| (self.points > 0).then(|| grain(count as f64 / self.points as f64));
         let chosen = self.chosen.first().filter(|first| self.chosen.iter().all(|chosen| chosen == *first));
         let Heading { study, scene, condition, value, told, calibration_presses } = heading;
-        Row {
+        MethodRow {
             study,
             scene,
             solver,
@@ -230,7 +230,7 @@ impl Tally {
     }
 }
 
-impl Row {
+impl MethodRow {
     /// Mean location error, mm.
     pub fn mean_mm(&self) -> Option<f64> {
         self.location_error_mm.map(|error| error.mean)
@@ -269,7 +269,7 @@ const LEAST: Duration = Duration::from_millis(20);
 const LEAST_PASSES: usize = 5;
 
 /// Time of a solve, ns: the median over passes through the same readings, of which there are at least 5 and 20 ms.
-pub fn ns_per_solve(solver: &dyn Solver, readings: &Readings) -> Option<f64> {
+pub fn ns_per_solve(solver: &dyn Solver, readings: &KnownReadings) -> Option<f64> {
     let mut workspace = Workspace::default();
     let count = readings.truths.len().min(TIMED);
     let mut pass = || {
@@ -291,8 +291,8 @@ pub fn ns_per_solve(solver: &dyn Solver, readings: &Readings) -> Option<f64> {
 }
 
 /// Of the rows of each scene: is no other both faster and nearer? Rows without both have no part in it.
-pub fn mark_pareto(rows: &mut [Row]) {
-    let mark = |row: &Row| Some((row.ns_per_solve?, row.mean_mm()?));
+pub fn mark_pareto(rows: &mut [MethodRow]) {
+    let mark = |row: &MethodRow| Some((row.ns_per_solve?, row.mean_mm()?));
     let all: Vec<(String, (f64, f64))> = rows.iter().filter_map(|row| Some((row.scene.clone(), mark(row)?))).collect();
     for row in rows {
         let is_best = mark(row).is_some_and(|(ns, mm)| {

@@ -26,7 +26,7 @@ pub const QUICK_SEEDS: usize = 2;
 
 /// What one specimen came to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Outcome {
+pub struct ValidationOutcome {
     /// "validation".
     pub study: &'static str,
     /// What its places, its noise and all else were drawn from.
@@ -50,7 +50,7 @@ pub struct Validation {
     /// The first seed.
     pub seed: u64,
     /// One a seed.
-    pub outcomes: Vec<Outcome>,
+    pub outcomes: Vec<ValidationOutcome>,
     /// What became of the claims of the numerical study.
     pub claims: Vec<Claim>,
 }
@@ -67,11 +67,11 @@ pub fn validation(seeds: usize, seed: u64, told: Told<'_>) -> Result<Validation,
         told(1 + done.fetch_add(1, Ordering::Relaxed), seeds);
         outcome
     });
-    let outcomes = outcomes.into_iter().collect::<Result<Vec<Outcome>, StudyError>>()?;
+    let outcomes = outcomes.into_iter().collect::<Result<Vec<ValidationOutcome>, StudyError>>()?;
     Ok(Validation { seed, outcomes, claims: curves().claims })
 }
 
-fn carried_out(seed: u64) -> Result<Outcome, StudyError> {
+fn carried_out(seed: u64) -> Result<ValidationOutcome, StudyError> {
     let rig = papers_rig()?;
     let (file, text) = RECIPE;
     let plan = Plan::new(&recipe::parse(file, text)?, &rig.ground(), seed)?;
@@ -86,7 +86,7 @@ fn carried_out(seed: u64) -> Result<Outcome, StudyError> {
     let evaluated = |solver| trial.evaluate(solver).map_err(|error| broken(error.to_string()));
     let staircases = Staircases::of_run(&presses, layout);
     let last_s = presses.presses.iter().filter_map(|press| press.t_s).fold(0.0, f64::max);
-    Ok(Outcome {
+    Ok(ValidationOutcome {
         study: "validation",
         seed,
         presses: contacts.len(),

@@ -1,6 +1,6 @@
 //! The validation as a page of Markdown.
 
-use super::{Outcome, Validation};
+use super::{Validation, ValidationOutcome};
 use crate::dataset::characteristics::UnitCharacteristics;
 use crate::paper;
 use crate::solver::Evaluation;
@@ -22,7 +22,7 @@ const PROTOCOL: [[&str; 3]; 12] = [
     ],
     [
         "force held within 0.05 N by the load cell",
-        "`control::Press`, `[press] force_tolerance_n`",
+        "`control::ForceLoop`, `[press] force_tolerance_n`",
         "palpate study control",
     ],
     [
@@ -130,7 +130,7 @@ impl Validation {
 
     fn write_number(&self, text: &mut String, number: &Number) -> std::fmt::Result {
         let Number { name, paper, digits, unit, of } = number;
-        let values = |which: fn(&Outcome) -> &Evaluation| {
+        let values = |which: fn(&ValidationOutcome) -> &Evaluation| {
             let known: Option<Vec<f64>> = self.outcomes.iter().map(|outcome| of(which(outcome))).collect();
             known.unwrap_or_default()
         };

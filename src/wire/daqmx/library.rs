@@ -2,7 +2,7 @@
 //! signature; buffers are handed over with their lengths.
 #![allow(unsafe_code, reason = "a C library is called: NI gives no other interface")]
 
-use super::{BY_SCAN, CONTINUOUS, NiDaqmx, RISING, Task, VOLTS};
+use super::{BY_SCAN, CONTINUOUS, NiDaqmx, RISING, TaskHandle, VOLTS};
 use libloading::Library;
 use std::ffi::{CString, c_char, c_void};
 
@@ -108,16 +108,23 @@ impl DaqmxLibrary {
 }
 
 impl NiDaqmx for DaqmxLibrary {
-    fn create_task(&self, name: &str, task: &mut Task) -> i32 {
+    fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32 {
         let Ok(name) = CString::new(name) else { return BAD_VALUE };
         let mut handle: Handle = std::ptr::null_mut();
         // SAFETY: the name ends with a zero byte, and the handle is written to a place of its type
         let status = unsafe { (self.create_task)(name.as_ptr(), &raw mut handle) };
-        *task = handle as Task;
+        *task = handle as TaskHandle;
         status
     }
 
-    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32 {
+    fn create_ai_voltage_channel(
+        &self,
+        task: TaskHandle,
+        physical: &str,
+        terminal: i32,
+        least_v: f64,
+        most_v: f64,
+    ) -> i32 {
         let Ok(physical) = CString::new(physical) else { return BAD_VALUE };
         let (name, scale) = (c"".as_ptr(), std::ptr::null());
         // SAFETY: all texts end with a zero byte; no custom scale is NULL by the header
@@ -127,28 +134,28 @@ impl NiDaqmx for DaqmxLibrary {
         }
     }
 
-    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32 {
+    fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32 {
         let configure = self.configure_sample_clock;
         // SAFETY: no source is the device's own clock, NULL by the header
         unsafe { configure(task as Handle, std::ptr::null(), rate_hz, RISING, CONTINUOUS, samples_per_channel) }
     }
 
-    fn start_task(&self, task: Task) -> i32 {
+    fn start_task(&self, task: TaskHandle) -> i32 {
         // SAFETY: a handle and nothing else
         unsafe { (self.start_task)(task as Handle) }
     }
 
-    fn stop_task(&self, task: Task) -> i32 {
+    fn stop_task(&self, task: TaskHandle) -> i32 {
         // SAFETY: as above
         unsafe { (self.stop_task)(task as Handle) }
     }
 
-    fn clear_task(&self, task: Task) -> i32 {
+    fn clear_task(&self, task: TaskHandle) -> i32 {
         // SAFETY: as above
         unsafe { (self.clear_task)(task as Handle) }
     }
 
-    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
+    fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
         let length = u32::try_from(buffer.len()).unwrap_or(u32::MAX);
         let (at_once_s, reserved) = (0.0, std::ptr::null_mut());
         // SAFETY: the buffer has the length that is said, in numbers; `read` is an i32

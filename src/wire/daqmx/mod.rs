@@ -8,7 +8,7 @@ pub use library::{DaqmxLibrary, LoadError};
 pub use thread::{Functions, HeldUp};
 
 /// A task as the library knows it.
-pub type Task = usize;
+pub type TaskHandle = usize;
 
 /// Terminal configurations (`DAQmx_Val_RSE`, `NRSE`, `Diff`, `PseudoDiff`).
 pub const RSE: i32 = 10083;
@@ -33,26 +33,33 @@ pub const AUTO: i32 = -1;
 /// may wait: every read has a time-out of 0.
 pub trait NiDaqmx: Send + Sync {
     /// `DAQmxCreateTask`.
-    fn create_task(&self, name: &str, task: &mut Task) -> i32;
+    fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32;
 
     /// `DAQmxCreateAIVoltageChan` with units of volts and no custom scale. `physical` may be a range: `Dev1/ai0:8`.
-    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32;
+    fn create_ai_voltage_channel(
+        &self,
+        task: TaskHandle,
+        physical: &str,
+        terminal: i32,
+        least_v: f64,
+        most_v: f64,
+    ) -> i32;
 
     /// `DAQmxCfgSampClkTiming` on the device's own clock, rising edge, continuous, a buffer of so many samples a channel.
-    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32;
+    fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32;
 
     /// `DAQmxStartTask`.
-    fn start_task(&self, task: Task) -> i32;
+    fn start_task(&self, task: TaskHandle) -> i32;
 
     /// `DAQmxStopTask`.
-    fn stop_task(&self, task: Task) -> i32;
+    fn stop_task(&self, task: TaskHandle) -> i32;
 
     /// `DAQmxClearTask`: the task is gone afterwards.
-    fn clear_task(&self, task: Task) -> i32;
+    fn clear_task(&self, task: TaskHandle) -> i32;
 
     /// `DAQmxReadAnalogF64` with a time-out of 0, grouped by scan: at most `samples_per_channel` ([`AUTO`]: all there are)
     /// into `buffer`; `read` is how many a channel came.
-    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32;
+    fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32;
 
     /// `DAQmxGetExtendedErrorInfo`: the last error of this thread in NI's words.
     fn extended_error_info(&self) -> String;

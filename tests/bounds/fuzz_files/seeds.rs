@@ -1,9 +1,9 @@
 //! What is mutated: the project's own texts, and the files of a small run.
 
-use palpate::dataset::{Origins, RunFacts, RunFolder, Session};
+use palpate::dataset::{Origins, Provenance, RunFacts, RunFolder};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Errand, Listener, walk};
+use palpate::run::{Cancel, Listener, Walk, walk};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -31,11 +31,11 @@ pub fn run() -> &'static Run {
         let origins = Origins { recipe: SMALL.to_owned(), rig: SIM_RIG.to_owned(), maps: Vec::new() };
         let (facts, path) = (RunFacts::new(&plan, true), home.path().join("run"));
         let mut folder =
-            RunFolder::create(Some(&path), &origins, facts, Session::default(), &spec.array.layout).expect("a run");
+            RunFolder::create(Some(&path), &origins, facts, Provenance::default(), &spec.array.layout).expect("a run");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
         let ending = runtime.expect("a runtime").block_on(async {
             let cancel = Cancel::default();
-            let errand = Errand { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+            let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
             walk(errand, &mut Unheard).await
         });
         folder.finish(ending.end(String::new(), 0.0)).expect("a run that ends");

@@ -12,7 +12,7 @@ use palpate::emulator::{DaqmxEmulator, Shared};
 use palpate::quantity::{Axis, Stream, stream};
 use palpate::scene::{Scene, Trajectory};
 use palpate::wire::Connector;
-use palpate::wire::daqmx::{Functions, NiDaqmx, Task};
+use palpate::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -278,25 +278,32 @@ impl BadTable {
 }
 
 impl NiDaqmx for BadTable {
-    fn create_task(&self, name: &str, task: &mut Task) -> i32 {
+    fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32 {
         self.table.create_task(name, task)
     }
-    fn create_ai_voltage_channel(&self, task: Task, physical: &str, terminal: i32, least_v: f64, most_v: f64) -> i32 {
+    fn create_ai_voltage_channel(
+        &self,
+        task: TaskHandle,
+        physical: &str,
+        terminal: i32,
+        least_v: f64,
+        most_v: f64,
+    ) -> i32 {
         self.table.create_ai_voltage_channel(task, physical, terminal, least_v, most_v)
     }
-    fn configure_sample_clock(&self, task: Task, rate_hz: f64, samples_per_channel: u64) -> i32 {
+    fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32 {
         self.table.configure_sample_clock(task, rate_hz, samples_per_channel)
     }
-    fn start_task(&self, task: Task) -> i32 {
+    fn start_task(&self, task: TaskHandle) -> i32 {
         self.table.start_task(task)
     }
-    fn stop_task(&self, task: Task) -> i32 {
+    fn stop_task(&self, task: TaskHandle) -> i32 {
         self.table.stop_task(task)
     }
-    fn clear_task(&self, task: Task) -> i32 {
+    fn clear_task(&self, task: TaskHandle) -> i32 {
         self.table.clear_task(task)
     }
-    fn read_analog_f64(&self, task: Task, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
+    fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
         let status = self.table.read_analog_f64(task, samples_per_channel, buffer, read);
         let struck = {
             let mut fate = lock(&self.fate);

@@ -4,11 +4,11 @@ use super::RECIPE;
 use super::far::{Fate, beset};
 use crate::support::phases::{Phase, Watcher};
 use crate::support::walks::{Worst, in_virtual_time};
-use palpate::dataset::{Contact, Manifest, Origins, RunFacts, RunFolder, Session};
+use palpate::dataset::{Contact, Manifest, Origins, Provenance, RunFacts, RunFolder};
 use palpate::emulator::Shared;
 use palpate::recipe::{Entry, Plan};
 use palpate::rig::RigSpec;
-use palpate::run::{Cancel, Ending, Errand, Listener, walk_on};
+use palpate::run::{Cancel, Ending, Listener, Walk, walk_on};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -45,7 +45,7 @@ impl Kept {
         let home = tempfile::tempdir().expect("a folder");
         let (out, facts) = (home.path().join("run"), facts_of(plan));
         let origins = Origins { recipe: RECIPE.to_owned(), rig: String::new(), maps: Vec::new() };
-        let folder = RunFolder::create(Some(&out), &origins, facts, Session::default(), &spec.array.layout);
+        let folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout);
         let folder = folder.expect("a run");
         Kept { folder, home }
     }
@@ -56,7 +56,7 @@ impl Kept {
         let path = folder.path().to_owned();
         drop(folder); // a run has one writer
         let mut folder = RunFolder::open(&path, &spec.array.layout).expect("a run that was kept");
-        folder.go_on(Session::default(), "").expect("a run that goes on");
+        folder.go_on(Provenance::default(), "").expect("a run that goes on");
         Kept { folder, home }
     }
 
@@ -69,7 +69,7 @@ impl Kept {
             beset(&mut rig, &watcher, fate);
             let (cancel, began) = (Cancel::default(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");
-            let errand = Errand { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
+            let errand = Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
             let mut notes = Notes { watcher: watcher.clone(), contacts: Vec::new() };
             let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut notes)).await.expect("it doesn't end by itself");
             let virtual_s = began.elapsed().as_secs_f64();

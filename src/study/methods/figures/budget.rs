@@ -1,9 +1,9 @@
 //! Mean error against the presses of a calibration.
 
 use super::{BOUND, Drawn, PAPER_MM, legend, look};
-use crate::chart::{Axis, Figure, Mark, Panel, Scale};
+use crate::chart::{ChartAxis, Figure, Mark, Panel, Scale};
 use crate::study::methods::budget::{BUDGET, PRESS_S};
-use crate::study::methods::{Method, Noise, Rows};
+use crate::study::methods::{Method, NoiseReference, Rows};
 
 /// Both scenes side by side.
 pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
@@ -15,7 +15,7 @@ pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
             "square grids of 1 N presses on ±6 mm; mean over {specimens} specimens of {tests} contacts each, 0.1 to 1 N"
         ),
         height_px: 420.0,
-        panels: Noise::ALL.map(|noise| panel(noise, found)).to_vec(),
+        panels: NoiseReference::ALL.map(|noise| panel(noise, found)).to_vec(),
         legend: legend(5),
         notes: vec![
             format!("dotted: the paper's own mean error with 625 presses, {PAPER_MM} mm"),
@@ -31,7 +31,7 @@ pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
     vec![("budget.svg".to_owned(), figure.svg())]
 }
 
-fn panel(noise: Noise, found: &Rows) -> Panel {
+fn panel(noise: NoiseReference, found: &Rows) -> Panel {
     let of = |solver| found.of(noise.name(), solver, BUDGET);
     let mut ticks: Vec<(f64, String)> = Vec::new();
     for row in of(crate::solver::SOLVERS[0]) {
@@ -40,14 +40,14 @@ fn panel(noise: Noise, found: &Rows) -> Panel {
         ticks.push((row.value, format!("{}\n{told}", row.value)));
     }
     let ends = ticks.iter().fold((f64::MAX, 1.0f64), |(l, m), (value, _)| (l.min(*value), m.max(*value)));
-    let x = Axis {
+    let x = ChartAxis {
         label: "presses, and minutes below".to_owned(),
         scale: Scale::LogAt(ticks),
         range: (ends.0.min(ends.1) / 1.15, ends.1 * 1.15),
     };
     let rows = || found.rows.iter().filter(|row| row.scene == noise.name());
     let errors_mm = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
-    let y = Axis::log("location error, mean, mm", errors_mm, (PAPER_MM, PAPER_MM));
+    let y = ChartAxis::log("location error, mean, mm", errors_mm, (PAPER_MM, PAPER_MM));
     let mut marks = vec![
         Mark::Title(noise.told().to_owned()),
         Mark::Level(PAPER_MM, String::new()),

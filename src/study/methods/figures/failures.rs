@@ -1,10 +1,10 @@
 //! Where methods fail: a panel of errors and one of silent failures a condition.
 
 use super::{BOUND, Drawn, legend, look};
-use crate::chart::{Axis, Figure, Grid, Mark, Panel};
+use crate::chart::{ChartAxis, Figure, Grid, Mark, Panel};
 use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
-use crate::study::methods::{Method, Noise, Row, Rows};
+use crate::study::methods::{Method, MethodRow, NoiseReference, Rows};
 
 const COLUMNS: usize = 4;
 /// Silent failures up to this share don't stretch an axis, %.
@@ -12,10 +12,10 @@ const LEAST_PERCENT: f64 = 5.0;
 
 /// A figure a scene.
 pub fn failure_figures(found: &Rows) -> Vec<Drawn> {
-    Noise::ALL.map(|noise| (format!("failures-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
+    NoiseReference::ALL.map(|noise| (format!("failures-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }
 
-fn figure(noise: Noise, found: &Rows) -> Figure {
+fn figure(noise: NoiseReference, found: &Rows) -> Figure {
     let points = found.rows.first().map_or(0, |row| row.points);
     let presses = found.rows.first().map_or(0, |row| row.calibration_presses);
     let panels = CONDITIONS.chunks(COLUMNS).flat_map(|harms| {
@@ -36,37 +36,41 @@ fn figure(noise: Noise, found: &Rows) -> Figure {
     }
 }
 
-fn errors(harm: &Harm, noise: Noise, found: &Rows) -> Panel {
+fn errors(harm: &Harm, noise: NoiseReference, found: &Rows) -> Panel {
     let rows = || found.rows.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
     let values = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
-    let most_mm = rows().filter_map(Row::mean_mm).fold(LOCATION_REFERENCE_MM, f64::max);
+    let most_mm = rows().filter_map(MethodRow::mean_mm).fold(LOCATION_REFERENCE_MM, f64::max);
     // a bound beyond all errors is one no method that knows the area is held to
-    let y = Axis::log("location error, mean, mm", values.map(|mm| mm.min(most_mm)), (0.9, LOCATION_REFERENCE_MM));
+    let y = ChartAxis::log("location error, mean, mm", values.map(|mm| mm.min(most_mm)), (0.9, LOCATION_REFERENCE_MM));
     let mut marks = vec![Mark::Title(harm.name.to_owned()), Mark::Level(LOCATION_REFERENCE_MM, String::new())];
     let is_inside = |mm: &f64| *mm <= y.range.1;
     let bound = curve(harm, noise, SOLVERS[0], found, |row| row.location_bound_mm.filter(is_inside));
     marks.push(Mark::Curve(BOUND, bound));
     marks.extend(
-        Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, Row::mean_mm))),
+        Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, MethodRow::mean_mm))),
     );
     Panel { x: axis(harm, false), y, marks }
 }
 
-fn silent(harm: &Harm, noise: Noise, found: &Rows) -> Panel {
-    let percent = |row: &Row| row.wrong_unflagged.map(|share| 100.0 * share);
+fn silent(harm: &Harm, noise: NoiseReference, found: &Rows) -> Panel {
+    let percent = |row: &MethodRow| row.wrong_unflagged.map(|share| 100.0 * share);
     let rows = found.rows.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
     let most = rows.filter_map(percent).fold(LEAST_PERCENT, f64::max);
     let marks = Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, percent)));
-    Panel { x: axis(harm, true), y: Axis::linear("wrong, not flagged, %", (0.0, 1.05 * most)), marks: marks.collect() }
+    Panel {
+        x: axis(harm, true),
+        y: ChartAxis::linear("wrong, not flagged, %", (0.0, 1.05 * most)),
+        marks: marks.collect(),
+    }
 }
 
 /// The values of a method in the order of the axis.
 fn curve(
     harm: &Harm,
-    noise: Noise,
+    noise: NoiseReference,
     solver: &str,
     found: &Rows,
-    value: impl Fn(&Row) -> Option<f64>,
+    value: impl Fn(&MethodRow) -> Option<f64>,
 ) -> Vec<(f64, f64)> {
     let rows = found.of(noise.name(), solver, harm.name);
     let mut points: Vec<(f64, f64)> = rows.filter_map(|row| Some((row.value, value(row)?))).collect();
@@ -74,16 +78,16 @@ fn curve(
     points
 }
 
-fn axis(harm: &Harm, labelled: bool) -> Axis {
+fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
     let label = if labelled { harm.label } else { "" };
     let ends = harm.values.iter().fold((f64::MAX, f64::MIN), |(l, m), value| (l.min(*value), m.max(*value)));
     let room = 0.04 * (ends.1 - ends.0);
     match harm.spread {
-        Spread::Linear => Axis::linear(label, (ends.0 - room, ends.1 + room)),
-        Spread::Log => Axis { range: (ends.0 / 1.12, ends.1 * 1.12), ..Axis::log(label, [], ends) },
+        Spread::Linear => ChartAxis::linear(label, (ends.0 - room, ends.1 + room)),
+        Spread::Log => ChartAxis { range: (ends.0 / 1.12, ends.1 * 1.12), ..ChartAxis::log(label, [], ends) },
         Spread::Words(words) => {
             let names = words.iter().map(|word| (*word).to_owned()).collect();
-            Axis { label: label.to_owned(), ..Axis::rows(names) }
+            ChartAxis { label: label.to_owned(), ..ChartAxis::rows(names) }
         }
     }
 }

@@ -8,7 +8,7 @@ pub use budget::budget_figures;
 pub use failures::failure_figures;
 pub use speed_accuracy::{speed_accuracy_figures, told};
 
-use super::trial::{CRAMER_RAO, Method, Row};
+use super::trial::{CRAMER_RAO, Method, MethodRow};
 use crate::chart::{Hue, Line, Look, Shape};
 use crate::paper;
 use crate::solver::BEST;
@@ -46,7 +46,7 @@ fn legend(in_a_line: usize) -> Vec<Vec<(Look, String)>> {
 }
 
 /// What a bound is, for a note.
-fn told_bound(row: &Row) -> Option<&'static str> {
+fn told_bound(row: &MethodRow) -> Option<&'static str> {
     Some(match row.bound? {
         CRAMER_RAO => "bound: the least mean error of any unbiased method that knows the array exactly (Cramér-Rao)",
         _ => "stated: the mean error that surrogate expects of its own answers",

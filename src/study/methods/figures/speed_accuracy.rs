@@ -1,10 +1,10 @@
 //! Mean error against the time of a solve.
 
 use super::{Drawn, look, told_bound};
-use crate::chart::{Anchor, Axis, Figure, Hue, Line, Look, Mark, Panel};
+use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
 use crate::solver::BEST;
 use crate::study::methods::trial::CRAMER_RAO;
-use crate::study::methods::{Row, Rows, Trial};
+use crate::study::methods::{MethodRow, MethodTrial, Rows};
 
 /// Size of a panel, px: to keep words apart.
 const HEIGHT_PX: f64 = 420.0;
@@ -25,7 +25,7 @@ pub fn speed_accuracy_figures(trials: &[(String, String, usize)], found: &Rows) 
     let panels: Vec<Panel> = trials
         .iter()
         .map(|(scene, told, _)| {
-            let rows: Vec<&Row> = found.rows.iter().filter(|row| row.scene == *scene).collect();
+            let rows: Vec<&MethodRow> = found.rows.iter().filter(|row| row.scene == *scene).collect();
             panel(told, &rows, WIDTHS_PX[usize::from(trials.len() > 1)])
         })
         .collect();
@@ -47,9 +47,9 @@ pub fn speed_accuracy_figures(trials: &[(String, String, usize)], found: &Rows) 
     vec![("speed-accuracy.svg".to_owned(), figure.svg())]
 }
 
-fn panel(told: &str, rows: &[&Row], width_px: f64) -> Panel {
-    let point = |row: &Row| Some((row.ns_per_solve?, row.mean_mm()?));
-    let ends = |row: &Row| {
+fn panel(told: &str, rows: &[&MethodRow], width_px: f64) -> Panel {
+    let point = |row: &MethodRow| Some((row.ns_per_solve?, row.mean_mm()?));
+    let ends = |row: &MethodRow| {
         let (mean_mm, within_mm) = (row.mean_mm()?, row.location_error_within_mm?);
         Some((mean_mm - within_mm, mean_mm + within_mm))
     };
@@ -61,9 +61,9 @@ fn panel(told: &str, rows: &[&Row], width_px: f64) -> Panel {
     let errors_mm = points().map(|(_, mm)| mm).chain(rows.iter().filter_map(|row| ends(row)).flat_map(|(a, b)| [a, b]));
     let (fast_ns, slow_ns) = points().fold((f64::MAX, 1.0), |(l, m): (f64, f64), (ns, _)| (l.min(ns), m.max(ns)));
     // room for words at either side
-    let x = Axis::log("time per solve, median, ns", [], (fast_ns.min(slow_ns) / 2.5, slow_ns * 2.5));
+    let x = ChartAxis::log("time per solve, median, ns", [], (fast_ns.min(slow_ns) / 2.5, slow_ns * 2.5));
     let first_mm = points().map(|(_, mm)| mm).next().unwrap_or(1.0);
-    let y = Axis::log(
+    let y = ChartAxis::log(
         "location error, mean, mm",
         errors_mm.chain(bound.iter().map(|(mm, _)| mm / 1.3)),
         (first_mm, first_mm * 1.15),
@@ -153,6 +153,6 @@ fn beside((x, y): (f64, f64), words_px: f64, width_px: f64, taken: &[Box]) -> ((
 }
 
 /// What a figure needs to know of a trial.
-pub fn told(trial: &Trial) -> (String, String, usize) {
+pub fn told(trial: &MethodTrial) -> (String, String, usize) {
     (trial.scene.clone(), trial.told.clone(), trial.test.truths.len())
 }

@@ -1,0 +1,30 @@
+//! Room for a solver to work in.
+
+use super::scan;
+
+/// Room for a solver to work in, kept from one reading to the next so that none of them allocates.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    /// A row of the reading's length.
+    pub(super) row: Vec<f64>,
+    /// What is read of the units that count.
+    pub(super) kept: Vec<f64>,
+    /// Room to fit a response.
+    pub(super) buffers: Buffers,
+    /// What is expected there.
+    pub(super) pattern: Vec<f64>,
+    /// The same, centred.
+    pub(super) centred: Vec<f64>,
+    /// Room for the search of a table.
+    pub(super) scratch: scan::Scratch,
+}
+
+/// One value a unit each.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Buffers {
+    pub value: Vec<f64>,
+    pub along_x: Vec<f64>,
+    pub along_y: Vec<f64>,
+    pub weight: Vec<f64>,
+    pub leverage: Vec<f64>,
+}
