@@ -18,7 +18,7 @@ pub const MAX_COLUMNS: usize = 4096;
 pub enum TableError {
     /// Not there, not a file, not permitted.
     #[error("{file}: can't be read")]
-    #[diagnostic(help("name a table that is there; that of a run is written anew by `palpate rebuild`"))]
+    #[diagnostic(help("name a table that exists; `palpate rebuild` regenerates that of a run"))]
     Unreadable { file: String, source: io::Error },
     /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
     #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]

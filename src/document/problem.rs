@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most problems of a text that are told: who has more corrects these first.
+/// Most problems of a text that are reported: a person with more corrects these first.
 pub const PROBLEMS_MAX: usize = 100;
 
 /// Longest stretch of a text that is shown with a problem, bytes. Beyond 65,535 columns the one who draws it gives up.

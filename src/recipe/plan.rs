@@ -19,7 +19,7 @@ pub struct Plan {
     pub entries: Vec<Entry>,
 }
 
-/// What a plan is held against.
+/// What a plan is checked against.
 #[derive(Clone, Debug)]
 pub struct Ground<'a> {
     /// How far the axes may go.

@@ -129,7 +129,7 @@ impl RigSpec {
         }
     }
 
-    /// What a plan is held against.
+    /// What a plan is checked against.
     pub fn ground(&self) -> Ground<'_> {
         Ground { travel: &self.stage.travel, frame: &self.frame, limits: &self.limits, layout: &self.array.layout }
     }

@@ -1,4 +1,4 @@
-//! What a scene is told: its physical terms, and what is around it.
+//! The physical terms of a scene, and what surrounds it.
 
 use super::faults::Fault;
 use super::skin::SkinSpec;

@@ -1,4 +1,4 @@
-//! What a fit is told beside the calibration.
+//! The settings of a fit, beside its calibration.
 
 use super::Calibration;
 use crate::quantity::ArrayLayout;

@@ -10,7 +10,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// What every study is told that draws at random.
+/// The arguments of every study that draws at random.
 #[derive(Debug, clap::Args)]
 pub(super) struct Common {
     #[command(flatten)]

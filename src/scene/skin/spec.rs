@@ -1,4 +1,4 @@
-//! What a skin is told: its terms.
+//! The terms of a skin.
 
 use crate::mechanics::Medium;
 
