@@ -4,7 +4,7 @@ use super::Subject;
 use super::frame::{clock, section as framed, words};
 use super::subject::run_name;
 use crate::control::Trip;
-use crate::dataset::{Flag, Recorded};
+use crate::dataset::{Flag, Loss, Recorded, RigChange};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
@@ -39,7 +39,11 @@ fn of_run(run: &Recorded) -> Markup {
             session.system
         );
         rows.push(("began", told));
+        let changed = |change: &RigChange| format!("{} is {}; it was {}", change.key, change.now, change.before);
+        rows.extend(session.changes.iter().map(|change| ("rig changed", changed(change))));
     }
+    let lost = |loss: &Loss| format!("accepted {}: {}", clock(&loss.accepted), loss.lost.join("; "));
+    rows.extend(manifest.losses.iter().map(|loss| ("presses lost", lost(loss))));
     rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
     rows.push(("flagged rows", flags(run)));
     rows.push(("zero in air", zeros(run)));
