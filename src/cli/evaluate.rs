@@ -2,19 +2,18 @@
 //! are.
 
 use super::exit::{Failure, accepted};
-use super::recorded::{read_run, warn_of_table};
-use super::solve::{load, solvers};
+use super::method::{load, solvers};
+use super::recorded::{read_presses, read_run};
 use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table, solvers_table};
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{Trial, is_to_evaluate};
-use crate::dataset::{Presses, read_table};
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 use std::error::Error;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// In place of a method's name: every method, and the best.
@@ -129,13 +128,6 @@ fn json((solver, outcome): &(&str, Result<Evaluation, String>)) -> Result<String
         Err(error) => serde_json::to_string(&Failed { solver, error }),
     };
     Ok(object.into_diagnostic().map_err(Failure::usage)? + "\n")
-}
-
-/// The presses of a table that is named by its path: it is read as it is.
-pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
-    let presses = read_table(table).map_err(Failure::usage)?;
-    warn_of_table(table)?;
-    Ok(presses)
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ mod drivers;
 mod emulate;
 mod evaluate;
 mod exit;
+mod method;
 mod ports;
 mod progress;
 mod provenance;

@@ -3,7 +3,7 @@
 use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
-use crate::dataset::{Recorded, Texts};
+use crate::dataset::{Presses, Recorded, Texts, read_table};
 use crate::rig::RigSpec;
 use std::path::Path;
 
@@ -27,8 +27,15 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
 
+/// The presses of a table that is named by its path: it is read as it is.
+pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
+    let presses = read_table(table).map_err(Failure::usage)?;
+    warn_of_table(table)?;
+    Ok(presses)
+}
+
 /// Says in a line that a table, named by its path, isn't what the journal beside it says. It is read as it is.
-pub fn warn_of_table(table: &Path) -> Result<(), Failure> {
+fn warn_of_table(table: &Path) -> Result<(), Failure> {
     let folder = table.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let is_a_runs = table.file_name().is_some_and(|name| name == "presses.csv");
     // a journal that can't be read is for `palpate verify` to report

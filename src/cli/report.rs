@@ -1,8 +1,8 @@
 //! `palpate report`: writes a page about a sensor's runs, or about many sensors side by side.
 
 use super::exit::Failure;
+use super::method::solvers;
 use super::recorded::read_run;
-use super::solve::solvers;
 use super::summary::print;
 use crate::dataset::{Recorded, check_run, files};
 use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};

@@ -1,15 +1,15 @@
 //! `palpate solve`: readings of the array in, contacts out, a line for a line.
 
-use super::evaluate::read_presses;
 use super::exit::Failure;
-use super::recorded::read_run;
+use super::method::{load, solvers};
+use super::recorded::{read_presses, read_run};
 use super::solutions::Solutions;
 use super::summary::tell;
 use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::readings::{Format, ReadingError, Readings};
 use crate::quantity::ArrayLayout;
-use crate::solver::{BEST, Broken, Calibration, ForceKnown, SOLVERS, Session, Setting, Solver as _};
+use crate::solver::{BEST, Broken, Calibration, ForceKnown, Session, Setting, Solver as _};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Read, Write};
@@ -66,16 +66,6 @@ pub struct SolveArgs {
     /// The forces to come, N; else from a tenth of the calibration's to the calibration's
     #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
     forces_n: Option<Vec<f64>>,
-}
-
-/// Every name a method can be asked for by, with some more.
-pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesParser {
-    PossibleValuesParser::new(more.into_iter().chain(SOLVERS))
-}
-
-/// What `--constant-load` says.
-pub fn load(is_constant: bool) -> ForceKnown {
-    if is_constant { ForceKnown::Constant } else { ForceKnown::Unknown }
 }
 
 /// Fits the method, then answers as the readings come in.

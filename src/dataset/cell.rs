@@ -18,13 +18,16 @@ pub enum Value<'a> {
     Nothing,
 }
 
+/// Which of a row's cells in a column isn't what was expected, and what that is.
+pub(super) type Misread = (usize, &'static str);
+
 /// What a column holds.
 pub(super) trait Cell: Sized {
     /// Reads the cells of one row, trimmed: one, or one a channel.
     ///
     /// # Errors
     /// Which of the cells isn't what was expected, and what that is.
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)>;
+    fn read(cells: &[&str]) -> Result<Self, Misread>;
 
     /// Gives one value a cell.
     fn write(&self, out: &mut dyn FnMut(Value<'_>));
@@ -69,7 +72,7 @@ fn number(text: &str) -> Option<f64> {
 const NUMBER: &str = "a finite number";
 
 impl Cell for u64 {
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)> {
+    fn read(cells: &[&str]) -> Result<Self, Misread> {
         only(cells).parse().map_err(|_| (0, "a whole number from 0"))
     }
 
@@ -79,7 +82,7 @@ impl Cell for u64 {
 }
 
 impl Cell for f64 {
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)> {
+    fn read(cells: &[&str]) -> Result<Self, Misread> {
         number(only(cells)).ok_or((0, NUMBER))
     }
 
@@ -94,7 +97,7 @@ impl Cell for f64 {
 
 /// A number that not every table has; where it has the column, each cell is a number.
 impl Cell for Option<f64> {
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)> {
+    fn read(cells: &[&str]) -> Result<Self, Misread> {
         f64::read(cells).map(Some)
     }
 
@@ -108,7 +111,7 @@ impl Cell for Option<f64> {
 }
 
 impl Cell for Option<Phase> {
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)> {
+    fn read(cells: &[&str]) -> Result<Self, Misread> {
         let named = Phase::ALL.into_iter().find(|phase| phase.name() == only(cells));
         named.map(Some).ok_or((0, "characterisation, calibration, test or teach"))
     }
@@ -119,7 +122,7 @@ impl Cell for Option<Phase> {
 }
 
 impl Cell for Vec<f64> {
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)> {
+    fn read(cells: &[&str]) -> Result<Self, Misread> {
         cells.iter().enumerate().map(|(index, cell)| number(cell).ok_or((index, NUMBER))).collect()
     }
 
@@ -134,7 +137,7 @@ impl Cell for Vec<f64> {
 
 /// Separated by blanks. An empty cell and 0 mean none; a word of somebody else's is a flag too.
 impl Cell for Vec<Flag> {
-    fn read(cells: &[&str]) -> Result<Self, (usize, &'static str)> {
+    fn read(cells: &[&str]) -> Result<Self, Misread> {
         let words = only(cells).split_whitespace();
         let named = |word: &str| Flag::ALL.into_iter().find(|flag| flag.name() == word).unwrap_or(Flag::Other);
         Ok(if only(cells) == "0" { Vec::new() } else { words.map(named).collect() })

@@ -3,7 +3,7 @@
 //! A new column is one line of the list below, and the place that measures it.
 
 use super::Flag;
-use super::cell::{Cell, Value};
+use super::cell::{Cell, Misread, Value};
 use crate::quantity::Place;
 use crate::recipe::Phase;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
@@ -28,10 +28,15 @@ pub struct Column {
     pub name: &'static str,
     /// Which tables have it.
     pub presence: Presence,
-    pub(super) write: fn(&Press, &mut dyn FnMut(Value<'_>)),
-    pub(super) read: fn(&mut Press, &[&str]) -> Result<(), (usize, &'static str)>,
+    pub(super) write: Write,
+    pub(super) read: Read,
     round: fn(&mut Press),
 }
+
+/// Gives the values of a press in a column, one a cell.
+type Write = fn(&Press, &mut dyn FnMut(Value<'_>));
+/// Takes the cells of a row in a column, one or one a channel.
+type Read = fn(&mut Press, &[&str]) -> Result<(), Misread>;
 
 /// The name of the column that stands for one column a channel.
 pub const OUTPUTS: &str = "outputs";

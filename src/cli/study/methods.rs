@@ -1,9 +1,9 @@
 //! `palpate study speed-accuracy | budget | failures`: the methods that solve.
 
 use super::begun::{Begun, Common, number};
-use crate::cli::evaluate::read_presses;
+
 use crate::cli::exit::Failure;
-use crate::cli::recorded::read_run;
+use crate::cli::recorded::{read_presses, read_run};
 use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::study::methods;
 use crate::study::methods::{
