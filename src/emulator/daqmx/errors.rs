@@ -27,7 +27,7 @@ impl DaqmxStatus {
     pub fn message(self, task: Option<&str>) -> String {
         let text = self.text().unwrap_or("No text is known for this status code.");
         let task = task.map(|name| format!("Task Name: {name}\n\n")).unwrap_or_default();
-        format!("{text}\n\n{task}DaqmxStatus Code: {}", self.0)
+        format!("{text}\n\n{task}Status Code: {}", self.0)
     }
 }
 
