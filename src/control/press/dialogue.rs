@@ -37,7 +37,7 @@ pub struct Context {
 pub enum Command {
     /// Average this many readings; answered by [`Event::Averaged`].
     Average(u32),
-    /// Move along z, every reading told to [`Press::see`](super::Press::see); answered by [`Event::Moved`].
+    /// Move along z, every reading told to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
     Move(Permitted),
     /// Keep still and read the force; answered by [`Event::Dwelt`].
     Dwell(f64),
