@@ -282,6 +282,7 @@ mod interrupted {
             let value = match whole {
                 Some(whole) => whole.expect("a whole number"),
                 None if is_word(column) => cell.into(),
+                None if cell.is_empty() => Value::Null, // what was not measured
                 None => cell.parse::<f64>().expect("a number").into(),
             };
             (column.clone(), value)

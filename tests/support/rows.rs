@@ -27,6 +27,8 @@ pub fn table(bench: &Bench, run: &str) -> Vec<Value> {
             cell.parse::<u64>().expect("a whole number").into()
         } else if WORDS.contains(&column.as_str()) {
             cell.into()
+        } else if cell.is_empty() {
+            Value::Null // what was not measured
         } else {
             cell.parse::<f64>().expect("a number").into()
         };
