@@ -33,6 +33,7 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
         relaxation: Vec::new(),
         mounting: None,
         surface_tilt_mm: 0.0,
+        surface_wave: None,
         relief: None,
         stiffness: None,
         stage: None,

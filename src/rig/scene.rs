@@ -9,7 +9,7 @@ use crate::document::{self, Key, Problem, Problems, Table, Value};
 use crate::quantity::{Place, Range};
 use crate::scene::{
     ContactLaw, Fault, FaultKind, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
-    Stiffness,
+    Stiffness, Wave,
 };
 
 /// The paper's rig's scene: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through
@@ -44,23 +44,19 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
             [mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg].map(|key| table.number(&key));
         Some(Mounting { origin: Place::new(x?, y?), rotation_deg: rotation_deg?, z_mm: z_mm? })
     });
-    let (surface_tilt_mm, relief) =
-        table.table(&scene::surface).and_then(|table| read_surface(&table)).unwrap_or((0.0, None));
+    let (surface_tilt_mm, surface_wave, relief) =
+        table.table(&scene::surface).and_then(|table| read_surface(&table)).unwrap_or((0.0, None, None));
     let stiffness = table.table(&scene::stiffness).and_then(|table| {
         let (smooth_percent, white_percent) =
             (table.number(&stiffness::smooth_percent), table.number(&stiffness::white_percent));
         Some(Stiffness { smooth_percent: smooth_percent?, white_percent: white_percent? })
     });
     let stage = table.table(&scene::stage).and_then(|table| {
-        let (servo_ms, quantum_mm) = (table.number(&stage::servo_ms), table.number(&stage::quantum_mm));
-        Some(Servo { lag_s: servo_ms? / 1000.0, quantum_mm: quantum_mm? })
+        let [servo_ms, quantum_mm, backlash_mm] =
+            [stage::servo_ms, stage::quantum_mm, stage::backlash_mm].map(|key| table.number(&key));
+        Some(Servo { lag_s: servo_ms? / 1000.0, quantum_mm: quantum_mm?, backlash_mm: backlash_mm? })
     });
-    let load_cell = table.table(&scene::load_cell).and_then(|table| {
-        let (noise_n, offset_n) = (table.number(&load_cell::noise_n), table.number(&load_cell::offset_n));
-        let transport_ms = table.number(&load_cell::transport_ms);
-        let low_pass_hz = table.number(&load_cell::low_pass_hz);
-        Some(LoadCell { noise_n: noise_n?, offset_n: offset_n?, transport_s: transport_ms? / 1000.0, low_pass_hz })
-    });
+    let load_cell = table.table(&scene::load_cell).and_then(|table| read_load_cell(&table));
     let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
     let faults = document::all(table.tables(&scene::fault).iter().map(read_fault));
     Some(SceneSpec {
@@ -69,6 +65,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         relaxation: relaxation?,
         mounting,
         surface_tilt_mm,
+        surface_wave,
         relief,
         stiffness,
         stage,
@@ -79,7 +76,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
 }
 
 /// The plane's tilt, mm, and what is over the plane.
-fn read_surface(table: &Table) -> Option<(f64, Option<Relief>)> {
+fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
     let tilt_mm = table.number(&surface::tilt_mm);
     let bumps_mm = table.number(&surface::bumps_mm);
     let wavelength = table.range(&surface::bumps_wavelength_mm);
@@ -94,7 +91,8 @@ fn read_surface(table: &Table) -> Option<(f64, Option<Relief>)> {
         bumps_wavelength_mm: (min, max),
         roughness_mm: roughness_mm.unwrap_or(0.0),
     });
-    Some((tilt_mm?, relief))
+    let (wave_mm, wave_s) = (table.number(&surface::wave_mm), table.number(&surface::wave_s));
+    Some((tilt_mm?, wave(wave_mm?, wave_s?), relief))
 }
 
 fn read_fault(table: &Table) -> Option<Fault> {
@@ -112,6 +110,31 @@ fn read_fault(table: &Table) -> Option<Fault> {
 }
 
 /// What the devices take to answer, each as its key says unless the scene does.
+fn wave(amplitude: f64, period_s: f64) -> Option<Wave> {
+    (amplitude > 0.0).then_some(Wave { amplitude, period_s })
+}
+
+fn read_load_cell(table: &Table) -> Option<LoadCell> {
+    use load_cell as key;
+    let [noise_n, noise_ahead_n, offset_n, drift_n_min, gain_error_percent, transport_ms] =
+        [key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min, key::gain_error_percent, key::transport_ms]
+            .map(|key| table.number(&key));
+    let [wander_n, wander_s, hum_n, hum_hz] =
+        [key::wander_n, key::wander_s, key::hum_n, key::hum_hz].map(|key| table.number(&key));
+    Some(LoadCell {
+        noise_n: noise_n?,
+        noise_ahead_n: noise_ahead_n?,
+        offset_n: offset_n?,
+        drift_n_s: drift_n_min? / 60.0,
+        wander: wave(wander_n?, wander_s?),
+        hum: wave(hum_n?, 1.0 / hum_hz?),
+        gain: 1.0 + gain_error_percent? / 100.0,
+        transport_s: transport_ms? / 1000.0,
+        low_pass_hz: table.number(&key::low_pass_hz),
+        stiffness_n_mm: table.number(&key::stiffness_n_mm),
+    })
+}
+
 fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
     let seconds = |key: Key| {
         let range = table.map_or_else(|| key.default().and_then(Value::range), |table| table.range(&key));
@@ -175,7 +198,7 @@ mod tests {
         let more = "stiffness = { smooth_percent = 6.0, white_percent = 0.5 }\nstage = { servo_ms = 7.0, quantum_mm = 0.0001 }\nelastomer";
         let scene = changed("elastomer", more).unwrap();
         assert_eq!(scene.stiffness, Some(Stiffness { smooth_percent: 6.0, white_percent: 0.5 }));
-        assert_eq!(scene.stage, Some(Servo { lag_s: 0.007, quantum_mm: 0.0001 }));
+        assert_eq!(scene.stage, Some(Servo { lag_s: 0.007, quantum_mm: 0.0001, backlash_mm: 0.0 }));
         let scene = changed("latency_ms = {", "latency_ms = { spikes = { share = 0.02, ms = 200.0 },").unwrap();
         assert_eq!(scene.latencies.stage_spikes, Some(Spikes { share: 0.02, longer_s: 0.2 }));
     }

@@ -161,6 +161,8 @@ keys! {
         bumps_wavelength_mm: Range(within(0.1, 1000.0, "mm")), or_range(6.0, 12.0),
             "the least and the most wavelength of the bumps", "[6.0, 12.0]";
         roughness_mm: Number(HEIGHT), Allowed, "sd of what each spot of 1 um has for itself; without it none", "0.001";
+        wave_mm: Number(HEIGHT), or(0.0), "how far it rises and sinks, as a sine of the time", "0.005";
+        wave_s: Number(TIME), or(60.0), "how long one turn of that takes", "60.0";
     }
 }
 
@@ -177,6 +179,7 @@ keys! {
     stage {
         servo_ms: Number(LAG), or(0.0), "how much later than its controller's profile it is anywhere", "7.0";
         quantum_mm: Number(within(0.0, 1.0, "mm")), or(0.0), "what targets are rounded to a multiple of", "0.0001";
+        backlash_mm: Number(within(0.0, 1.0, "mm")), or(0.0), "the play of z that its read-back doesn't show", "0.003";
     }
 }
 
@@ -184,10 +187,18 @@ keys! {
     /// `load_cell` of the scene.
     load_cell {
         noise_n: Number(FORCE), or(0.0), "sd of one conversion", "0.003";
+        noise_ahead_n: Number(FORCE), or(0.0), "sd of the noise that came through its low-pass", "0.002";
         offset_n: Number(OFFSET), or(0.0), "what it reads with nothing on it", "0.0";
+        drift_n_min: Number(within(-10.0, 10.0, "N/min")), or(0.0), "how fast its zero drifts", "0.03";
+        wander_n: Number(FORCE), or(0.0), "how far its zero wanders either way, as a sine", "0.005";
+        wander_s: Number(TIME), or(25.0), "how long one turn of that takes", "25.0";
+        hum_n: Number(FORCE), or(0.0), "amplitude of the mains hum in what it reads", "0.01";
+        hum_hz: Number(within(1.0, 1000.0, "Hz")), or(50.0), "the frequency of that", "49.8";
+        gain_error_percent: Number(within(-300.0, 300.0, "%")), or(0.0), "how much more of a force it reads", "1.0";
         transport_ms: Number(LAG), or(0.0), "from a conversion to when it can be read", "2.0";
         low_pass_hz: Number(within(0.1, 1e6, "Hz")), Allowed, "the corner of its low-pass; without it there is none",
             "100.0";
+        stiffness_n_mm: Number(STIFFNESS), Allowed, "how stiff it and the indenter are; without it rigid", "10.0";
     }
 }
 

@@ -16,6 +16,10 @@ const GAUSS: [(f64, f64); 5] = [
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
 
+/// Most tries to find how far what carries the tip yields, and the error that is left, mm.
+const YIELDS_MAX: usize = 6;
+const YIELDED_MM: f64 = 1e-9;
+
 /// What is left of the force when the tip has slipped.
 const SLIPPED: f64 = 0.35;
 
@@ -25,6 +29,8 @@ pub(super) struct ContactState {
     curve: ContactLaw,
     relaxes: bool,
     branches: Vec<RelaxationBranch>,
+    /// How stiff what carries the tip is, N/mm; none: rigid.
+    series_n_mm: Option<f64>,
     /// What each branch adds now, N.
     extra_n: Vec<f64>,
     force_n: f64,
@@ -37,13 +43,14 @@ pub(super) struct ContactState {
 }
 
 impl ContactState {
-    pub fn new(curve: ContactLaw, branches: Vec<RelaxationBranch>) -> Self {
+    pub fn new(curve: ContactLaw, branches: Vec<RelaxationBranch>, series_n_mm: Option<f64>) -> Self {
         let extra_n = vec![0.0; branches.len()];
         let depth_mm = f64::NEG_INFINITY;
         ContactState {
             curve,
             relaxes: true,
             branches,
+            series_n_mm,
             extra_n,
             force_n: 0.0,
             depth_mm,
@@ -102,8 +109,44 @@ impl ContactState {
         self.extra_n.fill(0.0);
     }
 
-    /// Moves on by `dt_s`, in which the depth follows one quadratic.
+    /// Moves on by `dt_s`, in which what carries the tip follows one quadratic of depth.
     pub fn advance(&mut self, depth: Depth, dt_s: f64) {
+        match self.series_n_mm {
+            Some(series_n_mm) if depth.mm > 0.0 || depth.after(dt_s) > 0.0 => self.yield_to(series_n_mm, &depth, dt_s),
+            _ => self.advance_rigidly(depth, dt_s),
+        }
+    }
+
+    /// The tip is behind what carries it by the force over the stiffness between: found by secants, a short stretch at a time.
+    fn yield_to(&mut self, series_n_mm: f64, depth: &Depth, dt_s: f64) {
+        let pieces = (dt_s / STRETCH_S).ceil().max(1.0);
+        let piece_s = dt_s / pieces;
+        for piece in 1..=pieces as usize {
+            let carrier_mm = depth.after(piece as f64 * piece_s);
+            let from_mm = self.depth_mm.max(depth.mm - self.force_n / series_n_mm);
+            let tried = |to_mm: f64| {
+                let mut tried = self.clone();
+                let speed_mm_s = (to_mm - from_mm) / piece_s;
+                tried.advance_rigidly(Depth { mm: from_mm, speed_mm_s, acceleration_mm_s2: 0.0 }, piece_s);
+                let beyond_mm = to_mm + tried.force_n / series_n_mm - carrier_mm;
+                (tried, beyond_mm)
+            };
+            let (mut now_mm, mut found) = (carrier_mm - self.force_n / series_n_mm, tried(carrier_mm));
+            let mut last_mm = carrier_mm;
+            for _ in 0..YIELDS_MAX {
+                let last_beyond_mm = found.1;
+                found = tried(now_mm);
+                let slope = (found.1 - last_beyond_mm) / (now_mm - last_mm);
+                if found.1.abs() < YIELDED_MM || !(slope.is_finite() && slope > 0.0) {
+                    break;
+                }
+                (last_mm, now_mm) = (now_mm, now_mm - found.1 / slope);
+            }
+            *self = found.0;
+        }
+    }
+
+    fn advance_rigidly(&mut self, depth: Depth, dt_s: f64) {
         let stays_in_air = depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.crossings(0.0, dt_s).next().is_none();
         if depth.at_rest() || stays_in_air {
             self.decay(dt_s);

@@ -32,6 +32,8 @@ pub(super) struct LoadCellState {
     /// The conversion that is read now and those after it: number and force, N. Never empty.
     held: VecDeque<(u64, f64)>,
     read: Option<(u64, f64)>,
+    /// The conversion that was read last and the noise in it that passed the low-pass, N.
+    filtered: Option<(u64, f64)>,
 }
 
 impl LoadCellState {
@@ -46,16 +48,19 @@ impl LoadCellState {
             passed_n: 0.0,
             held: VecDeque::from([(0, 0.0)]),
             read: None,
+            filtered: None,
         }
     }
 
     /// Another press begins, with noise of its own and, as its free-running clock stands to that of the press by chance
-    /// anyway, with a conversion.
+    /// anyway, with a conversion. What is on its way to the reader by then has the force of this moment.
     pub fn begin(&mut self, rng: Stream, now_s: f64) {
         self.rng = rng;
-        self.began_s = now_s;
-        self.held = VecDeque::from([(0, self.passed_n)]);
+        let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
+        self.began_s = now_s - under_way as f64 / self.conversions_hz;
+        self.held = (0..=under_way).map(|conversion| (conversion, self.passed_n)).collect();
         self.read = None;
+        self.filtered = None;
     }
 
     /// Where the scene must stop on its way from `now_s` to `to_s` at the latest, s: at every conversion that can be read at
@@ -107,29 +112,53 @@ impl LoadCellState {
         {
             return read_n;
         }
-        let read_n = if faults.is_empty() { self.sound(held_n) } else { self.faulty(held_n, now_s, faults) };
+        let read_n = match faults.is_empty() {
+            true => self.sound(conversion, held_n),
+            false => self.faulty(conversion, held_n, now_s, faults),
+        };
         self.read = Some((conversion, read_n));
         read_n
     }
 
-    fn sound(&mut self, held_n: f64) -> f64 {
+    fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {
         match self.spec {
             None => held_n,
-            Some(cell) => held_n + cell.offset_n + cell.noise_n * self.draw(),
+            Some(cell) => cell.gain * held_n + self.in_air_n(&cell, conversion) + cell.noise_n * self.draw(),
         }
     }
 
-    fn faulty(&mut self, held_n: f64, now_s: f64, faults: &Faults) -> f64 {
+    /// What a conversion has of its own without a force, N, less the white noise.
+    fn in_air_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
+        let at_s = self.began_s + conversion as f64 / self.conversions_hz;
+        let waves_n: f64 = cell.wander.iter().chain(&cell.hum).map(|wave| wave.at(at_s)).sum();
+        cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
+    }
+
+    /// The noise that was there ahead of the low-pass: neighbouring conversions have some of it in common.
+    fn filtered_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
+        if cell.noise_ahead_n == 0.0 {
+            return 0.0;
+        }
+        let between_s =
+            self.filtered.map_or(f64::INFINITY, |(last, _)| (conversion - last) as f64 / self.conversions_hz);
+        let kept = self.low_pass.map_or(0.0, |rate| (-rate * between_s).exp());
+        let before_n = self.filtered.map_or(0.0, |(_, noise_n)| noise_n);
+        let noise_n = kept * before_n + (1.0 - kept * kept).sqrt() * cell.noise_ahead_n * self.draw();
+        self.filtered = Some((conversion, noise_n));
+        noise_n
+    }
+
+    fn faulty(&mut self, conversion: u64, held_n: f64, now_s: f64, faults: &Faults) -> f64 {
         let cell = self.spec.unwrap_or_default();
         let share = match (faults.any(FaultKind::NoSensor, now_s), faults.any(FaultKind::WrongSign, now_s)) {
             (true, _) => 0.0,
             (false, true) => -1.0,
             (false, false) => 1.0,
         };
-        let zero_n = cell.offset_n + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
+        let zero_n = self.in_air_n(&cell, conversion) + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
         let noise_n = cell.noise_n * faults.values(FaultKind::Noisy, now_s).product::<f64>();
         let most_n = faults.values(FaultKind::Saturated, now_s).fold(f64::INFINITY, f64::min);
-        (share * held_n + zero_n + noise_n * self.draw()).min(most_n)
+        (share * cell.gain * held_n + zero_n + noise_n * self.draw()).min(most_n)
     }
 
     fn draw(&mut self) -> f64 {

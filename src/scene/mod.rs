@@ -7,6 +7,7 @@ mod contact;
 mod faults;
 mod load_cell;
 mod motion;
+mod play;
 mod skin;
 mod spec;
 mod spots;
@@ -21,7 +22,7 @@ pub use skin::{
 };
 pub use spec::{
     ContactLaw, Device, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes, Stiffness,
-    Surroundings,
+    Surroundings, Wave,
 };
 pub use truth::Truth;
 
@@ -29,6 +30,7 @@ use crate::quantity::{Axis, Place, Stream, stream};
 use contact::ContactState;
 use faults::Faults;
 use load_cell::LoadCellState;
+use play::Play;
 use rand::RngExt;
 use spots::SpotMap;
 use surface::Surface;
@@ -52,7 +54,10 @@ pub struct Scene {
     /// What they do.
     axes: [Trajectory; 3],
     servo: Servo,
+    /// Of z.
+    play: Option<Play>,
     surface: Surface,
+    surface_wave: Option<Wave>,
     /// How far the surface lies beyond its plane, into the specimen, mm.
     relief: Option<SpotMap>,
     curve: CurveAt,
@@ -91,10 +96,16 @@ impl Scene {
             profiles: axes.clone(),
             axes,
             servo: spec.stage.unwrap_or_default(),
+            play: spec.stage.and_then(|stage| Play::new(stage.backlash_mm)),
             surface,
+            surface_wave: spec.surface_wave,
             relief,
             curve: CurveAt { nominal: spec.contact, more },
-            contact: ContactState::new(spec.contact, spec.relaxation),
+            contact: ContactState::new(
+                spec.contact,
+                spec.relaxation,
+                spec.load_cell.and_then(|cell| cell.stiffness_n_mm),
+            ),
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
             taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, seed)),
             latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
@@ -245,7 +256,10 @@ impl Scene {
     /// The next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window must know the
     /// force; at the latest `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
+        let z = &self.axes[Axis::Z.index()];
+        let engages_s = self.play.as_ref().map_or(f64::INFINITY, |play| play.engages_in_s(z.state(self.now_s)));
         let others = [
+            self.now_s + engages_s,
             self.load_cell.next_knot(self.now_s, to_s),
             self.faults.next_s(self.now_s),
             self.witness.next_knot(self.now_s),
@@ -259,8 +273,13 @@ impl Scene {
     fn advance_smooth(&mut self, until_s: f64) {
         let dt_s = until_s - self.now_s;
         let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
+        let z = self.play.as_mut().map_or(z, |play| play.follow(z, dt_s));
         let place = self.setting.frame.place_from_stage(x.0, y.0);
         let mut depth = self.surface.depth(x, y, z);
+        if let Some(wave) = self.surface_wave {
+            depth.mm -= wave.at(self.now_s);
+            depth.speed_mm_s -= wave.slope_at(self.now_s);
+        }
         if let Some(relief) = &mut self.relief {
             depth.mm -= relief.at(place);
         }

@@ -3,6 +3,7 @@
 use super::faults::Fault;
 use super::skin::SkinSpec;
 use crate::quantity::{ArrayLayout, Frame, Place, Position};
+use std::f64::consts::TAU;
 
 /// The physical terms a scene names; what is `None` or empty isn't modelled.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +18,8 @@ pub struct SceneSpec {
     pub mounting: Option<Mounting>,
     /// How far the surface plane may lie from the nominal one, anywhere in the loading area, mm; 0: flat.
     pub surface_tilt_mm: f64,
+    /// How the surface rises and sinks in time, mm; none: it doesn't.
+    pub surface_wave: Option<Wave>,
     /// What the surface has over its plane; none: nothing.
     pub relief: Option<Relief>,
     /// How the stiffness differs from place to place; none: it doesn't.
@@ -79,19 +82,77 @@ pub struct Servo {
     pub lag_s: f64,
     /// What targets are rounded to a multiple of, mm; 0: they aren't.
     pub quantum_mm: f64,
+    /// How far the controller's z moves after it turned round before the indenter follows, mm.
+    pub backlash_mm: f64,
 }
 
 /// The load cell's imperfections. The force goes through the low-pass, is converted, and can be read after the transport.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadCell {
     /// Standard deviation of one conversion, N.
     pub noise_n: f64,
-    /// What the cell reads with nothing on it, N.
+    /// Standard deviation of the noise that the low-pass has let through, N: what two conversions in a row share of it is the
+    /// low-pass' to say.
+    pub noise_ahead_n: f64,
+    /// What the cell reads with nothing on it when the rig is opened, N.
     pub offset_n: f64,
+    /// How fast that grows, N/s.
+    pub drift_n_s: f64,
+    /// How it comes and goes, slowly; none: it doesn't.
+    pub wander: Option<Wave>,
+    /// What the mains add, behind the low-pass; none: nothing.
+    pub hum: Option<Wave>,
+    /// What a newton reads as, N.
+    pub gain: f64,
     /// From a conversion to when it can be read, s.
     pub transport_s: f64,
     /// Corner of the first-order low-pass before the converter, Hz; none: there is no low-pass.
     pub low_pass_hz: Option<f64>,
+    /// How stiff it and the indenter are between the stage and the specimen, N/mm; none: rigid.
+    pub stiffness_n_mm: Option<f64>,
+}
+
+impl LoadCell {
+    /// A cell that reads the truth.
+    pub const IDEAL: LoadCell = LoadCell {
+        noise_n: 0.0,
+        noise_ahead_n: 0.0,
+        offset_n: 0.0,
+        drift_n_s: 0.0,
+        wander: None,
+        hum: None,
+        gain: 1.0,
+        transport_s: 0.0,
+        low_pass_hz: None,
+        stiffness_n_mm: None,
+    };
+}
+
+impl Default for LoadCell {
+    fn default() -> Self {
+        LoadCell::IDEAL
+    }
+}
+
+/// A sine of the time since the rig was opened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// How far it goes either way.
+    pub amplitude: f64,
+    /// How long one turn takes, s.
+    pub period_s: f64,
+}
+
+impl Wave {
+    /// Its value at a time.
+    pub fn at(&self, at_s: f64) -> f64 {
+        self.amplitude * (TAU * at_s / self.period_s).sin()
+    }
+
+    /// How fast it changes at a time, 1/s.
+    pub fn slope_at(&self, at_s: f64) -> f64 {
+        self.amplitude * TAU / self.period_s * (TAU * at_s / self.period_s).cos()
+    }
 }
 
 /// A device of a rig, as the scene tells them apart.

@@ -27,6 +27,7 @@ fn plain() -> SceneSpec {
         relaxation: vec![RelaxationBranch { share: 0.05, time_s: 0.3 }, RelaxationBranch { share: 0.05, time_s: 5.0 }],
         mounting: None,
         surface_tilt_mm: 0.0,
+        surface_wave: None,
         relief: None,
         stiffness: None,
         stage: None,
@@ -257,6 +258,7 @@ fn the_surface_lies_within_its_tilt_and_belongs_to_the_seed() {
     assert!(heights.iter().any(|h| h.abs() > 0.15), "the tilt is used");
 }
 
+mod bench;
 mod faults;
 mod plant;
 

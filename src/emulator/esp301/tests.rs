@@ -87,7 +87,8 @@ fn the_start_up_of_the_recorded_session_goes_as_recorded() {
 #[test]
 fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
     let lag_s = 0.007;
-    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s, quantum_mm: 0.0 })));
+    let mut bench =
+        Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s, quantum_mm: 0.0, ..Servo::default() })));
     bench.say(11.0, "1VA10;1PA5");
     let mut before = (0.0, 0.0);
     for step in 0..=10_000 {
@@ -110,7 +111,9 @@ fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
 
 #[test]
 fn a_lagging_stage_is_called_done_before_it_rests_and_tp_tells_where_it_is() {
-    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.05, quantum_mm: 0.0 })));
+    let mut bench = Bench::homed_on(scene_with(|spec| {
+        spec.stage = Some(Servo { lag_s: 0.05, quantum_mm: 0.0, ..Servo::default() })
+    }));
     bench.say(11.0, "1VA10;1PA1");
     let done_s = bench.scene.motion(Axis::X).end_s() + 1e-6;
     assert_eq!(bench.say(done_s - 1e-5, "1MD?"), "0");
@@ -122,7 +125,9 @@ fn a_lagging_stage_is_called_done_before_it_rests_and_tp_tells_where_it_is() {
 
 #[test]
 fn targets_are_rounded_to_the_stages_quantum() {
-    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01 })));
+    let mut bench = Bench::homed_on(scene_with(|spec| {
+        spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01, ..Servo::default() })
+    }));
     bench.say(11.0, "1PA0.1263");
     assert_eq!(bench.say(12.0, "1TP?;1PA?"), "0.1300|0.1300");
     assert!((bench.true_mm(Axis::X, 12.0) - 0.13).abs() < 1e-12);

@@ -358,7 +358,9 @@ fn places_are_whole_steps() {
 
 #[test]
 fn a_lagging_stage_goes_on_through_jogs_and_a_cancel_without_a_jump() {
-    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.007, quantum_mm: 0.0 })));
+    let mut bench = Bench::homed_on(scene_with(|spec| {
+        spec.stage = Some(Servo { lag_s: 0.007, quantum_mm: 0.0, ..Servo::default() })
+    }));
     let mut before = (0.0, 0.0);
     for step in 0..=12_000 {
         let now_s = 40.0 + f64::from(step) * 1e-4;

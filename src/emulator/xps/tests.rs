@@ -259,7 +259,9 @@ fn a_group_arrives_together_and_a_positioner_goes_alone() {
 
 #[test]
 fn targets_are_rounded_to_the_stages_quantum_and_no_way_is_no_time() {
-    let mut bench = Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01 })));
+    let mut bench = Bench::homed_on(scene_with(|spec| {
+        spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01, ..Servo::default() })
+    }));
     bench.say(11.0, "GroupMoveAbsolute(XYZ,0.1263,0,0)");
     assert_eq!(bench.settle(12.0), "0,,EndOfAPI");
     assert!((bench.true_mm(Axis::X, 12.0) - 0.13).abs() < 1e-12);

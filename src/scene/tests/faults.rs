@@ -2,7 +2,7 @@
 
 use super::*;
 
-const CELL: LoadCell = LoadCell { noise_n: 0.003, offset_n: 0.1, transport_s: 0.0, low_pass_hz: None };
+const CELL: LoadCell = LoadCell { noise_n: 0.003, offset_n: 0.1, ..LoadCell::IDEAL };
 
 fn with_faults(faults: &[(FaultKind, f64, Option<f64>)]) -> Scene {
     let faults = faults.iter().map(|&(kind, from_s, value)| Fault { kind, from_s, value }).collect();

@@ -150,7 +150,7 @@ fn the_stiffness_of_a_place_is_fixed_when_contact_begins() {
 
 #[test]
 fn the_stage_is_late_by_its_servo_and_the_controller_does_not_know() {
-    let servo = Servo { lag_s: 0.007, quantum_mm: 1e-4 };
+    let servo = Servo { lag_s: 0.007, quantum_mm: 1e-4, ..Servo::default() };
     let mut scene = scene(SceneSpec { stage: Some(servo), relaxation: vec![], ..plain() }, 1);
     let done_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
     assert_eq!(scene.motion(Axis::Z).end_s(), done_s);
@@ -190,7 +190,7 @@ fn the_true_mean_is_one_over_time_whatever_the_load_cell_does() {
     };
     let often: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.001).collect();
     let reference_n = pressed(None, &often);
-    let offset = LoadCell { offset_n: 0.5, noise_n: 0.1, transport_s: 0.05, low_pass_hz: Some(1.0) };
+    let offset = LoadCell { offset_n: 0.5, noise_n: 0.1, transport_s: 0.05, low_pass_hz: Some(1.0), ..LoadCell::IDEAL };
     for (cell, looks) in [(Some(offset), &often[..]), (None, &often[90..]), (None, &[0.03, 0.06])] {
         let mean_n = pressed(cell, looks);
         assert!((mean_n - reference_n).abs() < 5e-6, "{mean_n} {reference_n}");
@@ -226,7 +226,7 @@ fn the_way_slid_is_that_in_contact_alone() {
 
 #[test]
 fn a_scene_run_out_tells_the_worst_to_come_and_stays_where_it_is() {
-    let spec = SceneSpec { stage: Some(Servo { lag_s: 0.007, quantum_mm: 0.0 }), ..plain() };
+    let spec = SceneSpec { stage: Some(Servo { lag_s: 0.007, quantum_mm: 0.0, ..Servo::default() }), ..plain() };
     let mut scene = scene(spec, 1);
     let end_s = go(&mut scene, 1.0, 5.0, 100.0, 0.0);
     let before = scene.axis(Axis::Z, 0.15);

@@ -1,0 +1,79 @@
+//! The play of an axis: after it turns round, the controller's motion takes it up before the indenter moves.
+
+/// The play of an axis and where the indenter stands in it.
+#[derive(Clone)]
+pub(super) struct Play {
+    half_mm: f64,
+    /// Where the indenter is, less where the controller says it is, mm.
+    offset_mm: f64,
+}
+
+/// Position, speed and acceleration: mm, mm/s, mm/s^2.
+type State = (f64, f64, f64);
+
+impl Play {
+    /// A play of so many mm in all; none is none.
+    pub fn new(backlash_mm: f64) -> Option<Play> {
+        (backlash_mm > 0.0).then_some(Play { half_mm: backlash_mm / 2.0, offset_mm: 0.0 })
+    }
+
+    /// When an axis in this state will have taken up the play, s from now; infinite: it has, or rests.
+    pub fn engages_in_s(&self, state: State) -> f64 {
+        let (_, speed, acceleration) = state;
+        let way_mm = self.offset_mm + heading(state) * self.half_mm;
+        if way_mm.abs() <= f64::EPSILON || heading(state) == 0.0 {
+            return f64::INFINITY;
+        }
+        let root = (speed * speed + 2.0 * acceleration * way_mm).sqrt();
+        let engages_s = 2.0 * way_mm / (speed + root.copysign(way_mm));
+        if engages_s.is_finite() && engages_s > 0.0 { engages_s } else { f64::INFINITY }
+    }
+
+    /// The indenter's state over the next stretch, in which the controller's axis keeps its acceleration and no play that is
+    /// being taken up ends.
+    pub fn follow(&mut self, state: State, dt_s: f64) -> State {
+        let (position_mm, speed, acceleration) = state;
+        let engaged_mm = -heading(state) * self.half_mm;
+        let before_mm = position_mm + self.offset_mm;
+        if heading(state) == 0.0 {
+            return (before_mm, 0.0, 0.0);
+        }
+        let way_mm = dt_s * (speed + dt_s * acceleration / 2.0);
+        let left_mm = self.offset_mm - engaged_mm;
+        if left_mm.abs() <= f64::EPSILON {
+            self.offset_mm = engaged_mm;
+            return (position_mm + engaged_mm, speed, acceleration);
+        }
+        self.offset_mm = if way_mm.abs() >= left_mm.abs() { engaged_mm } else { self.offset_mm - way_mm };
+        (before_mm, 0.0, 0.0)
+    }
+}
+
+/// Which way an axis moves, or begins to: 1, -1, or 0 at rest.
+fn heading((_, speed, acceleration): State) -> f64 {
+    let leading = if speed == 0.0 { acceleration } else { speed };
+    if leading == 0.0 { 0.0 } else { leading.signum() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_indenter_waits_for_the_play_each_time_the_axis_turns() {
+        let mut play = Play::new(0.004).unwrap();
+        let run = |play: &mut Play, from_mm: f64, speed: f64| {
+            let engages_s = play.engages_in_s((from_mm, speed, 0.0));
+            let first_s = engages_s.min(0.01);
+            play.follow((from_mm, speed, 0.0), first_s);
+            let then = play.follow((from_mm + first_s * speed, speed, 0.0), 0.01 - first_s);
+            (engages_s, then.0 + then.1 * (0.01 - first_s))
+        };
+        let (engages_s, at_mm) = run(&mut play, 0.0, 1.0);
+        assert!((engages_s - 0.002).abs() < 1e-12 && (at_mm - 0.008).abs() < 1e-12, "{engages_s} {at_mm}");
+        let (engages_s, at_mm) = run(&mut play, 0.010, 1.0);
+        assert!(engages_s.is_infinite() && (at_mm - 0.018).abs() < 1e-12, "{engages_s} {at_mm}");
+        let (engages_s, at_mm) = run(&mut play, 0.020, -1.0);
+        assert!((engages_s - 0.004).abs() < 1e-12 && (at_mm - 0.012).abs() < 1e-12, "{engages_s} {at_mm}");
+    }
+}

@@ -1,0 +1,99 @@
+//! The ills of a bench: a zero that drifts and wanders, hum, a wrong gain, filtered noise, play, a stage that yields, a surface
+//! that creeps.
+
+use super::*;
+
+/// The cell of [`plain`] replaced, in air.
+fn in_air(cell: LoadCell) -> Scene {
+    scene(SceneSpec { load_cell: Some(cell), ..plain() }, 1)
+}
+
+#[test]
+fn the_zero_drifts_wanders_and_hums_with_the_time() {
+    let wander = Some(Wave { amplitude: 0.005, period_s: 24.0 });
+    let hum = Some(Wave { amplitude: 0.01, period_s: 0.02 });
+    let mut scene = in_air(LoadCell { drift_n_s: 5e-4, wander, hum, ..LoadCell::IDEAL });
+    // conversions come every 5 ms: 6.005 s is a quarter of a turn of both
+    let read_n = scene.load_cell_n(6.005);
+    let expected_n = 5e-4 * 6.005 + 0.005 * (std::f64::consts::TAU * 6.005 / 24.0).sin() + 0.01;
+    assert!((read_n - expected_n).abs() < 1e-9, "{read_n}, not {expected_n}");
+    scene.begin_press(7, 12.0);
+    let after_n = scene.load_cell_n(12.005);
+    assert!((after_n - 5e-4 * 12.005 - 0.01).abs() < 1e-5, "absolute time, whatever press it is: {after_n}");
+}
+
+#[test]
+fn a_wrong_gain_scales_the_force_and_nothing_else() {
+    let mut scene = in_air(LoadCell { gain: 0.5, offset_n: 0.2, ..LoadCell::IDEAL });
+    let arrived_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
+    let true_n = scene.true_force_n(arrived_s + 10.0);
+    assert!((scene.load_cell_n(arrived_s + 10.004) - 0.2 - 0.5 * true_n).abs() < 1e-4);
+}
+
+#[test]
+fn noise_ahead_of_the_low_pass_is_what_it_says_and_neighbours_share_it() {
+    let mut scene = in_air(LoadCell { noise_ahead_n: 0.002, low_pass_hz: Some(20.0), ..LoadCell::IDEAL });
+    let read: Vec<f64> = (1..4000).map(|i| scene.load_cell_n(f64::from(i) * 0.005 + 1e-6)).collect();
+    let square = read.iter().map(|n| n * n).sum::<f64>() / read.len() as f64;
+    let shared = read.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / read.len() as f64 / square;
+    let expected = (-std::f64::consts::TAU * 20.0 * 0.005f64).exp();
+    assert!((square.sqrt() - 0.002).abs() < 1e-4, "{}", square.sqrt());
+    assert!((shared - expected).abs() < 0.04, "{shared}, not {expected}");
+}
+
+#[test]
+fn a_transport_of_many_conversions_repeats_none_as_a_press_begins() {
+    let mut scene = in_air(LoadCell { noise_n: 0.003, transport_s: 0.05, ..LoadCell::IDEAL });
+    scene.begin_press(3, 1.0);
+    let read: Vec<f64> = (0..20).map(|i| scene.load_cell_n(1.0 + f64::from(i) * 0.005 + 1e-6)).collect();
+    assert!(read.windows(2).all(|pair| pair[0] != pair[1]), "{read:?}");
+}
+
+#[test]
+fn the_indenter_follows_a_turn_only_when_the_play_is_taken_up() {
+    let stage = Some(Servo { backlash_mm: 0.01, ..Servo::default() });
+    let relaxation = vec![];
+    let mut scene = scene(SceneSpec { stage, relaxation, ..plain() }, 1);
+    let force_at = |scene: &mut Scene, depth_mm: f64, from_s: f64| {
+        let arrived_s = go(scene, depth_mm, 5.0, 100.0, from_s);
+        (scene.true_force_n(arrived_s), arrived_s)
+    };
+    let (down_n, at_s) = force_at(&mut scene, 0.5, 0.0);
+    assert!((down_n - CONTACT.force_n(0.495)).abs() < 1e-9, "engaged downward, half the play behind: {down_n}");
+    let (turned_n, at_s) = force_at(&mut scene, 0.492, at_s);
+    assert!((turned_n - down_n).abs() < 1e-9, "within the play nothing moves: {turned_n}");
+    let (up_n, at_s) = force_at(&mut scene, 0.4, at_s);
+    assert!((up_n - CONTACT.force_n(0.405)).abs() < 1e-9, "{up_n}");
+    assert_eq!(scene.axis(Axis::Z, at_s).0, -0.4, "the read-back shows none of it");
+}
+
+#[test]
+fn what_carries_the_tip_yields_by_the_force_over_its_stiffness() {
+    let cell = LoadCell { stiffness_n_mm: Some(10.0), ..LoadCell::IDEAL };
+    for relaxation in [vec![], plain().relaxation] {
+        let mut scene = scene(SceneSpec { load_cell: Some(cell), relaxation: relaxation.clone(), ..plain() }, 1);
+        let arrived_s = go(&mut scene, 0.8, 5.0, 100.0, 0.0);
+        let later_s = arrived_s + 0.2;
+        let force_n = scene.true_force_n(later_s);
+        if relaxation.is_empty() {
+            assert!((force_n - CONTACT.force_n(0.8 - force_n / 10.0)).abs() < 1e-6, "{force_n}");
+        } else {
+            let least_n = CONTACT.force_n(0.8 - force_n / 10.0);
+            assert!(force_n > least_n && force_n < 1.1 * least_n, "{force_n} {least_n}");
+        }
+        let back_s = go(&mut scene, -0.3, 5.0, 100.0, later_s);
+        assert_eq!(scene.true_force_n(back_s), 0.0);
+    }
+}
+
+#[test]
+fn a_surface_that_creeps_changes_the_force_of_a_stage_at_rest() {
+    let wave = Some(Wave { amplitude: 0.005, period_s: 60.0 });
+    let mut scene = scene(SceneSpec { surface_wave: wave, relaxation: vec![], ..plain() }, 1);
+    go(&mut scene, 0.5, 10.0, 100.0, 0.0);
+    for i in 1..=15_000 {
+        scene.true_force_n(f64::from(i) * 0.001);
+    }
+    let force_n = scene.true_force_n(15.0);
+    assert!((force_n - CONTACT.force_n(0.495)).abs() < 1e-6, "a quarter turn: the surface sank by 5 um: {force_n}");
+}
