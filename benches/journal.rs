@@ -6,7 +6,7 @@
 use cpu_time::ProcessTime;
 use palpate::control::{AirReadings, Lesson};
 use palpate::dataset::{
-    Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder,
+    Air, Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -75,15 +75,18 @@ fn contact(press: u64) -> Contact {
     };
     let path = (0..6).map(|n| (wave(n) / 3.0, wave(n + 1) / 7.0)).collect();
     let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
+    let air = |n| {
+        let force = AirReadings { mean_n: wave(n) / 900.0, sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
+        Air { force, outputs: (0..9).map(|unit| wave(n + unit) / 50.0).collect() }
+    };
     Contact {
         press,
         levels: vec![row.rounded()],
         truth: vec![truth.rounded()],
         lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
-        left: Some(Left {
-            z_mm: -wave(8) / 3.0,
-            air: Some(AirReadings { mean_n: wave(9) / 900.0, sigma_n: 0.002_917_3, readings: 83 }),
-        }),
+        air_before: air(8),
+        air_after: air(9),
+        left: Some(Left { z_mm: -wave(8) / 3.0 }),
     }
 }
 

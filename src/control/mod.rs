@@ -8,7 +8,9 @@
 //! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces count from the zero taken in air.
 
 mod curve;
+mod hum;
 mod map;
+mod mean;
 mod permit;
 mod plane;
 mod press;
@@ -20,7 +22,9 @@ mod trip;
 mod watch;
 mod zero;
 
+pub use hum::Hum;
 pub use map::{Lesson, Map, Shot};
+pub use mean::{Mean, mean_of};
 pub use permit::{Permit, Permitted, Sideways, Standing};
 pub use press::{
     AIR_READINGS, AirReadings, Command, Context, Event, ForceLoop, GAIN_TIMES_DEAD_TIME, Moment, SEARCH_ROOM_MM, Steer,

@@ -22,8 +22,10 @@ const ROUNDING_MM: f64 = 1e-9;
 const HARD_N: f64 = 0.12;
 const HARD_SIGMAS: f64 = 6.0;
 
-/// Largest force in air, N: beyond it the zero has drifted (I4).
+/// How far the zero may have moved from one air to the next, N, and what it may drift besides in the time between, N/s (I4):
+/// twice what a cell does as it warms up. What moves more, or at once, is no drift.
 const AIR_N: f64 = 0.020;
+const DRIFT_N_S: f64 = 0.001;
 
 /// Least clearance above the highest the surface can be at which x and y may move, mm (I7).
 const SIDEWAYS_MM: f64 = 0.030;
@@ -74,7 +76,7 @@ pub struct Standing {
 /// | I1 force at the end point, by the declared stiffness | [`deepest_mm`](Self::deepest_mm) |
 /// | I2 depth at the end point | [`deepest_mm`](Self::deepest_mm) |
 /// | I3 speed, by the reaction time that was measured | [`advance`](Self::advance) |
-/// | I4 a fresh force; a zero that is still one, asked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
+/// | I4 a fresh force; a zero that moves no faster than a drift, asked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
 /// | I5 no harder than declared | [`most_n`](Self::most_n) |
 /// | I6 away is always allowed; a stop asks nobody | [`withdraw`](Self::withdraw) |
 /// | I7 x and y move in the clear alone | [`sideways`](Self::sideways) |
@@ -143,14 +145,14 @@ impl Permit {
         Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
     }
 
-    /// The zero is still that of air (I4).
+    /// The newest air has moved from that before no further than a zero drifts in the time between (I4).
     ///
     /// # Errors
-    /// A trip if it has drifted.
-    pub fn zero_holds(&self, air_n: f64, sigma_n: f64) -> Result<(), Trip> {
-        let most_n = AIR_N + 3.0 * sigma_n;
-        let holds = air_n.abs() <= most_n; // asked for what must hold, so that a NaN is refused
-        if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroDrifted, air_n, most_n, "N")) }
+    /// A trip if it has.
+    pub fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+        let most_n = AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s;
+        let holds = moved_n.abs() <= most_n; // asked for what must hold, so that a NaN is refused
+        if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroDrifted, moved_n, most_n, "N")) }
     }
 
     /// A motion of x and y (I7): with z read back clear of the highest the surface can be on the way, and no force. `first_mm`
@@ -201,7 +203,7 @@ mod tests {
     const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
 
     fn permit() -> Permit {
-        let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
+        let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
         Permit::new(LIMITS, 0.05, 100.0, &zero)
     }
 

@@ -1,5 +1,6 @@
 //! What every reading must pass.
 
+use super::press::AirReadings;
 use super::trip::{Rule, Trip};
 use super::zero::Zero;
 use crate::quantity::{ForceReading, Limits};
@@ -45,6 +46,12 @@ impl Watch {
         &self.zero
     }
 
+    /// Forces count from newer air from here on.
+    pub fn count_from(&mut self, air: &AirReadings) {
+        self.zero = self.zero.counted_from(air);
+        self.recent.clear();
+    }
+
     /// Says that no reading is expected for a while (the stage rests in air).
     pub fn pause(&mut self) {
         self.last_s = None;
@@ -62,16 +69,24 @@ impl Watch {
     /// # Errors
     /// The rule it breaks.
     pub fn force_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
+        let force_n = self.in_air_n(reading)?;
+        self.check_mean(reading.at_s, force_n)?;
+        Ok(force_n)
+    }
+
+    /// The same of a stage that rests in air, whose zero may have moved since it was taken: any force passes.
+    ///
+    /// # Errors
+    /// The rule it breaks.
+    pub fn in_air_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         check_sound(reading)?;
-        let force_n = reading.force_n - self.zero.offset_n;
         let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
         if gap_s > STALE_S {
             return Err(Trip::new(Rule::Stale, gap_s, STALE_S, "s"));
         }
         self.last_s = Some(reading.at_s);
         self.check_frozen(reading.force_n)?;
-        self.check_mean(reading.at_s, force_n)?;
-        Ok(force_n)
+        Ok(reading.force_n - self.zero.offset_n)
     }
 
     fn check_frozen(&mut self, code: f64) -> Result<(), Trip> {
@@ -127,7 +142,7 @@ mod tests {
 
     fn watch() -> Watch {
         let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-        Watch::new(&limits, Zero { offset_n: 0.5, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: Some(20) })
+        Watch::new(&limits, Zero { offset_n: 0.5, frozen_after: Some(20), ..Zero::with_noise(0.003) })
     }
 
     /// The rule that a series of readings, 5 ms apart, breaks at last.

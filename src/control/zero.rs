@@ -1,5 +1,7 @@
 //! The load cell's zero in air, and its noise.
 
+use super::hum::Hum;
+use super::press::AirReadings;
 use crate::quantity::ForceReading;
 
 /// Chance of a false alarm at which the same code counts as frozen, per run of readings.
@@ -23,28 +25,59 @@ const DETECT_SIGMAS: f64 = 8.0;
 pub struct Zero {
     /// The reading that means no force, N.
     pub offset_n: f64,
-    /// Standard deviation of one reading, N.
+    /// Standard deviation of one reading, N, hum included.
     pub sigma_n: f64,
+    /// Standard deviation of what a mean over whole periods leaves to chance in one reading, N.
+    pub noise_n: f64,
     /// Standard deviation of the offset itself, N.
     pub offset_sigma_n: f64,
+    /// The mains in the readings; none where there are none to be seen.
+    pub hum: Option<Hum>,
     /// Equal readings in a row that mean a frozen cell; none where the cell repeats itself honestly.
     pub frozen_after: Option<u32>,
 }
 
 impl Zero {
-    /// The zero of some readings in air, at least two. Readings that aren't finite are the caller's to refuse.
-    pub fn of(readings: &[ForceReading]) -> Zero {
+    /// A zero at nothing, of a cell with this noise and without hum.
+    pub const fn with_noise(sigma_n: f64) -> Zero {
+        Zero { offset_n: 0.0, sigma_n, noise_n: sigma_n, offset_sigma_n: 0.0, hum: None, frozen_after: None }
+    }
+
+    /// The zero of some readings in air, at least two, that are `conversion_s` apart. Readings that aren't finite are the
+    /// caller's to refuse.
+    pub fn of(readings: &[ForceReading], conversion_s: f64) -> Zero {
         let n = readings.len().max(2) as f64;
         let mean = readings.iter().map(|r| r.force_n).sum::<f64>() / n;
         let variance = readings.iter().map(|r| (r.force_n - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        let sigma_n = variance.sqrt();
-        Zero { offset_n: mean, sigma_n, offset_sigma_n: sigma_n / n.sqrt(), frozen_after: frozen_after(readings) }
+        let hum = Hum::find(readings, conversion_s);
+        let averaged = hum.filter(|hum| hum.whole_s.is_some()).map_or(0.0, |hum| hum.amplitude_n.powi(2) / 2.0);
+        let noise_n = (variance - averaged).max(0.0).sqrt();
+        Zero {
+            offset_n: mean,
+            sigma_n: variance.sqrt(),
+            noise_n,
+            offset_sigma_n: noise_n / n.sqrt(),
+            hum,
+            frozen_after: frozen_after(readings),
+        }
+    }
+
+    /// The same cell, its forces counted from newer air.
+    #[must_use]
+    pub fn counted_from(&self, air: &AirReadings) -> Zero {
+        let offset_sigma_n = self.noise_n / f64::from(air.readings.max(1)).sqrt();
+        Zero { offset_n: air.mean_n, offset_sigma_n, ..*self }
     }
 
     /// Standard deviation of the mean of some readings as a force, N: their own noise and the zero's.
     pub fn sigma_mean_n(&self, readings: u32) -> f64 {
-        let own = self.sigma_n / f64::from(readings.max(1)).sqrt();
+        let own = self.noise_n / f64::from(readings.max(1)).sqrt();
         own.hypot(self.offset_sigma_n)
+    }
+
+    /// The time that a mean takes which is to last at least so long, s: whole periods of the hum, where there is any.
+    pub fn mean_s(&self, least_s: f64) -> f64 {
+        self.hum.map_or(least_s, |hum| hum.whole_s(least_s))
     }
 
     /// The noise in air above which it has grown, N.
@@ -88,16 +121,16 @@ mod tests {
 
     #[test]
     fn offset_noise_and_its_error_are_found() {
-        let zero = Zero::of(&readings(0.003));
+        let zero = Zero::of(&readings(0.003), 0.001);
         assert!((zero.offset_n - 0.25).abs() < 0.001);
         assert!((zero.sigma_n - 0.003).abs() < 0.0006);
-        assert!((zero.sigma_mean_n(4) - zero.sigma_n.hypot(zero.sigma_n / 5.0) / 2.0).abs() < 1e-9);
+        assert!((zero.sigma_mean_n(4) - zero.noise_n.hypot(zero.noise_n / 5.0) / 2.0).abs() < 1e-9);
         // 3 mN of noise on a 1 mN step: two codes agree once in eleven, nine in a row once in a thousand million
         assert!((18..=22).contains(&zero.frozen_after.unwrap()), "{:?}", zero.frozen_after);
     }
 
     #[test]
     fn a_cell_without_noise_is_never_called_frozen() {
-        assert_eq!(Zero::of(&readings(0.0)).frozen_after, None);
+        assert_eq!(Zero::of(&readings(0.0), 0.001).frozen_after, None);
     }
 }

@@ -355,13 +355,7 @@ mod tests {
     use crate::dataset::press::example;
 
     fn contact(press: u64) -> Record {
-        Record::Contact(Contact {
-            press,
-            levels: vec![example(press, 0).rounded()],
-            truth: vec![],
-            lesson: None,
-            left: None,
-        })
+        Record::Contact(Contact { press, levels: vec![example(press, 0).rounded()], ..Contact::default() })
     }
 
     fn three_records(path: &Path) -> Vec<u8> {
@@ -445,7 +439,7 @@ mod tests {
         let mut journal = Journal::open(&path, |_, _| Ok(())).unwrap();
         let mut row = example(3, 0);
         row.force_n = Some(f64::NAN);
-        let bad = Record::Contact(Contact { press: 3, levels: vec![row], truth: vec![], lesson: None, left: None });
+        let bad = Record::Contact(Contact { press: 3, levels: vec![row], ..Contact::default() });
         assert!(journal.append(&bad).unwrap_err().to_string().contains("couldn't be read again"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
         journal.append(&contact(3)).unwrap();

@@ -74,8 +74,8 @@ mod tests {
     fn memory_keeps_what_a_walk_asks_for_again() {
         let mut memory = Memory::default();
         assert!(!memory.has(3));
-        let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, outputs: vec![] };
-        let contact = Contact { press: 3, levels: vec![], truth: vec![], lesson: None, left: None };
+        let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, hum: None, outputs: vec![] };
+        let contact = Contact { press: 3, ..Contact::default() };
         let records = [zero.clone(), Record::Contact(contact.clone()), zero];
         records.iter().for_each(|record| memory.record(record).unwrap());
         assert_eq!((memory.has(3), memory.has(2)), (true, false));

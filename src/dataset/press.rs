@@ -72,7 +72,7 @@ columns! {
     y_mm: f64, Needed, 6;
     /// The commanded force, N.
     force_set_n: Option<f64>, Run, 6;
-    /// The load cell's mean force in the window, N.
+    /// The mean force in the window, N, from the air before and after the press.
     force_n: Option<f64>, Optional, 6;
     /// The depth below the surface as touched in this press, mm; 0 in air.
     depth_mm: Option<f64>, Run, 5;
@@ -84,9 +84,9 @@ columns! {
     flags: Vec<Flag>, Optional, 0;
     /// The stage's z in the window, read back, stage frame, mm.
     z_mm: Option<f64>, Run, 5;
-    /// The load cell's mean force in air before the press, from the zero, N.
+    /// What the load cell read in air before the press, N.
     air_before_n: Option<f64>, Sparse, 6;
-    /// The same on the way to the next place; none where a rest comes between, or the plan ends.
+    /// What it read in air after it, N: forces count from between the two, as time goes.
     air_after_n: Option<f64>, Sparse, 6;
 }
 

@@ -2,7 +2,7 @@
 
 use super::cell::round;
 use super::{End, Loss, Press, Provenance, RunFacts, Text};
-use crate::control::{AirReadings, Lesson, Trip};
+use crate::control::{AirReadings, Hum, Lesson, Trip};
 use crate::device::Identity;
 use crate::quantity::{Place, any_number};
 use serde::{Deserialize, Serialize};
@@ -28,7 +28,10 @@ pub enum Record {
         offset_n: f64,
         /// Standard deviation of one reading, N.
         sigma_n: f64,
-        /// The outputs in air, V.
+        /// The mains in it; none where there are none to be seen.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        hum: Option<Hum>,
+        /// The outputs in air, in the array's unit.
         outputs: Vec<f64>,
     },
     /// An entry of the plan was measured whole.
@@ -71,7 +74,7 @@ impl Record {
 }
 
 /// One contact: a plain press, or a staircase with all its levels.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// The entry's number in the plan.
     pub press: u64,
@@ -82,6 +85,10 @@ pub struct Contact {
     pub truth: Vec<PressTruth>,
     /// What the force loop learned from it for those to come; none if the entry never left the air.
     pub lesson: Option<Lesson>,
+    /// The air before it: forces and outputs count from there.
+    pub air_before: Air,
+    /// The air after it: forces count from between the two, as time goes.
+    pub air_after: Air,
     /// What the next press begins from; none after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
@@ -92,9 +99,16 @@ pub struct Contact {
 pub struct Left {
     /// Where the indenter stood, in the clear above the next place, specimen frame, mm.
     pub z_mm: f64,
-    /// What the load cell said on the way there, from the zero; none where a rest came after it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub air: Option<AirReadings>,
+}
+
+/// What load cell and array read in air.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Air {
+    /// The load cell.
+    #[serde(flatten)]
+    pub force: AirReadings,
+    /// The mean of each output, in the array's unit.
+    pub outputs: Vec<f64>,
 }
 
 /// A place that was touched again.

@@ -3,9 +3,9 @@
 use super::Halt;
 use super::past::TouchedPlace;
 use super::press::TRAVEL_CLEARANCE_MM;
-use super::walk::{Listener, Walker};
-use crate::control::{AirReadings, Permit, Rule, Standing, Strategy, Task, Trip};
-use crate::dataset::{Ledger, Left, Record, Retouch};
+use super::walk::{Listener, Standby, Walker};
+use crate::control::{Permit, Rule, Standing, Strategy, Task, Trip};
+use crate::dataset::{Air, Ledger, Record, Retouch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
 
@@ -61,18 +61,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Goes to where the last contact was left, above the next place. What the cell said in air then holds if it still says so.
-    pub async fn go_back(&mut self, place: Place, left: Left) -> Result<(), Halt> {
+    pub async fn go_back(&mut self, place: Place, before: Standby) -> Result<(), Halt> {
         self.go_to(place).await?;
         self.hand.cell.open_air();
         let now = self.hand.cell.close_air().await?;
         let zero = *self.hand.cell.watch.zero();
         let first_mm = self.map.expect(place).first_mm;
         // whatever a journal says, no nearer than x and y may move
-        let back_mm = left.z_mm.min(Permit::clear_mm(first_mm));
+        let back_mm = before.z_mm.min(Permit::clear_mm(first_mm));
         if self.hand.z_mm < back_mm {
             let standing = Standing {
                 z_mm: self.hand.z_mm,
-                force_n: now.mean_n,
+                force_n: now.mean_n - zero.offset_n,
                 sigma_n: zero.sigma_mean_n(now.readings),
                 age_s: self.hand.cell.age_s(),
                 first_mm,
@@ -81,11 +81,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             self.hand.move_z(granted, None).await?;
             self.hand.cell.settle().await?;
         }
-        let is_same = |before: &AirReadings| {
-            let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.readings));
-            (now.mean_n - before.mean_n).abs() <= most_n
+        let is_same = |before: &Air| {
+            let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.force.readings));
+            (now.mean_n - before.force.mean_n).abs() <= most_n
         };
-        self.left = Some(Left { air: left.air.filter(is_same), ..left });
+        self.standby = Some(Standby { air: before.air.filter(is_same), ..before });
         Ok(())
     }
 }

@@ -109,7 +109,7 @@ async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
     let outputs_sigma_v = if has_array { spread_v(&mut hand.array).await? } else { 0.0 };
     Ok(Ok(CellInAir {
-        zero: Zero::of(&readings),
+        zero: Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64()),
         fresh_share: fresh as f64 / (readings.len() - 1) as f64,
         outputs_sigma_v,
     }))

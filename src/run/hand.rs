@@ -1,11 +1,14 @@
 //! The instruments in use.
 
+use super::window::{OUTPUTS_EVERY, OutputMeans};
 use super::{Cancel, Halt};
-use crate::control::{AIR_READINGS, AirReadings, Rule, Timing, Trip, Watch, check_sound};
+use crate::control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
+use crate::dataset::Air;
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{ForceReading, Frame, Place};
 use crate::rig::SceneProbe;
 use crate::wire::Claims;
+use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -18,8 +21,10 @@ pub(super) struct Hand<'a, S, C, A> {
     pub usage: StageUse,
     pub timing: Timing,
     pub probe: Option<SceneProbe>,
-    /// The outputs in air.
+    /// The outputs in air, from which outputs count.
     pub air: Vec<f64>,
+    /// Those that come now.
+    pub outputs_in_air: OutputMeans,
     /// Where the indenter is: specimen frame, read back.
     pub place: Place,
     pub z_mm: f64,
@@ -39,25 +44,31 @@ pub(super) struct Gauge<'a, C> {
     last: Option<Instant>,
     /// No force before this instant is that of a stage at rest.
     pub settled: Instant,
-    air: AirSums,
+    air: ForcesInAir,
 }
 
-/// Readings in air, as they come.
-#[derive(Clone, Copy, Debug, Default)]
-struct AirSums {
+/// The newest readings of the cell in air, as they come.
+#[derive(Debug, Default)]
+struct ForcesInAir {
     /// Whether what comes is air.
     open: bool,
-    count: u32,
-    mean_n: f64,
-    last_n: Option<f64>,
-    /// Sum of the squares of what two readings in a row differ by.
-    differences: f64,
+    /// When, and what the cell read, N.
+    readings: VecDeque<(Instant, f64)>,
 }
+
+/// How long readings in air are kept, s, and how many at most: what is older, the zero has moved away from.
+const AIR_S: f64 = 0.3;
+const AIR_MAX: usize = 4096;
+/// The least time that air is read for, s, so that its mean is not much worse than a window's.
+const AIR_LEAST_S: f64 = 0.05;
+/// Readings of the outputs that make their air at least, and at most on the way from place to place: as many as a window has.
+const OUTPUTS_IN_AIR: u32 = 10;
+pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
 
 impl<'a, C: LoadCell> Gauge<'a, C> {
     pub fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
         let now = Instant::now();
-        let air = AirSums::default();
+        let air = ForcesInAir::default();
         Gauge { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, air }
     }
 
@@ -103,16 +114,21 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     /// A reading's force, N from the zero.
     pub fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
-        (self.shown)(force_n);
-        self.last = Some(Instant::now());
-        self.air.take(force_n);
+        self.take(reading, force_n);
         Ok(force_n)
+    }
+
+    fn take(&mut self, reading: &ForceReading, force_n: f64) {
+        (self.shown)(force_n);
+        let now = Instant::now();
+        self.last = Some(now);
+        self.air.take(now, reading.force_n);
     }
 
     /// What a rule that was broken is really about: in air a noise that has grown breaks the others first.
     pub fn in_air(&self, trip: Trip) -> Trip {
         let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
-        let noisy = self.air.open && self.air.count >= AIR_READINGS && sigma_n > most_n;
+        let noisy = self.air.open && self.air.count() >= AIR_READINGS && sigma_n > most_n;
         match trip.rule {
             Rule::WrongSign | Rule::StillTouching if noisy => Trip::new(Rule::Noisy, sigma_n, most_n, "N"),
             _ => trip,
@@ -131,19 +147,29 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 
     /// From here on what is read is air.
     pub fn open_air(&mut self) {
-        self.air = AirSums { open: true, ..AirSums::default() };
+        self.air = ForcesInAir { open: true, ..ForcesInAir::default() };
     }
 
-    /// What was read in air, and more of it until it is enough; what comes after it isn't air any more.
+    /// The newest of what was read in air, and more of it until it is enough, of a stage at rest; what comes after it isn't air
+    /// any more.
     pub async fn close_air(&mut self) -> Result<AirReadings, Halt> {
         if !self.air.open {
             self.open_air();
         }
-        while self.air.count < AIR_READINGS {
-            self.force_n().await?;
+        let least_s = self.watch.zero().mean_s(AIR_LEAST_S);
+        while self.air.count() < AIR_READINGS || self.air.span_s() < least_s {
+            self.due().await?;
+            let reading = self.cell.read().await?;
+            let force_n = self.watch.in_air_n(&reading)?;
+            self.take(&reading, force_n);
         }
         self.air.open = false;
-        Ok(AirReadings { mean_n: self.air.mean_n, sigma_n: self.air.sigma_n(), readings: self.air.count })
+        let sigma_n = self.air.sigma_n();
+        let newest = self.air.readings.back().map_or(self.began, |(at, _)| *at);
+        let before = |at: Instant| -(newest - at).as_secs_f64();
+        let readings: Vec<(f64, f64)> = self.air.readings.iter().map(|&(at, n)| (before(at), n)).collect();
+        let mean = mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(Rule::Stale, 0.0, 0.0, "readings"))?;
+        Ok(AirReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
     }
 
     /// How old the last good reading is, s.
@@ -159,14 +185,27 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
-    /// The mean of some readings of a stage at rest, N from the zero.
+    /// The mean of at least so many readings of a stage at rest, N from the zero.
     pub async fn mean_n(&mut self, readings: u32) -> Result<f64, Halt> {
         self.settle().await?;
-        let mut sum_n = 0.0;
-        for _ in 0..readings {
-            sum_n += self.force_n().await?;
+        let least_s = self.whole_s(f64::from(readings) * self.cell.conversion().as_secs_f64());
+        Ok(self.read_for(readings, least_s).await?.value)
+    }
+
+    /// How long a mean takes that is to last so long, s: longer only where there is hum to be averaged away.
+    pub fn whole_s(&self, least_s: f64) -> f64 {
+        let zero = self.watch.zero();
+        if zero.hum.is_some() { zero.mean_s(least_s) } else { 0.0 }
+    }
+
+    /// The mean of at least so many readings and, beyond the first, of so long; its middle by the press' clock.
+    pub async fn read_for(&mut self, readings: u32, seconds: f64) -> Result<Mean, Halt> {
+        let mut read: Vec<(f64, f64)> = Vec::new();
+        while read.len() < readings.max(1) as usize || self.now_s() - read[0].0 < seconds {
+            let force_n = self.force_n().await?;
+            read.push((self.now_s(), force_n));
         }
-        Ok(sum_n / f64::from(readings.max(1)))
+        Ok(mean_of(&read, self.watch.zero()).unwrap_or(Mean { value: f64::NAN, middle_s: self.now_s(), readings: 0 }))
     }
 
     /// Reads for so long.
@@ -179,19 +218,34 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 }
 
-impl AirSums {
-    /// Noise of one reading, from what two in a row differ by: a force that comes or a zero that drifts isn't noise.
-    fn sigma_n(&self) -> f64 {
-        (self.differences / (2.0 * f64::from(self.count.max(2) - 1))).sqrt()
+impl ForcesInAir {
+    fn count(&self) -> u32 {
+        self.readings.len() as u32
     }
 
-    fn take(&mut self, force_n: f64) {
-        if self.open {
-            self.differences += self.last_n.map_or(0.0, |last_n| (force_n - last_n).powi(2));
-            self.last_n = Some(force_n);
-            self.count += 1;
-            self.mean_n += (force_n - self.mean_n) / f64::from(self.count);
+    fn span_s(&self) -> f64 {
+        let ends = self.readings.front().zip(self.readings.back());
+        ends.map_or(0.0, |((first, _), (last, _))| (*last - *first).as_secs_f64())
+    }
+
+    /// Noise of one reading, from what two in a row differ by: a force that comes or a zero that drifts isn't noise.
+    fn sigma_n(&self) -> f64 {
+        let following = self.readings.iter().skip(1);
+        let squares: f64 = self.readings.iter().zip(following).map(|((_, a), (_, b))| (b - a).powi(2)).sum();
+        (squares / (2.0 * f64::from(self.count().max(2) - 1))).sqrt()
+    }
+
+    fn take(&mut self, now: Instant, read_n: f64) {
+        if !self.open {
+            return;
         }
+        let is_old = |&(at, _): &(Instant, f64)| (now - at).as_secs_f64() > AIR_S;
+        while self.readings.len() >= AIR_MAX
+            || (self.count() > AIR_READINGS && self.readings.front().is_some_and(is_old))
+        {
+            self.readings.pop_front();
+        }
+        self.readings.push_back((now, read_n));
     }
 }
 
@@ -207,7 +261,37 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     ) -> Self {
         let Instruments { stage, load_cell: cell, array } = instruments;
         let air = vec![0.0; array.units()];
-        let (place, z_mm) = (Place::default(), 0.0);
-        Hand { stage, cell, array, frame, usage, timing, probe, air, place, z_mm, _claims: claims }
+        let (place, z_mm, outputs_in_air) = (Place::default(), 0.0, OutputMeans::default());
+        Hand { stage, cell, array, frame, usage, timing, probe, air, outputs_in_air, place, z_mm, _claims: claims }
+    }
+
+    /// From here on what is read is air.
+    pub fn open_air(&mut self) {
+        self.cell.open_air();
+        self.outputs_in_air = OutputMeans::default();
+    }
+
+    /// What cell and array read in air, and more of it until it is enough, of a stage at rest.
+    pub async fn close_air(&mut self) -> Result<Air, Halt> {
+        let (gauge, array, means) = (&mut self.cell, &mut self.array, &mut self.outputs_in_air);
+        let outputs = async {
+            let mut now = vec![0.0; array.units()];
+            while means.readings < OUTPUTS_IN_AIR {
+                let next = Instant::now() + OUTPUTS_EVERY;
+                array.read(&mut now).await?;
+                means.take(&now);
+                sleep_until(next).await;
+            }
+            Ok::<(), Halt>(())
+        };
+        let (force, read) = tokio::join!(gauge.close_air(), outputs);
+        read?;
+        Ok(Air { force: force?, outputs: std::mem::take(means).means })
+    }
+
+    /// Forces and outputs count from this air.
+    pub fn count_from(&mut self, air: &Air) {
+        self.cell.watch.count_from(&air.force);
+        self.air.clone_from(&air.outputs);
     }
 }

@@ -1,12 +1,14 @@
 //! Motions followed while the force is read.
 
 use super::Halt;
-use super::hand::{Gauge, Hand};
+use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
+use super::window::{OUTPUTS_EVERY, OutputMeans};
 use crate::control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
 use crate::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Place, Range};
 use std::cell::Cell;
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
 /// How far a read-back may be from where the axis was sent, mm.
@@ -73,7 +75,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         if next == self.place {
             self.move_z(granted, None).await?;
             self.cell.settle().await?;
-            self.cell.open_air();
+            self.open_air();
             return Ok(());
         }
         let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
@@ -123,6 +125,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &reins).await?;
             Ok((places_mm, refused))
         };
+        self.outputs_in_air = OutputMeans::default();
+        let motion = with_outputs(motion, &clear, &mut self.array, &mut self.outputs_in_air);
         let steer = |gauge: &mut Gauge<'_, C>, now_n: f64| {
             // two readings make a force: a lone outlier sends nothing sideways
             let mean_n = gauge.watch.mean_n().unwrap_or(now_n);
@@ -151,7 +155,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.cell.watch.pause();
         let force_n = self.cell.mean_n(SIDEWAYS_READINGS).await?;
         let Sideways { .. } = permit.sideways(self.z_mm, first_mm, force_n)?;
-        self.cell.open_air();
+        self.open_air();
         let target = self.frame.to_stage(place, self.z_mm);
         let targets = SIDEWAYS.map(|axis| (axis, target.along(axis)));
         let touch_n = permit.detect_n();
@@ -342,6 +346,41 @@ async fn watched<C: LoadCell, T>(
     let (moved, watched) = tokio::join!(motion, watch);
     watched?;
     moved
+}
+
+/// Runs a motion to its end and averages the outputs meanwhile, once z is clear of the specimen.
+async fn with_outputs<A: SensorArray, T>(
+    motion: impl Future<Output = Result<T, Halt>>,
+    clear: &Cell<bool>,
+    array: &mut A,
+    means: &mut OutputMeans,
+) -> Result<T, Halt> {
+    let (ended, over) = (Cell::new(false), Notify::new());
+    let motion = async {
+        let moved = motion.await;
+        ended.set(true);
+        over.notify_one();
+        moved
+    };
+    let outputs = async {
+        let mut now = vec![0.0; array.units()];
+        while !ended.get() && means.readings < OUTPUTS_ON_THE_WAY {
+            let next = Instant::now() + OUTPUTS_EVERY;
+            if clear.get() {
+                array.read(&mut now).await?;
+                means.take(&now);
+            }
+            tokio::select! {
+                biased;
+                () = over.notified() => break,
+                () = sleep_until(next) => {}
+            }
+        }
+        Ok::<(), Halt>(())
+    };
+    let (moved, read) = tokio::join!(motion, outputs);
+    let moved = moved?;
+    read.map(|()| moved)
 }
 
 /// Leave is taken by moving.

@@ -1,5 +1,6 @@
 //! What a record says of the presses so far.
 
+use super::walk::Standby;
 use crate::control::{Lesson, Map};
 use crate::dataset::{DatasetError, Ledger, Left, Record};
 use crate::device::{DeviceError, DeviceProblem, Identity};
@@ -18,7 +19,7 @@ pub(super) struct Past {
     /// Time that has passed in the run, s.
     pub elapsed_s: f64,
     /// The entry that was made last, and how it was left.
-    pub last: Option<(u64, Option<Left>)>,
+    pub last: Option<(u64, Option<Standby>)>,
     /// What the devices said they were.
     pub devices: Vec<Identity>,
     /// Places that were touched.
@@ -77,7 +78,9 @@ impl Past {
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
             Record::Devices(devices) => self.devices.clone_from(devices),
             Record::Contact(contact) => {
-                self.last = Some((contact.press, contact.left));
+                let air = Some(contact.air_after.clone());
+                let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air });
+                self.last = Some((contact.press, standby));
                 contact.lesson.iter().for_each(|lesson| self.learn(lesson));
             }
             _ => {}
@@ -122,8 +125,8 @@ mod tests {
     use crate::recipe::{Entry, Phase};
 
     fn contact(press: u64, lesson: Lesson) -> Record {
-        let left = Left { z_mm: -0.2 - press as f64, air: None };
-        Record::Contact(Contact { press, levels: vec![], truth: vec![], lesson: Some(lesson), left: Some(left) })
+        let left = Some(Left { z_mm: -0.2 - press as f64 });
+        Record::Contact(Contact { press, lesson: Some(lesson), left, ..Contact::default() })
     }
 
     /// A plan of presses at these places.
@@ -152,7 +155,7 @@ mod tests {
     #[test]
     fn what_is_recalled_is_what_the_records_say_in_their_order() {
         let mut memory = Memory::default();
-        let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, outputs: vec![] };
+        let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, hum: None, outputs: vec![] };
         let shot = Lesson::Shot { place: Place::new(5.0, 5.0), z_mm: 0.4, force_n: 0.5, expected_n: 0.5, faded: 0.0 };
         let lessons = [touch(0.0, 0.0), touch(0.1, 0.0), shot, touch(6.0, 0.0), touch(0.0, 6.0)];
         let contacts = (0..).zip(lessons.clone()).map(|(press, lesson)| contact(press, lesson));
@@ -164,7 +167,11 @@ mod tests {
         lessons.iter().for_each(|lesson| map.learn(lesson));
         assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
         assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");
-        assert_eq!(past.last.and_then(|(_, left)| left).map(|left| left.z_mm), Some(-4.2), "the last contact's");
+        assert_eq!(
+            past.last.as_ref().and_then(|(_, standby)| standby.as_ref()).map(|standby| standby.z_mm),
+            Some(-4.2),
+            "the last contact's"
+        );
         let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
         let landmarks: Vec<Place> = past.landmarks(&plan).iter().map(|known| known.place).collect();
         assert_eq!(

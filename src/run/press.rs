@@ -3,11 +3,12 @@
 use super::Halt;
 use super::walk::Walker;
 use super::window::Window;
-use crate::control::{AirReadings, Command, Context, Event, ForceLoop, Lesson, Moment, Strategy, Task};
-use crate::dataset::{self, Contact, Flag, Left, PressTruth};
+use crate::control::{Command, Context, Event, ForceLoop, Lesson, Moment, Strategy, Task};
+use crate::dataset::{self, Air, Contact, Flag, Left, PressTruth};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
 use crate::recipe::Entry;
+use tokio::time::Instant;
 
 /// Clearance above the learned surface in which the indenter travels from place to place, mm.
 pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;
@@ -15,10 +16,16 @@ pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 /// Noise of one reading that the controller's guard leaves room for: it looks at each by itself, thousands a press.
 const GUARD_SIGMAS: f64 = 8.0;
 
+/// A cell that reads less after a press than before, by more than that and its noise, N and sd of a mean, may stick to the
+/// specimen; how much farther away it is read again, mm.
+const STICKS_N: f64 = 0.010;
+const STICKS_SIGMAS: f64 = 5.0;
+const FARTHER_MM: f64 = 0.5;
+
 /// A contact that is over.
 pub(super) struct Pressed {
     levels: Vec<Held>,
-    air_n: f64,
+    air: Air,
     pub touched_mm: Option<f64>,
     lesson: Option<Lesson>,
 }
@@ -30,6 +37,20 @@ struct Held {
     truth: Option<PressTruth>,
 }
 
+/// How the load cell's zero moved from the air before a press to that after it, by the press' clock.
+struct ZeroMoved {
+    from_s: f64,
+    to_s: f64,
+    by_n: f64,
+}
+
+impl ZeroMoved {
+    /// How far by then, N: evenly with the time.
+    fn at_n(&self, at_s: f64) -> f64 {
+        self.by_n * ((at_s - self.from_s) / (self.to_s - self.from_s)).clamp(0.0, 1.0)
+    }
+}
+
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// One entry of the plan, from the clear to the clear above the next place, of which it is told.
     pub async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
@@ -37,20 +58,41 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         if let Some(next) = next {
             self.go_to(next).await?; // a staircase that ended in air is still where it was
         }
-        let rests = entry.rest_after_s > 0.0;
-        // what the cell says on the way is the air of the next press, unless that is long after
-        let air = if rests || next.is_none() { None } else { Some(self.hand.cell.close_air().await?) };
+        let after = self.air_after(&pressed.air).await?;
         self.hand.cell.watch.pause();
-        let Pressed { levels: held, air_n, touched_mm, lesson } = pressed;
+        let Pressed { levels: mut held, air: before, touched_mm, lesson } = pressed;
+        let moved = ZeroMoved {
+            from_s: -before.force.age_s,
+            to_s: self.hand.cell.now_s() - after.force.age_s,
+            by_n: after.force.mean_n - before.force.mean_n,
+        };
+        held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
         let level = |(level, held): (usize, &Held)| dataset::Press {
-            air_before_n: Some(air_n),
-            air_after_n: air.map(|air| air.mean_n),
+            air_before_n: Some(before.force.mean_n),
+            air_after_n: Some(after.force.mean_n),
             ..self.row(entry, level, held, touched_mm)
         };
         let levels = held.iter().enumerate().map(level).map(dataset::Press::rounded).collect();
         let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
-        let left = next.map(|_| Left { z_mm: self.hand.z_mm, air });
-        Ok(Contact { press: entry.press, levels, truth, lesson, left })
+        let left = next.map(|_| Left { z_mm: self.hand.z_mm });
+        Ok(Contact { press: entry.press, levels, truth, lesson, air_before: before, air_after: after, left })
+    }
+
+    /// The air after a press. A cell that is pulled at may stick to the specimen: it is read again from farther away.
+    async fn air_after(&mut self, before: &Air) -> Result<Air, Halt> {
+        let air = self.hand.close_air().await?;
+        let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(air.force.readings);
+        if before.force.mean_n - air.force.mean_n <= STICKS_N + STICKS_SIGMAS * sigma_n {
+            return Ok(air);
+        }
+        let (from_mm, speed_mm_s) = (self.hand.z_mm, self.hand.usage.speed_mm_s);
+        let farther_mm = (from_mm - FARTHER_MM).max(self.conditions.spec.clear_mm()).min(from_mm);
+        self.hand.cell.watch.pause();
+        let granted = self.permit.withdraw(from_mm, farther_mm, speed_mm_s)?;
+        self.hand.move_z(granted, None).await?;
+        self.hand.cell.settle().await?;
+        self.hand.open_air();
+        self.hand.close_air().await
     }
 
     /// A contact at a place. All that is random in a simulated one follows from its number, so that it is the same whether it
@@ -62,14 +104,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         if let Some(probe) = &self.hand.probe {
             probe.begin_press(number);
         }
-        self.hand.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
-        self.hand.cell.watch.pause();
         let air = self.air().await?;
         let first_mm = self.first_mm(place, next);
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
+        self.hand.count_from(&air);
+        self.zeroed = Instant::now();
+        self.hand.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
+        self.hand.cell.watch.pause();
+        self.hand.cell.force_n().await?;
         let mut levels: Vec<Held> = Vec::with_capacity(task.levels.len());
-        let air_n = air.mean_n;
-        let mut event = Event::Begin { z_mm: self.hand.z_mm, air };
+        let mut event = Event::Begin { z_mm: self.hand.z_mm, air: air.force };
         loop {
             let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
             event = match press.next(event, moment) {
@@ -101,7 +145,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
             last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
         }
-        Ok(Pressed { levels, air_n, touched_mm: press.touched_mm(), lesson: press.lesson() })
+        Ok(Pressed { levels, air, touched_mm: press.touched_mm(), lesson: press.lesson() })
     }
 
     /// Goes to a place in the clear.
@@ -110,16 +154,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.travel(place, &self.permit, first_mm).await
     }
 
-    /// What the cell says in the clear: on the way here, and now, since a disk may have been slow meanwhile.
-    async fn air(&mut self) -> Result<AirReadings, Halt> {
-        match self.left.take().and_then(|left| left.air) {
-            Some(air) => {
-                self.hand.cell.force_n().await?;
-                Ok(air)
-            }
+    /// What was read in the clear: on the way here, or now.
+    async fn air(&mut self) -> Result<Air, Halt> {
+        match self.standby.take().and_then(|standby| standby.air) {
+            Some(air) => Ok(air),
             None => {
-                self.hand.cell.open_air();
-                self.hand.cell.close_air().await
+                self.hand.cell.watch.pause();
+                self.hand.open_air();
+                self.hand.close_air().await
             }
         }
     }
@@ -138,6 +180,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             limits,
             permit: self.permit,
             zero: *self.hand.cell.watch.zero(),
+            zero_age_s: self.zeroed.elapsed().as_secs_f64(),
             expected: self.map.expect(place),
             shot: asks.then(|| self.map.shot(place, force_set_n, &limits)).flatten(),
             clear_mm: first_mm - TRAVEL_CLEARANCE_MM,

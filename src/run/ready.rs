@@ -8,7 +8,7 @@ use crate::dataset::Record;
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::Axis;
 use crate::rig::{OpenRig, RigSpec};
-use tokio::time::{Instant, sleep_until};
+use tokio::time::Instant;
 
 /// Exchanges that are timed to know how fast the rig reacts.
 const TIMED: usize = 10;
@@ -18,9 +18,7 @@ const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a share of the force limit: beyond it contact can't be told in time.
 pub const NOISE_SHARE: f64 = 0.02;
 /// How far the zero may be from the first one of the run, as a share of the force limit.
-const DRIFT_SHARE: f64 = 0.1;
-/// Readings of the outputs in air.
-const AIR_READINGS: usize = 20;
+const DRIFT_SHARE: f64 = 0.2;
 
 /// A rig whose instruments are identified, homed, in the clear, timed and zeroed.
 pub(super) struct Ready<'a, S, C, A> {
@@ -80,7 +78,7 @@ pub(super) async fn at_home<'a>(
         () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
     };
     cancel.check()?;
-    let zero = Zero { offset_n: 0.0, sigma_n: 0.0, offset_sigma_n: 0.0, frozen_after: None };
+    let zero = Zero::with_noise(0.0);
     let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, zero), cancel, shown);
     let parts = Instruments { stage, load_cell: gauge, array };
     let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims);
@@ -114,7 +112,7 @@ pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
     let readings = hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
-    let zero = Zero::of(&readings);
+    let zero = Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64());
     let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
     if zero.sigma_n > most_n {
         return Err(Trip::new(Rule::Noisy, zero.sigma_n, most_n, "N").into());
@@ -126,15 +124,9 @@ pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
         }
     }
     hand.cell.watch = Watch::new(&conditions.spec.limits, zero);
-    let mut outputs = vec![0.0; hand.array.units()];
-    let mut now = outputs.clone();
-    for _ in 0..AIR_READINGS {
-        let next = Instant::now() + hand.cell.cell.conversion();
-        hand.array.read(&mut now).await?;
-        outputs.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output / AIR_READINGS as f64);
-        sleep_until(next).await;
-    }
+    hand.open_air();
+    let outputs = hand.close_air().await?.outputs;
     hand.air.clone_from(&outputs);
     let t_s = conditions.clock.now_s();
-    Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, outputs })
+    Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, hum: zero.hum, outputs })
 }

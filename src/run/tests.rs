@@ -91,7 +91,7 @@ fn hand<'a>(
     (early_n, late_n): (f64, f64),
 ) -> Hand<'a, StrawStage<'a>, StrawCell, StrawArray> {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-    let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: None };
+    let zero = Zero::with_noise(0.003);
     let cell = StrawCell { began: Instant::now(), early_n, late_n };
     let parts = Instruments {
         stage: StrawStage { told, at_mm: [0.0; 3], takes_s: 0.4 },
@@ -116,7 +116,7 @@ fn hand<'a>(
 
 fn permit() -> Permit {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-    let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0, frozen_after: None };
+    let zero = Zero::with_noise(0.003);
     Permit::new(limits, 0.05, 100.0, &zero)
 }
 

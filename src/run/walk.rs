@@ -6,7 +6,7 @@ use super::past::Past;
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::{Cancel, Halt};
 use crate::control::{Map, Permit, Reaction};
-use crate::dataset::{Contact, End, Ledger, Left, Record, Retouch, Status};
+use crate::dataset::{Air, Contact, End, Ledger, Left, Record, Retouch, Status};
 use crate::device::{Identity, LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
 use crate::recipe::{Entry, Plan};
@@ -15,6 +15,10 @@ use std::collections::VecDeque;
 use std::pin::Pin;
 use std::time::Duration;
 use tokio::time::Instant;
+
+/// How far the zero may have drifted since it was last taken in full, as a share of the force limit, before that is done again:
+/// so that noise and hum are known as they are now.
+const NEW_ZERO_SHARE: f64 = 0.05;
 
 /// What is to be done: a plan on a rig, recorded in a ledger.
 pub struct Walk<'a> {
@@ -92,7 +96,10 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
             let map = Map::new(spec.frame.uncertainty_mm);
-            let mut walker = Walker { hand, permit, map, reaction, conditions, pressing: None, left: None, felt: None };
+            let full_zero_n = hand.cell.watch.zero().offset_n;
+            let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
+            let mut walker =
+                Walker { hand, permit, map, reaction, conditions, pressing, standby, zeroed, full_zero_n, felt };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
             // the stage was stopped before a trip was told; a program that is killed while it parks has tripped all the same
             note_trip(ledger, &ending, walker.pressing, clock.now_s());
@@ -148,6 +155,14 @@ fn permit<S, C, A>(hand: &Hand<'_, S, C, A>, spec: &RigSpec, reaction: &Reaction
     Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero())
 }
 
+/// Where the indenter waits for the next press.
+pub(super) struct Standby {
+    /// In the clear above the next place, specimen frame, mm.
+    pub z_mm: f64,
+    /// What was read on the way there; none where it may have changed since.
+    pub air: Option<Air>,
+}
+
 /// Who goes from press to press.
 pub(super) struct Walker<'a, S, C, A> {
     pub hand: Hand<'a, S, C, A>,
@@ -158,7 +173,11 @@ pub(super) struct Walker<'a, S, C, A> {
     /// The entry that is under way.
     pub pressing: Option<u64>,
     /// How the last contact was left, where nothing has come between.
-    pub left: Option<Left>,
+    pub standby: Option<Standby>,
+    /// When the air was read that forces count from.
+    pub zeroed: Instant,
+    /// What the load cell read in air when the zero was last taken in full, N.
+    pub full_zero_n: f64,
     /// The last contact that the array was sampled in: where and how hard, and what it said, V.
     pub felt: Option<((Place, f64), Vec<f64>)>,
 }
@@ -184,11 +203,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.map = past.map;
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
+            // how much of it had passed isn't known
+            owed_s = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
             if let Some(how) = how {
                 self.go_back(first.place, how).await?;
             }
-            // how much of it had passed isn't known
-            owed_s = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
         }
         self.rest(owed_s, first.place, ledger, listener).await?;
         self.presses(left, ledger, listener).await
@@ -206,12 +225,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             let next = left.front().map(|next| next.place);
             let contact = self.press(entry, next).await?;
             contact.lesson.iter().for_each(|lesson| self.map.learn(lesson));
-            self.left = contact.left;
+            let drifted_n = contact.air_after.force.mean_n - self.full_zero_n;
+            self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
             let record = Record::Contact(contact);
             ledger.record(&record)?;
             self.pressing = None;
             record.contact().into_iter().for_each(|contact| listener.recorded(contact));
             let Some(next) = next else { break };
+            if drifted_n.abs() > NEW_ZERO_SHARE * self.conditions.spec.limits.force_n {
+                self.zero_again(next, ledger).await?;
+            }
             self.rest(entry.rest_after_s, next, ledger, listener).await?;
         }
         Ok(())
@@ -225,10 +248,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
         self.conditions.cancel.while_pausing().await;
         self.conditions.cancel.check()?;
+        self.zero_again(next, ledger).await
+    }
+
+    /// Takes the zero anew, away from the specimen, and goes back to where the last contact was left.
+    async fn zero_again(&mut self, next: Place, ledger: &mut dyn Ledger) -> Result<(), Halt> {
+        self.hand.withdraw(self.conditions.spec.clear_mm()).await?;
         let zero = take_zero(&mut self.hand, &self.conditions).await?;
         self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
+        (self.zeroed, self.full_zero_n) = (Instant::now(), self.hand.cell.watch.zero().offset_n);
         ledger.record(&zero)?;
-        match self.left.take() {
+        match self.standby.take() {
             Some(before) => self.go_back(next, before).await,
             None => Ok(()),
         }
@@ -246,6 +276,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         loop {
             let rest = rested.saturating_duration_since(Instant::now());
             if !rest.is_zero() {
+                self.standby = self.standby.take().map(|standby| Standby { air: None, ..standby });
                 listener.rests(rest.as_secs_f64());
                 self.conditions.cancel.sleep(rest).await;
             }

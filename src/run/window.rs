@@ -2,7 +2,7 @@
 
 use super::Halt;
 use super::hand::Hand;
-use crate::control::STALE_S;
+use crate::control::{Mean, STALE_S, mean_of};
 use crate::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -11,19 +11,38 @@ use tokio::time::{Instant, sleep_until};
 /// Fewest readings in a window, however short it is.
 const READINGS_LEAST: u32 = 2;
 /// The outputs are read no more often than that: what taxels do in a window is slower.
-const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
+pub(super) const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
 
 /// An output this near to the end of its range may be beyond it, as a share of the range.
 const FULL_SCALE: f64 = 0.999;
+
+/// Outputs averaged as they are read.
+#[derive(Clone, Debug, Default)]
+pub(super) struct OutputMeans {
+    pub means: Vec<f64>,
+    pub readings: u32,
+}
+
+impl OutputMeans {
+    /// One more reading of them all. Readings that are all alike have themselves for their mean, to the last bit.
+    pub fn take(&mut self, outputs: &[f64]) {
+        self.means.resize(outputs.len(), 0.0);
+        self.readings += 1;
+        let share = 1.0 / f64::from(self.readings);
+        self.means.iter_mut().zip(outputs).for_each(|(mean, output)| *mean += (output - *mean) * share);
+    }
+}
 
 /// What a window came to.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
     /// When it began.
     pub began: Instant,
-    /// Mean force, N from the zero.
+    /// Mean force, N from the air before.
     pub force_n: f64,
-    /// Mean outputs, less those in air, V.
+    /// The middle of the forces, s by the press' clock.
+    pub middle_s: f64,
+    /// Mean outputs, less those in air, in the array's unit.
     pub outputs: Vec<f64>,
     /// Whether an output stood at the end of its range.
     pub saturated: bool,
@@ -39,60 +58,62 @@ impl Window {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Samples force and outputs together for so long, z at rest. An output that is no number is the array's failure; one at
+    /// Samples force and outputs together for so long, or for whole periods of the hum, z at rest. An output that is no number is the array's failure; one at
     /// the end of the array's range, `range_v`, is noted.
     pub async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
+        let hums = self.cell.watch.zero().hum.is_some();
+        // two readings more, so that the whole periods lie within
+        let seconds = if hums { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
         let until = began + Duration::from_secs_f64(seconds);
         if let Some(probe) = &self.probe {
             probe.open_window();
         }
-        let mut sums = vec![0.0; self.array.units()];
-        let mut now = sums.clone();
+        let mut means = OutputMeans::default();
+        let mut now = vec![0.0; self.array.units()];
         let (mut saturated, mut late) = (false, false);
         // each as fast as it goes: neither waits for the other
         let (gauge, array) = (&mut self.cell, &mut self.array);
         let over = Notify::new();
         let forces = async {
-            let (mut sum_n, mut readings) = (0.0, 0);
-            while Instant::now() < until || readings < READINGS_LEAST {
+            let mut read: Vec<(f64, f64)> = Vec::new();
+            while Instant::now() < until || read.len() < READINGS_LEAST as usize {
                 match gauge.force_n().await {
-                    Ok(force_n) => sum_n += force_n,
+                    Ok(force_n) => read.push((gauge.now_s(), force_n)),
                     Err(halt) => {
                         over.notify_one(); // nothing of a window is waited for that is lost
                         return Err(halt);
                     }
                 }
-                readings += 1;
             }
-            Ok::<f64, Halt>(sum_n / f64::from(readings))
+            Ok::<Option<Mean>, Halt>(mean_of(&read, gauge.watch.zero()))
         };
         let outputs = async {
-            let mut readings = 0;
-            while Instant::now() < until || readings < READINGS_LEAST {
+            while Instant::now() < until || means.readings < READINGS_LEAST {
                 let next = Instant::now() + OUTPUTS_EVERY;
                 let asked = Instant::now();
                 array.read(&mut now).await?;
                 late |= asked.elapsed().as_secs_f64() > STALE_S;
                 saturated |= is_saturated(&now, range_v)?;
-                sums.iter_mut().zip(&now).for_each(|(sum, output)| *sum += output);
-                readings += 1;
+                means.take(&now);
                 tokio::select! {
                     biased;
                     () = over.notified() => break,
                     () = sleep_until(next) => {}
                 }
             }
-            Ok::<f64, Halt>(f64::from(readings))
+            Ok::<(), Halt>(())
         };
-        let (force_n, readings) = tokio::join!(forces, outputs);
-        let (force_n, count) = (force_n?, readings?);
+        let (force, outputs) = tokio::join!(forces, outputs);
+        let force = force?;
+        outputs?;
+        let (force_n, middle_s) = force.map_or((f64::NAN, 0.0), |mean| (mean.value, mean.middle_s));
         if let Some(probe) = &self.probe {
             probe.close_window();
         }
-        let outputs = sums.iter().zip(&self.air).map(|(sum, air)| sum / count - air).collect();
-        Ok(Window { began, force_n, outputs, saturated, late })
+        let outputs = means.means.iter().zip(&self.air).map(|(mean, air)| mean - air).collect();
+        Ok(Window { began, force_n, middle_s, outputs, saturated, late })
     }
 }
 
@@ -122,8 +143,10 @@ mod tests {
 
     #[test]
     fn outputs_that_no_contact_moves_are_frozen() {
-        let window =
-            |outputs: Vec<f64>| Window { began: Instant::now(), force_n: 1.0, outputs, saturated: false, late: false };
+        let window = |outputs: Vec<f64>| {
+            let (force_n, middle_s) = (1.0, 0.0);
+            Window { began: Instant::now(), force_n, middle_s, outputs, saturated: false, late: false }
+        };
         assert!(window(vec![0.0, 0.0]).is_frozen(None), "as in air");
         assert!(window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1])), "as in the contact before");
         assert!(!window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1001])) && !window(vec![0.0, 0.1]).is_frozen(None));

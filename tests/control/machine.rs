@@ -40,7 +40,6 @@ struct Draw {
 struct Told {
     z_mm: f64,
     force_n: f64,
-    drift_n: f64,
     age_s: f64,
     now_s: f64,
     /// The deepest that the press has taken the surface to be, mm.
@@ -50,7 +49,7 @@ struct Told {
 impl Told {
     fn at(z_mm: f64) -> Told {
         let surface_mm = f64::NEG_INFINITY;
-        Told { z_mm, force_n: 0.0, drift_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
+        Told { z_mm, force_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
     }
 
     /// Takes in where the press has the surface, if it says.
@@ -68,7 +67,7 @@ fn draw(rng: &mut Stream, truthful: bool) -> Draw {
     };
     let sigma_n = limits.force_n * 10f64.powf(rng.random_range(-4.0..-1.8));
     let frozen_after = rng.random_bool(0.5).then_some(20);
-    let zero = Zero { offset_n: 0.0, sigma_n, offset_sigma_n: sigma_n / 10.0, frozen_after };
+    let zero = Zero { offset_sigma_n: sigma_n / 10.0, frozen_after, ..Zero::with_noise(sigma_n) };
     let (reaction_s, acceleration_mm_s2) = (rng.random_range(0.01..0.3), rng.random_range(20.0..500.0));
     let permit = Permit::new(limits, reaction_s, acceleration_mm_s2, &zero);
     let place = Place::new(rng.random_range(-6.0..6.0), rng.random_range(-6.0..6.0));
@@ -82,6 +81,7 @@ fn draw(rng: &mut Stream, truthful: bool) -> Draw {
         limits,
         permit,
         zero,
+        zero_age_s: 0.0,
         expected,
         shot,
         clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
@@ -175,7 +175,7 @@ fn broken_promise(draw: &Draw, told: &Told, granted: &Permitted) -> Option<&'sta
     if z_mm <= told.z_mm + ROUNDING {
         return None; // away, or no way at all
     }
-    let force_n = told.force_n + told.drift_n;
+    let force_n = told.force_n;
     let at_most_n = force_n + limits.stiffness_n_mm * (z_mm - told.z_mm.max(told.surface_mm));
     let (room_n, a) = (limits.force_n - context.zero.detect_n(), context.timing.acceleration_mm_s2);
     let fastest_mm_s = safe_speed_mm_s(room_n, limits.stiffness_n_mm, *reaction_s, a);
@@ -263,7 +263,8 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let stops_anywhere = rng.random_bool(0.3);
     let start_mm = draw.context.clear_mm;
     let mut told = Told::at(start_mm);
-    let mut event = Event::Begin { z_mm: start_mm, air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS } };
+    let mut event =
+        Event::Begin { z_mm: start_mm, air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS, age_s: 0.0 } };
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
     for _ in 0..most_commands(&draw.task) {
@@ -336,13 +337,16 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
         let mean_n = if sound { rng.random_range(-0.015..0.015) } else { garbage(rng) };
         let sigma_n = if sound { draw.context.zero.sigma_n } else { garbage(rng) };
         let z_mm = if sound { draw.context.clear_mm } else { garbage(rng) };
-        Event::Begin { z_mm, air: AirReadings { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 } } }
+        Event::Begin {
+            z_mm,
+            air: AirReadings { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 }, age_s: 0.0 },
+        }
     };
     let mut before: Option<Command> = None;
     let mut event = begin(&mut rng, &draw);
     for _ in 0..most_commands(&draw.task) {
-        if let Event::Begin { z_mm, air } = event {
-            (told.z_mm, told.drift_n) = (z_mm, (-air.mean_n).max(0.0));
+        if let Event::Begin { z_mm, .. } = event {
+            told.z_mm = z_mm;
         }
         told.now_s += rng.random_range(0.0..1.0);
         told.age_s = if rng.random_bool(0.995) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
@@ -466,7 +470,7 @@ fn a_press_that_is_over_moves_nothing_any_more() {
     for seed in 0..STEPS / 1000 {
         let (_, mut draw, told, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
-        let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS };
+        let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS, age_s: 0.0 };
         for event in [
             Event::Averaged { force_n },
             Event::Moved { z_mm },

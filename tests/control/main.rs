@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod bench_ills;
 mod false_trips;
 mod faults;
 mod host;

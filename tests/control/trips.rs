@@ -82,12 +82,7 @@ fn a_cell_beyond_its_range_in_air_trips_and_the_trip_is_recorded() {
 
 fn permit() -> Permit {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-    Permit::new(
-        limits,
-        0.05,
-        100.0,
-        &Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None },
-    )
+    Permit::new(limits, 0.05, 100.0, &Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) })
 }
 
 #[test]
@@ -99,7 +94,7 @@ fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
     assert!(force_n <= 2.0, "{force_n} N at {deepest_mm} mm");
     // with force to spare it is the depth that binds, and it counts from no later than here
     let limits = Limits { force_n: 50.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-    let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
+    let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
     let depth_mm = Permit::new(limits, 0.05, 100.0, &zero).deepest_mm(&standing) + 0.2;
     assert!(depth_mm <= 1.6, "{depth_mm} mm");
 }

@@ -18,8 +18,10 @@ pub struct Context {
     pub limits: Limits,
     /// Who may move where.
     pub permit: Permit,
-    /// The zero in air.
+    /// The zero of the air before this press': what its own may not be far from.
     pub zero: Zero,
+    /// How long ago that was, s.
+    pub zero_age_s: f64,
     /// Where the surface is expected.
     pub expected: Expected,
     /// What the map says of this place and this force; none where it can't be trusted, or isn't asked.
@@ -58,7 +60,7 @@ pub enum Event {
     Begin {
         /// Its z, read back, mm.
         z_mm: f64,
-        /// What the load cell said in the clear, from the zero.
+        /// What the load cell read in the clear: forces count from there.
         air: AirReadings,
     },
     /// Readings were averaged.
@@ -97,12 +99,14 @@ impl Event {
 /// Readings in air.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AirReadings {
-    /// Their mean from the zero, N.
+    /// Their mean, N as the cell reads it.
     pub mean_n: f64,
     /// Their standard deviation, N.
     pub sigma_n: f64,
     /// How many.
     pub readings: u32,
+    /// How long before they were done their middle was, s.
+    pub age_s: f64,
 }
 
 /// When an event is told.

@@ -116,7 +116,7 @@ impl ForceLoop {
     /// Closer to the level from its own side, or on to the dwell and the window if it is reached.
     pub(super) fn pursue(&mut self) -> Result<Command, Trip> {
         let Some((_, level)) = self.level() else { return self.depart() };
-        let limit_n = self.context.limits.force_n - self.drift_n;
+        let limit_n = self.context.limits.force_n;
         let (side, below_n) = match level.branch {
             Branch::Loading => (1.0, BELOW_SIGMAS * self.sigma_n),
             Branch::Unloading => (-1.0, 0.0),

@@ -49,7 +49,6 @@ impl ForceLoop {
             z_mm: 0.0,
             force_n: 0.0,
             sigma_n: 0.0,
-            drift_n: 0.0,
             moment: Moment { now_s: 0.0, age_s: f64::INFINITY },
             first_mm: context.expected.first_mm,
             in_contact: false,
@@ -165,7 +164,7 @@ impl ForceLoop {
         }
     }
 
-    /// The zero is looked at before every press; the permit holds it against its limit.
+    /// Forces count from the newest air, if the permit takes it for air.
     fn begin(&mut self, air: AirReadings) -> Result<Command, Trip> {
         let noise_n = self.context.zero.noise_most_n();
         // asked for what must hold, so that a NaN is refused
@@ -173,10 +172,12 @@ impl ForceLoop {
         if !is_quiet {
             return Err(Trip::new(Rule::Noisy, air.sigma_n, noise_n, "N"));
         }
+        let moved_n = air.mean_n - self.context.zero.offset_n;
+        let sigma_n = self.context.zero.sigma_mean_n(air.readings);
+        self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
+        self.context.zero = self.context.zero.counted_from(&air);
         self.sigma_n = self.context.zero.sigma_mean_n(air.readings);
-        self.context.permit.zero_holds(air.mean_n, self.sigma_n)?;
         self.force_n = 0.0;
-        self.drift_n = (-air.mean_n).max(0.0);
         self.next_level()
     }
 
@@ -328,7 +329,7 @@ impl ForceLoop {
         let least = if most_n > NEAR_LIMIT * self.context.limits.force_n { LIMIT_READINGS } else { READINGS_LEAST };
         let conversion_s = self.context.timing.conversion_s;
         let within = |share: f64, most_s: f64| {
-            let wanted = (self.context.zero.sigma_n / (share * self.task.force_tolerance_n)).powi(2);
+            let wanted = (self.context.zero.noise_n / (share * self.task.force_tolerance_n)).powi(2);
             wanted.min(most_s / conversion_s) as u32
         };
         within(MEAN_SHARE, READ_S).max(within(MEAN_SHARE_MOST, READ_MOST_S)).max(least)
@@ -349,7 +350,7 @@ impl ForceLoop {
     fn standing(&self) -> Standing {
         Standing {
             z_mm: self.z_mm,
-            force_n: self.force_n + self.drift_n,
+            force_n: self.force_n,
             sigma_n: self.sigma_n,
             age_s: self.moment.age_s,
             first_mm: self.first_mm,

@@ -48,8 +48,6 @@ pub struct ForceLoop {
     pub(super) z_mm: f64,
     pub(super) force_n: f64,
     pub(super) sigma_n: f64,
-    /// How far the zero has drifted below air, N: the true force is larger by that.
-    pub(super) drift_n: f64,
     pub(super) moment: Moment,
     /// The earliest surface, expected or, once touched, touched.
     pub(super) first_mm: f64,

@@ -34,14 +34,15 @@ struct Bench {
 }
 
 fn bench(levels: Arc<[Level]>, surface_mm: f64) -> Bench {
-    let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
+    // what a cell of 1 kHz reads on the way from place to place
+    let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
     let map = Map::new(0.3);
     Bench { levels, strategy: Strategy::Guarded, tolerance_n: 0.05, map, surface_mm, air }
 }
 
 impl Bench {
     fn press(&self) -> ForceLoop {
-        let zero = Zero { offset_n: 0.0, sigma_n: 0.003, offset_sigma_n: 0.0003, frozen_after: None };
+        let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
         let timing = Timing {
             exchange_s: 0.02,
             settle_s: 0.01,
@@ -55,6 +56,7 @@ impl Bench {
             limits: LIMITS,
             permit: Permit::new(LIMITS, 0.05, 100.0, &zero),
             zero,
+            zero_age_s: 0.0,
             expected: self.map.expect(Place::default()),
             shot: self.map.shot(Place::default(), force_set_n, &LIMITS),
             clear_mm: -0.5,
@@ -207,7 +209,7 @@ fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitte
 
 #[test]
 fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
-    let quiet = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS };
+    let quiet = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS, age_s: 0.0 };
     for (air, rule) in [
         (AirReadings { mean_n: -0.04, ..quiet }, Rule::ZeroDrifted),
         (AirReadings { mean_n: 0.04, ..quiet }, Rule::ZeroDrifted),
