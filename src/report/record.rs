@@ -69,13 +69,19 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     let drawn = [
         by_press("Force in the window less the set one", "force error, mN", &errors, true),
         by_press("Largest true force less the set one", "overshoot, mN", &overshoots, true),
+        by_press(
+            "Load cell in air after a press, less that before the first",
+            "zero drift, mN",
+            &drifts(&subject.runs),
+            true,
+        ),
         by_press("Time a press", "time, s", &times, false),
     ];
     let drawn: Vec<Drawn> = drawn.into_iter().flatten().collect();
     let body = html! {
         (table(&head.map(words), &rows))
         p.note { "Error: the load cell's mean in the window less the set force. The largest force is the true one, which only a "
-            "simulated run knows; negative: it stayed below. Time: from one window to the next of the same phase. Flagged presses count too." }
+            "simulated run knows; negative: it stayed below. Zero drift: forces count from the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged presses count too." }
         (figures(&drawn))
     };
     Some(framed("How the force was controlled", &body))
@@ -97,6 +103,21 @@ fn held(runs: &[Recorded]) -> Vec<Controlled> {
         }
     }
     held
+}
+
+/// Phase, press, and how far the load cell's reading in air has moved since the run began, mN.
+fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
+    let mut drifts = Vec::new();
+    let mut presses = presses(runs);
+    for run in runs {
+        let first_n = run.contacts.first().map_or(0.0, |first| first.air_before.force.mean_n);
+        for (press, contact) in presses.by_ref().take(run.contacts.len()) {
+            let phase = contact.levels.first().and_then(|level| level.phase);
+            let moved_mn = 1000.0 * (contact.air_after.force.mean_n - first_n);
+            drifts.extend(phase.map(|phase| (phase, press, moved_mn)));
+        }
+    }
+    drifts
 }
 
 /// Phase, press, and time since the window before, s, where that was of the press before and of the same phase. Staircases rest

@@ -2,9 +2,9 @@
 
 use crate::HEAP;
 use crate::support::alone::ran_alone;
-use palpate::control::Lesson;
+use palpate::control::{AirReadings, Lesson};
 use palpate::dataset::{
-    Contact, End, Ledger, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
+    Air, Contact, End, Ledger, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -81,7 +81,12 @@ fn contact(press: u64) -> Contact {
     };
     let truth = PressTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
     let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
-    Contact { press, levels: vec![row.rounded()], truth: vec![truth], lesson, left: None }
+    let air = |n: f64| {
+        let force = AirReadings { mean_n: 1e-4 * n, sigma_n: 0.003, readings: 150, age_s: 0.07 };
+        Air { force, outputs: vec![1e-5 * n; UNITS] }
+    };
+    let (air_before, air_after) = (air(press as f64), air(press as f64 + 1.0));
+    Contact { press, levels: vec![row.rounded()], truth: vec![truth], lesson, air_before, air_after, left: None }
 }
 
 fn facts() -> RunFacts {
