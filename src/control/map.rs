@@ -120,6 +120,11 @@ impl Map {
         self.surface.expect(place)
     }
 
+    /// Whether the specimen was touched: until then a map says what the frame does, on which no motion may rest.
+    pub fn is_touched(&self) -> bool {
+        self.surface.touches() > 0
+    }
+
     /// Takes in what a press taught.
     pub fn learn(&mut self, lesson: &Lesson) {
         match lesson {

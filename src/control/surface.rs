@@ -24,6 +24,8 @@ pub struct Expected {
     pub first_mm: f64,
     /// The latest z at which contact must have begun, mm.
     pub last_mm: f64,
+    /// Whether a touch stands behind it. Without one it is the frame's word, on which no motion may rest.
+    pub touched: bool,
 }
 
 /// The surface as learned from touches: a plane, with the certainty it has earned. The prior is the rig's frame (flat,
@@ -62,6 +64,7 @@ impl SurfaceMap {
             z_mm,
             first_mm: (z_mm - bound_mm).max(-self.uncertainty_mm),
             last_mm: (z_mm + bound_mm).min(self.uncertainty_mm),
+            touched: self.touches() > 0,
         }
     }
 

@@ -58,6 +58,10 @@ pub enum Rule {
     NoConvergence,
     /// A place that was touched before is touched at another height.
     SurfaceMoved,
+    /// The first touch came where the frame says that there is no specimen yet.
+    SurfaceElsewhere,
+    /// The outputs moved before the first touch, and the force didn't.
+    OutputsMoved,
     /// A motion was asked for whose end point isn't safe.
     NotPermitted,
 }
@@ -84,6 +88,8 @@ impl Rule {
             Rule::OutOfReach => "out-of-reach",
             Rule::NoConvergence => "no-convergence",
             Rule::SurfaceMoved => "surface-moved",
+            Rule::SurfaceElsewhere => "surface-elsewhere",
+            Rule::OutputsMoved => "outputs-moved",
             Rule::NotPermitted => "not-permitted",
         }
     }
@@ -104,11 +110,17 @@ impl Rule {
             Rule::Fallen => "has the specimen slipped or torn, or has the load cell's cable come loose?",
             Rule::HardContact => "what does the indenter press on? Is `limits.stiffness_n_mm` right for it?",
             Rule::StageSilent => "is the stage's link slow or broken? The motion has ended by itself",
-            Rule::NoContact => "is the specimen where `frame.surface_mm` says?",
+            Rule::NoContact => {
+                "is the specimen where `frame.surface_mm` says? With a larger `uncertainty`, `palpate align` finds it"
+            }
             Rule::StillTouching => "does the indenter stick, or is the surface higher than learned?",
             Rule::OutOfReach => "is the specimen softer than expected, or `limits.depth_mm` too small for this force?",
             Rule::NoConvergence => "is the load cell much noisier than when it was zeroed?",
             Rule::SurfaceMoved => "was the specimen or the rig touched since? Put it back, or begin a new run",
+            Rule::SurfaceElsewhere => {
+                "the specimen is nearer than `frame.surface_mm` says: with a larger `uncertainty`, `palpate align` finds it"
+            }
+            Rule::OutputsMoved => "does the load cell measure? The array felt something that the load cell didn't",
             Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
         }
     }

@@ -49,12 +49,14 @@ impl RigSpec {
             return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
         }
         let spec = self.scene.clone();
-        let away = self.frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
+        // the drivers go by the rig's word, the scene by how the specimen really lies
+        let frame =
+            spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm));
+        let away = frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
         let travel = &self.stage.travel;
         let within = |axis: Axis, mm: f64| mm.clamp(travel.along(axis).min, travel.along(axis).max);
         let setting = Surroundings {
-            // the drivers go by the rig's word, the scene by how the specimen really lies
-            frame: spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm)),
+            frame,
             layout: self.array.layout.clone(),
             full_scale_n: self.full_scale_n.unwrap_or(self.limits.force_n),
             half_extent_mm: LOADING_HALF_MM,

@@ -20,6 +20,9 @@ use tokio::time::Instant;
 /// Clearance above the highest the surface may be, in which the indenter travels before the surface is learned, mm.
 const CLEARANCE_MM: f64 = 0.3;
 
+/// How far from the end of its travel the stage waits, mm: not on a switch.
+const TOP_MM: f64 = 0.1;
+
 /// A rig file, understood.
 #[derive(Clone, Debug)]
 pub struct RigSpec {
@@ -98,6 +101,12 @@ impl RigSpec {
     /// Whether our emulators are at the far ends: the run then passes in virtual time.
     pub fn is_simulated(&self) -> bool {
         self.stage.link == Link::Sim
+    }
+
+    /// The height that the stage goes to until the specimen was touched: just within the end of its travel that is away, mm.
+    pub fn top_mm(&self) -> f64 {
+        let z = self.stage.travel.along(Axis::Z);
+        self.frame.z_from_stage(z.min).min(self.frame.z_from_stage(z.max)) + TOP_MM
     }
 
     /// The z at which nothing of the specimen can be touched, whatever its surface: the frame's word and a clearance, mm.

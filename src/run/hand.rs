@@ -23,6 +23,8 @@ pub(super) struct Hand<'a, S, C, A> {
     pub probe: Option<SceneProbe>,
     /// The outputs in air, from which outputs count.
     pub air: Vec<f64>,
+    /// Standard deviation of one reading of each.
+    air_sigmas: Vec<f64>,
     /// Those that come now.
     pub outputs_in_air: OutputMeans,
     /// Where the indenter is: specimen frame, read back.
@@ -61,6 +63,9 @@ const AIR_S: f64 = 0.3;
 const AIR_MAX: usize = 4096;
 /// The least time that air is read for, s, so that its mean is not much worse than a window's.
 const AIR_LEAST_S: f64 = 0.05;
+/// How far an output may be from its air before the first touch: so many sd of a reading, and rounding, as a share of it.
+const OUTPUT_SIGMAS: f64 = 8.0;
+const OUTPUT_LEAST: f64 = 1e-5;
 /// Readings of the outputs that make their air at least, and at most on the way from place to place: as many as a window has.
 const OUTPUTS_IN_AIR: u32 = 10;
 pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
@@ -260,9 +265,23 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         claims: Claims,
     ) -> Self {
         let Instruments { stage, load_cell: cell, array } = instruments;
-        let air = vec![0.0; array.units()];
+        let (air, air_sigmas) = (vec![0.0; array.units()], Vec::new());
         let (place, z_mm, outputs_in_air) = (Place::default(), 0.0, OutputMeans::default());
-        Hand { stage, cell, array, frame, usage, timing, probe, air, outputs_in_air, place, z_mm, _claims: claims }
+        Hand {
+            stage,
+            cell,
+            array,
+            frame,
+            usage,
+            timing,
+            probe,
+            air,
+            air_sigmas,
+            outputs_in_air,
+            place,
+            z_mm,
+            _claims: claims,
+        }
     }
 
     /// From here on what is read is air.
@@ -286,7 +305,23 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         };
         let (force, read) = tokio::join!(gauge.close_air(), outputs);
         read?;
+        self.air_sigmas = means.sigmas();
         Ok(Air { force: force?, outputs: std::mem::take(means).means })
+    }
+
+    /// Whether the outputs are still those of the air they count from. Before the first touch they are the second witness: a
+    /// cell that reads zero with honest noise, whatever it bears, shows nothing of a contact.
+    pub async fn check_outputs_in_air(&mut self) -> Result<(), Halt> {
+        let mut now = vec![0.0; self.array.units()];
+        self.array.read(&mut now).await?;
+        for ((output, air), sigma) in now.iter().zip(&self.air).zip(&self.air_sigmas) {
+            let (moved, most) = (output - air, OUTPUT_SIGMAS * sigma + OUTPUT_LEAST * air.abs().max(1.0));
+            let holds = moved.abs() <= most; // asked for what must hold, so that a NaN is refused
+            if !holds {
+                return Err(Trip::new(Rule::OutputsMoved, moved, most, "of an output").into());
+            }
+        }
+        Ok(())
     }
 
     /// Forces and outputs count from this air.

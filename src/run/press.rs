@@ -119,6 +119,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             event = match press.next(event, moment) {
                 Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
                 Command::Move(granted) => {
+                    if press.is_first_descent() {
+                        self.hand.check_outputs_in_air().await?;
+                    }
                     self.hand.move_z(granted, Some(&mut press)).await?;
                     Event::Moved { z_mm: self.hand.z_mm }
                 }

@@ -83,8 +83,8 @@ pub(super) async fn at_home<'a>(
     let parts = Instruments { stage, load_cell: gauge, array };
     let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims);
     if prepared.is_ok() {
-        // an axis that was homed before may stand anywhere: out of contact first
-        hand.withdraw(spec.clear_mm()).await?;
+        // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
+        hand.withdraw(spec.top_mm()).await?;
         hand.find_itself().await?;
     }
     Ok((hand, prepared))

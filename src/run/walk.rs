@@ -103,7 +103,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
             // the stage was stopped before a trip was told; a program that is killed while it parks has tripped all the same
             note_trip(ledger, &ending, walker.pressing, clock.now_s());
-            ending.unparked = walker.hand.withdraw(spec.clear_mm()).await.err();
+            ending.unparked = walker.hand.withdraw(walker.park_mm()).await.err();
         }
         Err(halt) => {
             ending.halt = Some(halt);
@@ -213,6 +213,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.presses(left, ledger, listener).await
     }
 
+    /// Where the stage is parked: away from the specimen, wherever that is until it was touched.
+    fn park_mm(&self) -> f64 {
+        let spec = self.conditions.spec;
+        if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
+    }
+
     async fn presses(
         &mut self,
         mut left: VecDeque<&Entry>,
@@ -242,7 +248,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     /// Parked until a person goes on; then a new zero, and back to where the last contact was left.
     async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
-        self.hand.withdraw(self.conditions.spec.clear_mm()).await?;
+        self.hand.withdraw(self.park_mm()).await?;
         if !listener.paused() {
             return Err(Halt::Cancelled);
         }
@@ -253,7 +259,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     /// Takes the zero anew, away from the specimen, and goes back to where the last contact was left.
     async fn zero_again(&mut self, next: Place, ledger: &mut dyn Ledger) -> Result<(), Halt> {
-        self.hand.withdraw(self.conditions.spec.clear_mm()).await?;
+        self.hand.withdraw(self.park_mm()).await?;
         let zero = take_zero(&mut self.hand, &self.conditions).await?;
         self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
         (self.zeroed, self.full_zero_n) = (Instant::now(), self.hand.cell.watch.zero().offset_n);

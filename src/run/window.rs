@@ -21,15 +21,27 @@ const FULL_SCALE: f64 = 0.999;
 pub(super) struct OutputMeans {
     pub means: Vec<f64>,
     pub readings: u32,
+    /// Sums of the squares of what readings differ by from their mean.
+    squares: Vec<f64>,
 }
 
 impl OutputMeans {
     /// One more reading of them all. Readings that are all alike have themselves for their mean, to the last bit.
     pub fn take(&mut self, outputs: &[f64]) {
         self.means.resize(outputs.len(), 0.0);
+        self.squares.resize(outputs.len(), 0.0);
         self.readings += 1;
         let share = 1.0 / f64::from(self.readings);
-        self.means.iter_mut().zip(outputs).for_each(|(mean, output)| *mean += (output - *mean) * share);
+        for ((mean, square), output) in self.means.iter_mut().zip(&mut self.squares).zip(outputs) {
+            let off = output - *mean;
+            *mean += off * share;
+            *square += off * (output - *mean);
+        }
+    }
+
+    /// Standard deviation of one reading of each output.
+    pub fn sigmas(&self) -> Vec<f64> {
+        self.squares.iter().map(|square| (square / f64::from(self.readings.max(2) - 1)).sqrt()).collect()
     }
 }
 

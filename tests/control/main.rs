@@ -6,6 +6,7 @@ mod support;
 mod bench_ills;
 mod false_trips;
 mod faults;
+mod first_descent;
 mod host;
 mod machine;
 mod reaction;

@@ -3,6 +3,7 @@
 
 use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
 use super::{Branch, Command, Rule, Strategy, Trip};
+use crate::control::surface::Expected;
 
 /// Share of the first force that an approach may use up when contact comes, and the most it may, N.
 const TOUCH_SHARE: f64 = 0.6;
@@ -33,8 +34,9 @@ const LET_OFF_STEPS: f64 = 60.0;
 const RESPONSE_SHARE: f64 = 0.1;
 /// Share of the force from which an expected answer stands out from relaxation.
 const TELL_SHARE: f64 = 0.3;
-/// Most looks for contact: on steel each may go a few micrometres only.
+/// Most looks for contact: on steel each may go a few micrometres only, and before the first touch all the way from home.
 const LOOKS_MAX: u32 = 2000;
+const FIRST_LOOKS_MAX: u32 = 20_000;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
 const APPROACH_MOST_MM_S: f64 = 2.0;
 
@@ -42,7 +44,7 @@ impl ForceLoop {
     /// Fast to just above the earliest contact, if that is worth a motion of its own.
     pub(super) fn descend(&mut self) -> Result<Command, Trip> {
         let standoff_mm = self.first_mm - STANDOFF_MM;
-        if standoff_mm - self.z_mm < SHORT_DESCENT_MM {
+        if !self.context.expected.touched || standoff_mm - self.z_mm < SHORT_DESCENT_MM {
             return self.approach();
         }
         self.advance(State::Descending, standoff_mm, self.context.speed_mm_s)
@@ -53,7 +55,8 @@ impl ForceLoop {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
         let target_mm = self.context.permit.deepest_mm(&self.standing()).min(search_mm);
         self.steps += 1;
-        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > LOOKS_MAX {
+        let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
+        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
             return Err(Trip::new(Rule::NoContact, self.z_mm, search_mm, "mm"));
         }
         let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
@@ -66,7 +69,12 @@ impl ForceLoop {
         self.check_hardness(force_n)?;
         self.force_n = force_n;
         if force_n < self.context.zero.detect_n() / 2.0 {
+            self.note_free();
             return self.approach();
+        }
+        let Expected { first_mm, touched, .. } = self.context.expected;
+        if !touched && self.z_mm < first_mm {
+            return Err(Trip::new(Rule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
         }
         self.in_contact = true;
         self.steps = 0;

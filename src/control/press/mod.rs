@@ -72,6 +72,11 @@ impl ForceLoop {
         self.task.levels.get(self.level).map(|level| (self.level, *level))
     }
 
+    /// Whether it is on its way to the first touch of a specimen.
+    pub fn is_first_descent(&self) -> bool {
+        !self.context.expected.touched && matches!(self.state, State::Descending | State::Approaching)
+    }
+
     /// Where contact began, mm: as the loading path leads back to no force, or where the map has the surface; none before
     /// there was contact.
     pub fn touched_mm(&self) -> Option<f64> {
@@ -176,9 +181,17 @@ impl ForceLoop {
         let sigma_n = self.context.zero.sigma_mean_n(air.readings);
         self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
         self.context.zero = self.context.zero.counted_from(&air);
+        self.note_free();
         self.sigma_n = self.context.zero.sigma_mean_n(air.readings);
         self.force_n = 0.0;
         self.next_level()
+    }
+
+    /// Before the first touch of a specimen there can be contact anywhere below what was measured to be free.
+    fn note_free(&mut self) {
+        if !self.context.expected.touched {
+            self.first_mm = self.z_mm;
+        }
     }
 
     fn next_level(&mut self) -> Result<Command, Trip> {

@@ -1,0 +1,81 @@
+//! The first descent asks the frame for nothing: wherever the surface really is, and whenever the host dies, the specimen as
+//! declared bears at most the force limit.
+//!
+//! `PALPATE_DESCENTS=200 cargo test --release --test control first_descent -- --nocapture` for as many surfaces of each strategy.
+
+use crate::support::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
+use palpate::control::Strategy;
+use palpate::quantity::{Axis, Place, stream};
+use palpate::scene::{Fault, FaultKind, Mounting};
+use rand::RngExt;
+
+/// How far the surface may really be from where the frame says, either way, mm.
+const OFF_MM: f64 = 10.0;
+
+/// Where home is, as far above the surface as the frame has it, mm.
+const HOME_MM: f64 = 12.5;
+
+/// When the load cell may fail, s since the rig was opened: at any time until the surface is met.
+const FAILS_S: f64 = 12.0;
+
+/// How much of a peak a scene may pass over between two looks, N.
+const PEAK_N: f64 = 0.0005;
+
+fn descents() -> u64 {
+    let most = std::env::var("PALPATE_DESCENTS").ok().map(|most| most.parse().expect("a number"));
+    most.unwrap_or(if cfg!(debug_assertions) { 2 } else { 12 })
+}
+
+fn recipe(strategy: Strategy) -> String {
+    format!(
+        "name = \"descent\"\n[press]\nstrategy = \"{}\"\n[[step]]\nphase = \"calibration\"\n\
+         random = {{ count = 1, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0] }}\nforce_n = 1.0\n",
+        strategy.name()
+    )
+}
+
+/// What keeps the cell from telling of the surface.
+const CELLS: [Option<FaultKind>; 4] = [None, Some(FaultKind::Stale), Some(FaultKind::Stuck), Some(FaultKind::NoSensor)];
+
+#[test]
+fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limit() {
+    let mut jobs = Vec::new();
+    for (name, _) in BENCHES {
+        for strategy in Strategy::ALL {
+            for fault in CELLS {
+                jobs.extend((0..descents()).map(|nth| (name, strategy, fault, nth)));
+            }
+        }
+    }
+    let broken = in_parallel(&jobs, |&(name, strategy, fault, nth)| {
+        let mut rng = stream(nth, fault.map_or(0, |kind| kind as u64 + 1), name);
+        let off_mm = rng.random_range(-OFF_MM..=OFF_MM);
+        let mut spec = bench(name);
+        spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
+        spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
+        let from_s = rng.random_range(0.0..FAILS_S);
+        spec.scene.faults = fault.into_iter().map(|kind| Fault { kind, from_s, value: None }).collect();
+        let walked = walked_with(&spec, &plan(&spec, &recipe(strategy), nth + 1), Deaths::Tried, &|_| {});
+        let end = end_of(&walked.ending);
+        let told = format!("{name}, {strategy:?}, {fault:?} at {from_s:.2} s, off by {off_mm:+.2} mm: {end}");
+        let worst_n = walked.truth.force_n.max(walked.orphaned.force_n);
+        let most_n = spec.limits.force_n + PEAK_N;
+        let mut broken = Vec::new();
+        if !(worst_n <= most_n) {
+            broken.push(format!("{told}: {worst_n:.3} N"));
+        }
+        if fault.is_none() && off_mm < -1.0 && end != "surface-elsewhere" {
+            broken.push(format!("{told}: a surface that is nearer isn't named"));
+        }
+        if fault.is_none() && off_mm > 1.0 && end != "no-contact" {
+            broken.push(format!("{told}: a surface that is farther isn't named"));
+        }
+        (worst_n, broken)
+    });
+    let worst_n = broken.iter().map(|(worst_n, _)| *worst_n).fold(0.0, f64::max);
+    println!(
+        "{} descents, each message the last: the most that the specimen would have borne is {worst_n:.3} N",
+        jobs.len()
+    );
+    must_be_none(&broken.into_iter().flat_map(|(_, broken)| broken).collect::<Vec<_>>());
+}
