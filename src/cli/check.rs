@@ -6,7 +6,7 @@ use super::summary::{duration, print};
 use crate::control::safe_speed_mm_s;
 use crate::recipe::{Entry, Phase, Plan};
 use crate::rig::RigSpec;
-use crate::run::estimated_s;
+use crate::run::{estimated_s, first_descent};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -60,6 +60,13 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let limits = &rig.limits;
     let _ = writeln!(text, "  largest force {} N, limit {} N", plan.most_n(), limits.force_n);
     let _ = writeln!(text, "  depth at most {} mm below the surface as touched", limits.depth_mm);
+    let (steps, descent_s) = first_descent(rig);
+    let _ = writeln!(
+        text,
+        "  first descent: {:.1} mm from home in at least {steps} steps, each looked at, some {}",
+        -rig.top_mm(),
+        duration(descent_s)
+    );
     let _ = writeln!(text, "{}", permitted(rig));
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
@@ -76,7 +83,8 @@ fn permitted(rig: &RigSpec) -> String {
     };
     let [fast, slow] = EXCHANGES_S.map(|exchanges_s| speed(exchanges_s).min(rig.stage.speed_mm_s));
     format!(
-        "  a move ends at most {:.3} mm beyond the earliest contact ({} N at {} N/mm)\n  \
+        "  a move ends at most {:.3} mm beyond the earliest contact ({} N at {} N/mm),\n  \
+         before the first touch beyond what was measured to be free,\n  \
          and toward it at most at {slow:.2} to {fast:.2} mm/s (links of {:.0} to {:.0} ms)",
         limits.force_n / limits.stiffness_n_mm,
         limits.force_n,

@@ -1,6 +1,6 @@
 //! How long a plan takes.
 
-use crate::control::{MotionProfile, Strategy};
+use crate::control::{APPROACH_MOST_MM_S, MotionProfile, Strategy, TOUCH_MOST_N, safe_speed_mm_s};
 use crate::recipe::Entry;
 use crate::rig::RigSpec;
 
@@ -16,6 +16,21 @@ fn press_s(strategy: Strategy) -> f64 {
 
 /// What each further level of a staircase takes beyond its dwell and window, s.
 const LEVEL_S: f64 = 0.4;
+
+/// What a look at the force between two steps of the first descent takes, s, and how late the rig reacts meanwhile, s.
+const LOOK_S: f64 = 0.1;
+const REACTION_S: f64 = 0.05;
+
+/// The first descent from home to where the frame says that the surface is: how many steps at least, and how long it takes, s.
+pub fn first_descent(spec: &RigSpec) -> (f64, f64) {
+    let (way_mm, limits) = (-spec.top_mm(), spec.limits);
+    let steps = (way_mm * limits.stiffness_n_mm / limits.force_n).ceil().max(1.0);
+    let lag_s = spec.stage.settle_s + spec.load_cell.lag_s;
+    let fastest =
+        safe_speed_mm_s(TOUCH_MOST_N, limits.stiffness_n_mm, REACTION_S + lag_s, spec.stage.acceleration_mm_s2);
+    let speed_mm_s = fastest.min(APPROACH_MOST_MM_S).min(spec.stage.speed_mm_s);
+    (steps, way_mm / speed_mm_s + steps * LOOK_S)
+}
 
 /// How long some entries of a plan will take on a rig that is ready, s: within a third or so.
 pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {

@@ -19,7 +19,7 @@ mod window;
 
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
-pub use estimate::estimated_s;
+pub use estimate::{estimated_s, first_descent};
 pub use examine::{CellInAir, Examination, examine};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;

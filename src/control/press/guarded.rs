@@ -7,7 +7,7 @@ use crate::control::surface::Expected;
 
 /// Share of the first force that an approach may use up when contact comes, and the most it may, N.
 const TOUCH_SHARE: f64 = 0.6;
-const TOUCH_MOST_N: f64 = 0.2;
+pub const TOUCH_MOST_N: f64 = 0.2;
 /// How far above the earliest contact the fast descent ends, mm.
 const STANDOFF_MM: f64 = 0.02;
 /// A gap to the standoff that isn't worth a motion of its own, mm.
@@ -38,7 +38,7 @@ const TELL_SHARE: f64 = 0.3;
 const LOOKS_MAX: u32 = 2000;
 const FIRST_LOOKS_MAX: u32 = 20_000;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
-const APPROACH_MOST_MM_S: f64 = 2.0;
+pub const APPROACH_MOST_MM_S: f64 = 2.0;
 
 impl ForceLoop {
     /// Fast to just above the earliest contact, if that is worth a motion of its own.
