@@ -15,6 +15,18 @@ pub struct Look {
     pub line: Line,
 }
 
+impl Look {
+    /// A line without markers.
+    pub const fn line(hue: Hue, line: Line) -> Look {
+        Look { hue, shape: None, filled: true, line }
+    }
+
+    /// Filled markers without a line.
+    pub const fn markers(hue: Hue, shape: Shape) -> Look {
+        Look { hue, shape: Some(shape), filled: true, line: Line::None }
+    }
+}
+
 /// The colours: they differ in lightness too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hue {

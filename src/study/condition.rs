@@ -1,7 +1,7 @@
 //! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
 
 use super::bench::walked;
-use super::{StudyError, bound};
+use super::{StudyError, bound, rounded};
 use crate::control::Strategy;
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{Contact, Press, PressTruth, Presses};
@@ -206,8 +206,8 @@ fn phase(contact: &Contact) -> Option<Phase> {
 }
 
 /// Rounded to what is worth telling: 0.1 ms, 0.1 uN.
-pub(super) fn grain(value: f64) -> f64 {
-    (value * 1e4).round() / 1e4 + 0.0 // no "-0"
+fn grain(value: f64) -> f64 {
+    rounded(value, 4)
 }
 
 /// What the paper's solver makes of the test presses, calibrated on the square.

@@ -16,14 +16,15 @@ const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 type Value = fn(&ConditionOutcome) -> Option<f64>;
 
 /// Every figure: a file's name and the SVG.
-pub fn figures(findings: &LoopFindings) -> Vec<(&'static str, String)> {
-    vec![
-        ("1-time-error.svg", time_and_error(findings).svg()),
-        ("2-stability.svg", stability_map(findings).svg()),
-        ("3-scenes.svg", scenes(findings).svg()),
-        ("4-caution.svg", caution(findings).svg()),
-        ("5-calibration.svg", calibration(findings).svg()),
-    ]
+pub fn figures(findings: &LoopFindings) -> Vec<(String, String)> {
+    let drawn = [
+        ("1-time-error.svg", time_and_error(findings)),
+        ("2-stability.svg", stability_map(findings)),
+        ("3-scenes.svg", scenes(findings)),
+        ("4-caution.svg", caution(findings)),
+        ("5-calibration.svg", calibration(findings)),
+    ];
+    drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
 }
 
 /// Time per press against force error, each strategy on each bench.
@@ -75,11 +76,10 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
 fn stability_map(findings: &LoopFindings) -> Figure {
     let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
     let dot = |hue, shape, filled| Look { hue, shape: Some(shape), filled, line: Line::None };
-    let line = |hue, line| Look { hue, shape: None, filled: true, line };
     let theory = |gain: f64| [0.5, 5.0].map(|mismatch| (mismatch, gain / mismatch)).to_vec();
     let mut marks = vec![
-        Mark::Curve(line(Hue::Orange, Line::Solid), theory(UNSTABLE_AT)),
-        Mark::Curve(line(Hue::Blue, Line::Dashed), theory(OVERSHOOTS_AT)),
+        Mark::Curve(Look::line(Hue::Orange, Line::Solid), theory(UNSTABLE_AT)),
+        Mark::Curve(Look::line(Hue::Blue, Line::Dashed), theory(OVERSHOOTS_AT)),
         Mark::Level(GAIN_TIMES_DEAD_TIME, format!("this loop: {GAIN_TIMES_DEAD_TIME}")),
     ];
     let mut dots = Vec::new();
@@ -92,17 +92,19 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         dots.push((dot(Hue::Grey, shape, false), format!("dead time {:.0} ms", 1000.0 * dead_time_s)));
     }
     let map = Panel {
-        x: ChartAxis { range: (0.45, 5.6), ..ChartAxis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)) },
-        y: ChartAxis { range: (0.05, 5.0), ..ChartAxis::log("gain x dead time", [], (0.05, 5.0)) },
+        x: ChartAxis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)),
+        y: ChartAxis::log("gain x dead time", [], (0.05, 5.0)),
         marks,
     };
     let mut marks = vec![Mark::Level(1.0, "set".to_owned())];
     let alone =
         |mismatch: f64| (mismatch, stability::peak(GAIN_TIMES_DEAD_TIME * mismatch, stability::DEAD_TIMES_S[1]));
-    marks.push(Mark::Curve(line(Hue::Grey, Line::Dashed), MISMATCHES.map(alone).to_vec()));
-    let cross = Look { shape: Some(Shape::Cross), ..line(Hue::Grey, Line::None) };
-    let mut wire_legend =
-        vec![(cross, "right: a rule ends it".to_owned()), (line(Hue::Grey, Line::Dashed), "the loop alone".to_owned())];
+    marks.push(Mark::Curve(Look::line(Hue::Grey, Line::Dashed), MISMATCHES.map(alone).to_vec()));
+    let cross = Look::markers(Hue::Grey, Shape::Cross);
+    let mut wire_legend = vec![
+        (cross, "right: a rule ends it".to_owned()),
+        (Look::line(Hue::Grey, Line::Dashed), "the loop alone".to_owned()),
+    ];
     for bench in Bench::ALL {
         let of_it = || {
             let outcomes = findings.of(Part::Mismatch).filter(move |outcome| outcome.rig == bench.name());
@@ -117,7 +119,7 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         wire_legend.insert(0, (look, format!("right: largest force, {}", bench.name())));
     }
     let wire = Panel {
-        x: ChartAxis { range: (0.45, 5.6), ..ChartAxis::log("true stiffness / declared", [], (0.45, 5.6)) },
+        x: ChartAxis::log("true stiffness / declared", [], (0.45, 5.6)),
         y: ChartAxis::linear("force, N", (0.0, 1.8)),
         marks,
     };
@@ -131,8 +133,8 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         panels: vec![map, wire],
         legend: vec![
             vec![
-                (line(Hue::Orange, Line::Solid), "left: never settles, theory pi/2 k_hat/k".to_owned()),
-                (line(Hue::Blue, Line::Dashed), "left: overshoots, theory 1/e k_hat/k".to_owned()),
+                (Look::line(Hue::Orange, Line::Solid), "left: never settles, theory pi/2 k_hat/k".to_owned()),
+                (Look::line(Hue::Blue, Line::Dashed), "left: overshoots, theory 1/e k_hat/k".to_owned()),
             ],
             dots,
             wire_legend,
@@ -174,7 +176,7 @@ fn scenes(findings: &LoopFindings) -> Figure {
         errors.push(Mark::Curve(look, near));
         peaks.push(Mark::Curve(look, over));
     }
-    let axis = |label: &str| ChartAxis { range: (1.0, 1000.0), ..ChartAxis::log(label, [], (1.0, 1000.0)) };
+    let axis = |label: &str| ChartAxis::log(label, [], (1.0, 1000.0));
     Figure {
         title: "What the loop is tried on, one thing changed at a time".to_owned(),
         subtitle: format!(
@@ -257,7 +259,7 @@ fn calibration(findings: &LoopFindings) -> Figure {
     let location: Value = |outcome| outcome.location_error_mm;
     let minutes: Value = |outcome| outcome.minutes;
     let ends = (1000.0 * TOLERANCES_N[TOLERANCES_N.len() - 1] / 1.2, 1000.0 * TOLERANCES_N[0] * 1.2);
-    let x = || ChartAxis { range: ends, ..ChartAxis::log("force tolerance asked, mN", [], ends) };
+    let x = || ChartAxis::log("force tolerance asked, mN", [], ends);
     let panel = |label: &str, value, level: Option<Mark>| Panel {
         x: x(),
         y: ChartAxis::linear(label, (0.0, most(value, 0.1))),

@@ -12,8 +12,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "control")?;
     let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };
     let findings = begun.carried(control(size, args.seed, &begun.told()))?;
-    let figures = figures(&findings).into_iter().map(|(name, svg)| (name.to_owned(), svg)).collect();
-    begun.end(figures, findings.ndjson(), |out| summary(&findings, out))
+    begun.end(figures(&findings), findings.ndjson(), |out| summary(&findings, out))
 }
 
 /// What was found, in at most 80 columns.

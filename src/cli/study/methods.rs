@@ -8,7 +8,7 @@ use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::study::methods;
 use crate::study::methods::{
     BudgetSize, CONDITIONS, FailuresSize, Method, MethodRow, MethodTrial, NoiseReference, Rows, budget_figures,
-    failure_figures, of_run, of_tables, speed_accuracy_figures, told,
+    failure_figures, of_run, of_tables, speed_accuracy_figures,
 };
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -56,12 +56,11 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
             begun.carried(MethodTrial::simulated(side, tests, args.common.seed))?
         }
     };
-    let titles: Vec<_> = trials.iter().map(told).collect();
     let found = begun.carried(Ok(methods::speed_accuracy(&trials, &begun.told())))?;
-    begun.end(speed_accuracy_figures(&titles, &found), found.ndjson(), |out| {
+    begun.end(speed_accuracy_figures(&trials, &found), found.ndjson(), |out| {
         let mut text = String::new();
-        for (scene, told, _) in &titles {
-            text += &speed_accuracy_table(told, found.rows.iter().filter(|row| row.scene == *scene));
+        for trial in &trials {
+            text += &speed_accuracy_table(&trial.told, found.rows.iter().filter(|row| row.scene == trial.scene));
         }
         text + "*: no other method is both faster and nearer; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
     })

@@ -1,5 +1,6 @@
 //! What a term changes, as a mean of paired differences.
 
+use crate::study::rounded;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -28,7 +29,8 @@ impl Effect {
         let (off, on, difference) = (mean(|pair| pair.0), mean(|pair| pair.1), mean(|pair| pair.1 - pair.0));
         let square: f64 = pairs.iter().map(|(off, on)| (on - off - difference).powi(2)).sum();
         let within = quantile * (square / freedom / count).sqrt();
-        let [off, on, difference, within] = [off, on, difference, within].map(grain);
+        // to what is worth telling: a nanometre, a micronewton, a millionth
+        let [off, on, difference, within] = [off, on, difference, within].map(|value| rounded(value, 6));
         (off.is_finite() && on.is_finite() && within.is_finite()).then_some(Effect {
             off,
             on,
@@ -37,11 +39,6 @@ impl Effect {
             seeds: pairs.len(),
         })
     }
-}
-
-/// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
-fn grain(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6 + 0.0 // no "-0"
 }
 
 #[cfg(test)]

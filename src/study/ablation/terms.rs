@@ -63,8 +63,6 @@ pub struct Term {
     pub name: &'static str,
     /// How much of it, and what it can't touch by construction.
     pub told: &'static str,
-    /// Where it stands in a rig's `[scene]`; none: there is no such key.
-    pub key: Option<&'static str>,
     /// Whether the base has it.
     pub in_base: bool,
     on: &'static [Touches],
@@ -101,7 +99,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "taxel noise",
         told: "Table 1's, three standard deviations of full scale, one draw a contact",
-        key: Some("taxel_noise"),
         in_base: true,
         on: READINGS,
         set: |model, on| {
@@ -113,7 +110,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "noise of reading",
         told: "the same percentages of the reading, besides",
-        key: Some("taxel_noise.of"),
         in_base: false,
         on: READINGS,
         set: |model, on| model.noise_of_reading_percent = on.then(|| paper::repeatability_percent().to_vec()),
@@ -121,7 +117,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "hysteresis",
         told: "Table 1's; calibration and test only ever load",
-        key: Some("hysteresis"),
         in_base: true,
         on: TABLE_1,
         set: |model, on| model.scene.skin.hysteresis_percent = on.then(|| paper::hysteresis_percent().to_vec()),
@@ -129,7 +124,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "punch",
         told: "flat, 1 mm across; a unit right below reads 1 of 1 N with any",
-        key: Some("indenter"),
         in_base: false,
         on: METHODS,
         set: |model, on| model.scene.skin.indenter_radius_mm = if on { 0.5 } else { 0.0 },
@@ -137,7 +131,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "taxel disc",
         told: "units read the mean over 1 mm around; right below as the punch",
-        key: Some("taxels.radius_mm"),
         in_base: false,
         on: METHODS,
         set: |model, on| model.taxels().radius_mm = if on { 1.0 } else { 0.0 },
@@ -145,7 +138,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "bonded layer",
         told: "on a rigid base, Poisson's ratio 0.49; right below as the punch",
-        key: Some("elastomer.bonded_poisson_ratio"),
         in_base: false,
         on: METHODS,
         set: |model, on| {
@@ -157,7 +149,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "gains",
         told: "+-20 % from unit to unit",
-        key: Some("taxels.gain_spread_percent"),
         in_base: false,
         on: READINGS,
         set: |model, on| model.taxels().gain_spread_percent = if on { 20.0 } else { 0.0 },
@@ -165,7 +156,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "places",
         told: "units +-0.1 mm off along x and y",
-        key: Some("taxels.place_spread_mm"),
         in_base: false,
         on: READINGS,
         set: |model, on| model.taxels().place_spread_mm = if on { 0.1 } else { 0.0 },
@@ -173,7 +163,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "depths",
         told: "+-5 % from unit to unit",
-        key: Some("taxels.depth_spread_percent"),
         in_base: false,
         on: READINGS,
         set: |model, on| model.taxels().depth_spread_percent = if on { 5.0 } else { 0.0 },
@@ -181,7 +170,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "converter",
         told: "16 bits over 10 V either way, the array's; the load cell's is at the wire",
-        key: Some("converter"),
         in_base: true,
         on: READINGS,
         set: |model, on| model.scene.skin.converter = on.then_some(CONVERTER),
@@ -189,7 +177,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "drift of zeros",
         told: "Brownian, 1 % of full scale in an hour; calibration and test take 13 minutes",
-        key: None,
         in_base: false,
         on: READINGS,
         set: |model, on| model.drift_percent = if on { 1.0 } else { 0.0 },
@@ -197,7 +184,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "force tolerance",
         told: "the force reached is anywhere within +-0.05 N; of a press it is the question",
-        key: None,
         in_base: false,
         on: READINGS,
         set: |model, on| model.force_tolerance_n = if on { 0.05 } else { 0.0 },
@@ -205,7 +191,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "stage grain",
         told: "places and depths in 1 um; a unit's centre is a multiple of it",
-        key: Some("stage.quantum_mm"),
         in_base: false,
         on: &[Touches::Methods, Touches::Press],
         set: |model, on| {
@@ -215,7 +200,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "load-cell noise",
         told: "3 mN a conversion; methods go by the force that was asked for",
-        key: Some("load_cell.noise_n"),
         in_base: true,
         on: &[Touches::Table1, Touches::Press],
         set: |model, on| {
@@ -225,7 +209,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "surface tilt",
         told: "at most 0.2 mm in the loading area; readings follow the force, not the depth",
-        key: Some("surface.tilt_mm"),
         in_base: false,
         on: PRESS,
         set: |model, on| model.scene.surface_tilt_mm = if on { 0.2 } else { 0.0 },
@@ -233,7 +216,6 @@ pub const TERMS: [Term; 16] = [
     Term {
         name: "relaxation",
         told: "5 % in 0.3 s and 5 % in 5 s; readings follow the force, not the depth",
-        key: Some("relaxation"),
         in_base: true,
         on: PRESS,
         set: |model, on| {

@@ -12,7 +12,7 @@ mod turning;
 
 pub use array::{Aim, Array};
 pub use claims::{Claim, ClaimVerdict};
-pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings, LeastErrors};
+pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};
 pub use figures::{design_figures, figures};
 pub use line::{CurveFigure, LineCurve};
 pub use turning::{Area, ArrayWalk, NEAR_R, Survey, Turning};

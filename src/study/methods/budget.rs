@@ -1,14 +1,12 @@
 //! How many calibration presses each method needs.
 
+use super::Rows;
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally};
-use super::{Rows, Told};
-use crate::parallel::in_parallel;
+use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
 use crate::quantity::stream;
 use crate::solver::Setting;
-use crate::study::StudyError;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use crate::study::{StudyError, Told, carried_out, rounded};
 
 /// What is varied, as it stands in rows.
 pub const BUDGET: &str = "calibration presses";
@@ -53,13 +51,9 @@ pub fn budget(size: BudgetSize, seed: u64, told: Told<'_>) -> Result<Rows, Study
             jobs.extend((0..size.specimens).map(|specimen| (noise, side, specimen)));
         }
     }
-    let done = AtomicUsize::new(0);
-    let tried = in_parallel(&jobs, |&(noise, side, specimen)| {
-        let tried = calibrate(noise, side, size.tests, seed.wrapping_add(specimen as u64));
-        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
-        tried
-    });
-    let tried = tried.into_iter().collect::<Result<Vec<Tried>, StudyError>>()?;
+    let tried = carried_out(&jobs, told, |&(noise, side, specimen)| {
+        calibrate(noise, side, size.tests, seed.wrapping_add(specimen as u64))
+    })?;
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
         for &side in size.sides.iter().rev() {
@@ -104,16 +98,15 @@ fn calibrate(noise: NoiseReference, side: usize, tests: usize, seed: u64) -> Res
 
 fn row(noise: NoiseReference, side: usize, solver: &'static str, sum: &Tally, least: Option<MeanBound>) -> MethodRow {
     let presses = side * side;
-    let heading = Heading {
+    MethodRow {
         study: "budget",
         scene: noise.name().to_owned(),
         condition: BUDGET,
         value: presses as f64,
-        told: None,
         calibration_presses: presses,
-    };
-    let minutes = Some((presses as f64 * PRESS_S / 60.0 * 1e3).round() / 1e3);
-    MethodRow { minutes, ..sum.row(solver, heading, least.map(|least| (least, CRAMER_RAO))) }
+        minutes: Some(rounded(presses as f64 * PRESS_S / 60.0, 3)),
+        ..sum.row(solver, least.map(|least| (least, CRAMER_RAO)))
+    }
 }
 
 /// The mean over specimens; none if one has none.

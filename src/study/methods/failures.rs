@@ -1,15 +1,13 @@
 //! Where each method fails, and whether it says so.
 
+use super::Rows;
 use super::conditions::{CONDITIONS, ConditionValue, Harm};
 use super::cramer_rao::MeanBound;
 use super::specimen::{FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally};
-use super::{Rows, Told};
-use crate::parallel::in_parallel;
+use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
 use crate::quantity::stream;
 use crate::solver::Setting;
-use crate::study::StudyError;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use crate::study::{StudyError, Told, carried_out};
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,13 +40,7 @@ struct Job {
 /// None in practice: simulated presses can be calibrated on.
 pub fn failures(size: FailuresSize, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
     let jobs = jobs(size.ends_only);
-    let done = AtomicUsize::new(0);
-    let tried = in_parallel(&jobs, |job| {
-        let rows = job.rows(size, seed);
-        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
-        rows
-    });
-    let mut rows = tried.into_iter().collect::<Result<Vec<_>, _>>()?.concat();
+    let mut rows = carried_out(&jobs, told, |job| job.rows(size, seed))?.concat();
     // as the conditions are listed, not as calibrations are shared
     let rank = |row: &MethodRow| {
         let harm = CONDITIONS.iter().position(|harm| harm.name == row.condition);
@@ -95,16 +87,14 @@ impl Job {
             let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
             let least =
                 case.map_is_known.then(|| MeanBound::over(&skin, &case.tested.skin, FULL_SCALE_N, &test)).flatten();
-            rows.extend(methods.iter().map(|method| {
-                let heading = Heading {
-                    study: "failures",
-                    scene: self.noise.name().to_owned(),
-                    condition: harm.name,
-                    value: *value,
-                    told: harm.words(*value),
-                    calibration_presses: calibration.len(),
-                };
-                Tally::of(method, &test).row(method.name, heading, least.map(|least| (least, CRAMER_RAO)))
+            rows.extend(methods.iter().map(|method| MethodRow {
+                study: "failures",
+                scene: self.noise.name().to_owned(),
+                condition: harm.name,
+                value: *value,
+                told: harm.words(*value),
+                calibration_presses: calibration.len(),
+                ..Tally::of(method, &test).row(method.name, least.map(|least| (least, CRAMER_RAO)))
             }));
         }
         Ok(rows)

@@ -13,14 +13,13 @@ mod trial;
 pub use budget::{BudgetSize, PRESS_S, budget};
 pub use conditions::{CONDITIONS, Harm};
 pub use failures::{FailuresSize, failures};
-pub use figures::{budget_figures, failure_figures, speed_accuracy_figures, told};
+pub use figures::{budget_figures, failure_figures, speed_accuracy_figures};
 pub use recorded::{of_run, of_tables};
 pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
 pub use trial::{Errors, Method, MethodRow};
 
-/// Hears how many parts of a study are done, and of how many.
-pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
+use super::ndjson;
 
 /// What came of a study.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,8 +31,7 @@ pub struct Rows {
 impl Rows {
     /// One JSON object a line.
     pub fn ndjson(&self) -> String {
-        // numbers and text can't fail
-        self.rows.iter().map(|row| serde_json::to_string(row).unwrap_or_default() + "\n").collect()
+        ndjson(&self.rows)
     }
 
     /// The rows of one scene, method and condition, in order.

@@ -6,6 +6,7 @@ use crate::solver::{
     BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, SOLVERS, Setting,
     Solver, Verdict, Workspace, fit,
 };
+use crate::study::rounded;
 use serde::Serialize;
 use std::hint::black_box;
 use std::sync::Arc;
@@ -41,7 +42,7 @@ impl Method {
 }
 
 /// What a method made of one condition. Times are measured, all else follows from the seed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MethodRow {
     /// Which study.
     pub study: &'static str,
@@ -114,23 +115,6 @@ pub const CRAMER_RAO: &str = "cramer-rao";
 /// The errors that a method states of itself.
 pub const STATED: &str = "stated by surrogate";
 
-/// Where a row belongs.
-#[derive(Clone, Debug)]
-pub struct Heading {
-    /// Which study.
-    pub study: &'static str,
-    /// The scene.
-    pub scene: String,
-    /// What is varied.
-    pub condition: &'static str,
-    /// Its value.
-    pub value: f64,
-    /// The value in words.
-    pub told: Option<&'static str>,
-    /// Presses of the calibration.
-    pub calibration_presses: usize,
-}
-
 /// What a method made of readings, added up over any number of calibrations.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
@@ -196,36 +180,28 @@ impl Tally {
         self.refused = self.refused.take().or(other.refused);
     }
 
-    /// The row it makes.
-    pub fn row(&self, solver: &'static str, heading: Heading, least: Option<(MeanBound, &'static str)>) -> MethodRow {
+    /// The row it makes: what a method came to, for the study to say under what.
+    pub fn row(&self, solver: &'static str, least: Option<(MeanBound, &'static str)>) -> MethodRow {
         let share = |count: usize| (self.points > 0).then(|| grain(count as f64 / self.points as f64));
         let chosen = self.chosen.first().filter(|first| self.chosen.iter().all(|chosen| chosen == *first));
-        let Heading { study, scene, condition, value, told, calibration_presses } = heading;
         MethodRow {
-            study,
-            scene,
             solver,
             chosen: chosen.copied(),
-            condition,
-            value,
-            told,
-            calibration_presses,
             calibrations: self.calibrations,
-            minutes: None,
             points: self.points,
             answers: self.locations_mm.len(),
             location_error_mm: Errors::of(&self.locations_mm),
             location_error_within_mm: within(&self.locations_mm).map(grain),
             force_error_n: Errors::of(&self.forces_n),
-            ns_per_solve: (self.points > 0).then(|| whole(self.taken.as_nanos() as f64 / self.points as f64)),
+            ns_per_solve: (self.points > 0).then(|| rounded(self.taken.as_nanos() as f64 / self.points as f64, 1)),
             flagged: share(self.flagged),
             wrong: share(self.wrong),
             wrong_unflagged: share(self.wrong_unflagged),
             location_bound_mm: least.map(|(least, _)| grain(least.location_mm)),
             force_bound_n: least.map(|(least, _)| grain(least.force_n)),
             bound: least.map(|(_, whose)| whose),
-            pareto: None,
             refused: self.refused.clone(),
+            ..MethodRow::default()
         }
     }
 }
@@ -255,12 +231,7 @@ fn within(errors: &[f64]) -> Option<f64> {
 
 /// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
 fn grain(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6 + 0.0 // no "-0"
-}
-
-/// Rounded to a tenth.
-fn whole(value: f64) -> f64 {
-    (value * 10.0).round() / 10.0
+    rounded(value, 6)
 }
 
 /// Readings that are solved again and again to see how long it takes, and the least time of that.
@@ -287,20 +258,5 @@ pub fn ns_per_solve(solver: &dyn Solver, readings: &KnownReadings) -> Option<f64
         taken += pass;
         passes.push(pass.as_nanos() as f64);
     }
-    ErrorSummary::of(&passes).filter(|_| count > 0).map(|sum| whole(sum.median / count as f64))
-}
-
-/// Of the rows of each scene: is no other both faster and nearer? Rows without both have no part in it.
-pub fn mark_pareto(rows: &mut [MethodRow]) {
-    let mark = |row: &MethodRow| Some((row.ns_per_solve?, row.mean_mm()?));
-    let all: Vec<(String, (f64, f64))> = rows.iter().filter_map(|row| Some((row.scene.clone(), mark(row)?))).collect();
-    for row in rows {
-        let is_best = mark(row).is_some_and(|(ns, mm)| {
-            let beats = |(scene, (other_ns, other_mm)): &(String, (f64, f64))| {
-                *scene == row.scene && *other_ns <= ns && *other_mm <= mm && (*other_ns, *other_mm) != (ns, mm)
-            };
-            !all.iter().any(beats)
-        });
-        row.pareto = Some(is_best);
-    }
+    ErrorSummary::of(&passes).filter(|_| count > 0).map(|sum| rounded(sum.median / count as f64, 1))
 }

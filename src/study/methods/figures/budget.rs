@@ -1,6 +1,6 @@
 //! Mean error against the presses of a calibration.
 
-use super::{BOUND, Drawn, PAPER_MM, legend, look};
+use super::{BOUND, Drawn, PAPER_MM, legend, look, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Mark, Panel, Scale};
 use crate::study::methods::budget::{BUDGET, PRESS_S};
 use crate::study::methods::{Method, NoiseReference, Rows};
@@ -16,7 +16,7 @@ pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
         ),
         height_px: 420.0,
         panels: NoiseReference::ALL.map(|noise| panel(noise, found)).to_vec(),
-        legend: legend(5),
+        legend: legend(methods_and_bound(), 5),
         notes: vec![
             format!("dotted: the paper's own mean error with 625 presses, {PAPER_MM} mm"),
             format!(

@@ -1,6 +1,6 @@
 //! Where methods fail: a panel of errors and one of silent failures a condition.
 
-use super::{BOUND, Drawn, legend, look};
+use super::{BOUND, Drawn, look, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Grid, Mark, Panel};
 use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
@@ -31,7 +31,7 @@ fn figure(noise: NoiseReference, found: &Rows) -> Figure {
         height_px: 150.0,
         panels: panels.collect(),
         grid: Some(Grid { columns: COLUMNS, width_px: 1240.0, shared: false }),
-        legend: vec![legend(99).concat()],
+        legend: vec![methods_and_bound().collect()],
         notes: MEANINGS.map(str::to_owned).to_vec(),
     }
 }
@@ -84,7 +84,7 @@ fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
     let room = 0.04 * (ends.1 - ends.0);
     match harm.spread {
         Spread::Linear => ChartAxis::linear(label, (ends.0 - room, ends.1 + room)),
-        Spread::Log => ChartAxis { range: (ends.0 / 1.12, ends.1 * 1.12), ..ChartAxis::log(label, [], ends) },
+        Spread::Log => ChartAxis::log(label, [], (ends.0 / 1.12, ends.1 * 1.12)),
         Spread::Words(words) => {
             let names = words.iter().map(|word| (*word).to_owned()).collect();
             ChartAxis { label: label.to_owned(), ..ChartAxis::rows(names) }
