@@ -3,7 +3,7 @@
 use super::fault::GrblError;
 
 /// Letters that take no negative number.
-const NOT_NEGATIVE: [u8; 5] = *b"FNPST";
+const NOT_NEGATIVE: [u8; 3] = *b"FNP";
 
 /// How a line moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +51,6 @@ pub struct Block {
 enum Action {
     Dwell,
     SetG92,
-    ClearG92,
 }
 
 /// What a line comes to.
@@ -78,8 +77,7 @@ impl Block {
             rest = left;
             match letter {
                 b'G' => block.take_g(value)?,
-                b'M' => block.take_m(value)?,
-                b'X' | b'Y' | b'Z' | b'F' | b'N' | b'P' | b'S' | b'T' => {
+                b'X' | b'Y' | b'Z' | b'F' | b'N' | b'P' => {
                     if value < 0.0 && NOT_NEGATIVE.contains(&letter) {
                         return Err(GrblError::NegativeValue);
                     }
@@ -113,10 +111,6 @@ impl Block {
         let order = match self.action {
             Some(Action::Dwell) if moves => return Err(GrblError::UnusedWords),
             Some(Action::Dwell) => BlockOrder::Dwell(self.value(b'P').ok_or(GrblError::MissingValue)?),
-            Some(Action::ClearG92) => {
-                next.g92_mm = [0.0; 3];
-                BlockOrder::Nothing
-            }
             Some(Action::SetG92) if !moves => return Err(GrblError::NoAxisWords),
             Some(Action::SetG92) if self.motion.is_some() => return Err(GrblError::TwoUseAxes),
             Some(Action::SetG92) => {
@@ -146,7 +140,7 @@ impl Block {
         if self.other || self.action.is_some() || self.motion.is_some() {
             return Err(GrblError::BadJog);
         }
-        if [b'P', b'S', b'T'].iter().any(|&letter| self.value(letter).is_some()) {
+        if self.value(b'P').is_some() {
             return Err(GrblError::UnusedWords);
         }
         if !self.has_axes() {
@@ -182,7 +176,7 @@ impl Block {
     }
 
     fn take_g(&mut self, value: f64) -> Result<(), GrblError> {
-        // in tenths: G91.1 is one word
+        // in tenths: G92.1 is one word
         let tenths = (value * 10.0).round();
         if !(0.0..=1000.0).contains(&tenths) || (tenths - value * 10.0).abs() > 1e-6 {
             return Err(GrblError::Unsupported);
@@ -192,41 +186,20 @@ impl Block {
             10 => (self.set_motion(MotionMode::Feed), false),
             40 => (self.set_action(Action::Dwell), false),
             920 => (self.set_action(Action::SetG92), false),
-            921 => (self.set_action(Action::ClearG92), false),
             530 => {
                 self.machine = true;
                 (0, true)
             }
+            // the only ways GRBL is served here, said for the sake of other controllers
             210 => (6, true),
+            940 => (5, false),
             distance @ (900 | 910) => {
                 self.incremental = Some(distance == 910);
                 (3, true)
             }
-            // arcs, whose plane this is, aren't served, and the offsets of all work coordinates are zero
-            170 | 180 | 190 => (2, false),
-            540 | 550 | 560 | 570 | 580 | 590 => (8, false),
-            // the only ways GRBL knows, said for the sake of other controllers
-            911 => (4, false),
-            940 => (5, false),
-            400 => (7, false),
-            490 => (9, false),
-            610 => (10, false),
             _ => return Err(GrblError::Unsupported),
         };
         self.other |= !allowed_in_jog;
-        self.enter_group(group)
-    }
-
-    fn take_m(&mut self, value: f64) -> Result<(), GrblError> {
-        self.other = true;
-        let whole = (0..=30).find(|&whole| f64::from(whole) == value);
-        let group = match whole.ok_or(GrblError::Unsupported)? {
-            0..=2 | 30 => 11,
-            // there is no spindle and no coolant
-            3..=5 => 12,
-            7..=9 => 13,
-            _ => return Err(GrblError::Unsupported),
-        };
         self.enter_group(group)
     }
 
@@ -283,9 +256,9 @@ mod tests {
         assert_eq!(run(&mut modal, "G90X4"), go([4.0, 2.0, 3.0], None));
         assert_eq!(run(&mut modal, "G21G92X0"), Ok(BlockOrder::Nothing));
         assert_eq!(run(&mut modal, "X1"), go([2.0, 2.0, 3.0], None));
-        assert_eq!(run(&mut modal, "G92.1"), Ok(BlockOrder::Nothing));
+        assert_eq!(run(&mut modal, "G92X1Y2Z3"), Ok(BlockOrder::Nothing));
         assert_eq!(run(&mut modal, "G4P1.5"), Ok(BlockOrder::Dwell(1.5)));
-        assert_eq!(run(&mut modal, "G17G54M5M9T0S0"), Ok(BlockOrder::Nothing));
+        assert_eq!(run(&mut modal, "G21G94"), Ok(BlockOrder::Nothing));
         assert_eq!(modal, Modal { feed_mm_min: 300.0, ..Modal::default() });
     }
 
@@ -301,10 +274,9 @@ mod tests {
             ("X1F0", GrblError::NoFeed),
             ("F100", GrblError::NoAxisWords),
             ("G1X1F100", GrblError::BadJog),
-            ("M3X1F100", GrblError::BadJog),
             ("G92X1F100", GrblError::BadJog),
-            ("G54X1F100", GrblError::BadJog),
-            ("X1F100S5", GrblError::UnusedWords),
+            ("G94X1F100", GrblError::BadJog),
+            ("X1F100P5", GrblError::UnusedWords),
             ("X1X2F100", GrblError::RepeatedWord),
             ("G90G91X1F100", GrblError::TwoOfOneGroup),
             ("X1F-100", GrblError::NegativeValue),

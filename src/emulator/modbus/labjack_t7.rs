@@ -147,7 +147,7 @@ impl RegisterMap for LabJackT7 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::testbed::{noisy, pressed, scene};
+    use crate::emulator::tests::{noisy, pressed, scene};
     use crate::mechanics::lambda;
 
     fn floats<const N: usize>(daq: &mut LabJackT7, scene: &mut Scene, address: u16) -> [f32; N] {
