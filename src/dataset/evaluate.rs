@@ -171,20 +171,6 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// A run's test presses by its calibration presses with one method, see [`Trial::of_run`].
-pub fn evaluate_run(
-    presses: &Presses,
-    layout: Option<&ArrayLayout>,
-    solver: &str,
-) -> Result<Evaluation, EvaluateError> {
-    Trial::of_run(presses, layout)?.evaluate(solver)
-}
-
-/// A table by another with one method, see [`Trial::of_tables`].
-pub fn evaluate_tables(calibration: &Presses, test: &Presses, solver: &str) -> Result<Evaluation, EvaluateError> {
-    Trial::of_tables(calibration, test)?.evaluate(solver)
-}
-
 /// Whether two tables can come from one array: as many outputs in both.
 pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), EvaluateError> {
     if calibration.channels != test.channels {
@@ -223,6 +209,11 @@ fn ns_per_solve(solver: &dyn Solver, presses: &[TestPress<'_>]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+
+    fn evaluate_tables(calibration: &Presses, test: &Presses, solver: &str) -> Result<Evaluation, EvaluateError> {
+        Trial::of_tables(calibration, test)?.evaluate(solver)
+    }
+
     use crate::dataset::parse_table;
 
     /// Reads what a table of that text holds.
@@ -254,7 +245,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
     fn a_run_is_held_against_the_commanded_force_and_against_the_load_cell() {
         let presses = run(RUN);
         let layout = ArrayLayout::from_places(vec![crate::quantity::Place::new(-1.0, 0.0); 2]);
-        let evaluation = evaluate_run(&presses, Some(&layout), "pearson").unwrap();
+        let evaluation = Trial::of_run(&presses, Some(&layout)).unwrap().evaluate("pearson").unwrap();
         assert_eq!((evaluation.points, evaluation.location_error_mm.max), (1, 0.0));
         assert!((evaluation.force_error_n.unwrap().mean - 0.05).abs() < 1e-12); // 0.55 of 1 N against 0.5 N
         assert!((evaluation.force_error_load_cell_n.unwrap().mean - 0.04).abs() < 1e-12); // 0.55 of 0.8 N against 0.4 N

@@ -135,8 +135,8 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
             }
         }
     }
-    for strategy in Strategy::ALL {
-        for declared_n_mm in DECLARED_N_MM {
+    for declared_n_mm in DECLARED_N_MM {
+        for strategy in Strategy::ALL {
             let mut condition = nominal(Bench::XpsLike, strategy)?;
             condition.spec.limits.stiffness_n_mm = declared_n_mm;
             let side = slow_side(&condition.spec, size.small);

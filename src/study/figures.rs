@@ -46,12 +46,6 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
         let best = of_it.iter().filter(|outcome| outcome.pareto == Some(true)).filter_map(|outcome| point(outcome));
         marks.extend(best.map(Mark::Ring));
     }
-    let mut notes = vec![
-        "beside a point: the tolerances asked, mN; ringed: none of its bench is both faster and nearer".to_owned(),
-    ];
-    notes.extend(ended_early(findings.of(Part::Tolerance), |outcome| {
-        format!("{} on {} at {} mN", outcome.strategy.name(), outcome.rig, 1000.0 * outcome.tolerance_n)
-    }));
     Figure {
         title: "How fast, how near: 1 N at one place after another".to_owned(),
         subtitle: format!(
@@ -67,7 +61,10 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
                 Strategy::ALL.map(entry).to_vec()
             })
             .to_vec(),
-        notes,
+        notes: vec![
+            "beside a point: the tolerances asked, mN; ringed: none of its bench is both faster and nearer; not drawn: what a rule ends"
+                .to_owned(),
+        ],
         ..Figure::default()
     }
 }
@@ -265,13 +262,6 @@ fn calibration(findings: &LoopFindings) -> Figure {
         y: ChartAxis::linear(label, (0.0, most(value, 0.1))),
         marks: level.into_iter().chain(curves(value)).collect(),
     };
-    let mut notes = vec![
-        "left out, as in every evaluation: presses that missed the tolerance by what the load cell saw".to_owned(),
-    ];
-    let calibrations = || strategies.into_iter().flat_map(of).filter(|outcome| outcome.rig == Bench::XpsLike.name());
-    notes.extend(ended_early(calibrations(), |outcome| {
-        format!("{} at {} mN", outcome.strategy.name(), 1000.0 * outcome.tolerance_n)
-    }));
     Figure {
         title: "What it is for: a calibration, and how well it locates".to_owned(),
         subtitle: format!(
@@ -288,7 +278,10 @@ fn calibration(findings: &LoopFindings) -> Figure {
             panel("time of the calibration, minutes", minutes, None),
         ],
         legend: vec![strategies.map(|strategy| (look(strategy, Bench::XpsLike), strategy.name().to_owned())).to_vec()],
-        notes,
+        notes: vec![
+            "left out, as in every evaluation: presses that missed the tolerance by what the load cell saw; not drawn: what a rule ends"
+                .to_owned(),
+        ],
         ..Figure::default()
     }
 }
@@ -341,17 +334,4 @@ fn alike(
         }
     }
     told
-}
-
-/// What ended early, in one note; none if nothing did.
-fn ended_early<'a>(
-    outcomes: impl Iterator<Item = &'a ConditionOutcome>,
-    name: impl Fn(&ConditionOutcome) -> String,
-) -> Option<String> {
-    let told = outcomes.filter_map(|outcome| {
-        let rule = outcome.rule.as_ref()?;
-        Some(format!("{} ({rule} after {} of {})", name(outcome), outcome.done, outcome.points))
-    });
-    let told: Vec<String> = told.collect();
-    (!told.is_empty()).then(|| format!("not drawn, since a rule ends it: {}", told.join(", ")))
 }

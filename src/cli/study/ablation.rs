@@ -108,37 +108,29 @@ fn shown(value: f64, question: &Question) -> String {
     }
 }
 
-/// Which term is needed for what.
+/// Which term is needed for what, and which for nothing.
 fn needs(found: &AblationFindings) -> String {
     let mut text = format!(
-        "\nyes: the difference isn't chance and exceeds {:.0} % of the base's number, 0.01 mm,\n\
-         1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms; -: it is surely less;\n\
-         ?: more seeds would tell\n",
+        "\na term is needed where the difference isn't chance and exceeds {:.0} % of the base's\n\
+         number, 0.01 mm, 1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms\n",
         100.0 * SHARE
     );
-    let groups = format!("{:<10}{:<10}{:<10}{:<15}{}", "paper", "surrogate", "physics", "Table 1", "press");
-    text += &line("", &groups, None);
-    let heads = ["mm", "N", "mm", "N", "mm", "N", "load", "unl", "hyst", "err", "peak", "time"];
-    let row = |first: &str, cells: [&str; 12]| {
-        let cells: String = cells.iter().map(|cell| format!("{cell:<5}")).collect();
-        line(first, &cells, None)
-    };
-    text += &row("", heads);
+    let mut line =
+        |told: &str| text += &(textwrap::fill(told, textwrap::Options::new(80).subsequent_indent("  ")) + "\n");
     for term in &TERMS {
-        let needed = |question: &Question| match found.row(term.name, question).map(|row| row.needed) {
-            Some(Needed::Yes) => "yes",
-            Some(Needed::No) => "-",
-            Some(Needed::Undecided) => "?",
-            None => "",
-        };
-        text += &row(&named(term), QUESTIONS.each_ref().map(needed));
+        let is_needed = |row: &&TermRow| row.term == term.name && row.needed == Needed::Yes;
+        let needed: Vec<&str> = found.rows.iter().filter(is_needed).map(|row| row.question).collect();
+        if !needed.is_empty() {
+            line(&format!("{}: {}", term.name, needed.join(", ")));
+        }
     }
-    for (verdict, told) in [(Needed::No, "waste for every question"), (Needed::Undecided, "undecided")] {
+    for (verdict, told) in
+        [(Needed::No, "waste for every question"), (Needed::Undecided, "undecided, more seeds would tell")]
+    {
         let names: Vec<&str> =
             TERMS.iter().map(|term| term.name).filter(|name| found.verdict(name) == verdict).collect();
         if !names.is_empty() {
-            text += &textwrap::fill(&format!("{told}: {}", names.join(", ")), 80);
-            text += "\n";
+            line(&format!("{told}: {}", names.join(", ")));
         }
     }
     if let Some(all) = found.costs.iter().find(|cost| cost.term == ALL_TERMS) {

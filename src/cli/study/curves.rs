@@ -1,6 +1,6 @@
 //! `palpate study curves`: the paper's numerical study, and any array put through the same.
 
-use super::begun::{Begun, Output, number};
+use super::begun::{Begun, Output, ended, number};
 use crate::cli::exit::Failure;
 use crate::cli::sources::read_rig;
 use crate::document;
@@ -104,7 +104,7 @@ fn coordinate(text: &str) -> Result<f64, String> {
 fn summary(found: &Curves) -> String {
     let mut text = "the paper's numerical study; distances in depths H unless in mm\n\n".to_owned();
     for Claim { told, verdict, found, .. } in &found.claims {
-        text += &told_line(verdict.name(), told);
+        text += &told_line(verdict, told);
         text += &told_line("", found);
     }
     text + "\n"
@@ -215,8 +215,4 @@ fn told_line(name: &str, told: &str) -> String {
     let lines = textwrap::wrap(told, COLUMNS - FIRST);
     let first = |index: usize| if index == 0 { name } else { "" };
     lines.iter().enumerate().map(|(index, line)| format!("{:<FIRST$}{line}\n", first(index))).collect()
-}
-
-fn ended(out: &Path) -> String {
-    format!("figures and rows: {}\n", out.display())
 }

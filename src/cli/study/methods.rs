@@ -1,6 +1,6 @@
 //! `palpate study speed-accuracy | budget | failures`: the methods that solve.
 
-use super::begun::{Begun, Common, number};
+use super::begun::{Begun, Common, ended, number};
 
 use crate::cli::exit::Failure;
 use crate::cli::recorded::{read_presses, read_run};
@@ -178,8 +178,4 @@ fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
     let head = line("", &|solver| short(solver).to_owned());
     let lines = CONDITIONS.iter().map(|harm| line(harm.name, &|solver| cell(solver, harm)));
     head + &lines.collect::<String>() + "\n"
-}
-
-fn ended(out: &Path) -> String {
-    format!("figures and rows: {}\n", out.display())
 }

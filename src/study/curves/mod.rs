@@ -11,7 +11,7 @@ mod line;
 mod turning;
 
 pub use array::{Aim, Array};
-pub use claims::{Claim, ClaimVerdict};
+pub use claims::Claim;
 pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};
 pub use figures::{design_figures, figures};
 pub use line::{CurveFigure, LineCurve};

@@ -17,7 +17,7 @@ pub use figures::{budget_figures, failure_figures, speed_accuracy_figures};
 pub use recorded::{of_run, of_tables};
 pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
-pub use trial::{Errors, Method, MethodRow};
+pub use trial::{Method, MethodRow};
 
 use super::ndjson;
 

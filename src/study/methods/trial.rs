@@ -72,11 +72,11 @@ pub struct MethodRow {
     /// Of which there was an answer.
     pub answers: usize,
     /// Distance from the true place, of two contacts the nearer, mm; null without answers.
-    pub location_error_mm: Option<Errors>,
+    pub location_error_mm: Option<ErrorSummary>,
     /// Half the 95 % confidence interval of its mean, mm: 1.96 standard errors.
     pub location_error_within_mm: Option<f64>,
     /// Difference from the true force, N; null where that isn't one, or isn't known.
-    pub force_error_n: Option<Errors>,
+    pub force_error_n: Option<ErrorSummary>,
     /// Time of a solve, ns; measured.
     pub ns_per_solve: Option<f64>,
     /// Share of the readings without an answer, or with a verdict other than ok.
@@ -97,17 +97,6 @@ pub struct MethodRow {
     /// Why there is no method.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
-}
-
-/// Some errors, summed up.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Errors {
-    /// Arithmetic mean.
-    pub mean: f64,
-    /// 50th percentile.
-    pub median: f64,
-    /// 95th percentile.
-    pub p95: f64,
 }
 
 /// Whose bound it is.
@@ -190,9 +179,9 @@ impl Tally {
             calibrations: self.calibrations,
             points: self.points,
             answers: self.locations_mm.len(),
-            location_error_mm: Errors::of(&self.locations_mm),
+            location_error_mm: summed(&self.locations_mm),
             location_error_within_mm: within(&self.locations_mm).map(grain),
-            force_error_n: Errors::of(&self.forces_n),
+            force_error_n: summed(&self.forces_n),
             ns_per_solve: (self.points > 0).then(|| rounded(self.taken.as_nanos() as f64 / self.points as f64, 1)),
             flagged: share(self.flagged),
             wrong: share(self.wrong),
@@ -213,12 +202,11 @@ impl MethodRow {
     }
 }
 
-impl Errors {
-    fn of(errors: &[f64]) -> Option<Errors> {
-        // an answer far out of any scene would make a sum that JSON can't hold
-        let sum = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
-        Some(Errors { mean: grain(sum.mean), median: grain(sum.median), p95: grain(sum.p95) })
-    }
+/// Some errors, summed up.
+fn summed(errors: &[f64]) -> Option<ErrorSummary> {
+    // an answer far out of any scene would make a sum that JSON can't hold
+    let ErrorSummary { mean, median, p95, max } = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
+    Some(ErrorSummary { mean: grain(mean), median: grain(median), p95: grain(p95), max: grain(max) })
 }
 
 /// 1.96 standard errors of the mean.
