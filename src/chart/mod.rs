@@ -144,7 +144,7 @@ impl Figure {
         let (width, height) = (self.width_px(), bottom + NOTE_LINE * notes.len() as f64);
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}{ramp}\n</style>\n\
+             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}{ramp}</style>\n\
              <rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n",
             title = escaped(&self.title),
             ramp = if self.has_cells() { Ramp::style() } else { String::new() },

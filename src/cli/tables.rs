@@ -185,15 +185,12 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
 
 /// How many presses got a verdict other than ok, and which, if there are any.
 fn doubted(verdicts: Verdicts) -> Option<String> {
-    let Verdicts { ok: _, weak_signal, outside_area, not_one_contact, channel_fault } = verdicts;
-    let counts = [
-        (weak_signal, "weak-signal"),
-        (outside_area, "outside-area"),
-        (not_one_contact, "not-one-contact"),
-        (channel_fault, "channel-fault"),
-    ];
-    let told: Vec<String> =
-        counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, word)| format!("{count} {word}")).collect();
+    let told: Vec<String> = verdicts
+        .doubts()
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, word)| format!("{count} {word}"))
+        .collect();
     (!told.is_empty()).then(|| told.join(", "))
 }
 

@@ -120,7 +120,8 @@ impl<'a> Trial<'a> {
     /// The same, and times it.
     pub fn evaluate_timed(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
         let (mut evaluation, fitted) = self.evaluate_fitted(solver)?;
-        evaluation.ns_per_solve = Some(ns_per_solve(&fitted, &self.presses(self.force)));
+        let presses = self.presses(self.force);
+        evaluation.ns_per_solve = ns_per_solve(&fitted, presses.iter().map(|press| press.outputs));
         Ok(evaluation)
     }
 
@@ -189,21 +190,18 @@ pub fn is_to_evaluate(press: &Press) -> bool {
     press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
 }
 
-/// The mean time of a solve over whole passes through the test, as many as fill [`TIMED`]; `presses` isn't empty.
-fn ns_per_solve(solver: &dyn Solver, presses: &[TestPress<'_>]) -> f64 {
+/// The mean time of a solve, ns, over whole passes through some readings, as many as fill [`TIMED`]; none without a reading.
+pub fn ns_per_solve<'r>(solver: &dyn Solver, readings: impl Iterator<Item = &'r [f64]> + Clone) -> Option<f64> {
     let mut workspace = Workspace::default();
     let (begun, mut solves) = (Instant::now(), 0);
-    loop {
-        for press in presses {
-            // what it answers was looked at before; here it only must not be left out
-            let _ = black_box(solver.solve(black_box(press.outputs), &mut workspace));
-        }
-        solves += presses.len();
-        let passed = begun.elapsed();
-        if passed >= TIMED {
-            return passed.as_nanos() as f64 / solves as f64;
+    while begun.elapsed() < TIMED {
+        for outputs in readings.clone() {
+            // what it answers is looked at elsewhere; here it only must not be left out
+            let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
+            solves += 1;
         }
     }
+    (solves > 0).then(|| begun.elapsed().as_nanos() as f64 / f64::from(solves))
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
 
 use super::bench::walked;
-use super::{StudyError, bound, rounded};
+use super::{StudyError, bound};
 use crate::control::Strategy;
 use crate::dataset::evaluate::Trial;
+use crate::dataset::round;
 use crate::dataset::{Contact, Press, PressTruth, Presses};
 use crate::quantity::{ArrayLayout, Range};
 use crate::recipe::{Load, Manner, Order, Phase, Places, Plan, Recipe, Step};
@@ -207,7 +208,7 @@ fn phase(contact: &Contact) -> Option<Phase> {
 
 /// Rounded to what is worth telling: 0.1 ms, 0.1 uN.
 fn grain(value: f64) -> f64 {
-    rounded(value, 4)
+    round(value, 4)
 }
 
 /// What the paper's solver makes of the test presses, calibrated on the square.

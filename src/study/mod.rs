@@ -63,12 +63,6 @@ fn pareto<K: PartialEq>(tries: &[(K, Option<(f64, f64)>)]) -> Vec<bool> {
     tries.iter().map(is_best).collect()
 }
 
-/// Rounded to so many digits behind the point.
-fn rounded(value: f64, digits: i32) -> f64 {
-    let per_one = 10f64.powi(digits);
-    (value * per_one).round() / per_one + 0.0 // no "-0"
-}
-
 /// One JSON object a line.
 pub fn ndjson<T: Serialize>(rows: impl IntoIterator<Item = T>) -> String {
     // numbers and text can't fail

@@ -54,7 +54,10 @@ pub struct Grbl {
     reader: LineReader,
     reporter: Reporter,
     lock: Lock,
-    waiting: Waiting,
+    /// Lines that came and aren't run yet, at most as many as the serial buffer has room for.
+    waiting: VecDeque<String>,
+    /// What the first of them waits for.
+    stall: Option<Stall>,
     /// Homing that was begun.
     homing: Option<Homed>,
     /// A `?` came while it homed.
@@ -83,7 +86,8 @@ impl Grbl {
             reader: LineReader::default(),
             reporter: Reporter::default(),
             lock: Lock::Alarm,
-            waiting: Waiting::default(),
+            waiting: VecDeque::new(),
+            stall: None,
             homing: None,
             asked: false,
             unanswered: false,
@@ -109,7 +113,7 @@ impl Instrument for Grbl {
         let mut reply = Reply::default();
         self.machine.settle(scene, now_s);
         match request {
-            [line @ .., RUN] => self.waiting.push(&String::from_utf8_lossy(line)),
+            [line @ .., RUN] => self.keep(&String::from_utf8_lossy(line)),
             [byte] => self.act(*byte, &mut reply, scene, now_s),
             _ => {}
         }
@@ -137,13 +141,6 @@ impl Instrument for Grbl {
     }
 }
 
-/// Lines that came and aren't run yet, at most as many as the serial buffer has room for, and what the first waits for.
-#[derive(Default)]
-struct Waiting {
-    lines: VecDeque<String>,
-    stall: Option<Stall>,
-}
-
 /// What a line waits for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stall {
@@ -153,30 +150,6 @@ enum Stall {
     Dwell { still_s: f64, dwell_s: f64 },
     /// An instant, s.
     Until(f64),
-}
-
-impl Waiting {
-    /// Adds a line; one that the buffer has no room for is lost.
-    fn push(&mut self, line: &str) {
-        let taken: usize = self.lines.iter().map(|line| line.len() + 1).sum();
-        if self.lines.is_empty() || taken + line.len() < RX_MOST {
-            self.lines.push_back(line.into());
-        }
-    }
-
-    fn is_empty(&self) -> bool {
-        self.lines.is_empty()
-    }
-
-    /// Forgets all of them.
-    fn clear(&mut self) {
-        *self = Waiting::default();
-    }
-
-    #[cfg(test)]
-    fn bytes(&self) -> usize {
-        self.lines.iter().map(String::len).sum()
-    }
 }
 
 /// Lines to send.
@@ -324,7 +297,7 @@ impl Grbl {
         self.modal = Modal::default();
         self.reporter = Reporter::default();
         self.reader.clear();
-        self.waiting.clear();
+        self.forget_lines();
         self.asked = false;
         reply.line("");
         reply.line("Grbl 1.1h ['$' for help]");
@@ -357,19 +330,32 @@ impl Grbl {
 }
 
 impl Grbl {
+    /// Keeps a line until it can be run; one that the buffer has no room for is lost.
+    fn keep(&mut self, line: &str) {
+        let taken: usize = self.waiting.iter().map(|line| line.len() + 1).sum();
+        if self.waiting.is_empty() || taken + line.len() < RX_MOST {
+            self.waiting.push_back(line.into());
+        }
+    }
+
+    fn forget_lines(&mut self) {
+        self.waiting.clear();
+        self.stall = None;
+    }
+
     /// Runs the lines that wait for nothing any more.
     fn run_waiting(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        while let Some(line) = self.waiting.lines.front().cloned() {
+        while let Some(line) = self.waiting.front().cloned() {
             if self.lock == Lock::Critical {
-                self.waiting.clear(); // it answers nothing until it is reset
+                self.forget_lines(); // it answers nothing until it is reset
                 return;
             }
-            let stall = self.waiting.stall.or_else(|| self.begin_to_wait(&line, scene, now_s));
-            self.waiting.stall = stall.and_then(|stall| self.still_waits(stall, now_s));
-            if self.waiting.stall.is_some() {
+            let stall = self.stall.or_else(|| self.begin_to_wait(&line, scene, now_s));
+            self.stall = stall.and_then(|stall| self.still_waits(stall, now_s));
+            if self.stall.is_some() {
                 return;
             }
-            self.waiting.lines.pop_front();
+            self.waiting.pop_front();
             self.take_line(&line, reply, scene, now_s);
             if std::mem::take(&mut self.asked) {
                 self.tell_status(reply, scene, now_s);
@@ -379,7 +365,7 @@ impl Grbl {
 
     /// When the first line may be run, s; none: not before something else happens.
     fn next_s(&self) -> Option<f64> {
-        Some(match self.waiting.stall? {
+        Some(match self.stall? {
             Stall::Room => self.machine.ready_s(),
             Stall::Dwell { still_s, .. } => still_s,
             Stall::Until(at_s) => at_s,

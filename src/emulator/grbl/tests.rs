@@ -392,7 +392,7 @@ proptest! {
         for piece in pieces {
             bench.say(now_s, &piece);
             now_s = bench.done_s.max(now_s) + 0.05;
-            prop_assert!(bench.grbl.waiting.bytes() < report::RX_MOST);
+            prop_assert!(bench.grbl.waiting.iter().map(String::len).sum::<usize>() < report::RX_MOST);
             for axis in Axis::ALL {
                 let place_mm = bench.true_mm(axis, now_s);
                 prop_assert!(place_mm.abs() <= machine::END_MM + 1e-6, "{axis:?} at {place_mm}");

@@ -3,11 +3,12 @@
 use super::AblationSize;
 use super::presses;
 use super::terms::{Model, TERMS, Touches};
+use crate::dataset::round;
 use crate::quantity::{Place, stream};
 use crate::rig::RigSpec;
 use crate::scene::{Elastomer, Skin, SkinSpec};
+use crate::study::StudyError;
 use crate::study::methods::specimen::{DEPTH_MM, FORCES_N, Touch, anywhere};
-use crate::study::{StudyError, rounded};
 use serde::Serialize;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -71,7 +72,7 @@ pub fn cost_of_all_terms(base: &Model, rig: &RigSpec) -> Cost {
 }
 
 fn cost(term: &'static str, cost: &'static str, [off, on]: [f64; 2]) -> Cost {
-    Cost { study: "ablation", term, cost, off: rounded(off, 1), on: rounded(on, 1), ratio: rounded(on / off, 3) }
+    Cost { study: "ablation", term, cost, off: round(off, 1), on: round(on, 1), ratio: round(on / off, 3) }
 }
 
 /// The least of many passes over the same contacts, in turns: a machine that gets busy slows both.

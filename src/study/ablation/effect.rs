@@ -1,6 +1,6 @@
 //! What a term changes, as a mean of paired differences.
 
-use crate::study::rounded;
+use crate::dataset::round;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -30,7 +30,7 @@ impl Effect {
         let square: f64 = pairs.iter().map(|(off, on)| (on - off - difference).powi(2)).sum();
         let within = quantile * (square / freedom / count).sqrt();
         // to what is worth telling: a nanometre, a micronewton, a millionth
-        let [off, on, difference, within] = [off, on, difference, within].map(|value| rounded(value, 6));
+        let [off, on, difference, within] = [off, on, difference, within].map(|value| round(value, 6));
         (off.is_finite() && on.is_finite() && within.is_finite()).then_some(Effect {
             off,
             on,

@@ -1,6 +1,6 @@
 //! The paper's Figures 3 to 5, and the two of an array.
 
-use super::line::{CurveFigure as Place, FIGURE_4_TO, LineCurve};
+use super::line::{FIGURE_4_TO, LineCurve};
 use super::{Curves, DesignFindings};
 use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::mechanics::lambda;
@@ -26,8 +26,8 @@ fn line(index: usize) -> Look {
 pub fn figures(found: &Curves) -> Vec<Drawn> {
     let drawn = [
         ("figure-3.svg", figure_3(&found.lambda)),
-        ("figure-4a.svg", figure_4(found, Place::Units)),
-        ("figure-4b.svg", figure_4(found, Place::Spacing)),
+        ("figure-4a.svg", figure_4(found, "4a", "how many units there are", &|curve| format!("n = {}", curve.n))),
+        ("figure-4b.svg", figure_4(found, "4b", "how far apart the units are", &|curve| format!("s = {:.1}", curve.s))),
         ("figure-5.svg", figure_5(found)),
     ];
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
@@ -56,30 +56,20 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
     }
 }
 
-fn figure_4(found: &Curves, place: Place) -> Figure {
-    let curves: Vec<&LineCurve> = found.curves.iter().filter(|curve| curve.figure == place).collect();
+fn figure_4(found: &Curves, number: &str, by: &str, name: &dyn Fn(&LineCurve) -> String) -> Figure {
+    let curves = found.curves.iter().filter(|curve| curve.figure == number);
     let y = ChartAxis::linear("Pearson's r", (-1.05, 1.05));
     let (mut marks, mut names) = (Vec::new(), Vec::new());
-    for (index, curve) in curves.iter().enumerate() {
+    for (index, curve) in curves.enumerate() {
         let look = line(index);
         marks.extend(joined(look, &curve.points));
         let turning = curve.turnings()[1].and_then(|d| Some((d, nearest(&curve.points, d)?)));
         marks.extend(turning.map(|turning| Mark::Curve(Look::markers(look.hue, Shape::Circle), vec![turning])));
-        let name = match place {
-            Place::Spacing => format!("s = {:.1}", curve.s),
-            _ => format!("n = {}", curve.n),
-        };
-        names.push((look, name));
+        names.push((look, name(curve)));
     }
-    let (title, subtitle) = match place {
-        Place::Spacing => {
-            ("Figure 4b: r by how far apart the units are", "9 units, s H apart at depth H; F1 above the first")
-        }
-        _ => ("Figure 4a: r by how many units there are", "n units, H apart at depth H; F1 above the first"),
-    };
     Figure {
-        title: title.to_owned(),
-        subtitle: subtitle.to_owned(),
+        title: format!("Figure {number}: r by {by}"),
+        subtitle: "n units (9), s H apart (1) at depth H; F1 above the first".to_owned(),
         height_px: HEIGHT_PX,
         panels: vec![Panel { x: ChartAxis::linear("distance from F1 to F2, depths H", (0.0, FIGURE_4_TO)), y, marks }],
         grid: GRID,
@@ -90,7 +80,7 @@ fn figure_4(found: &Curves, place: Place) -> Figure {
 }
 
 fn figure_5(found: &Curves) -> Figure {
-    let curves = found.curves.iter().filter(|curve| curve.figure == Place::Start);
+    let curves = found.curves.iter().filter(|curve| curve.figure == "5");
     let (mut marks, mut to) = (Vec::new(), 0.0f64);
     for (index, curve) in curves.enumerate() {
         let look = line(index);
@@ -108,7 +98,7 @@ fn figure_5(found: &Curves) -> Figure {
         height_px: HEIGHT_PX,
         panels: vec![Panel {
             x: ChartAxis::linear("d2: where F2 is, depths H", (-0.25, to + 0.25)),
-            y: r_axis(found.curves.iter().filter(|curve| curve.figure == Place::Start).flat_map(|curve| &curve.points)),
+            y: r_axis(found.curves.iter().filter(|curve| curve.figure == "5").flat_map(|curve| &curve.points)),
             marks,
         }],
         grid: GRID,

@@ -14,7 +14,7 @@ pub use array::{Aim, Array};
 pub use claims::Claim;
 pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};
 pub use figures::{design_figures, figures};
-pub use line::{CurveFigure, LineCurve};
+pub use line::LineCurve;
 pub use turning::{Area, ArrayWalk, NEAR_R, Survey, Turning};
 
 use serde::Serialize;

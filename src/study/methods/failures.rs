@@ -1,6 +1,5 @@
 //! Where each method fails, and whether it says so.
 
-use super::Rows;
 use super::conditions::{CONDITIONS, ConditionValue, Harm};
 use super::cramer_rao::MeanBound;
 use super::specimen::{FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, grid};
@@ -9,23 +8,10 @@ use crate::quantity::stream;
 use crate::solver::Setting;
 use crate::study::{StudyError, Told, carried_out};
 
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FailuresSize {
-    /// Calibration presses along a side.
-    pub side: usize,
-    /// Contacts at each value of each condition.
-    pub tests: usize,
-    /// Whether only the first and the last value of each condition are tried.
-    pub ends_only: bool,
-}
-
-impl FailuresSize {
-    /// The whole study.
-    pub const WHOLE: FailuresSize = FailuresSize { side: 25, tests: 1000, ends_only: false };
-    /// For a first look, and for tests.
-    pub const QUICK: FailuresSize = FailuresSize { side: 5, tests: 40, ends_only: true };
-}
+/// Calibration presses along a side, and contacts at each value of each condition.
+const SIZE: (usize, usize) = (25, 1000);
+/// The same for a first look, which tries the first and the last value of each condition.
+const QUICK: (usize, usize) = (5, 40);
 
 /// What is calibrated once, and all that is tried on it.
 struct Job {
@@ -38,8 +24,9 @@ struct Job {
 ///
 /// # Errors
 /// None in practice: simulated presses can be calibrated on.
-pub fn failures(size: FailuresSize, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
-    let jobs = jobs(size.ends_only);
+pub fn failures(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+    let jobs = jobs(quick);
+    let size = if quick { QUICK } else { SIZE };
     let mut rows = carried_out(&jobs, told, |job| job.rows(size, seed))?.concat();
     // as the conditions are listed, not as calibrations are shared
     let rank = |row: &MethodRow| {
@@ -49,7 +36,7 @@ pub fn failures(size: FailuresSize, seed: u64, told: Told<'_>) -> Result<Rows, S
     };
     rows.sort_by_key(rank); // methods stay in their order
     rows.sort_by_key(|row| row.scene != NoiseReference::T.name());
-    Ok(Rows { rows })
+    Ok(rows)
 }
 
 fn jobs(ends_only: bool) -> Vec<Job> {
@@ -75,14 +62,14 @@ fn jobs(ends_only: bool) -> Vec<Job> {
 }
 
 impl Job {
-    fn rows(&self, size: FailuresSize, seed: u64) -> Result<Vec<MethodRow>, StudyError> {
+    fn rows(&self, (side, tests): (usize, usize), seed: u64) -> Result<Vec<MethodRow>, StudyError> {
         let mut skin = self.calibrated.skin(seed);
-        let presses = KnownReadings::of(&mut skin, &grid(size.side), &mut stream(seed, 0, "calibration noise"));
+        let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, 0, "calibration noise"));
         let calibration = presses.calibration()?;
         let methods = Method::all(&calibration, &Setting::of_layout(Some(&self.calibrated.layout)));
         let mut rows = Vec::new();
         for (harm, value, case) in &self.cases {
-            let touches = harm.touches(*value, size.tests, &mut stream(seed, 0, "test contacts"));
+            let touches = harm.touches(*value, tests, &mut stream(seed, 0, "test contacts"));
             let mut skin = case.tested.skin(seed);
             let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
             let least =

@@ -1,9 +1,10 @@
 //! How near each method comes, and what a solve takes.
 
-use super::Rows;
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Method, MethodRow, Tally, ns_per_solve};
+use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
+use crate::dataset::evaluate::ns_per_solve;
+use crate::dataset::round;
 use crate::parallel::in_parallel;
 use crate::quantity::{ArrayLayout, stream};
 use crate::solver::{BEST, Calibration, Setting};
@@ -53,7 +54,7 @@ impl MethodTrial {
 }
 
 /// Calibrates every method on each trial, solves its test and takes the time of it.
-pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Rows {
+pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Vec<MethodRow> {
     let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {
         let methods = Method::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
@@ -73,11 +74,12 @@ pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Rows {
             };
             // one after another: two at once would take each other's time. The best is one of them, and takes as long.
             let same = rows[first..].iter().find(|other| method.name == BEST && Some(other.solver) == row.chosen);
-            row.ns_per_solve = match (same, &method.fitted) {
+            let ns = match (same, &method.fitted) {
                 (Some(same), _) => same.ns_per_solve,
-                (None, Ok(solver)) => ns_per_solve(solver.as_ref(), &trial.test),
+                (None, Ok(solver)) => ns_per_solve(solver.as_ref(), trial.test.iter().map(|(_, outputs)| outputs)),
                 (None, Err(_)) => None,
             };
+            row.ns_per_solve = ns.map(|ns| round(ns, 1));
             rows.push(row);
             told(rows.len(), count);
         }
@@ -85,5 +87,5 @@ pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Rows {
     let mark = |row: &MethodRow| (row.scene.clone(), row.ns_per_solve.zip(row.mean_mm()));
     let best = pareto(&rows.iter().map(mark).collect::<Vec<_>>());
     rows.iter_mut().zip(best).for_each(|(row, is_best)| row.pareto = Some(is_best));
-    Rows { rows }
+    rows
 }

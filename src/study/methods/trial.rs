@@ -2,13 +2,12 @@
 
 use super::cramer_rao::MeanBound;
 use super::specimen::KnownReadings;
+use crate::dataset::round;
 use crate::solver::{
     BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, SOLVERS, Setting,
     Solver, Verdict, Workspace, fit,
 };
-use crate::study::rounded;
 use serde::Serialize;
-use std::hint::black_box;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -182,7 +181,7 @@ impl Tally {
             location_error_mm: summed(&self.locations_mm),
             location_error_within_mm: within(&self.locations_mm).map(grain),
             force_error_n: summed(&self.forces_n),
-            ns_per_solve: (self.points > 0).then(|| rounded(self.taken.as_nanos() as f64 / self.points as f64, 1)),
+            ns_per_solve: (self.points > 0).then(|| round(self.taken.as_nanos() as f64 / self.points as f64, 1)),
             flagged: share(self.flagged),
             wrong: share(self.wrong),
             wrong_unflagged: share(self.wrong_unflagged),
@@ -219,32 +218,5 @@ fn within(errors: &[f64]) -> Option<f64> {
 
 /// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
 fn grain(value: f64) -> f64 {
-    rounded(value, 6)
-}
-
-/// Readings that are solved again and again to see how long it takes, and the least time of that.
-const TIMED: usize = 1000;
-const LEAST: Duration = Duration::from_millis(20);
-const LEAST_PASSES: usize = 5;
-
-/// Time of a solve, ns: the median over passes through the same readings, of which there are at least 5 and 20 ms.
-pub fn ns_per_solve(solver: &dyn Solver, readings: &KnownReadings) -> Option<f64> {
-    let mut workspace = Workspace::default();
-    let count = readings.truths.len().min(TIMED);
-    let mut pass = || {
-        let began = Instant::now();
-        for (_, outputs) in readings.iter().take(count) {
-            // an answer that isn't one takes its time too
-            let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
-        }
-        began.elapsed()
-    };
-    pass(); // the first one makes room
-    let (mut passes, mut taken) = (Vec::new(), Duration::ZERO);
-    while taken < LEAST || passes.len() < LEAST_PASSES {
-        let pass = pass();
-        taken += pass;
-        passes.push(pass.as_nanos() as f64);
-    }
-    ErrorSummary::of(&passes).filter(|_| count > 0).map(|sum| rounded(sum.median / count as f64, 1))
+    round(value, 6)
 }

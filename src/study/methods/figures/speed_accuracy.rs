@@ -4,14 +4,14 @@ use super::{Drawn, legend, look, methods, told_bound};
 use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
 use crate::solver::BEST;
 use crate::study::methods::trial::CRAMER_RAO;
-use crate::study::methods::{MethodRow, MethodTrial, Rows};
+use crate::study::methods::{MethodRow, MethodTrial};
 
 /// One panel a trial.
-pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &Rows) -> Vec<Drawn> {
-    let presses = found.rows.iter().map(|row| row.calibration_presses).max().unwrap_or(0);
-    let tests = found.rows.iter().map(|row| row.points).max().unwrap_or(0);
+pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Vec<Drawn> {
+    let presses = found.iter().map(|row| row.calibration_presses).max().unwrap_or(0);
+    let tests = found.iter().map(|row| row.points).max().unwrap_or(0);
     let panel = |trial: &MethodTrial| {
-        let rows: Vec<&MethodRow> = found.rows.iter().filter(|row| row.scene == trial.scene).collect();
+        let rows: Vec<&MethodRow> = found.iter().filter(|row| row.scene == trial.scene).collect();
         panel(&trial.told, &rows)
     };
     let ringed = "ringed and joined: no other method is both faster and nearer";
@@ -23,11 +23,7 @@ pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &Rows) -> Vec<Drawn
         height_px: 420.0,
         panels: trials.iter().map(panel).collect(),
         legend: legend(methods().filter(|(_, name)| name != BEST), 7),
-        notes: [Some(ringed), found.rows.first().and_then(told_bound)]
-            .into_iter()
-            .flatten()
-            .map(str::to_owned)
-            .collect(),
+        notes: [Some(ringed), found.first().and_then(told_bound)].into_iter().flatten().map(str::to_owned).collect(),
         ..Figure::default()
     };
     vec![("speed-accuracy.svg".to_owned(), figure.svg())]
@@ -46,7 +42,7 @@ fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
     });
     let errors_mm = points().map(|(_, mm)| mm).chain(rows.iter().filter_map(|row| ends(row)).flat_map(|(a, b)| [a, b]));
     let (first_ns, first_mm) = points().next().unwrap_or((1.0, 1.0));
-    let x = ChartAxis::log("time per solve, median, ns", points().map(|(ns, _)| ns), (first_ns / 1.5, first_ns * 1.5));
+    let x = ChartAxis::log("time per solve, ns", points().map(|(ns, _)| ns), (first_ns / 1.5, first_ns * 1.5));
     let y = ChartAxis::log(
         "location error, mean, mm",
         errors_mm.chain(bound.iter().map(|(mm, _)| mm / 1.3)),
