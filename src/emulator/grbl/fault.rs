@@ -13,7 +13,6 @@ pub enum GrblError {
     TravelExceeded = 15,
     BadJog = 16,
     Unsupported = 20,
-    TwoOfOneGroup = 21,
     NoFeed = 22,
     TwoUseAxes = 24,
     RepeatedWord = 25,

@@ -40,9 +40,6 @@ pub struct Block {
     action: Option<Action>,
     machine: bool,
     incremental: Option<bool>,
-    /// A word that a jog doesn't take.
-    other: bool,
-    groups: u16,
     /// Values by letter, A first.
     values: [Option<f64>; 26],
 }
@@ -137,7 +134,7 @@ impl Block {
 
     /// What a `$J=` line comes to: the modal state counts, and stays as it is.
     pub fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
-        if self.other || self.action.is_some() || self.motion.is_some() {
+        if self.action.is_some() || self.motion.is_some() {
             return Err(GrblError::BadJog);
         }
         if self.value(b'P').is_some() {
@@ -181,45 +178,17 @@ impl Block {
         if !(0.0..=1000.0).contains(&tenths) || (tenths - value * 10.0).abs() > 1e-6 {
             return Err(GrblError::Unsupported);
         }
-        let (group, allowed_in_jog) = match tenths as u16 {
-            0 => (self.set_motion(MotionMode::Rapid), false),
-            10 => (self.set_motion(MotionMode::Feed), false),
-            40 => (self.set_action(Action::Dwell), false),
-            920 => (self.set_action(Action::SetG92), false),
-            530 => {
-                self.machine = true;
-                (0, true)
-            }
-            // the only ways GRBL is served here, said for the sake of other controllers
-            210 => (6, true),
-            940 => (5, false),
-            distance @ (900 | 910) => {
-                self.incremental = Some(distance == 910);
-                (3, true)
-            }
+        match tenths as u16 {
+            0 => self.motion = Some(MotionMode::Rapid),
+            10 => self.motion = Some(MotionMode::Feed),
+            40 => self.action = Some(Action::Dwell),
+            920 => self.action = Some(Action::SetG92),
+            530 => self.machine = true,
+            distance @ (900 | 910) => self.incremental = Some(distance == 910),
+            // the only ways there are here, said for the sake of other controllers
+            210 | 940 => {}
             _ => return Err(GrblError::Unsupported),
-        };
-        self.other |= !allowed_in_jog;
-        self.enter_group(group)
-    }
-
-    fn set_motion(&mut self, motion: MotionMode) -> u8 {
-        self.motion = Some(motion);
-        1
-    }
-
-    fn set_action(&mut self, action: Action) -> u8 {
-        self.action = Some(action);
-        0
-    }
-
-    /// Words of one group exclude each other.
-    fn enter_group(&mut self, group: u8) -> Result<(), GrblError> {
-        let bit = 1 << group;
-        if self.groups & bit != 0 {
-            return Err(GrblError::TwoOfOneGroup);
         }
-        self.groups |= bit;
         Ok(())
     }
 }
@@ -275,10 +244,8 @@ mod tests {
             ("F100", GrblError::NoAxisWords),
             ("G1X1F100", GrblError::BadJog),
             ("G92X1F100", GrblError::BadJog),
-            ("G94X1F100", GrblError::BadJog),
             ("X1F100P5", GrblError::UnusedWords),
             ("X1X2F100", GrblError::RepeatedWord),
-            ("G90G91X1F100", GrblError::TwoOfOneGroup),
             ("X1F-100", GrblError::NegativeValue),
         ] {
             assert_eq!(jog(line), Err(fault), "{line}");
@@ -294,7 +261,6 @@ mod tests {
             ("G1X1", GrblError::NoFeed),
             ("G2X1", GrblError::Unsupported),
             ("G91Q1", GrblError::Unsupported),
-            ("G91G0G1", GrblError::TwoOfOneGroup),
             ("G80", GrblError::Unsupported),
             ("G20", GrblError::Unsupported),
             ("G91G4", GrblError::MissingValue),

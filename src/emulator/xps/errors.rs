@@ -76,7 +76,7 @@ mod tests {
     fn the_list_reads_as_clients_take_it_apart_and_goes_into_a_reply() {
         let list = list();
         assert!(list.len() <= super::super::syntax::REPLY_MOST - "0,,EndOfAPI".len(), "{}", list.len());
-        assert!(list.starts_with("Error -1: Busy socket;Error -2: "), "{list}");
+        assert!(list.starts_with("Error -1: Busy socket;Error -3: "), "{list}");
         assert!(!list.contains(','));
         assert_eq!((Code::ABORTED.text(), Code(-6).text()), (Some("Move aborted"), None));
         assert!(TEXTS.is_sorted_by(|a, b| a.0 > b.0));

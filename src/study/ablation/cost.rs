@@ -4,7 +4,7 @@ use super::AblationSize;
 use super::presses;
 use super::terms::{Model, TERMS, Touches};
 use crate::dataset::round;
-use crate::quantity::{Place, stream};
+use crate::quantity::stream;
 use crate::rig::RigSpec;
 use crate::scene::{Elastomer, Skin, SkinSpec};
 use crate::study::StudyError;
@@ -86,20 +86,16 @@ fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
         for (skin, least) in skins.iter().zip(&mut least) {
             let began = Instant::now();
             for &Touch { place, force_n, .. } in &touches {
-                read(skin, black_box(force_n), black_box(place), &mut outputs);
+                // as a running scene reads its taxels while the force turns back
+                outputs.fill(0.0);
+                skin.add_load(black_box(force_n), black_box(place), &mut outputs);
+                skin.read_out(0.5, &mut outputs);
                 black_box(&mut outputs);
             }
             *least = began.elapsed().min(*least);
         }
     }
     least.map(|least| least.as_nanos() as f64 / READINGS as f64)
-}
-
-/// As a running scene reads its taxels while the force turns back.
-fn read(skin: &Skin, force_n: f64, place: Place, outputs: &mut [f64]) {
-    outputs.fill(0.0);
-    skin.add_load(force_n, place, outputs);
-    skin.read_out(0.5, outputs);
 }
 
 fn us_per_press(models: [&Model; 2], rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[f64; 2], StudyError> {

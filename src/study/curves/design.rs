@@ -240,7 +240,7 @@ impl Design {
             let force_n = FORCES_N.0 + hard * (FORCES_N.1 - FORCES_N.0);
             bound(&skin, &self.skin, self.full_scale_n, self.area.at(across, up), force_n)
         };
-        MeanBound::mean((1..=CONTACTS).map(of_contact))
+        MeanBound::mean((1..=CONTACTS).map(|contact| of_contact(contact).map(MeanBound::of)))
     }
 }
 

@@ -75,7 +75,6 @@ fn figure_4(found: &Curves, number: &str, by: &str, name: &dyn Fn(&LineCurve) ->
         grid: GRID,
         legend: names.chunks(NAMES).map(<[_]>::to_vec).collect(),
         notes: vec![TURNS.to_owned()],
-        ..Figure::default()
     }
 }
 

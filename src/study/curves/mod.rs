@@ -10,6 +10,7 @@ mod figures;
 mod line;
 mod turning;
 
+pub use super::methods::cramer_rao::MeanBound;
 pub use array::{Aim, Array};
 pub use claims::Claim;
 pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};

@@ -52,7 +52,7 @@ pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, 
             rows.extend(Method::names().enumerate().map(|(index, solver)| {
                 let mut sum = Tally::default();
                 of_it.iter().for_each(|tried| sum.add(tried.tallies[index].clone()));
-                row(noise, side, solver, &sum, mean(of_it.iter().map(|tried| tried.least)))
+                row(noise, side, solver, &sum, MeanBound::mean(of_it.iter().map(|tried| tried.least)))
             }));
         }
     }
@@ -93,13 +93,4 @@ fn row(noise: NoiseReference, side: usize, solver: &'static str, sum: &Tally, le
         minutes: Some(round(presses as f64 * PRESS_S / 60.0, 3)),
         ..sum.row(solver, least.map(|least| (least, CRAMER_RAO)))
     }
-}
-
-/// The mean over specimens; none if one has none.
-fn mean(bounds: impl Iterator<Item = Option<MeanBound>>) -> Option<MeanBound> {
-    let bounds = bounds.collect::<Option<Vec<MeanBound>>>()?;
-    let count = bounds.len() as f64;
-    let sum = |of: fn(&MeanBound) -> f64| bounds.iter().map(of).sum::<f64>() / count;
-    (!bounds.is_empty())
-        .then(|| MeanBound { location_mm: sum(|least| least.location_mm), force_n: sum(|least| least.force_n) })
 }

@@ -8,6 +8,7 @@ use crate::solver::{
     Solver, Verdict, Workspace, fit,
 };
 use serde::Serialize;
+use statrs::statistics::Statistics as _;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -210,10 +211,7 @@ fn summed(errors: &[f64]) -> Option<ErrorSummary> {
 
 /// 1.96 standard errors of the mean.
 fn within(errors: &[f64]) -> Option<f64> {
-    let count = errors.len() as f64;
-    let mean = errors.iter().sum::<f64>() / count;
-    let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    Some(1.96 * (square / count).sqrt()).filter(|within| within.is_finite())
+    Some(1.96 * errors.std_dev() / (errors.len() as f64).sqrt()).filter(|within| within.is_finite())
 }
 
 /// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.

@@ -4,6 +4,7 @@ use super::{Validation, ValidationOutcome};
 use crate::dataset::characteristics::UnitCharacteristics;
 use crate::paper;
 use crate::solver::Evaluation;
+use statrs::statistics::Statistics as _;
 
 /// The page, with names in braces where what was found goes.
 const PAGE: &str = include_str!("page.md");
@@ -33,7 +34,7 @@ impl Validation {
             ("{first}", seed.to_string()),
             ("{last}", (seed + outcomes.len().saturating_sub(1) as u64).to_string()),
             ("{presses}", outcomes.first().map_or(0, |outcome| outcome.presses).to_string()),
-            ("{hours}", format!("{:.1}", mean(outcomes.iter().map(|outcome| outcome.hours)))),
+            ("{hours}", format!("{:.1}", outcomes.iter().map(|outcome| outcome.hours).mean())),
             ("{numbers}", NUMBERS.iter().map(|number| self.number(number)).collect()),
             ("{best}", counted(&best)),
             ("{table_1}", self.table_1()),
@@ -48,9 +49,8 @@ impl Validation {
             known.unwrap_or_default()
         };
         let (papers, best) = (values(|outcome| &outcome.papers), values(|outcome| &outcome.best));
-        let told =
-            |values: &[f64]| format!("{:.digits$} ± {:.digits$} {unit}", mean(values.iter().copied()), sd(values));
-        let away = (paper - mean(papers.iter().copied())) / sd(&papers);
+        let told = |values: &[f64]| format!("{:.digits$} ± {:.digits$} {unit}", values.mean(), values.std_dev());
+        let away = (paper - papers.as_slice().mean()) / papers.as_slice().std_dev();
         let away = if away.is_finite() { format!("{away:+.1}") } else { "-".to_owned() };
         let short = if *unit == "%" { format!("{paper:.0}") } else { format!("{paper:.digits$}") };
         format!("| {name} | {short} {unit} | {} | {away} | {} |\n", told(&papers), told(&best))
@@ -59,9 +59,7 @@ impl Validation {
     fn table_1(&self) -> String {
         let line = |(unit, [loading, unloading, hysteresis]): (usize, [f64; 3])| {
             let ours = |of: fn(&UnitCharacteristics) -> Option<f64>| {
-                let known: Vec<f64> =
-                    self.outcomes.iter().filter_map(|outcome| of(outcome.table_1.get(unit)?)).collect();
-                mean(known.into_iter())
+                self.outcomes.iter().filter_map(|outcome| of(outcome.table_1.get(unit)?)).mean()
             };
             let (up, down) = (ours(|u| u.repeatability_loading_percent), ours(|u| u.repeatability_unloading_percent));
             let (unit, around) = (unit + 1, ours(|u| u.hysteresis_percent));
@@ -71,16 +69,6 @@ impl Validation {
         };
         paper::TABLE_1_PERCENT.into_iter().enumerate().map(line).collect()
     }
-}
-
-fn mean(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    values.clone().sum::<f64>() / values.count() as f64
-}
-
-/// Standard deviation, n - 1.
-fn sd(values: &[f64]) -> f64 {
-    let mean = mean(values.iter().copied());
-    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
 }
 
 /// How often each name stands there, the first one first.

@@ -66,7 +66,8 @@ fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
             continue;
         }
         let look = Look { line: Line::None, ..look(row.solver) };
-        marks.extend(ends(row).map(|ends| Mark::Bar(look.hue, point.0, ends)));
+        let strokes = ends(row).map(|(from, to)| ((point.0, from), (point.0, to)));
+        marks.push(Mark::Strokes(look.hue, strokes.into_iter().collect()));
         marks.push(Mark::Curve(look, vec![point]));
     }
     marks.extend(front.into_iter().map(Mark::Ring));
