@@ -14,6 +14,7 @@ use crate::control::Branch;
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::statistics::Statistics as _;
 use std::collections::BTreeMap;
 
 /// What the hysteresis column holds, in lines of at most 78 characters.
@@ -112,7 +113,7 @@ impl Repeatability {
             Repeatability::Range => mean(repeated.iter().map(|level| range(level))),
             // The levels of a staircase share its contact and so its error: pooling them adds no degrees of freedom.
             Repeatability::T95 => student_t95(fewest - 1)? * pooled_sd(&repeated),
-            Repeatability::WorstLevel => 3.0 * repeated.iter().map(|level| variance(level)).fold(0.0, f64::max).sqrt(),
+            Repeatability::WorstLevel => 3.0 * repeated.iter().map(|level| level.variance()).fold(0.0, f64::max).sqrt(),
         })
     }
 }
@@ -253,16 +254,10 @@ fn mean(values: impl Iterator<Item = f64> + Clone) -> f64 {
     values.clone().sum::<f64>() / values.count() as f64
 }
 
-/// Unbiased (n - 1), of at least two values.
-fn variance(values: &[f64]) -> f64 {
-    let mean = mean(values.iter().copied());
-    values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64
-}
-
 /// The standard deviation common to all levels: their variances weighted by n - 1.
 fn pooled_sd(levels: &[&[f64]]) -> f64 {
     let freedom = |level: &[f64]| (level.len() - 1) as f64;
-    let squares: f64 = levels.iter().map(|level| variance(level) * freedom(level)).sum();
+    let squares: f64 = levels.iter().map(|level| level.variance() * freedom(level)).sum();
     (squares / levels.iter().map(|level| freedom(level)).sum::<f64>()).sqrt()
 }
 

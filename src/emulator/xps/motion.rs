@@ -36,7 +36,7 @@ impl Controller {
             _ => {
                 call.results(Type::Double, each.len())?;
                 let count_mm = |positioner: &Positioner| positioner.count_mm(scene, now_s);
-                Ok(numbers(self.group.positioners[each].iter().map(count_mm)).into())
+                Ok(Answer::Values(numbers(self.group.positioners[each].iter().map(count_mm))))
             }
         }
     }
@@ -86,7 +86,7 @@ impl Controller {
             "PositionerSGammaParametersGet" => {
                 call.results(Type::Double, 4)?;
                 let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = positioner.s_gamma;
-                Ok(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1]).into())
+                Ok(Answer::Values(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1])))
             }
             "PositionerSGammaParametersSet" => {
                 let (speed_mm_s, acceleration_mm_s2) = (call.number()?, call.number()?);
@@ -100,11 +100,11 @@ impl Controller {
             }
             "PositionerMaximumVelocityAndAccelerationGet" => {
                 call.results(Type::Double, 2)?;
-                Ok(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2]).into())
+                Ok(Answer::Values(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2])))
             }
             "PositionerUserTravelLimitsGet" => {
                 call.results(Type::Double, 2)?;
-                Ok(numbers([positioner.limits_mm.0, positioner.limits_mm.1]).into())
+                Ok(Answer::Values(numbers([positioner.limits_mm.0, positioner.limits_mm.1])))
             }
             "PositionerUserTravelLimitsSet" => {
                 let limits_mm = (call.number()?, call.number()?);

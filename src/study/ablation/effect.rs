@@ -30,13 +30,8 @@ impl Effect {
         let within = quantile * pairs.iter().map(|(off, on)| on - off).std_dev() / count.sqrt();
         // to what is worth telling: a nanometre, a micronewton, a millionth
         let [off, on, difference, within] = [off, on, difference, within].map(|value| round(value, 6));
-        (off.is_finite() && on.is_finite() && within.is_finite()).then_some(Effect {
-            off,
-            on,
-            difference,
-            within,
-            seeds: pairs.len(),
-        })
+        let effect = Effect { off, on, difference, within, seeds: pairs.len() };
+        (off.is_finite() && on.is_finite() && within.is_finite()).then_some(effect)
     }
 }
 
