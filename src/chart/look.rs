@@ -15,6 +15,18 @@ pub struct Look {
     pub line: Line,
 }
 
+impl Look {
+    /// A line without markers.
+    pub const fn line(hue: Hue, line: Line) -> Look {
+        Look { hue, shape: None, filled: true, line }
+    }
+
+    /// Filled markers without a line.
+    pub const fn markers(hue: Hue, shape: Shape) -> Look {
+        Look { hue, shape: Some(shape), filled: true, line: Line::None }
+    }
+}
+
 /// The colours: they differ in lightness too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hue {
@@ -65,24 +77,7 @@ pub enum Line {
 }
 
 /// What the classes of all elements mean, in light and in dark.
-pub const STYLE: &str = "\
-text{font:13px system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif;fill:#1f2328;stroke:none}
-.title{font-size:17px;font-weight:600}.small{font-size:12px;fill:#57606a}.word{font-size:11.5px}
-.end{text-anchor:end}.mid{text-anchor:middle}
-.paper{fill:#ffffff}.band{fill:#f3f5f7}.grid{stroke:#e4e7eb;stroke-width:1}.axis{stroke:#57606a;stroke-width:1;fill:none}
-.rule{stroke:#57606a;stroke-width:1.3;stroke-dasharray:2 3}
-.blue{fill:#0b5cad;stroke:#0b5cad}.orange{fill:#d9730d;stroke:#d9730d}.green{fill:#12805c;stroke:#12805c}
-.grey{fill:#57606a;stroke:#57606a}.purple{fill:#8250df;stroke:#8250df}.red{fill:#c4262e;stroke:#c4262e}
-.teal{fill:#16a0ad;stroke:#16a0ad}.brown{fill:#7a4a1e;stroke:#7a4a1e}.ink{fill:#1f2328;stroke:#1f2328}
-.mark{stroke-width:1.8;stroke-linejoin:round}.hollow{fill:#ffffff}.line{fill:none;stroke-width:1.8}
-.dashed{stroke-dasharray:6 4}.bar{stroke-width:1.4;fill:none}.column{fill-opacity:.28;stroke-width:1}.head{font-weight:600}.ring{fill:none;stroke:#1f2328;stroke-width:1.2}
-@media (prefers-color-scheme:dark){
-text{fill:#e6edf3}.small{fill:#9aa5b1}.paper{fill:#0d1117}.band{fill:#161b22}.hollow{fill:#0d1117}.grid{stroke:#262c34}
-.axis,.rule{stroke:#9aa5b1}.ring{stroke:#e6edf3}.blue{fill:#58a6ff;stroke:#58a6ff}.orange{fill:#f0a050;stroke:#f0a050}
-.green{fill:#4cc38a;stroke:#4cc38a}.grey{fill:#9aa5b1;stroke:#9aa5b1}.purple{fill:#c297ff;stroke:#c297ff}
-.red{fill:#ff7b72;stroke:#ff7b72}.teal{fill:#5fdde5;stroke:#5fdde5}.brown{fill:#c9a27a;stroke:#c9a27a}
-.ink{fill:#e6edf3;stroke:#e6edf3}
-.mark.hollow{fill:#0d1117}.line{fill:none}}";
+pub const STYLE: &str = include_str!("style.css");
 
 impl Hue {
     /// Its class.

@@ -66,8 +66,6 @@ pub enum Mark {
     Curve(Look, Vec<(f64, f64)>),
     /// A ring around a point: it stands out.
     Ring((f64, f64)),
-    /// A stroke upward at an x from one y to another: how sure a point is.
-    Bar(Hue, f64, (f64, f64)),
     /// Strokes from one point to another each.
     Strokes(Hue, Vec<((f64, f64), (f64, f64))>),
     /// Columns from 0 up to a y each, from one x to another.
@@ -144,7 +142,7 @@ impl Figure {
         let (width, height) = (self.width_px(), bottom + NOTE_LINE * notes.len() as f64);
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}{ramp}\n</style>\n\
+             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}{ramp}</style>\n\
              <rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n",
             title = escaped(&self.title),
             ramp = if self.has_cells() { Ramp::style() } else { String::new() },
@@ -319,9 +317,6 @@ impl Panel {
                 Mark::Ring(point) => {
                     let (x, y) = at(*point);
                     let _ = writeln!(svg, "<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"9\"/>");
-                }
-                Mark::Bar(hue, value, (from, to)) => {
-                    write_stroke(svg, &format!("{} bar", hue.name()), at((*value, *from)), at((*value, *to)));
                 }
                 Mark::Strokes(hue, strokes) => {
                     let path: String = strokes

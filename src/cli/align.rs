@@ -6,12 +6,12 @@ use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
-use crate::dataset::files;
+use crate::dataset::{files, round};
 use crate::quantity::Frame;
 use crate::rig;
 use crate::run::{AlignError, Alignment, align, align_plan};
+use crate::solver::Placement;
 use miette::{IntoDiagnostic, WrapErr};
-use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 use std::{fs, io};
@@ -76,31 +76,27 @@ pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
 
 fn described(found: &Alignment) -> String {
     let Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses } = found;
-    let mut text = String::new();
-    // writing to a string can't fail
-    let _ = writeln!(text, "from {presses} presses, seen from the frame so far");
-    let (x, y) = (placement.origin.x_mm, placement.origin.y_mm);
-    let _ = writeln!(text, "  array     x {x:+.3}, y {y:+.3} mm, each +-{:.3} mm", placement.origin_sigma_mm);
-    let _ = writeln!(
-        text,
-        "            turned by {:+.2} degrees, +-{:.2}",
-        placement.rotation_deg, placement.rotation_sigma_deg
-    );
-    let _ = writeln!(text, "            its units lie {:.3} mm off the layout (rms)", placement.misfit_mm);
-    let _ = writeln!(
-        text,
-        "  surface   {:.3} mm {} than believed",
-        surface_mm.abs(),
-        if *surface_mm < 0.0 { "higher" } else { "deeper" }
-    );
-    let _ =
-        writeln!(text, "            its plane rises {tilt_mm:.3} mm to the edge; a touch is +-{touch_sigma_mm:.4} mm");
-    let _ = writeln!(text, "\n[frame]");
+    let Placement { origin: at, rotation_deg: turned_deg, origin_sigma_mm, rotation_sigma_deg, misfit_mm } = placement;
     let Frame { origin, rotation_deg, surface_z_mm, uncertainty_mm, .. } = frame;
-    let _ = writeln!(text, "surface_mm = {{ z = {surface_z_mm:.3}, uncertainty = {uncertainty_mm:.3} }}");
-    let _ = writeln!(text, "origin_mm = {{ x = {:.3}, y = {:.3} }}", origin.x_mm, origin.y_mm);
-    let _ = writeln!(text, "rotation_deg = {rotation_deg:.2}");
-    text
+    let lies = if *surface_mm < 0.0 { "higher" } else { "deeper" };
+    let indent = " ".repeat(12);
+    format!(
+        "from {presses} presses, seen from the frame so far\n  \
+         array     x {:+.3}, y {:+.3} mm, each +-{origin_sigma_mm:.3} mm\n\
+         {indent}turned by {turned_deg:+.2} degrees, +-{rotation_sigma_deg:.2}\n\
+         {indent}its units lie {misfit_mm:.3} mm off the layout (rms)\n  \
+         surface   {:.3} mm {lies} than believed\n\
+         {indent}its plane rises {tilt_mm:.3} mm to the edge; a touch is +-{touch_sigma_mm:.4} mm\n\n\
+         [frame]\n\
+         surface_mm = {{ z = {surface_z_mm:.3}, uncertainty = {uncertainty_mm:.3} }}\n\
+         origin_mm = {{ x = {:.3}, y = {:.3} }}\n\
+         rotation_deg = {rotation_deg:.2}\n",
+        at.x_mm,
+        at.y_mm,
+        surface_mm.abs(),
+        origin.x_mm,
+        origin.y_mm
+    )
 }
 
 /// The rig's text with the frame that was found; all else, comments too, as it was.
@@ -109,13 +105,13 @@ fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlEr
     let Alignment { frame, placement, .. } = found;
     let table = |entries: [(&str, f64); 2]| {
         let mut table = InlineTable::new();
-        table.extend(entries.map(|(key, mm)| (key, Value::from(rounded(mm, 1000.0)))));
+        table.extend(entries.map(|(key, mm)| (key, Value::from(round(mm, 3)))));
         table.fmt();
         value(table)
     };
     let surface = table([("z", frame.surface_z_mm), ("uncertainty", frame.uncertainty_mm)]);
     let origin = table([("x", frame.origin.x_mm), ("y", frame.origin.y_mm)]);
-    let turned = value(rounded(frame.rotation_deg, 100.0));
+    let turned = value(round(frame.rotation_deg, 2));
     let known = |sigma: f64, unit: &str| format!("  # aligned, +-{sigma:.3} {unit} (1 sd)");
     for (key, mut new, comment) in [
         ("surface_mm", surface, None),
@@ -128,10 +124,6 @@ fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlEr
         document["frame"][key] = new;
     }
     Ok(document.to_string())
-}
-
-fn rounded(number: f64, to: f64) -> f64 {
-    (number * to).round() / to
 }
 
 /// Puts a text in a file's place, whole or not at all, if it still is what was read.

@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
-use super::summary::print;
+use super::summary::{beside, print};
 use crate::control::{Reaction, Trip};
 use crate::device::Identity;
 use crate::rig::RigSpec;
@@ -72,7 +72,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
     // writing to a string can't fail
     for (role, device) in &found.devices {
         let _ = match device {
-            Ok(identity) => writeln!(text, "{}", beside(role, &identity.identity)),
+            Ok(identity) => write!(text, "{}", beside(role, 11, &identity.identity)),
             Err(_) => writeln!(text, "{role:<11}doesn't work: see below"),
         };
     }
@@ -115,12 +115,6 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         advice => writeln!(text, "\nto put right\n{}", wrapped(advice)),
     };
     text
-}
-
-/// A word and text of any length in the column beside it.
-fn beside(word: &str, told: &str) -> String {
-    let head = format!("{word:<11}");
-    textwrap::fill(told, textwrap::Options::new(80).initial_indent(&head).subsequent_indent(&" ".repeat(head.len())))
 }
 
 fn wrapped(advice: &[String]) -> String {

@@ -1,10 +1,9 @@
 //! `palpate drivers`: the families of devices that a rig may name.
 
 use super::exit::Failure;
-use super::summary::print;
+use super::summary::{beside, print};
 use crate::rig::{FAMILIES, Family, Links};
 use std::process::ExitCode;
-use textwrap::{Options, fill};
 
 const EXAMPLES: &str = "\
 Example:
@@ -13,11 +12,8 @@ Example:
 A family goes into a rig file as driver = \"esp301\", or as driver = { modbus = \"labjack-t7\" } with its keys.
 Every family can be simulated: link = \"sim\", or --simulate.";
 
-/// Widest line, columns.
-const WIDTH: usize = 80;
-
 /// Where what is said of a family begins, columns.
-const INDENT: &str = "            ";
+const INDENT: usize = 12;
 
 /// List the families of devices that a rig may name
 #[derive(Debug, clap::Args)]
@@ -44,14 +40,10 @@ fn paragraph(family: &Family) -> String {
         Links::Daqmx => "NI's library",
         Links::Program => "the program itself",
     });
-    let line = |title: &str, text: &str| {
-        let first = format!("{title:<width$}", width = INDENT.len());
-        fill(text, Options::new(WIDTH).initial_indent(&first).subsequent_indent(INDENT)) + "\n"
-    };
-    line(family.name, family.meaning)
-        + &line("  roles", &names.join(", "))
-        + &line("  link", links)
-        + &line("  simulated", family.simulated)
+    beside(family.name, INDENT, family.meaning)
+        + &beside("  roles", INDENT, &names.join(", "))
+        + &beside("  link", INDENT, links)
+        + &beside("  simulated", INDENT, family.simulated)
 }
 
 #[cfg(test)]
@@ -63,7 +55,7 @@ mod tests {
         for family in FAMILIES {
             let text = paragraph(family);
             assert!(text.starts_with(family.name) && text.lines().count() >= 4, "{text}");
-            assert!(text.lines().all(|line| line.chars().count() <= WIDTH && line == line.trim_end()), "{text}");
+            assert!(text.lines().all(|line| line.chars().count() <= 80 && line == line.trim_end()), "{text}");
         }
         assert_eq!(
             paragraph(FAMILIES[3]),

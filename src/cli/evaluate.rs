@@ -9,7 +9,6 @@ use super::tables::{characteristics_table, evaluation_table, solvers_table};
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{Trial, is_to_evaluate};
 use crate::solver::{BEST, Evaluation, SOLVERS};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 use std::error::Error;
@@ -57,8 +56,7 @@ pub struct EvaluateArgs {
     #[arg(long)]
     json: bool,
     /// What repeatability means in a run's Table 1
-    #[arg(long, value_name = "DEFINITION", default_value = Repeatability::NAMES[0], value_parser =
-        PossibleValuesParser::new(Repeatability::NAMES).try_map(|name| name.parse::<Repeatability>()))]
+    #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
 }
 

@@ -11,7 +11,6 @@ use crate::rig::RigSpec;
 use crate::run::{Ending, Halt, Walk, keep_pace, walk};
 use miette::IntoDiagnostic;
 use std::process::ExitCode;
-use std::str::FromStr;
 use std::time::Instant;
 use tokio::runtime::{Builder, Runtime};
 
@@ -25,7 +24,7 @@ pub struct SessionArgs {
     #[arg(long, value_name = "X", value_parser = positive)]
     pub pace: Option<f64>,
     /// What an acknowledged press survives: a power cut (full), or only the program's end (fast)
-    #[arg(long, value_name = "NAME", default_value = Durability::NAMES[0], value_parser = Durability::from_str)]
+    #[arg(long, value_name = "NAME", value_enum, default_value_t)]
     pub durability: Durability,
 }
 

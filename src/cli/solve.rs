@@ -10,7 +10,6 @@ use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::readings::{Format, ReadingError, Readings};
 use crate::quantity::ArrayLayout;
 use crate::solver::{BEST, Broken, Calibration, ForceKnown, Session, Setting, Solver as _};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -45,8 +44,7 @@ pub struct SolveArgs {
     #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST]))]
     solver: String,
     /// The format of the readings, if its first character isn't to tell it
-    #[arg(long, value_name = "FORMAT", value_parser =
-        PossibleValuesParser::new(Format::NAMES).try_map(|name| name.parse::<Format>()))]
+    #[arg(long, value_name = "FORMAT", value_enum)]
     input: Option<Format>,
     /// Print one JSON object a line instead of CSV
     #[arg(long)]

@@ -90,6 +90,12 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
+/// A word, and beside it a text over as many lines of 80 columns as it needs.
+pub fn beside(word: &str, columns: usize, told: &str) -> String {
+    let (first, others) = (format!("{word:<columns$}"), " ".repeat(columns));
+    textwrap::fill(told, textwrap::Options::new(80).initial_indent(&first).subsequent_indent(&others)) + "\n"
+}
+
 /// Writes to standard output; a reader that has seen enough (`| head`) is no error.
 pub fn print(text: &str) -> Result<(), Failure> {
     written(io::stdout().lock(), text)

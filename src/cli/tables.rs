@@ -185,15 +185,12 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
 
 /// How many presses got a verdict other than ok, and which, if there are any.
 fn doubted(verdicts: Verdicts) -> Option<String> {
-    let Verdicts { ok: _, weak_signal, outside_area, not_one_contact, channel_fault } = verdicts;
-    let counts = [
-        (weak_signal, "weak-signal"),
-        (outside_area, "outside-area"),
-        (not_one_contact, "not-one-contact"),
-        (channel_fault, "channel-fault"),
-    ];
-    let told: Vec<String> =
-        counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, word)| format!("{count} {word}")).collect();
+    let told: Vec<String> = verdicts
+        .doubts()
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, word)| format!("{count} {word}"))
+        .collect();
     (!told.is_empty()).then(|| told.join(", "))
 }
 
@@ -202,10 +199,11 @@ mod tests {
     use super::*;
     use crate::control::Branch;
     use crate::dataset::characteristics::HeldLevel;
-    use crate::dataset::evaluate::{evaluate_run, tests};
+    use crate::dataset::evaluate::{Trial, tests};
+    use clap::ValueEnum as _;
 
     fn evaluation(solver: &str) -> Evaluation {
-        evaluate_run(&tests::run(tests::RUN), None, solver).unwrap()
+        Trial::of_run(&tests::run(tests::RUN), None).unwrap().evaluate(solver).unwrap()
     }
 
     #[test]
@@ -270,10 +268,10 @@ mod tests {
         let evaluation = evaluation("pearson-lsq");
         let reading = |force_n| HeldLevel { branch: Branch::Loading, force_set_n: force_n, force_n, output: force_n };
         let readings = vec![[0.0, 1.0, 2.0].map(reading).to_vec(); 9];
-        for name in Repeatability::NAMES {
+        for repeatability in Repeatability::value_variants() {
             let staircases = Staircases { readings: readings.clone(), left_out: 3 };
             let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()])
-                + &characteristics_table(&staircases, name.parse().unwrap());
+                + &characteristics_table(&staircases, *repeatability);
             assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         }
     }

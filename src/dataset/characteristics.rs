@@ -14,8 +14,8 @@ use crate::control::Branch;
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::statistics::Statistics as _;
 use std::collections::BTreeMap;
-use std::str::FromStr;
 
 /// What the hysteresis column holds, in lines of at most 78 characters.
 pub const HYSTERESIS_DEFINITION: &str = "\
@@ -63,24 +63,24 @@ pub struct UnitCharacteristics {
 }
 
 /// The usual readings of the word repeatability, over the repeats of a level.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Repeatability {
-    /// `3sd`: three standard deviations. Of five repeats it gives 0.94 of three true ones on average, since the square
-    /// root of an unbiased variance is itself biased (c4 of 5).
+    /// Three standard deviations.
+    ///
+    /// Of five repeats it gives 0.94 of three true ones on average, since the square root of an unbiased variance is itself biased
+    /// (c4 of 5).
     #[default]
+    #[value(name = "3sd")]
     ThreeSd,
-    /// `range`: largest less smallest.
+    /// Largest less smallest.
     Range,
-    /// `t95`: half the width of the interval that holds 95 %, by Student's t for the number of repeats.
+    /// Half the width of the interval that holds 95 %, by Student's t for the number of repeats.
     T95,
-    /// `worst-level`: three standard deviations at the level where they are largest.
+    /// Three standard deviations at the level where they are largest.
     WorstLevel,
 }
 
 impl Repeatability {
-    /// The names on the command line, the default first.
-    pub const NAMES: [&str; 4] = ["3sd", "range", "t95", "worst-level"];
-
     /// What the repeatability columns hold, in lines of at most 78 characters.
     pub fn definition(self) -> &'static str {
         match self {
@@ -113,22 +113,8 @@ impl Repeatability {
             Repeatability::Range => mean(repeated.iter().map(|level| range(level))),
             // The levels of a staircase share its contact and so its error: pooling them adds no degrees of freedom.
             Repeatability::T95 => student_t95(fewest - 1)? * pooled_sd(&repeated),
-            Repeatability::WorstLevel => 3.0 * repeated.iter().map(|level| variance(level)).fold(0.0, f64::max).sqrt(),
+            Repeatability::WorstLevel => 3.0 * repeated.iter().map(|level| level.variance()).fold(0.0, f64::max).sqrt(),
         })
-    }
-}
-
-impl FromStr for Repeatability {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        match name {
-            "3sd" => Ok(Repeatability::ThreeSd),
-            "range" => Ok(Repeatability::Range),
-            "t95" => Ok(Repeatability::T95),
-            "worst-level" => Ok(Repeatability::WorstLevel),
-            _ => Err(format!("no repeatability is called `{name}`; there are: {}", Repeatability::NAMES.join(", "))),
-        }
     }
 }
 
@@ -268,16 +254,10 @@ fn mean(values: impl Iterator<Item = f64> + Clone) -> f64 {
     values.clone().sum::<f64>() / values.count() as f64
 }
 
-/// Unbiased (n - 1), of at least two values.
-fn variance(values: &[f64]) -> f64 {
-    let mean = mean(values.iter().copied());
-    values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64
-}
-
 /// The standard deviation common to all levels: their variances weighted by n - 1.
 fn pooled_sd(levels: &[&[f64]]) -> f64 {
     let freedom = |level: &[f64]| (level.len() - 1) as f64;
-    let squares: f64 = levels.iter().map(|level| variance(level) * freedom(level)).sum();
+    let squares: f64 = levels.iter().map(|level| level.variance() * freedom(level)).sum();
     (squares / levels.iter().map(|level| freedom(level)).sum::<f64>()).sqrt()
 }
 
@@ -295,6 +275,7 @@ fn student_t95(degrees_of_freedom: usize) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::dataset::Flag;
+    use clap::ValueEnum as _;
 
     const LEVELS: [f64; 9] = [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0, 0.5, 0.0];
 
@@ -397,23 +378,23 @@ mod tests {
         for flagged in [3, 4] {
             let rows = (0..9).rev().map(|level| row(3, level, level == flagged, Phase::Characterisation));
             let rows = rows.chain([row(4, 0, false, Phase::Test)]).collect();
-            let table = Presses::of_table("presses.csv", rows, vec![]);
+            let table = Presses::new("presses.csv", rows, vec![]);
             let staircases = Staircases::of_run(&table, &layout).unwrap();
             assert_eq!((staircases.left_out, staircases.readings[0].len()), (1, 0));
             let branches: Vec<Branch> = staircases.readings[1].iter().map(|reading| reading.branch).collect();
             assert_eq!(branches, [[Branch::Loading; 4], [Branch::Unloading; 4]].concat());
         }
-        let table = Presses::of_table("presses.csv", vec![row(4, 0, false, Phase::Test)], vec![]);
+        let table = Presses::new("presses.csv", vec![row(4, 0, false, Phase::Test)], vec![]);
         assert_eq!(Staircases::of_run(&table, &layout), None);
     }
 
     #[test]
     fn every_name_is_understood_and_every_definition_fits_a_line() {
-        for name in Repeatability::NAMES {
-            let definition = name.parse::<Repeatability>().unwrap().definition();
+        for repeatability in Repeatability::value_variants() {
+            let definition = repeatability.definition();
             assert!(definition.lines().all(|line| line.len() <= 78), "{definition}");
         }
-        assert_eq!("3sd".parse(), Ok(Repeatability::default()));
-        assert!("4sd".parse::<Repeatability>().is_err());
+        assert_eq!(Repeatability::from_str("3sd", false), Ok(Repeatability::default()));
+        assert!(Repeatability::from_str("4sd", false).is_err());
     }
 }

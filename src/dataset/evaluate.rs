@@ -120,7 +120,8 @@ impl<'a> Trial<'a> {
     /// The same, and times it.
     pub fn evaluate_timed(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
         let (mut evaluation, fitted) = self.evaluate_fitted(solver)?;
-        evaluation.ns_per_solve = Some(ns_per_solve(&fitted, &self.presses(self.force)));
+        let presses = self.presses(self.force);
+        evaluation.ns_per_solve = ns_per_solve(&fitted, presses.iter().map(|press| press.outputs));
         Ok(evaluation)
     }
 
@@ -171,20 +172,6 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// A run's test presses by its calibration presses with one method, see [`Trial::of_run`].
-pub fn evaluate_run(
-    presses: &Presses,
-    layout: Option<&ArrayLayout>,
-    solver: &str,
-) -> Result<Evaluation, EvaluateError> {
-    Trial::of_run(presses, layout)?.evaluate(solver)
-}
-
-/// A table by another with one method, see [`Trial::of_tables`].
-pub fn evaluate_tables(calibration: &Presses, test: &Presses, solver: &str) -> Result<Evaluation, EvaluateError> {
-    Trial::of_tables(calibration, test)?.evaluate(solver)
-}
-
 /// Whether two tables can come from one array: as many outputs in both.
 pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), EvaluateError> {
     if calibration.channels != test.channels {
@@ -203,26 +190,28 @@ pub fn is_to_evaluate(press: &Press) -> bool {
     press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
 }
 
-/// The mean time of a solve over whole passes through the test, as many as fill [`TIMED`]; `presses` isn't empty.
-fn ns_per_solve(solver: &dyn Solver, presses: &[TestPress<'_>]) -> f64 {
+/// The mean time of a solve, ns, over whole passes through some readings, as many as fill [`TIMED`]; none without a reading.
+pub fn ns_per_solve<'r>(solver: &dyn Solver, readings: impl Iterator<Item = &'r [f64]> + Clone) -> Option<f64> {
     let mut workspace = Workspace::default();
     let (begun, mut solves) = (Instant::now(), 0);
-    loop {
-        for press in presses {
-            // what it answers was looked at before; here it only must not be left out
-            let _ = black_box(solver.solve(black_box(press.outputs), &mut workspace));
-        }
-        solves += presses.len();
-        let passed = begun.elapsed();
-        if passed >= TIMED {
-            return passed.as_nanos() as f64 / solves as f64;
+    while begun.elapsed() < TIMED {
+        for outputs in readings.clone() {
+            // what it answers is looked at elsewhere; here it only must not be left out
+            let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
+            solves += 1;
         }
     }
+    (solves > 0).then(|| begun.elapsed().as_nanos() as f64 / f64::from(solves))
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+
+    fn evaluate_tables(calibration: &Presses, test: &Presses, solver: &str) -> Result<Evaluation, EvaluateError> {
+        Trial::of_tables(calibration, test)?.evaluate(solver)
+    }
+
     use crate::dataset::parse_table;
 
     /// Reads what a table of that text holds.
@@ -254,7 +243,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
     fn a_run_is_held_against_the_commanded_force_and_against_the_load_cell() {
         let presses = run(RUN);
         let layout = ArrayLayout::from_places(vec![crate::quantity::Place::new(-1.0, 0.0); 2]);
-        let evaluation = evaluate_run(&presses, Some(&layout), "pearson").unwrap();
+        let evaluation = Trial::of_run(&presses, Some(&layout)).unwrap().evaluate("pearson").unwrap();
         assert_eq!((evaluation.points, evaluation.location_error_mm.max), (1, 0.0));
         assert!((evaluation.force_error_n.unwrap().mean - 0.05).abs() < 1e-12); // 0.55 of 1 N against 0.5 N
         assert!((evaluation.force_error_load_cell_n.unwrap().mean - 0.04).abs() < 1e-12); // 0.55 of 0.8 N against 0.4 N

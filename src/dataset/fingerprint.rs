@@ -3,12 +3,8 @@
 use super::files;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
-
-/// How much of a file is hashed at once, bytes.
-const CHUNK_BYTES: usize = 64 << 10;
 
 /// A file by its content.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,7 +20,7 @@ pub struct Fingerprint {
 impl Fingerprint {
     /// The fingerprint of some bytes under a name.
     pub fn of(name: &str, bytes: &[u8]) -> Fingerprint {
-        Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) }
+        Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: format!("{:x}", Sha256::digest(bytes)) }
     }
 
     /// The fingerprint of a file of a folder, read piece by piece.
@@ -42,17 +38,9 @@ impl Fingerprint {
             return Err(io::Error::new(ErrorKind::InvalidInput, told));
         }
         let mut file = files::open(&folder.join(name))?.take(most_bytes);
-        let (mut hasher, mut bytes, mut chunk) = (Sha256::new(), 0, vec![0; CHUNK_BYTES]);
-        loop {
-            match file.read(&mut chunk)? {
-                0 => break,
-                count => {
-                    hasher.update(&chunk[..count]);
-                    bytes += count as u64;
-                }
-            }
-        }
-        Ok(Fingerprint { name: name.to_owned(), bytes, sha256: hex(&hasher.finalize()) })
+        let mut hasher = Sha256::new();
+        let bytes = io::copy(&mut file, &mut hasher)?;
+        Ok(Fingerprint { name: name.to_owned(), bytes, sha256: format!("{:x}", hasher.finalize()) })
     }
 
     /// What is wrong with the file of this name in a folder, in words; none where it is as it was written.
@@ -74,11 +62,4 @@ impl Fingerprint {
 /// A name that can't lead out of its folder: one plain part.
 pub(super) fn is_plain(name: &str) -> bool {
     !name.is_empty() && !name.contains(['/', '\\', ':', '\0']) && name != "." && name != ".."
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}"); // writing to a string can't fail
-        text
-    })
 }

@@ -215,7 +215,7 @@ impl Records {
     ///
     /// # Errors
     /// The operating system's.
-    pub(super) fn go_on(self) -> Result<Journal, JournalError> {
+    pub fn go_on(self) -> Result<Journal, JournalError> {
         let path = &self.path;
         let file = files::open_to_append(path).map_err(failed(path))?;
         // a record that was never acknowledged may stand here and not be on the disk yet: what is built on it must be
@@ -351,6 +351,10 @@ fn checksum(sequence: u64, text: &str) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn open(path: &Path, accept: impl FnMut(u64, &Record) -> Result<(), String>) -> Result<Journal, JournalError> {
+        Journal::read(path, accept)?.go_on()
+    }
     use crate::dataset::Contact;
     use crate::dataset::press::example;
 
@@ -379,7 +383,7 @@ mod tests {
                 records.push((offset, record.clone()));
                 Ok(())
             };
-            let mut journal = Journal::open(&path, keep).unwrap();
+            let mut journal = open(&path, keep).unwrap();
             let kept: Vec<&Record> = records.iter().map(|(_, record)| record).collect();
             assert_eq!(kept, (0..complete as u64).map(contact).collect::<Vec<_>>().iter().collect::<Vec<_>>());
             records.push((journal.append(&contact(9)).unwrap(), contact(9)));
@@ -403,12 +407,12 @@ mod tests {
             JournalError::Damaged { offset, .. } => assert_eq!(offset, second as u64),
             other => panic!("{other}"),
         }
-        assert!(Journal::open(&path, |_, _| Ok(())).is_err());
+        assert!(open(&path, |_, _| Ok(())).is_err());
         // nor is one cut off whose line end was changed
         bytes[second + 40] ^= 1;
         *bytes.last_mut().unwrap() = 0x0b;
         std::fs::write(&path, &bytes).unwrap();
-        assert!(Journal::open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("no line end"));
+        assert!(open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("no line end"));
         *bytes.last_mut().unwrap() = b'\n';
         bytes[second + 40] ^= 1;
         // the last one was whole, so that it may have been acknowledged: it isn't cut off in silence
@@ -416,7 +420,7 @@ mod tests {
         bytes[second + 40] ^= 1;
         bytes[last] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        assert!(Journal::open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("the checksum doesn't fit"));
+        assert!(open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("the checksum doesn't fit"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes, "and nothing is changed");
     }
 
@@ -436,7 +440,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let bytes = three_records(&path);
-        let mut journal = Journal::open(&path, |_, _| Ok(())).unwrap();
+        let mut journal = open(&path, |_, _| Ok(())).unwrap();
         let mut row = example(3, 0);
         row.force_n = Some(f64::NAN);
         let bad = Record::Contact(Contact { press: 3, levels: vec![row], ..Contact::default() });
@@ -451,7 +455,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let bytes = three_records(&path);
-        let refused = Journal::open(&path, |offset, _| if offset > 0 { Err("no".to_owned()) } else { Ok(()) });
+        let refused = open(&path, |offset, _| if offset > 0 { Err("no".to_owned()) } else { Ok(()) });
         assert!(refused.unwrap_err().to_string().ends_with("is damaged: no"));
         let second = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
         std::fs::write(&path, &bytes[second..]).unwrap();

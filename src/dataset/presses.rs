@@ -24,11 +24,8 @@ impl Presses {
         Presses::new(source, presses, Vec::new())
     }
 
-    pub(super) fn of_table(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
-        Presses::new(source, presses, lines)
-    }
-
-    fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
+    /// Presses and, where they stand in a table, their lines.
+    pub(super) fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
         let channels = presses.first().map_or(0, |press| press.outputs.len());
         Presses { source: source.to_owned(), channels, presses, lines }
     }

@@ -12,7 +12,6 @@ use miette::Diagnostic;
 use serde::Deserialize;
 use serde_json::Value;
 use std::io::{self, BufRead, BufReader, Read};
-use std::str::FromStr;
 
 /// The longest line that is read, bytes: 4096 outputs of 60 characters each.
 pub const MAX_LINE_BYTES: usize = 256 << 10;
@@ -24,29 +23,12 @@ const REASON: usize = 120;
 const HELP: &str = "needed are out_1, out_2, ... without a gap; a first line of numbers alone needs no header";
 
 /// How readings are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
     /// Cells separated by commas.
     Csv,
     /// A JSON object or array a line.
     Ndjson,
-}
-
-impl Format {
-    /// What they are called, as [`FromStr`] takes it.
-    pub const NAMES: [&'static str; 2] = ["csv", "ndjson"];
-}
-
-impl FromStr for Format {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        match name {
-            "csv" => Ok(Format::Csv),
-            "ndjson" => Ok(Format::Ndjson),
-            _ => Err(format!("expected one of {}", Format::NAMES.join(", "))),
-        }
-    }
 }
 
 /// One reading.

@@ -4,7 +4,6 @@ use super::Fingerprint;
 use crate::control::Strategy;
 use crate::recipe::Plan;
 use serde::{Deserialize, Serialize};
-use std::str::FromStr;
 
 /// The format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
 pub const FORMAT: u32 = 2;
@@ -146,7 +145,7 @@ pub struct End {
 }
 
 /// What an acknowledged press survives.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Durability {
     /// A power cut: it is flushed to the disk before the next one begins.
@@ -154,23 +153,6 @@ pub enum Durability {
     Full,
     /// The end of the program, but no power cut.
     Fast,
-}
-
-impl Durability {
-    /// What they are called on the command line.
-    pub const NAMES: [&'static str; 2] = ["full", "fast"];
-}
-
-impl FromStr for Durability {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        match name {
-            "full" => Ok(Durability::Full),
-            "fast" => Ok(Durability::Fast),
-            _ => Err(format!("expected one of {}", Durability::NAMES.join(", "))),
-        }
-    }
 }
 
 impl Status {

@@ -57,7 +57,7 @@ pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> 
     if presses.is_empty() {
         return Err(TableError::NoRows { file: file.to_owned() });
     }
-    Ok(Presses::of_table(file, presses, lines))
+    Ok(Presses::new(file, presses, lines))
 }
 
 /// The known columns that a table has, each with the places where its cells stand.

@@ -7,8 +7,6 @@
 mod difference;
 mod key;
 mod problem;
-#[cfg(test)]
-pub(crate) mod sample;
 mod table;
 
 pub use difference::{Change, Given, differences};
@@ -18,6 +16,8 @@ pub(crate) use problem::printable;
 pub use problem::{PROBLEMS_MAX, Problem, Problems};
 pub use table::{Span, Table};
 pub(crate) use table::{all, with_nearest};
+#[cfg(test)]
+pub(crate) use tests::sample;
 
 use problem::Collector;
 use toml::Spanned;
@@ -104,6 +104,8 @@ fn too_deep(text: &str) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
+    pub(crate) mod sample;
+
     use super::*;
 
     keys! { press {

@@ -131,7 +131,7 @@ pub async fn tcp<I: Instrument + ?Sized + 'static>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::testbed::{scene, shared};
+    use super::super::tests::{scene, shared};
     use super::*;
     use crate::scene::Device;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};

@@ -22,7 +22,7 @@ mod modbus;
 mod process;
 mod serve;
 #[cfg(test)]
-mod testbed;
+mod tests;
 mod xps;
 
 pub use daqmx::DaqmxEmulator;

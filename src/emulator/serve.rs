@@ -212,7 +212,7 @@ fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::super::Esp301;
-    use super::super::testbed::{POWER_ON, Wire, scene, scene_with, shared};
+    use super::super::tests::{POWER_ON, Wire, scene, scene_with, shared};
     use super::*;
     use crate::quantity::Axis;
     use crate::scene::{Device, Fault, FaultKind};

@@ -11,8 +11,6 @@ mod spread;
 pub use layer::{MOST_POISSON_RATIO, Medium};
 pub use response::{MOST_RADIUS_DEPTHS, Passage, Response};
 
-use std::f64::consts::PI;
-
 /// The shape of the stress under a point load, lambda = (k^2 + 1)^(-5/2) (paper equation 4); `k` = distance over depth.
 /// 1 straight above.
 pub fn lambda(k: f64) -> f64 {
@@ -20,15 +18,16 @@ pub fn lambda(k: f64) -> f64 {
     1.0 / (base * base * base.sqrt())
 }
 
-/// The normal stress in an elastic half-space under a normal point load, N/mm^2 = MPa, compression negative (paper
-/// equation 1): `force_n` on the surface, `distance_mm` sideways and `depth_mm` below it.
-pub fn half_space_stress_mpa(force_n: f64, distance_mm: f64, depth_mm: f64) -> f64 {
-    -3.0 * force_n / (2.0 * PI * depth_mm * depth_mm) * lambda(distance_mm / depth_mm)
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+    use std::f64::consts::PI;
+
+    /// The normal stress in an elastic half-space under a normal point load, N/mm^2 = MPa, compression negative (paper
+    /// equation 1): `force_n` on the surface, `distance_mm` sideways and `depth_mm` below it.
+    pub(crate) fn half_space_stress_mpa(force_n: f64, distance_mm: f64, depth_mm: f64) -> f64 {
+        -3.0 * force_n / (2.0 * PI * depth_mm * depth_mm) * lambda(distance_mm / depth_mm)
+    }
 
     #[test]
     fn lambda_has_its_golden_values() {

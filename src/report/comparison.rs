@@ -13,6 +13,7 @@ use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
 use crate::solver::{ErrorSummary, Evaluation};
 use maud::{Markup, html};
+use statrs::statistics::Statistics as _;
 
 /// One run as it stands beside others.
 pub struct Compared {
@@ -194,9 +195,7 @@ fn mean(values: &[f64]) -> Option<f64> {
 
 /// Standard deviation (n - 1); none of fewer than two.
 fn sd(values: &[f64]) -> Option<f64> {
-    let mean = mean(values).filter(|_| values.len() > 1)?;
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    Some((squares / (values.len() - 1) as f64).sqrt())
+    Some(values.std_dev()).filter(|sd| sd.is_finite())
 }
 
 fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
@@ -212,7 +211,8 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
             most = points.iter().map(|point| point.2).fold(most, f64::max);
             // side by side, so that both are seen
             let shift = if method == 0 { -0.15 } else { 0.15 };
-            marks.extend(points.iter().map(|(x, mean, p95)| Mark::Bar(look.hue, x + shift, (*mean, *p95))));
+            let stroke = |(x, mean, p95): &(f64, f64, f64)| ((x + shift, *mean), (x + shift, *p95));
+            marks.push(Mark::Strokes(look.hue, points.iter().map(stroke).collect()));
             marks.push(Mark::Curve(look, points.iter().map(|(x, mean, _)| (x + shift, *mean)).collect()));
         }
         (most > 0.0).then(|| {

@@ -8,30 +8,7 @@ use std::fmt::Display;
 pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 
 /// Light and dark as the reader has it; on paper always light. No colour means anything that isn't told by a shape or a word too.
-const PAGE_STYLE: &str = "\
-:root{color-scheme:light dark;--ink:#1f2328;--soft:#57606a;--paper:#fff;--band:#f3f5f7;--rule:#d8dee4;--good:#12805c;--bad:#b3261e}\
-@media (prefers-color-scheme:dark){:root{--ink:#e6edf3;--soft:#9aa5b1;--paper:#0d1117;--band:#161b22;--rule:#30363d;--good:#4cc38a;--bad:#ff7b72}}\
-*{box-sizing:border-box}\
-body{margin:0;background:var(--paper);color:var(--ink);font:16px/1.5 system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif;overflow-wrap:break-word}\
-main{max-width:1120px;margin:0 auto;padding:24px 16px 64px}\
-h1{font-size:30px;line-height:1.2;margin:8px 0 4px}h2{font-size:20px;line-height:1.3;margin:44px 0 8px;border-top:1px solid var(--rule);padding-top:18px}\
-p{margin:6px 0;max-width:76ch}.lede{color:var(--soft)}.note{color:var(--soft);font-size:14px}\
-.verdict{border-left:6px solid var(--soft);background:var(--band);padding:12px 16px;margin:18px 0}\
-.verdict strong{font-size:20px}.verdict.good{border-color:var(--good)}.verdict.bad{border-color:var(--bad)}\
-.wide{overflow-x:auto;margin:10px 0}\
-table{border-collapse:collapse;font-size:15px;font-variant-numeric:tabular-nums}\
-th,td{padding:4px 10px;text-align:right;vertical-align:top;border-bottom:1px solid var(--rule)}\
-th:first-child,td:first-child{text-align:left;padding-left:0}thead th{border-bottom:2px solid var(--soft);vertical-align:bottom}\
-td{white-space:nowrap}tbody th{font-weight:400}td.words,th.words{text-align:left;white-space:normal}\
-.tables{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,300px),1fr));gap:16px 32px;margin:14px 0}\
-.figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,420px),1fr));gap:28px 32px;margin:14px 0}\
-figure{margin:0;max-width:560px}figure svg{display:block;width:100%;height:auto}figcaption{font-size:14px;color:var(--soft)}\
-figcaption strong{display:block;color:var(--ink);font-size:15px}\
-.ramp{display:flex;align-items:center;gap:8px;font-size:13px;color:var(--soft);margin:2px 0 0}\
-.ramp span.colours{display:flex;flex:1;max-width:260px;height:12px}.ramp i{flex:1}\
-@media (max-width:640px){body{font-size:15px}th,td{padding:4px 6px}table{font-size:13.5px}h1{font-size:25px}}\
-@media print{main{max-width:none;padding:0}.figures{grid-template-columns:1fr 1fr;gap:14px 20px}.tables{grid-template-columns:repeat(3,1fr)}\
-figure,table,.verdict{break-inside:avoid}h2,h3{break-after:avoid}h2{margin-top:26px}body{font-size:10.5pt}}";
+const PAGE_STYLE: &str = include_str!("page.css");
 
 /// A whole page.
 pub fn document(title: &str, body: &Markup) -> String {

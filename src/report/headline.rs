@@ -5,9 +5,7 @@ use super::subject::run_name;
 use super::{Judged, Subject};
 use crate::dataset::Status;
 use crate::paper;
-use crate::solver::{
-    BEST, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, Verdicts,
-};
+use crate::solver::{BEST, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut};
 use maud::{Markup, html};
 
 /// The first thing a reader sees.
@@ -114,7 +112,9 @@ fn numbers(evaluations: &[Evaluation]) -> Markup {
             |key: &str, e: &Evaluation| Some(percent(&format!("{key}.coverage.{name}"), part(e.coverage.as_ref()?)?));
         rows.push(row(label, blank(), &cell));
     }
-    rows.push(row("doubted by the method", blank(), &|_, e| Some(words(doubted(e.verdicts)))));
+    rows.push(row("doubted by the method", blank(), &|_, e| {
+        Some(words(e.verdicts.doubts().map(|(count, _)| count).iter().sum::<usize>()))
+    }));
     html! {
         (table(&head, &rows))
         p.note {
@@ -144,10 +144,4 @@ fn left_out_told(evaluations: &[Evaluation]) -> Markup {
             @for evaluation in evaluations { ", " (evaluation.left_out.test_unsolved) " without an answer by " (evaluation.solver) }
             "." }
     }
-}
-
-/// How many answers got a verdict other than ok.
-fn doubted(verdicts: Verdicts) -> usize {
-    let Verdicts { ok: _, weak_signal, outside_area, not_one_contact, channel_fault } = verdicts;
-    weak_signal + outside_area + not_one_contact + channel_fault
 }

@@ -274,6 +274,16 @@ impl Verdict {
 }
 
 impl Verdicts {
+    /// How many got a verdict other than ok, each kind with its word.
+    pub fn doubts(&self) -> [(usize, &'static str); 4] {
+        [
+            (self.weak_signal, Verdict::WeakSignal.word()),
+            (self.outside_area, Verdict::OutsideArea.word()),
+            (self.not_one_contact, Verdict::NotOneContact.word()),
+            (self.channel_fault, Verdict::ChannelFault(0).word()),
+        ]
+    }
+
     fn count(&mut self, verdict: Verdict) {
         match verdict {
             Verdict::Ok => self.ok += 1,

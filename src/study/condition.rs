@@ -4,6 +4,7 @@ use super::bench::walked;
 use super::{StudyError, bound};
 use crate::control::Strategy;
 use crate::dataset::evaluate::Trial;
+use crate::dataset::round;
 use crate::dataset::{Contact, Press, PressTruth, Presses};
 use crate::quantity::{ArrayLayout, Range};
 use crate::recipe::{Load, Manner, Order, Phase, Places, Plan, Recipe, Step};
@@ -206,8 +207,8 @@ fn phase(contact: &Contact) -> Option<Phase> {
 }
 
 /// Rounded to what is worth telling: 0.1 ms, 0.1 uN.
-pub(super) fn grain(value: f64) -> f64 {
-    (value * 1e4).round() / 1e4 + 0.0 // no "-0"
+fn grain(value: f64) -> f64 {
+    round(value, 4)
 }
 
 /// What the paper's solver makes of the test presses, calibrated on the square.

@@ -3,11 +3,9 @@
 use super::condition::{Condition, ConditionOutcome, Part};
 use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
-use super::{Bench, StudyError};
+use super::{Bench, StudyError, Told, carried_out, ndjson, pareto};
 use crate::control::Strategy;
-use crate::parallel::in_parallel;
 use crate::rig::RigSpec;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The tolerances that are asked for, N.
 pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
@@ -56,10 +54,7 @@ pub struct LoopFindings {
 impl LoopFindings {
     /// One JSON object a line.
     pub fn ndjson(&self) -> String {
-        // numbers and text can't fail
-        let line = |json: serde_json::Result<String>| json.unwrap_or_default() + "\n";
-        let outcomes = self.outcomes.iter().map(|outcome| line(serde_json::to_string(outcome)));
-        outcomes.chain(self.onsets.iter().map(|onset| line(serde_json::to_string(onset)))).collect()
+        ndjson(&self.outcomes) + &ndjson(&self.onsets)
     }
 
     /// The outcomes of one part.
@@ -72,16 +67,17 @@ impl LoopFindings {
 ///
 /// # Errors
 /// A condition that can't be begun; a trip is a finding and no error.
-pub fn control(size: LoopSize, seed: u64, told: &(dyn Fn(usize, usize) + Sync)) -> Result<LoopFindings, StudyError> {
+pub fn control(size: LoopSize, seed: u64, told: Told<'_>) -> Result<LoopFindings, StudyError> {
     let conditions = conditions(size, seed)?;
-    let done = AtomicUsize::new(0);
-    let outcomes = in_parallel(&conditions, |condition| {
-        let outcome = condition.measure();
-        told(1 + done.fetch_add(1, Ordering::Relaxed), conditions.len());
-        outcome
-    });
-    let mut outcomes = outcomes.into_iter().collect::<Result<Vec<ConditionOutcome>, _>>()?;
-    mark_pareto(&mut outcomes);
+    let mut outcomes = carried_out(&conditions, told, Condition::measure)?;
+    // of the outcomes of one bench that made the whole square
+    let mark = |outcome: &ConditionOutcome| {
+        Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none())
+    };
+    let mut asked: Vec<&mut ConditionOutcome> =
+        outcomes.iter_mut().filter(|outcome| outcome.part == Part::Tolerance).collect();
+    let best = pareto(&asked.iter().map(|outcome| (outcome.rig, mark(outcome))).collect::<Vec<_>>());
+    asked.iter_mut().zip(best).for_each(|(outcome, is_best)| outcome.pareto = Some(is_best));
     Ok(LoopFindings { size, outcomes, onsets: stability() })
 }
 
@@ -139,8 +135,8 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
             }
         }
     }
-    for strategy in Strategy::ALL {
-        for declared_n_mm in DECLARED_N_MM {
+    for declared_n_mm in DECLARED_N_MM {
+        for strategy in Strategy::ALL {
             let mut condition = nominal(Bench::XpsLike, strategy)?;
             condition.spec.limits.stiffness_n_mm = declared_n_mm;
             let side = slow_side(&condition.spec, size.small);
@@ -153,29 +149,4 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
 /// Presses that go in micrometres take most of a minute each: a few will do.
 fn slow_side(spec: &RigSpec, side: usize) -> usize {
     if spec.limits.stiffness_n_mm < SLOW_N_MM { side } else { side.min(SLOW_SIDE) }
-}
-
-/// Of the outcomes of one bench that made the whole square: is none both faster and nearer?
-fn mark_pareto(outcomes: &mut [ConditionOutcome]) {
-    let mark = |outcome: &ConditionOutcome| {
-        Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none())
-    };
-    let all: Vec<(&str, f64, f64)> = outcomes
-        .iter()
-        .filter(|outcome| outcome.part == Part::Tolerance)
-        .filter_map(|outcome| mark(outcome).map(|(time_s, error_mn)| (outcome.rig, time_s, error_mn)))
-        .collect();
-    for outcome in outcomes.iter_mut().filter(|outcome| outcome.part == Part::Tolerance) {
-        let is_best = mark(outcome).is_some_and(|(time_s, error_mn)| {
-            let beats = |other: &(&str, f64, f64)| {
-                let (rig, other_s, other_mn) = *other;
-                rig == outcome.rig
-                    && other_s <= time_s
-                    && other_mn <= error_mn
-                    && (other_s, other_mn) != (time_s, error_mn)
-            };
-            !all.iter().any(beats)
-        });
-        outcome.pareto = Some(is_best);
-    }
 }

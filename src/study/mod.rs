@@ -27,9 +27,47 @@ pub use scenes::{BenchChange, NOMINAL, SCENES};
 pub use stability::Onset;
 
 use crate::document::Problems;
+use crate::parallel::in_parallel;
 use crate::solver::CalibrationError;
 use miette::Diagnostic;
+use serde::Serialize;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use thiserror::Error;
+
+/// Hears how many parts of a study are done, and of how many.
+pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
+/// What comes of each job, in order, worked on by all processors; `told` hears of each that is done.
+fn carried_out<J: Sync, O: Send>(
+    jobs: &[J],
+    told: Told<'_>,
+    work: impl Fn(&J) -> Result<O, StudyError> + Sync,
+) -> Result<Vec<O>, StudyError> {
+    let done = AtomicUsize::new(0);
+    let outcomes = in_parallel(jobs, |job| {
+        let outcome = work(job);
+        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
+        outcome
+    });
+    outcomes.into_iter().collect()
+}
+
+/// Which of some tries no other of its kind beats: one that is no slower and no farther off, and better in one of the two. A try
+/// without both numbers has no part in it.
+fn pareto<K: PartialEq>(tries: &[(K, Option<(f64, f64)>)]) -> Vec<bool> {
+    let is_best = |(kind, mark): &(K, Option<(f64, f64)>)| {
+        let Some((time, error)) = *mark else { return false };
+        let beats = |other: &(f64, f64)| other.0 <= time && other.1 <= error && *other != (time, error);
+        !tries.iter().filter(|(its, _)| its == kind).filter_map(|(_, mark)| mark.as_ref()).any(beats)
+    };
+    tries.iter().map(is_best).collect()
+}
+
+/// One JSON object a line.
+pub fn ndjson<T: Serialize>(rows: impl IntoIterator<Item = T>) -> String {
+    // numbers and text can't fail
+    rows.into_iter().map(|row| serde_json::to_string(&row).unwrap_or_default() + "\n").collect()
+}
 
 /// Why there is no study.
 #[derive(Debug, Error, Diagnostic)]

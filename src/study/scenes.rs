@@ -21,97 +21,63 @@ const STEEL_N_MM: f64 = 500.0;
 const TIME_CONSTANTS: f64 = 2.5;
 
 /// The benches as they are.
-pub const NOMINAL: BenchChange = BenchChange { name: "nominal", force_n: 1.0, change: |_| {} };
+pub const NOMINAL: BenchChange = change("nominal", 1.0, |_| {});
 
 /// All scenes of the study.
 pub const SCENES: [BenchChange; 13] = [
     NOMINAL,
-    BenchChange {
-        name: "soft, 0.4 N/mm",
-        force_n: 0.3,
-        change: |spec| {
-            spec.scene.contact = line(0.4, spec.scene.contact.toe_mm);
-            spec.limits = Limits { force_n: 0.6, stiffness_n_mm: 0.5, ..spec.limits };
-        },
-    },
-    BenchChange {
-        name: "hard, 20 N/mm",
-        force_n: 1.0,
-        change: |spec| {
-            spec.scene.contact = line(20.0, spec.scene.contact.toe_mm);
-            spec.limits.stiffness_n_mm = 24.0;
-        },
-    },
-    BenchChange {
-        name: "steel, 500 N/mm",
-        force_n: 1.0,
-        change: |spec| {
-            steel(spec, STEEL_N_MM);
-            spec.limits.stiffness_n_mm = 550.0;
-        },
-    },
-    BenchChange {
-        // two springs in series are one: 1 / (1/500 + 1/20) = 19.2 N/mm; no contact is stiffer than the spring
-        name: "steel behind 20 N/mm",
-        force_n: 1.0,
-        change: |spec| {
-            steel(spec, 1.0 / (1.0 / STEEL_N_MM + 1.0 / SPRING_N_MM));
-            spec.scene.stiffness = None;
-            spec.limits.stiffness_n_mm = SPRING_N_MM;
-        },
-    },
-    BenchChange {
-        name: "stiffness 3x as said",
-        force_n: 1.0,
-        change: |spec| {
-            let ContactLaw { linear_n_mm, quadratic_n_mm2, .. } = &mut spec.scene.contact;
-            *linear_n_mm *= 3.0;
-            *quadratic_n_mm2 *= 3.0;
-        },
-    },
-    BenchChange {
-        name: "viscous",
-        force_n: 1.0,
-        change: |spec| {
-            let branch = |(share, time_s)| RelaxationBranch { share, time_s };
-            spec.scene.relaxation = [(0.15, 0.3), (0.15, 5.0), (0.10, 30.0)].map(branch).to_vec();
-            spec.limits.stiffness_n_mm = 2.5;
-        },
-    },
-    BenchChange { name: "noise 10 mN", force_n: 1.0, change: |spec| cell(spec).noise_n = 0.010 },
-    BenchChange { name: "noise 30 mN", force_n: 1.0, change: |spec| cell(spec).noise_n = 0.030 },
-    BenchChange {
-        name: "50 Hz bus",
-        force_n: 1.0,
-        change: |spec| {
-            let (transport_s, low_pass_hz) = (0.020, 20.0);
-            *cell(spec) = LoadCell { transport_s, low_pass_hz: Some(low_pass_hz), ..*cell(spec) };
-            spec.load_cell.conversions_hz = 50.0;
-            spec.load_cell.lag_s = transport_s + TIME_CONSTANTS / (std::f64::consts::TAU * low_pass_hz);
-        },
-    },
-    BenchChange {
-        name: "2 % spikes of 200 ms",
-        force_n: 1.0,
-        change: |spec| spec.scene.latencies.stage_spikes = Some(Spikes { share: 0.02, longer_s: 0.2 }),
-    },
-    BenchChange {
-        name: "relief 30 um, k +-15 %",
-        force_n: 1.0,
-        change: |spec| {
-            // short waves: long ones are a slope, which any map learns
-            spec.scene.relief = Some(Relief { bumps_mm: 0.030, bumps_wavelength_mm: (1.0, 3.0), roughness_mm: 0.001 });
-            spec.scene.stiffness = Some(Stiffness { smooth_percent: 15.0, white_percent: 0.5 });
-        },
-    },
-    BenchChange {
-        name: "target quantum 1 um",
-        force_n: 1.0,
-        change: |spec| {
-            spec.scene.stage = Some(Servo { quantum_mm: 0.001, ..spec.scene.stage.unwrap_or_default() });
-        },
-    },
+    change("soft, 0.4 N/mm", 0.3, |spec| {
+        spec.scene.contact = line(0.4, spec.scene.contact.toe_mm);
+        spec.limits = Limits { force_n: 0.6, stiffness_n_mm: 0.5, ..spec.limits };
+    }),
+    change("hard, 20 N/mm", 1.0, |spec| {
+        spec.scene.contact = line(20.0, spec.scene.contact.toe_mm);
+        spec.limits.stiffness_n_mm = 24.0;
+    }),
+    change("steel, 500 N/mm", 1.0, |spec| {
+        steel(spec, STEEL_N_MM);
+        spec.limits.stiffness_n_mm = 550.0;
+    }),
+    // two springs in series are one: 1 / (1/500 + 1/20) = 19.2 N/mm; no contact is stiffer than the spring
+    change("steel behind 20 N/mm", 1.0, |spec| {
+        steel(spec, 1.0 / (1.0 / STEEL_N_MM + 1.0 / SPRING_N_MM));
+        spec.scene.stiffness = None;
+        spec.limits.stiffness_n_mm = SPRING_N_MM;
+    }),
+    change("stiffness 3x as said", 1.0, |spec| {
+        let ContactLaw { linear_n_mm, quadratic_n_mm2, .. } = &mut spec.scene.contact;
+        *linear_n_mm *= 3.0;
+        *quadratic_n_mm2 *= 3.0;
+    }),
+    change("viscous", 1.0, |spec| {
+        let branch = |(share, time_s)| RelaxationBranch { share, time_s };
+        spec.scene.relaxation = [(0.15, 0.3), (0.15, 5.0), (0.10, 30.0)].map(branch).to_vec();
+        spec.limits.stiffness_n_mm = 2.5;
+    }),
+    change("noise 10 mN", 1.0, |spec| cell(spec).noise_n = 0.010),
+    change("noise 30 mN", 1.0, |spec| cell(spec).noise_n = 0.030),
+    change("50 Hz bus", 1.0, |spec| {
+        let (transport_s, low_pass_hz) = (0.020, 20.0);
+        *cell(spec) = LoadCell { transport_s, low_pass_hz: Some(low_pass_hz), ..*cell(spec) };
+        spec.load_cell.conversions_hz = 50.0;
+        spec.load_cell.lag_s = transport_s + TIME_CONSTANTS / (std::f64::consts::TAU * low_pass_hz);
+    }),
+    change("2 % spikes of 200 ms", 1.0, |spec| {
+        spec.scene.latencies.stage_spikes = Some(Spikes { share: 0.02, longer_s: 0.2 })
+    }),
+    change("relief 30 um, k +-15 %", 1.0, |spec| {
+        // short waves: long ones are a slope, which any map learns
+        spec.scene.relief = Some(Relief { bumps_mm: 0.030, bumps_wavelength_mm: (1.0, 3.0), roughness_mm: 0.001 });
+        spec.scene.stiffness = Some(Stiffness { smooth_percent: 15.0, white_percent: 0.5 });
+    }),
+    change("target quantum 1 um", 1.0, |spec| {
+        spec.scene.stage = Some(Servo { quantum_mm: 0.001, ..spec.scene.stage.unwrap_or_default() });
+    }),
 ];
+
+const fn change(name: &'static str, force_n: f64, change: fn(&mut RigSpec)) -> BenchChange {
+    BenchChange { name, force_n, change }
+}
 
 impl BenchChange {
     /// A bench with the scene's change.

@@ -1,6 +1,6 @@
 //! The velocity loop alone: how much gain it bears, by a simulation of nothing else, to be held against what theory says.
 
-use super::condition::grain;
+use crate::dataset::round;
 use serde::Serialize;
 use std::f64::consts::{E, FRAC_PI_2};
 
@@ -44,8 +44,8 @@ pub fn stability() -> Vec<Onset> {
         part: "stability",
         dead_time_ms: 1000.0 * dead_time_s,
         mismatch,
-        overshoots_at: grain(least_gain(|gain| peak(gain * mismatch, dead_time_s) > 1.0 + OVERSHOOT)),
-        unstable_at: grain(least_gain(|gain| grows(gain * mismatch, dead_time_s))),
+        overshoots_at: round(least_gain(|gain| peak(gain * mismatch, dead_time_s) > 1.0 + OVERSHOOT), 4),
+        unstable_at: round(least_gain(|gain| grows(gain * mismatch, dead_time_s)), 4),
     };
     DEAD_TIMES_S.iter().flat_map(|dead_time_s| MISMATCHES.map(|mismatch| of(*dead_time_s, mismatch))).collect()
 }

@@ -4,7 +4,7 @@
 use crate::support::walks::in_virtual_time;
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 use palpate::dataset::Recorded;
-use palpate::dataset::evaluate::evaluate_run;
+use palpate::dataset::evaluate::Trial;
 use palpate::device::{DeviceProblem, Instruments, Reins, Stage};
 use palpate::quantity::{ArrayLayout, Axis, Place};
 use palpate::rig::{self, OpenRig};
@@ -37,7 +37,10 @@ fn outcome(bench: &Bench, rig: &str) -> Outcome {
     let (recipe, file) = (shipped("recipes/paper.toml"), shipped(&format!("rigs/{rig}.toml")));
     bench.palpate_ends(0, &format!("run {} --rig {} --simulate --out {rig}", recipe.display(), file.display()));
     let presses = Recorded::read(&bench.path(rig)).expect("a run").presses();
-    let evaluation = evaluate_run(&presses, Some(&ArrayLayout::grid(3, 3, 4.5)), "pearson").expect("an evaluation");
+    let evaluation = Trial::of_run(&presses, Some(&ArrayLayout::grid(3, 3, 4.5)))
+        .unwrap()
+        .evaluate("pearson")
+        .expect("an evaluation");
     let windows = bench.column(&format!("{rig}/presses.csv"), "force_n");
     Outcome {
         windows_n: windows.iter().map(|force| force.parse().expect("a number")).collect(),

@@ -4,7 +4,7 @@
 //! them the tests say so and pass. The expected errors were computed apart by another program.
 
 use crate::support::skips::skipped;
-use palpate::dataset::evaluate::evaluate_tables;
+use palpate::dataset::evaluate::Trial;
 use palpate::dataset::{Press, Presses, read_table};
 use palpate::quantity::Place;
 use std::collections::BTreeMap;
@@ -99,7 +99,7 @@ fn mean_error(calibration: &[(Place, Vec<f64>)], test: &Presses, solver: &str) -
         writer.write_record(numbers.iter().chain(outputs).map(f64::to_string)).unwrap();
     }
     writer.flush().unwrap();
-    let evaluation = evaluate_tables(&read_table(&path).unwrap(), test, solver).unwrap();
+    let evaluation = Trial::of_tables(&read_table(&path).unwrap(), test).unwrap().evaluate(solver).unwrap();
     assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
     let mean_mm = evaluation.location_error_mm.mean;
     println!("{} of {} points: mean location error {mean_mm:.4} mm", evaluation.solver, evaluation.points);

@@ -6,7 +6,7 @@
 
 use crate::support::skips::skipped;
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
-use palpate::dataset::evaluate::evaluate_run;
+use palpate::dataset::evaluate::Trial;
 use palpate::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
@@ -65,7 +65,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
 
 impl Whole {
     fn evaluation(&self) -> Evaluation {
-        evaluate_run(&self.presses, Some(&self.spec.array.layout), "pearson").unwrap()
+        Trial::of_run(&self.presses, Some(&self.spec.array.layout)).unwrap().evaluate("pearson").unwrap()
     }
 }
 

@@ -3,18 +3,18 @@
 use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
 use crate::study::ablation::{
-    ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, Question, SHARE, TERMS, Term, TermRow,
-    ablation, ablation_figures,
+    ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, QUESTIONS, Question, SHARE, TERMS, Term,
+    TermRow, ablation,
 };
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Carries the study out, writes its figures and prints what was found.
+/// Carries the study out, writes its rows and prints what was found.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "ablation")?;
     let size = if args.quick { AblationSize::QUICK } else { AblationSize::WHOLE };
     let found = begun.carried(ablation(size, args.seed, &begun.told()))?;
-    begun.end(ablation_figures(&found), found.ndjson(), |out| summary(&found, out))
+    begun.end(Vec::new(), found.ndjson(), |out| summary(&found, out))
 }
 
 /// What was found, in at most 80 columns.
@@ -27,46 +27,46 @@ fn summary(found: &AblationFindings, out: &Path) -> String {
         side * side
     );
     text += &format!("{:<24}{:<21}{:<21}{}\n", "", "paper", "surrogate", "physics");
-    text += &effects(found, &Question::ALL[..6], &["mm", "mN", "mm", "mN", "mm", "mN"], None);
+    text += &effects(found, &QUESTIONS[..6], &["mm", "mN", "mm", "mN", "mm", "mN"], None);
     text += "\nTable 1, mean over units, % of full scale; time of a reading of all units, ns\n";
     let heads = ["loading", "unloading", "hysteresis"];
-    text += &effects(found, &Question::ALL[6..9], &heads, Some((PER_READING, "ns: off    on")));
+    text += &effects(found, &QUESTIONS[6..9], &heads, Some((PER_READING, "ns: off    on")));
     text += &format!(
         "\npresses of 1 N, ±50 mN, {} a seed, by the strategy guarded; time of a press, us\n",
         presses * presses
     );
     let heads = ["error mN", "peak mN", "time s"];
-    text += &effects(found, &Question::ALL[9..], &heads, Some((PER_PRESS, "us: off    on")));
-    text + &needs(found) + &format!("\nfigures, rows and what each term is: {}\n", out.display())
+    text += &effects(found, &QUESTIONS[9..], &heads, Some((PER_PRESS, "us: off    on")));
+    text + &needs(found) + &format!("\nrows, and what each term is: {}\n", out.display())
 }
 
 /// A line a term that can touch any of the questions, or costs anything there.
 fn effects(found: &AblationFindings, questions: &[Question], heads: &[&str], cost: Option<(&str, &str)>) -> String {
-    let width = |question: Question| match question.unit() {
-        "mm" => 12,
-        "N" => 9,
-        _ => 14,
+    let cells = |told: &dyn Fn(&Question) -> String| -> String {
+        questions.iter().map(|question| format!("{:>1$}", told(question), width(question))).collect()
     };
-    let cells = |told: &dyn Fn(Question) -> String| -> String {
-        questions.iter().map(|question| format!("{:>1$}", told(*question), width(*question))).collect()
-    };
-    let head = |question| questions.iter().position(|its| *its == question).map_or("", |index| heads[index]).to_owned();
-    let mut text = line("", &cells(&head), cost.map(|(_, head)| head));
-    let base = |question| {
-        let row = found.rows.iter().find(|row| row.question == question);
+    let head: String =
+        questions.iter().zip(heads).map(|(question, head)| format!("{:>1$}", head, width(question))).collect();
+    let base = |question: &Question| {
+        let row = found.rows.iter().find(|row| row.question == question.name);
         row.map_or(String::new(), |row| shown(row.base, question))
     };
-    text += &line("base", &cells(&base), None);
+    let mut text = line("", &head, cost.map(|(_, head)| head)) + &line("base", &cells(&base), None);
     for term in &TERMS {
         let costs = cost.and_then(|(cost, _)| told_cost(found, term.name, cost));
-        if costs.is_some() || questions.iter().any(|question| term.touches(question.of())) {
+        if costs.is_some() || questions.iter().any(|question| term.touches(question.of)) {
             text += &line(&named(term), &cells(&|question| cell(found, term.name, question)), costs.as_deref());
         }
     }
-    if let Some(all) = cost.and_then(|(cost, _)| told_cost(found, ALL_TERMS, cost)) {
-        text += &line(ALL_TERMS, &cells(&|_| String::new()), Some(&all));
-    }
     text
+}
+
+fn width(question: &Question) -> usize {
+    match question.unit {
+        "mm" => 12,
+        "N" => 9,
+        _ => 14,
+    }
 }
 
 fn line(first: &str, cells: &str, last: Option<&str>) -> String {
@@ -82,7 +82,7 @@ fn told_cost(found: &AblationFindings, term: &str, cost: &str) -> Option<String>
     Some(format!("{:>5.0}{:>6.0}", its.off, its.on))
 }
 
-fn cell(found: &AblationFindings, term: &str, question: Question) -> String {
+fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {
     let told = |row: &TermRow| {
         let within = shown(row.effect.within, question);
         let difference = shown(row.effect.difference, question);
@@ -99,8 +99,8 @@ fn cell(found: &AblationFindings, term: &str, question: Question) -> String {
 }
 
 /// Forces of methods in mN, as there isn't room for more digits.
-fn shown(value: f64, question: Question) -> String {
-    match question.unit() {
+fn shown(value: f64, question: &Question) -> String {
+    match question.unit {
         "N" => format!("{:.1}", 1000.0 * value),
         "mN" => format!("{value:.1}"),
         "% FS" => format!("{value:.2}"),
@@ -108,38 +108,29 @@ fn shown(value: f64, question: Question) -> String {
     }
 }
 
-/// Which term is needed for what.
+/// Which term is needed for what, and which for nothing.
 fn needs(found: &AblationFindings) -> String {
     let mut text = format!(
-        "\nyes: the difference isn't chance and exceeds {:.0} % of the base's number, 0.01 mm,\n\
-         1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms; -: it is surely less;\n\
-         ?: more seeds would tell\n",
+        "\na term is needed where the difference isn't chance and exceeds {:.0} % of the base's\n\
+         number, 0.01 mm, 1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms\n",
         100.0 * SHARE
     );
-    text +=
-        &line("", &format!("{:<10}{:<10}{:<10}{:<16}{}", "paper", "surrogate", "physics", "Table 1", "press"), None);
-    let heads = ["mm", "N", "mm", "N", "mm", "N", "load", "unl", "hyst", "error", "peak", "time"];
-    let widths = [5, 5, 5, 5, 5, 5, 5, 5, 6, 6, 5, 5];
-    let row = |first: &str, cells: [&str; 12]| {
-        let cells: String = cells.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
-        line(first, &cells, None)
-    };
-    text += &row("", heads);
+    let mut line =
+        |told: &str| text += &(textwrap::fill(told, textwrap::Options::new(80).subsequent_indent("  ")) + "\n");
     for term in &TERMS {
-        let cells = Question::ALL.map(|question| match found.row(term.name, question).map(|row| row.needed) {
-            Some(Needed::Yes) => "yes",
-            Some(Needed::No) => "-",
-            Some(Needed::Undecided) => "?",
-            None => "",
-        });
-        text += &row(&named(term), cells);
+        let is_needed = |row: &&TermRow| row.term == term.name && row.needed == Needed::Yes;
+        let needed: Vec<&str> = found.rows.iter().filter(is_needed).map(|row| row.question).collect();
+        if !needed.is_empty() {
+            line(&format!("{}: {}", term.name, needed.join(", ")));
+        }
     }
-    for (verdict, told) in [(Needed::No, "waste for every question"), (Needed::Undecided, "undecided")] {
+    for (verdict, told) in
+        [(Needed::No, "waste for every question"), (Needed::Undecided, "undecided, more seeds would tell")]
+    {
         let names: Vec<&str> =
             TERMS.iter().map(|term| term.name).filter(|name| found.verdict(name) == verdict).collect();
         if !names.is_empty() {
-            text += &textwrap::fill(&format!("{told}: {}", names.join(", ")), 80);
-            text += "\n";
+            line(&format!("{told}: {}", names.join(", ")));
         }
     }
     if let Some(all) = found.costs.iter().find(|cost| cost.term == ALL_TERMS) {

@@ -79,6 +79,11 @@ impl Begun {
     }
 }
 
+/// Where the files are, as the last line of a summary.
+pub(super) fn ended(out: &Path) -> String {
+    format!("figures and rows: {}\n", out.display())
+}
+
 pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
 }

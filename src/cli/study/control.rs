@@ -2,7 +2,6 @@
 
 use super::begun::{Begun, Common, number};
 use crate::cli::exit::Failure;
-use crate::control::Strategy;
 use crate::study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
 use std::path::Path;
 use std::process::ExitCode;
@@ -12,8 +11,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "control")?;
     let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };
     let findings = begun.carried(control(size, args.seed, &begun.told()))?;
-    let figures = figures(&findings).into_iter().map(|(name, svg)| (name.to_owned(), svg)).collect();
-    begun.end(figures, findings.ndjson(), |out| summary(&findings, out))
+    begun.end(figures(&findings), findings.ndjson(), |out| summary(&findings, out))
 }
 
 /// What was found, in at most 80 columns.
@@ -62,19 +60,12 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
     let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
         line(title);
         line(format!("{first:<24}{:>18}{:>18}{:>18}", "guarded", "velocity", "map"));
-        let mut rows: Vec<(String, Vec<&ConditionOutcome>)> = Vec::new();
-        for outcome in findings.of(part) {
-            let Some(name) = name(outcome) else { continue };
-            match rows.iter_mut().find(|(row, _)| *row == name) {
-                Some((_, outcomes)) => outcomes.push(outcome),
-                None => rows.push((name, vec![outcome])),
-            }
-        }
-        for (name, outcomes) in rows {
-            let of =
-                |strategy| outcomes.iter().find(|outcome| outcome.strategy == strategy).map(|outcome| cell(outcome));
-            let cells = Strategy::ALL.map(|strategy| format!("{:>18}", of(strategy).unwrap_or_default())).concat();
-            line(format!("{name:<24}{cells}"));
+        // the strategies of a row stand together
+        let outcomes: Vec<(String, &ConditionOutcome)> =
+            findings.of(part).filter_map(|outcome| Some((name(outcome)?, outcome))).collect();
+        for row in outcomes.chunk_by(|a, b| a.0 == b.0) {
+            let cells: String = row.iter().map(|(_, outcome)| format!("{:>18}", cell(outcome))).collect();
+            line(format!("{:<24}{cells}", row[0].0));
         }
         line(String::new());
     };

@@ -1,14 +1,15 @@
 //! `palpate study curves`: the paper's numerical study, and any array put through the same.
 
-use super::begun::{Begun, Output, number};
+use super::begun::{Begun, Output, ended};
 use crate::cli::exit::Failure;
 use crate::cli::sources::read_rig;
+use crate::cli::summary::beside;
 use crate::document;
 use crate::mechanics::{Medium, Passage};
 use crate::scene::{Elastomer, SkinSpec};
 use crate::study::curves::{
-    ASSUMED_SD, Area, Claim, Curves, Design, DesignError, DesignFindings, NEAR_R, Turning, curves, design_figures,
-    figures,
+    ASSUMED_SD, Area, Claim, Curves, Design, DesignError, DesignFindings, MeanBound, NEAR_R, Turning, curves,
+    design_figures, figures,
 };
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -40,8 +41,7 @@ pub struct CurvesArgs {
     output: Output,
 }
 
-/// Width of what is printed, and of its first column.
-const COLUMNS: usize = 80;
+/// Width of the first column of what is printed.
 const FIRST: usize = 20;
 /// Largest depth and coordinate, mm: those of a rig file.
 const DEPTH_MAX_MM: f64 = 1000.0;
@@ -104,8 +104,8 @@ fn coordinate(text: &str) -> Result<f64, String> {
 fn summary(found: &Curves) -> String {
     let mut text = "the paper's numerical study; distances in depths H unless in mm\n\n".to_owned();
     for Claim { told, verdict, found, .. } in &found.claims {
-        text += &told_line(verdict.name(), told);
-        text += &told_line("", found);
+        text += &beside(verdict, FIRST, told);
+        text += &beside("", FIRST, found);
     }
     text + "\n"
 }
@@ -114,7 +114,7 @@ fn summary(found: &Curves) -> String {
 fn design_summary(found: &DesignFindings) -> String {
     let DesignFindings { passage, area, survey, .. } = found;
     let mut text = String::new();
-    let mut line = |name: &str, told: String| text += &told_line(name, &told);
+    let mut line = |name: &str, told: String| text += &beside(name, FIRST, &told);
     line("array", format!("{} units, pitch {:.3} mm, {}", found.units, found.pitch_mm, under(passage)));
     let ((x0, x1), (y0, y1)) = (area.x_mm, area.y_mm);
     line("area", format!("x {x0:.2} to {x1:.2}, y {y0:.2} to {y1:.2} mm"));
@@ -130,9 +130,12 @@ fn design_summary(found: &DesignFindings) -> String {
             100.0 * found.share_at_two_depths
         ),
     );
-    for (name, told) in ["the paper's rule", ""].into_iter().zip(rule(found)) {
-        line(name, told);
-    }
+    let (enough, near_enough) = found.keeps_rule();
+    let word = |kept: bool| if kept { "kept" } else { "not kept" };
+    let through = if found.row_is_column { "column" } else { "row" };
+    let units = format!("n >= 5: {}, n = {} on the {through} through the middle", word(enough), found.row_units);
+    line("the paper's rule", units);
+    line("", format!("s <= 1: {}, s = {:.3}", word(near_enough), found.spacing));
     line(
         "r turns",
         match &survey.first {
@@ -167,11 +170,11 @@ fn design_summary(found: &DesignFindings) -> String {
         "least error",
         match &found.least {
             None => "none: there are contacts whose place and force the units don't tell".to_owned(),
-            Some(least) => format!(
-                "{} mm and {} N, mean over the area and 0.1 to 1 N (Cramér-Rao); {noise}",
-                number(Some(least.location_mm), 4),
-                number(Some(least.force_n), 4)
-            ),
+            Some(MeanBound { location_mm, force_n }) => {
+                format!(
+                    "{location_mm:.4} mm and {force_n:.4} N, mean over the area and 0.1 to 1 N (Cramér-Rao); {noise}"
+                )
+            }
         },
     );
     text + "\n"
@@ -194,29 +197,7 @@ fn under(passage: &Passage) -> String {
     text
 }
 
-/// What the paper's rule says of it: of units, and of their spacing.
-fn rule(found: &DesignFindings) -> [String; 2] {
-    let (enough, near_enough) = found.keeps_rule();
-    let word = |kept: bool| if kept { "kept" } else { "not kept" };
-    let line = if found.row_is_column { "column" } else { "row" };
-    [
-        format!("n >= 5: {}, n = {} on the {line} through the middle", word(enough), found.row_units),
-        format!("s <= 1: {}, s = {:.3}", word(near_enough), found.spacing),
-    ]
-}
-
 fn way(turning: &Turning) -> String {
     let Turning { from, direction_rad, .. } = turning;
     format!("from ({:.2}, {:.2}) mm at {:.3} rad", from.x_mm, from.y_mm, direction_rad)
-}
-
-/// A name, and beside it words over as many lines as they need.
-fn told_line(name: &str, told: &str) -> String {
-    let lines = textwrap::wrap(told, COLUMNS - FIRST);
-    let first = |index: usize| if index == 0 { name } else { "" };
-    lines.iter().enumerate().map(|(index, line)| format!("{:<FIRST$}{line}\n", first(index))).collect()
-}
-
-fn ended(out: &Path) -> String {
-    format!("figures and rows: {}\n", out.display())
 }

@@ -1,15 +1,15 @@
 //! `palpate study speed-accuracy | budget | failures`: the methods that solve.
 
-use super::begun::{Begun, Common, number};
+use super::begun::{Begun, Common, ended, number};
 
 use crate::cli::exit::Failure;
 use crate::cli::recorded::{read_presses, read_run};
 use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
-use crate::study::methods;
 use crate::study::methods::{
-    BudgetSize, CONDITIONS, FailuresSize, Method, MethodRow, MethodTrial, NoiseReference, Rows, budget_figures,
-    failure_figures, of_run, of_tables, speed_accuracy_figures, told,
+    CONDITIONS, Method, MethodRow, MethodTrial, NoiseReference, budget_figures, failure_figures, of_run, of_tables,
+    speed_accuracy_figures,
 };
+use crate::study::{methods, ndjson};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -56,12 +56,11 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
             begun.carried(MethodTrial::simulated(side, tests, args.common.seed))?
         }
     };
-    let titles: Vec<_> = trials.iter().map(told).collect();
     let found = begun.carried(Ok(methods::speed_accuracy(&trials, &begun.told())))?;
-    begun.end(speed_accuracy_figures(&titles, &found), found.ndjson(), |out| {
+    begun.end(speed_accuracy_figures(&trials, &found), ndjson(&found), |out| {
         let mut text = String::new();
-        for (scene, told, _) in &titles {
-            text += &speed_accuracy_table(told, found.rows.iter().filter(|row| row.scene == *scene));
+        for trial in &trials {
+            text += &speed_accuracy_table(&trial.told, found.iter().filter(|row| row.scene == trial.scene));
         }
         text + "*: no other method is both faster and nearer; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
     })
@@ -70,9 +69,8 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
 /// How near each method comes against the number of presses.
 pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "budget")?;
-    let size = if args.quick { BudgetSize::QUICK } else { BudgetSize::WHOLE };
-    let found = begun.carried(methods::budget(size, args.seed, &begun.told()))?;
-    begun.end(budget_figures(&found), found.ndjson(), |out| {
+    let found = begun.carried(methods::budget(args.quick, args.seed, &begun.told()))?;
+    begun.end(budget_figures(&found), ndjson(&found), |out| {
         let tables = NoiseReference::ALL.map(|noise| budget_table(noise, &found)).concat();
         let minutes = format!("minutes: {} s a press, map on the fast bench; bound: Cramér-Rao\n", methods::PRESS_S);
         format!("location error, mean, mm, by calibration presses\n\n{tables}{minutes}") + &ended(out)
@@ -82,9 +80,8 @@ pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
 /// Where each method fails.
 pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "failures")?;
-    let size = if args.quick { FailuresSize::QUICK } else { FailuresSize::WHOLE };
-    let found = begun.carried(methods::failures(size, args.seed, &begun.told()))?;
-    begun.end(failure_figures(&found), found.ndjson(), |out| {
+    let found = begun.carried(methods::failures(args.quick, args.seed, &begun.told()))?;
+    begun.end(failure_figures(&found), ndjson(&found), |out| {
         let tables = NoiseReference::ALL.map(|noise| breaks(noise, &found) + &silent(noise, &found)).concat();
         tables + "rows and figures have every value between\n" + &ended(out)
     })
@@ -128,9 +125,9 @@ fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow
     text + &refusals + "\n"
 }
 
-fn budget_table(noise: NoiseReference, found: &Rows) -> String {
+fn budget_table(noise: NoiseReference, found: &[MethodRow]) -> String {
     let presses: Vec<&MethodRow> =
-        found.rows.iter().filter(|row| row.scene == noise.name() && row.solver == "best").collect();
+        found.iter().filter(|row| row.scene == noise.name() && row.solver == "best").collect();
     let line = |name: &str, cell: &dyn Fn(&MethodRow) -> String, rows: &[&MethodRow]| {
         let cells: String = rows.iter().map(|row| format!("{:>7}", cell(row))).collect();
         format!("{name:<18}{cells}\n")
@@ -139,16 +136,16 @@ fn budget_table(noise: NoiseReference, found: &Rows) -> String {
     text += &line("minutes", &|row| number(row.minutes, 1), &presses);
     for solver in Method::names() {
         let rows: Vec<&MethodRow> =
-            found.rows.iter().filter(|row| row.scene == noise.name() && row.solver == solver).collect();
+            found.iter().filter(|row| row.scene == noise.name() && row.solver == solver).collect();
         text += &line(solver, &|row| number(row.mean_mm(), 3), &rows);
     }
     text + &line("bound", &|row| number(row.location_bound_mm, 3), &presses) + "\n"
 }
 
 /// At which value of each condition a method's mean error exceeds the paper's reference.
-fn breaks(noise: NoiseReference, found: &Rows) -> String {
+fn breaks(noise: NoiseReference, found: &[MethodRow]) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
-        let rows: Vec<&MethodRow> = found.of(noise.name(), solver, harm.name).collect();
+        let rows: Vec<&MethodRow> = methods::rows_of(found, noise.name(), solver, harm.name).collect();
         let is_good = |row: &MethodRow| {
             let force_n = row.force_error_n.map_or(0.0, |error| error.mean);
             row.mean_mm().is_some_and(|mm| mm <= LOCATION_REFERENCE_MM) && force_n <= FORCE_REFERENCE_N
@@ -160,9 +157,9 @@ fn breaks(noise: NoiseReference, found: &Rows) -> String {
 }
 
 /// The largest share of a method's answers that are wrong and not flagged.
-fn silent(noise: NoiseReference, found: &Rows) -> String {
+fn silent(noise: NoiseReference, found: &[MethodRow]) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
-        let shares = found.of(noise.name(), solver, harm.name).filter_map(|row| row.wrong_unflagged);
+        let shares = methods::rows_of(found, noise.name(), solver, harm.name).filter_map(|row| row.wrong_unflagged);
         format!("{:.0}", 100.0 * shares.fold(0.0, f64::max))
     };
     "wrong and not flagged, at the worst value, %\n".to_owned() + &table(&cell)
@@ -179,8 +176,4 @@ fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
     let head = line("", &|solver| short(solver).to_owned());
     let lines = CONDITIONS.iter().map(|harm| line(harm.name, &|solver| cell(solver, harm)));
     head + &lines.collect::<String>() + "\n"
-}
-
-fn ended(out: &Path) -> String {
-    format!("figures and rows: {}\n", out.display())
 }

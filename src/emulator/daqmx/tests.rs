@@ -1,7 +1,7 @@
 //! The library, function by function.
 
 use super::*;
-use crate::emulator::testbed::{STIFFNESS_N_MM, pressed, scene, scene_with, shared};
+use crate::emulator::tests::{STIFFNESS_N_MM, pressed, scene, scene_with, shared};
 use crate::quantity::Axis;
 use crate::scene::{Fault, FaultKind, Trajectory};
 use crate::wire::daqmx::{DIFF, PSEUDO_DIFF, RSE};

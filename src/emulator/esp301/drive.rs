@@ -128,8 +128,8 @@ impl Drive {
     pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let fault = match count_mm {
-            right if right > self.right_limit_count_mm => Some(AxisFault::PlusSoftwareLimit),
-            left if left < self.left_limit_count_mm => Some(AxisFault::MinusSoftwareLimit),
+            right if right > self.right_limit_count_mm => Some(AxisFault::PLUS_SOFTWARE_LIMIT),
+            left if left < self.left_limit_count_mm => Some(AxisFault::MINUS_SOFTWARE_LIMIT),
             _ => None,
         };
         match fault {
@@ -198,7 +198,7 @@ impl Drive {
             b"AG" => (&mut self.deceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
             b"SL" => (&mut self.left_limit_count_mm, f64::MIN, self.right_limit_count_mm),
             b"SR" => (&mut self.right_limit_count_mm, self.left_limit_count_mm, f64::MAX),
-            _ => return Err(General::UnknownCommand.into()),
+            _ => return Err(General::UNKNOWN_COMMAND.into()),
         };
         if value >= least && value <= most {
             *slot = value;
@@ -208,10 +208,10 @@ impl Drive {
             return Ok(());
         }
         let fault = match (name[0], value > most) {
-            (b'V', true) => AxisFault::SpeedBeyondMost,
-            (b'V', false) => AxisFault::SpeedOutOfRange,
-            (b'A', true) => AxisFault::AccelerationBeyondMost,
-            _ => AxisFault::ParameterOutOfRange,
+            (b'V', true) => AxisFault::SPEED_BEYOND_MOST,
+            (b'V', false) => AxisFault::SPEED_OUT_OF_RANGE,
+            (b'A', true) => AxisFault::ACCELERATION_BEYOND_MOST,
+            _ => AxisFault::PARAMETER_OUT_OF_RANGE,
         };
         Err(self.fault(fault))
     }
@@ -226,14 +226,14 @@ impl Drive {
     fn stands(&self) -> Result<(), EspError> {
         match self.errand {
             Errand::Idle => Ok(()),
-            Errand::Home { .. } => Err(self.fault(AxisFault::WhileHoming)),
-            Errand::Move(_) | Errand::Stop => Err(self.fault(AxisFault::WhileMoving)),
+            Errand::Home { .. } => Err(self.fault(AxisFault::WHILE_HOMING)),
+            Errand::Move(_) | Errand::Stop => Err(self.fault(AxisFault::WHILE_MOVING)),
         }
     }
 
     fn may_move(&self) -> Result<(), EspError> {
         if !self.motor_on {
-            return Err(self.fault(AxisFault::MotorNotEnabled));
+            return Err(self.fault(AxisFault::MOTOR_NOT_ENABLED));
         }
         self.stands()
     }
@@ -242,8 +242,8 @@ impl Drive {
     fn start_move(&mut self, wanted_mm: f64, scene: &mut Scene, now_s: f64) {
         let reached_mm = wanted_mm.clamp(-TRAVEL_MM, TRAVEL_MM);
         let fault = match wanted_mm - reached_mm {
-            beyond if beyond > ROUNDING_MM => Some(AxisFault::PlusHardwareLimit),
-            beyond if beyond < -ROUNDING_MM => Some(AxisFault::MinusHardwareLimit),
+            beyond if beyond > ROUNDING_MM => Some(AxisFault::PLUS_HARDWARE_LIMIT),
+            beyond if beyond < -ROUNDING_MM => Some(AxisFault::MINUS_HARDWARE_LIMIT),
             _ => None,
         };
         self.start(reached_mm, self.speed_mm_s, scene, now_s);

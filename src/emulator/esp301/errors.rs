@@ -18,72 +18,52 @@ pub enum EspError {
     OfAxis(Axis, AxisFault),
 }
 
-/// Errors below 100.
+/// Errors below 100, and their texts. Only that of the hardware limit is known from a real controller; the others follow its style.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum General {
-    UnknownCommand = 6,
-    ParameterOutOfRange = 7,
-    AxisOutOfRange = 9,
-    NotAllowed = 27,
-    AxisMissing = 37,
-    ParameterMissing = 38,
+pub struct General(u16, &'static str);
+
+impl General {
+    pub const UNKNOWN_COMMAND: General = General(6, "COMMAND DOES NOT EXIST");
+    pub const PARAMETER_OUT_OF_RANGE: General = General(7, "PARAMETER OUT OF RANGE");
+    pub const AXIS_OUT_OF_RANGE: General = General(9, "AXIS NUMBER OUT OF RANGE");
+    pub const NOT_ALLOWED: General = General(27, "COMMAND NOT ALLOWED");
+    pub const AXIS_MISSING: General = General(37, "AXIS NUMBER MISSING");
+    pub const PARAMETER_MISSING: General = General(38, "COMMAND PARAMETER MISSING");
 }
 
-/// Errors of an axis, less the hundreds.
+/// Errors of an axis, less the hundreds, and their texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AxisFault {
-    ParameterOutOfRange = 1,
-    PlusHardwareLimit = 4,
-    MinusHardwareLimit = 5,
-    PlusSoftwareLimit = 6,
-    MinusSoftwareLimit = 7,
-    SpeedBeyondMost = 10,
-    AccelerationBeyondMost = 11,
-    MotorNotEnabled = 13,
-    HomingAborted = 20,
-    SpeedOutOfRange = 24,
-    WhileHoming = 30,
-    WhileMoving = 32,
+pub struct AxisFault(u16, &'static str);
+
+impl AxisFault {
+    pub const PARAMETER_OUT_OF_RANGE: AxisFault = AxisFault(1, "PARAMETER OUT OF RANGE");
+    pub const PLUS_HARDWARE_LIMIT: AxisFault = AxisFault(4, "POSITIVE HARDWARE LIMIT DETECTED");
+    pub const MINUS_HARDWARE_LIMIT: AxisFault = AxisFault(5, "NEGATIVE HARDWARE LIMIT DETECTED");
+    pub const PLUS_SOFTWARE_LIMIT: AxisFault = AxisFault(6, "POSITIVE SOFTWARE LIMIT DETECTED");
+    pub const MINUS_SOFTWARE_LIMIT: AxisFault = AxisFault(7, "NEGATIVE SOFTWARE LIMIT DETECTED");
+    pub const SPEED_BEYOND_MOST: AxisFault = AxisFault(10, "MAXIMUM VELOCITY EXCEEDED");
+    pub const ACCELERATION_BEYOND_MOST: AxisFault = AxisFault(11, "MAXIMUM ACCELERATION EXCEEDED");
+    pub const MOTOR_NOT_ENABLED: AxisFault = AxisFault(13, "MOTOR NOT ENABLED");
+    pub const HOMING_ABORTED: AxisFault = AxisFault(20, "HOMING ABORTED");
+    pub const SPEED_OUT_OF_RANGE: AxisFault = AxisFault(24, "SPEED OUT OF RANGE");
+    pub const WHILE_HOMING: AxisFault = AxisFault(30, "COMMAND NOT ALLOWED DURING HOMING");
+    pub const WHILE_MOVING: AxisFault = AxisFault(32, "COMMAND NOT ALLOWED DURING TRAJECTORY EXECUTION");
 }
 
 impl EspError {
     /// The code as the controller gives it: 104 is fault 4 of axis 1.
     pub fn code(self) -> u16 {
         match self {
-            EspError::General(fault) => fault as u16,
-            EspError::OfAxis(axis, fault) => 100 * (axis.index() as u16 + 1) + fault as u16,
+            EspError::General(General(code, _)) => code,
+            EspError::OfAxis(axis, AxisFault(code, _)) => 100 * (axis.index() as u16 + 1) + code,
         }
     }
 
-    /// The text of `TB?`. Only that of the hardware limit is known from a real controller; the others follow its style.
+    /// The text of `TB?`.
     fn text(self) -> String {
         match self {
-            EspError::General(fault) => match fault {
-                General::UnknownCommand => "COMMAND DOES NOT EXIST",
-                General::ParameterOutOfRange => "PARAMETER OUT OF RANGE",
-                General::AxisOutOfRange => "AXIS NUMBER OUT OF RANGE",
-                General::NotAllowed => "COMMAND NOT ALLOWED",
-                General::AxisMissing => "AXIS NUMBER MISSING",
-                General::ParameterMissing => "COMMAND PARAMETER MISSING",
-            }
-            .into(),
-            EspError::OfAxis(axis, fault) => {
-                let text = match fault {
-                    AxisFault::ParameterOutOfRange => "PARAMETER OUT OF RANGE",
-                    AxisFault::PlusHardwareLimit => "POSITIVE HARDWARE LIMIT DETECTED",
-                    AxisFault::MinusHardwareLimit => "NEGATIVE HARDWARE LIMIT DETECTED",
-                    AxisFault::PlusSoftwareLimit => "POSITIVE SOFTWARE LIMIT DETECTED",
-                    AxisFault::MinusSoftwareLimit => "NEGATIVE SOFTWARE LIMIT DETECTED",
-                    AxisFault::SpeedBeyondMost => "MAXIMUM VELOCITY EXCEEDED",
-                    AxisFault::AccelerationBeyondMost => "MAXIMUM ACCELERATION EXCEEDED",
-                    AxisFault::MotorNotEnabled => "MOTOR NOT ENABLED",
-                    AxisFault::HomingAborted => "HOMING ABORTED",
-                    AxisFault::SpeedOutOfRange => "SPEED OUT OF RANGE",
-                    AxisFault::WhileHoming => "COMMAND NOT ALLOWED DURING HOMING",
-                    AxisFault::WhileMoving => "COMMAND NOT ALLOWED DURING TRAJECTORY EXECUTION",
-                };
-                format!("AXIS-{} {text}", axis.index() + 1)
-            }
+            EspError::General(General(_, text)) => text.into(),
+            EspError::OfAxis(axis, AxisFault(_, text)) => format!("AXIS-{} {text}", axis.index() + 1),
         }
     }
 }
@@ -135,7 +115,7 @@ mod tests {
     #[test]
     fn codes_and_texts_are_those_of_the_recording() {
         let mut queue = ErrorQueue::default();
-        queue.push(EspError::OfAxis(Axis::X, AxisFault::PlusHardwareLimit), 2_141_749_940.0 / TICKS_HZ);
+        queue.push(EspError::OfAxis(Axis::X, AxisFault::PLUS_HARDWARE_LIMIT), 2_141_749_940.0 / TICKS_HZ);
         assert_eq!(queue.pop_message(0.0), "104, 2141749940, AXIS-1 POSITIVE HARDWARE LIMIT DETECTED");
         // the clock has wrapped: 2^32 - 2139482948 ticks after it started
         let now_s = (4_294_967_296.0 - 2_139_482_948.0) / TICKS_HZ;
@@ -151,9 +131,9 @@ mod tests {
     #[test]
     fn ten_errors_are_kept_and_the_oldest_goes_first() {
         let mut queue = ErrorQueue::default();
-        queue.push(General::UnknownCommand.into(), 0.0);
+        queue.push(General::UNKNOWN_COMMAND.into(), 0.0);
         for _ in 0..QUEUE_MOST {
-            queue.push(General::AxisMissing.into(), 0.0);
+            queue.push(General::AXIS_MISSING.into(), 0.0);
         }
         for _ in 0..QUEUE_MOST {
             assert_eq!(queue.pop_code(), "37");

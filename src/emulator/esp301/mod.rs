@@ -103,15 +103,15 @@ impl Esp301 {
             b"WS" => self.wait(command, scene, now_s),
             name if OF_ONE_AXIS.contains(&name) => self.run_on_axis(command, scene, now_s),
             // HN, HL, HS and the like: groups
-            [b'H', _] => Err(General::NotAllowed.into()),
-            _ => Err(General::UnknownCommand.into()),
+            [b'H', _] => Err(General::NOT_ALLOWED.into()),
+            _ => Err(General::UNKNOWN_COMMAND.into()),
         }
     }
 
     fn run_on_axis(&mut self, command: &Command, scene: &mut Scene, now_s: f64) -> Answer {
         let axis = command.axis()?;
         let drive = &mut self.drives[axis.index()];
-        let out_of_range = drive.fault(AxisFault::ParameterOutOfRange);
+        let out_of_range = drive.fault(AxisFault::PARAMETER_OUT_OF_RANGE);
         let argument = &command.argument;
         let number = || argument.number(out_of_range);
         let asked = *argument == Argument::Query;
@@ -147,7 +147,7 @@ impl Esp301 {
         for each in Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each)) {
             let drive = &mut self.drives[each.index()];
             if halt(drive) {
-                self.errors.push(drive.fault(AxisFault::HomingAborted), now_s);
+                self.errors.push(drive.fault(AxisFault::HOMING_ABORTED), now_s);
             }
         }
         Ok(None)
@@ -155,7 +155,7 @@ impl Esp301 {
 
     /// `WS[ms]` and `WPx`: the port takes nothing until the axis (or all) stopped, or passed x; `WTms`: for a time.
     fn wait(&mut self, command: &Command, scene: &Scene, now_s: f64) -> Answer {
-        let out_of_range = General::ParameterOutOfRange.into();
+        let out_of_range = General::PARAMETER_OUT_OF_RANGE.into();
         let axis = command.axis_or_all()?;
         let ends = Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each));
         let until_s = ends.map(|axis| self.drives[axis.index()].end_s(scene)).fold(now_s, f64::max);
@@ -170,7 +170,7 @@ impl Esp301 {
 
 /// The answer to a query, with or without its question mark.
 fn tell(command: &Command, answer: impl FnOnce() -> String) -> Answer {
-    if command.argument.tells() { Ok(Some(answer())) } else { Err(General::ParameterOutOfRange.into()) }
+    if command.argument.tells() { Ok(Some(answer())) } else { Err(General::PARAMETER_OUT_OF_RANGE.into()) }
 }
 
 /// A whole number from 0 to `last`.

@@ -51,7 +51,7 @@ pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
 /// its commands.
 pub fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
     if line.len() > LINE_MOST {
-        return vec![Err(General::UnknownCommand.into())];
+        return vec![Err(General::UNKNOWN_COMMAND.into())];
     }
     let bare: Vec<u8> = line.iter().filter(|byte| !b" \t".contains(byte)).map(u8::to_ascii_uppercase).collect();
     bare.split(|&byte| byte == b';').filter(|text| !text.is_empty()).map(command).collect()
@@ -61,9 +61,9 @@ impl Command {
     /// The axis of a command that needs one.
     pub fn axis(&self) -> Result<Axis, EspError> {
         match self.axis {
-            None => Err(General::AxisMissing.into()),
+            None => Err(General::AXIS_MISSING.into()),
             Some(number @ 1..=3) => Ok(Axis::ALL[number as usize - 1]),
-            Some(_) => Err(General::AxisOutOfRange.into()),
+            Some(_) => Err(General::AXIS_OUT_OF_RANGE.into()),
         }
     }
 
@@ -90,7 +90,7 @@ impl Argument {
                 text.parse().map_err(|_| out_of_range)
             }
             Argument::Value(_) => Err(out_of_range),
-            _ => Err(General::ParameterMissing.into()),
+            _ => Err(General::PARAMETER_MISSING.into()),
         }
     }
 
@@ -101,7 +101,7 @@ impl Argument {
 }
 
 fn command(text: &[u8]) -> Result<Command, EspError> {
-    let unknown = || EspError::from(General::UnknownCommand);
+    let unknown = || EspError::from(General::UNKNOWN_COMMAND);
     let digits = text.iter().take_while(|byte| byte.is_ascii_digit()).count();
     let (number, text) = text.split_at(digits);
     let (&name, parameter) = text.split_first_chunk::<2>().ok_or_else(unknown)?;
@@ -165,7 +165,7 @@ mod tests {
         assert!(inbox.len() <= LINE_MOST + 2);
         inbox.extend_from_slice(b"1PA5\r1TP?\r");
         let line = take_line(&mut inbox).expect("a line");
-        assert_eq!(commands(&line), [Err(General::UnknownCommand.into())]);
+        assert_eq!(commands(&line), [Err(General::UNKNOWN_COMMAND.into())]);
         assert_eq!(take_line(&mut inbox).as_deref(), Some(&b"1TP?"[..]));
     }
 
@@ -179,18 +179,18 @@ mod tests {
         assert_eq!(read("1PA+3.00000"), one(Some(1), b"PA", value("+3.00000")));
         assert_eq!(read(" 1 PA -3 ; ;"), one(Some(1), b"PA", value("-3")));
         assert_eq!(read("VA1;AC2;AG3;PA4").len(), 4);
-        assert_eq!(commands(b"*IDN?"), [Err(General::UnknownCommand.into())]);
+        assert_eq!(commands(b"*IDN?"), [Err(General::UNKNOWN_COMMAND.into())]);
     }
 
     #[test]
     fn numbers_are_plain_decimals() {
-        let bad = EspError::from(General::ParameterOutOfRange);
+        let bad = EspError::from(General::PARAMETER_OUT_OF_RANGE);
         let number = |text: &str| Argument::Value(text.into()).number(bad);
         assert_eq!((number("+3.5"), number("-2"), number("7.")), (Ok(3.5), Ok(-2.0), Ok(7.0)));
         for text in ["1E3", "INF", "NAN", "--1", ".", "1,2", "?"] {
             assert_eq!(number(text), Err(bad), "{text}");
         }
-        assert_eq!(Argument::None.number(bad), Err(General::ParameterMissing.into()));
+        assert_eq!(Argument::None.number(bad), Err(General::PARAMETER_MISSING.into()));
     }
 
     proptest! {
@@ -200,7 +200,7 @@ mod tests {
             while let Some(line) = take_line(&mut inbox) {
                 for command in commands(&line).into_iter().flatten() {
                     let _ = (command.axis(), command.axis_or_all());
-                    let _ = command.argument.number(General::NotAllowed.into());
+                    let _ = command.argument.number(General::NOT_ALLOWED.into());
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! The ESP301, command by command.
 
 use super::*;
-use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
+use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::scene::Servo;
 use proptest::prelude::*;
 use std::time::Duration;

@@ -3,7 +3,7 @@
 use super::fault::GrblError;
 
 /// Letters that take no negative number.
-const NOT_NEGATIVE: [u8; 5] = *b"FNPST";
+const NOT_NEGATIVE: [u8; 3] = *b"FNP";
 
 /// How a line moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,9 +40,6 @@ pub struct Block {
     action: Option<Action>,
     machine: bool,
     incremental: Option<bool>,
-    /// A word that a jog doesn't take.
-    other: bool,
-    groups: u16,
     /// Values by letter, A first.
     values: [Option<f64>; 26],
 }
@@ -51,7 +48,6 @@ pub struct Block {
 enum Action {
     Dwell,
     SetG92,
-    ClearG92,
 }
 
 /// What a line comes to.
@@ -78,8 +74,7 @@ impl Block {
             rest = left;
             match letter {
                 b'G' => block.take_g(value)?,
-                b'M' => block.take_m(value)?,
-                b'X' | b'Y' | b'Z' | b'F' | b'N' | b'P' | b'S' | b'T' => {
+                b'X' | b'Y' | b'Z' | b'F' | b'N' | b'P' => {
                     if value < 0.0 && NOT_NEGATIVE.contains(&letter) {
                         return Err(GrblError::NegativeValue);
                     }
@@ -113,10 +108,6 @@ impl Block {
         let order = match self.action {
             Some(Action::Dwell) if moves => return Err(GrblError::UnusedWords),
             Some(Action::Dwell) => BlockOrder::Dwell(self.value(b'P').ok_or(GrblError::MissingValue)?),
-            Some(Action::ClearG92) => {
-                next.g92_mm = [0.0; 3];
-                BlockOrder::Nothing
-            }
             Some(Action::SetG92) if !moves => return Err(GrblError::NoAxisWords),
             Some(Action::SetG92) if self.motion.is_some() => return Err(GrblError::TwoUseAxes),
             Some(Action::SetG92) => {
@@ -143,10 +134,10 @@ impl Block {
 
     /// What a `$J=` line comes to: the modal state counts, and stays as it is.
     pub fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
-        if self.other || self.action.is_some() || self.motion.is_some() {
+        if self.action.is_some() || self.motion.is_some() {
             return Err(GrblError::BadJog);
         }
-        if [b'P', b'S', b'T'].iter().any(|&letter| self.value(letter).is_some()) {
+        if self.value(b'P').is_some() {
             return Err(GrblError::UnusedWords);
         }
         if !self.has_axes() {
@@ -182,71 +173,22 @@ impl Block {
     }
 
     fn take_g(&mut self, value: f64) -> Result<(), GrblError> {
-        // in tenths: G91.1 is one word
+        // in tenths: G92.1 is one word
         let tenths = (value * 10.0).round();
         if !(0.0..=1000.0).contains(&tenths) || (tenths - value * 10.0).abs() > 1e-6 {
             return Err(GrblError::Unsupported);
         }
-        let (group, allowed_in_jog) = match tenths as u16 {
-            0 => (self.set_motion(MotionMode::Rapid), false),
-            10 => (self.set_motion(MotionMode::Feed), false),
-            40 => (self.set_action(Action::Dwell), false),
-            920 => (self.set_action(Action::SetG92), false),
-            921 => (self.set_action(Action::ClearG92), false),
-            530 => {
-                self.machine = true;
-                (0, true)
-            }
-            210 => (6, true),
-            distance @ (900 | 910) => {
-                self.incremental = Some(distance == 910);
-                (3, true)
-            }
-            // arcs, whose plane this is, aren't served, and the offsets of all work coordinates are zero
-            170 | 180 | 190 => (2, false),
-            540 | 550 | 560 | 570 | 580 | 590 => (8, false),
-            // the only ways GRBL knows, said for the sake of other controllers
-            911 => (4, false),
-            940 => (5, false),
-            400 => (7, false),
-            490 => (9, false),
-            610 => (10, false),
+        match tenths as u16 {
+            0 => self.motion = Some(MotionMode::Rapid),
+            10 => self.motion = Some(MotionMode::Feed),
+            40 => self.action = Some(Action::Dwell),
+            920 => self.action = Some(Action::SetG92),
+            530 => self.machine = true,
+            distance @ (900 | 910) => self.incremental = Some(distance == 910),
+            // the only ways there are here, said for the sake of other controllers
+            210 | 940 => {}
             _ => return Err(GrblError::Unsupported),
-        };
-        self.other |= !allowed_in_jog;
-        self.enter_group(group)
-    }
-
-    fn take_m(&mut self, value: f64) -> Result<(), GrblError> {
-        self.other = true;
-        let whole = (0..=30).find(|&whole| f64::from(whole) == value);
-        let group = match whole.ok_or(GrblError::Unsupported)? {
-            0..=2 | 30 => 11,
-            // there is no spindle and no coolant
-            3..=5 => 12,
-            7..=9 => 13,
-            _ => return Err(GrblError::Unsupported),
-        };
-        self.enter_group(group)
-    }
-
-    fn set_motion(&mut self, motion: MotionMode) -> u8 {
-        self.motion = Some(motion);
-        1
-    }
-
-    fn set_action(&mut self, action: Action) -> u8 {
-        self.action = Some(action);
-        0
-    }
-
-    /// Words of one group exclude each other.
-    fn enter_group(&mut self, group: u8) -> Result<(), GrblError> {
-        let bit = 1 << group;
-        if self.groups & bit != 0 {
-            return Err(GrblError::TwoOfOneGroup);
         }
-        self.groups |= bit;
         Ok(())
     }
 }
@@ -283,9 +225,9 @@ mod tests {
         assert_eq!(run(&mut modal, "G90X4"), go([4.0, 2.0, 3.0], None));
         assert_eq!(run(&mut modal, "G21G92X0"), Ok(BlockOrder::Nothing));
         assert_eq!(run(&mut modal, "X1"), go([2.0, 2.0, 3.0], None));
-        assert_eq!(run(&mut modal, "G92.1"), Ok(BlockOrder::Nothing));
+        assert_eq!(run(&mut modal, "G92X1Y2Z3"), Ok(BlockOrder::Nothing));
         assert_eq!(run(&mut modal, "G4P1.5"), Ok(BlockOrder::Dwell(1.5)));
-        assert_eq!(run(&mut modal, "G17G54M5M9T0S0"), Ok(BlockOrder::Nothing));
+        assert_eq!(run(&mut modal, "G21G94"), Ok(BlockOrder::Nothing));
         assert_eq!(modal, Modal { feed_mm_min: 300.0, ..Modal::default() });
     }
 
@@ -301,12 +243,9 @@ mod tests {
             ("X1F0", GrblError::NoFeed),
             ("F100", GrblError::NoAxisWords),
             ("G1X1F100", GrblError::BadJog),
-            ("M3X1F100", GrblError::BadJog),
             ("G92X1F100", GrblError::BadJog),
-            ("G54X1F100", GrblError::BadJog),
-            ("X1F100S5", GrblError::UnusedWords),
+            ("X1F100P5", GrblError::UnusedWords),
             ("X1X2F100", GrblError::RepeatedWord),
-            ("G90G91X1F100", GrblError::TwoOfOneGroup),
             ("X1F-100", GrblError::NegativeValue),
         ] {
             assert_eq!(jog(line), Err(fault), "{line}");
@@ -322,7 +261,6 @@ mod tests {
             ("G1X1", GrblError::NoFeed),
             ("G2X1", GrblError::Unsupported),
             ("G91Q1", GrblError::Unsupported),
-            ("G91G0G1", GrblError::TwoOfOneGroup),
             ("G80", GrblError::Unsupported),
             ("G20", GrblError::Unsupported),
             ("G91G4", GrblError::MissingValue),

@@ -2,12 +2,13 @@
 //! out, and single bytes that act at once.
 //!
 //! The build is one whose homing sets the origin (option Z of `$I`), in the middle of the travel: where GRBL counts from
-//! minus the travel to 0, this one counts from minus half of it to plus half, so that with `$130=25` and so on machine
-//! coordinates are the stage's own once it is homed. Axes home z first, each to its + end, or to the - one where `$23` says so.
+//! minus the travel to 0, this one counts from minus half of it to plus half, so that machine coordinates are the stage's own
+//! once it is homed. Axes home z first, each to its + end. The settings are those it is delivered with.
 //!
-//! Not served, and answered with an error: inches, arcs, probing, G10, G28, G30, G80, tool offsets, `$C`, `$N`, `$SLP`, `$RST`.
-//! Taken and without effect: spindle, coolant, tools, planes, G54 to G59, M0 to M2, M30, overrides and the door. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a
-//! client comes: nothing here sees its DTR.
+//! Served is what a client sends: G0, G1, G4, G92, absolute and incremental, jogs; G21 and G94 are taken and without effect. All
+//! else is answered with an error, and single bytes other than `?`, a jog's cancel and a reset are taken without effect.
+//! Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a client comes: nothing here sees its
+//! DTR.
 //!
 //! A line that homes, dwells, or needs room in the planner is answered when that is done. Lines behind it wait, single bytes
 //! act; while it homes only a reset does, and a `?` is answered once at its end.
@@ -28,15 +29,13 @@ use gcode::{Block, BlockOrder, Modal};
 use line::{Input, LineReader};
 use machine::{Activity, Homed, Machine, PlannedLine};
 use report::{RX_MOST, Reporter, StatusReport};
-use settings::Settings;
+use settings::TRAVEL_MM;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::Notify;
 
 /// How far beyond the travel a target may lie by rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
-/// What comes after an alarm that only a reset ends.
-const RESET_TO_CONTINUE: &str = "[MSG:Reset to continue]";
 
 /// What stands for a line that was too long; no line has such a byte.
 const OVERLONG: u8 = b'\t';
@@ -51,14 +50,16 @@ const JOG_CANCEL: u8 = 0x85;
 /// It is switched on with homing on and so locked; where each axis stands it takes for zero until it is homed.
 pub struct Grbl {
     machine: Machine,
-    settings: Settings,
     modal: Modal,
     reader: LineReader,
     reporter: Reporter,
     lock: Lock,
-    waiting: Waiting,
-    /// Homing that was begun: it ends well, or with an alarm.
-    homing: Option<Result<Homed, u8>>,
+    /// Lines that came and aren't run yet, at most as many as the serial buffer has room for.
+    waiting: VecDeque<String>,
+    /// What the first of them waits for.
+    stall: Option<Stall>,
+    /// Homing that was begun.
+    homing: Option<Homed>,
     /// A `?` came while it homed.
     asked: bool,
     /// A line that set off an alarm gets its `ok` with the reset.
@@ -81,12 +82,12 @@ impl Grbl {
     pub fn new(scene: &Scene) -> Self {
         Grbl {
             machine: Machine::new(scene),
-            settings: Settings::default(),
             modal: Modal::default(),
             reader: LineReader::default(),
             reporter: Reporter::default(),
             lock: Lock::Alarm,
-            waiting: Waiting::default(),
+            waiting: VecDeque::new(),
+            stall: None,
             homing: None,
             asked: false,
             unanswered: false,
@@ -110,9 +111,9 @@ impl Instrument for Grbl {
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut reply = Reply::default();
-        self.settle(&mut reply, scene, now_s);
+        self.machine.settle(scene, now_s);
         match request {
-            [line @ .., RUN] => self.waiting.push(&String::from_utf8_lossy(line)),
+            [line @ .., RUN] => self.keep(&String::from_utf8_lossy(line)),
             [byte] => self.act(*byte, &mut reply, scene, now_s),
             _ => {}
         }
@@ -130,7 +131,7 @@ impl Instrument for Grbl {
             return Owed::Nothing;
         }
         let mut reply = Reply::default();
-        self.settle(&mut reply, scene, now_s);
+        self.machine.settle(scene, now_s);
         self.run_waiting(&mut reply, scene, now_s);
         match self.next_s() {
             _ if !reply.0.is_empty() => Owed::Ready(reply.0.into_bytes()),
@@ -138,13 +139,6 @@ impl Instrument for Grbl {
             None => Owed::Nothing,
         }
     }
-}
-
-/// Lines that came and aren't run yet, at most as many as the serial buffer has room for, and what the first waits for.
-#[derive(Default)]
-struct Waiting {
-    lines: VecDeque<String>,
-    stall: Option<Stall>,
 }
 
 /// What a line waits for.
@@ -156,30 +150,6 @@ enum Stall {
     Dwell { still_s: f64, dwell_s: f64 },
     /// An instant, s.
     Until(f64),
-}
-
-impl Waiting {
-    /// Adds a line; one that the buffer has no room for is lost.
-    fn push(&mut self, line: &str) {
-        let taken: usize = self.lines.iter().map(|line| line.len() + 1).sum();
-        if self.lines.is_empty() || taken + line.len() < RX_MOST {
-            self.lines.push_back(line.into());
-        }
-    }
-
-    fn is_empty(&self) -> bool {
-        self.lines.is_empty()
-    }
-
-    /// Forgets all of them.
-    fn clear(&mut self) {
-        *self = Waiting::default();
-    }
-
-    #[cfg(test)]
-    fn bytes(&self) -> usize {
-        self.lines.iter().map(String::len).sum()
-    }
 }
 
 /// Lines to send.
@@ -198,17 +168,6 @@ impl Reply {
 }
 
 impl Grbl {
-    /// Motions end by themselves; an end of the frame that was run into is noticed when the controller next looks.
-    fn settle(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        let hit = self.machine.settle(scene, now_s);
-        if hit && self.settings.on(settings::HARD_LIMITS) && self.lock == Lock::Open {
-            self.machine.cut_off(&self.settings, scene, now_s);
-            self.lock = Lock::Critical;
-            reply.alarm(1);
-            reply.line(RESET_TO_CONTINUE);
-        }
-    }
-
     fn take_line(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         match self.run(line, reply, scene, now_s) {
             Ok(()) if self.unanswered => {}
@@ -222,24 +181,24 @@ impl Grbl {
             [OVERLONG] => Err(GrblError::Overlong),
             [] => Ok(()),
             [b'$', ..] => self.run_system(&line[1..], reply, scene, now_s),
-            _ if self.lock != Lock::Open || self.machine.activity(now_s) == Activity::Jog => Err(GrblError::Locked),
+            _ if self.lock != Lock::Open || self.machine.activity() == Activity::Jog => Err(GrblError::Locked),
             _ => self.run_gcode(line, reply, scene, now_s),
         }
     }
 
     fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
-        let at_mm = self.machine.end_mm(&self.settings, scene, now_s);
+        let at_mm = self.machine.end_mm(scene, now_s);
         let g92_mm = self.modal.g92_mm;
         match Block::parse(line)?.execute(&mut self.modal, at_mm)? {
             BlockOrder::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
-                self.machine.hold(scene, now_s);
+                self.machine.cancel(scene, now_s);
                 self.lock = Lock::Critical;
                 self.unanswered = true;
                 reply.alarm(2);
-                reply.line(RESET_TO_CONTINUE);
+                reply.line("[MSG:Reset to continue]");
             }
             BlockOrder::Go { to_mm, feed_mm_min } => {
-                self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: false }, &self.settings, scene, now_s);
+                self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: false }, scene, now_s);
             }
             BlockOrder::Dwell(_) | BlockOrder::Nothing => {}
         }
@@ -251,11 +210,10 @@ impl Grbl {
 
     /// A line that begins with `$`, which is cut off.
     fn run_system(&mut self, command: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
-        let activity = self.machine.activity(now_s);
+        let activity = self.machine.activity();
         match command {
-            "" => reply.line(report::HELP),
             "$" if activity == Activity::Run => return Err(GrblError::NotIdle),
-            "$" => self.settings.lines().for_each(|line| reply.line(line)),
+            "$" => settings::LINES.split(' ').for_each(|line| reply.line(line)),
             "G" => reply.line(report::modes(&self.modal)),
             "X" => {
                 if self.lock == Lock::Alarm {
@@ -267,48 +225,30 @@ impl Grbl {
             _ if activity != Activity::Idle => return Err(GrblError::NotIdle),
             "#" => report::parameters(&self.modal).iter().for_each(|line| reply.line(line)),
             "I" => report::build_info().iter().for_each(|line| reply.line(line)),
-            "H" => return self.end_homing(reply, scene, now_s),
-            setting => {
-                let (number, rest) = gcode::number(setting.as_bytes()).ok_or(GrblError::InvalidStatement)?;
-                let value = rest.strip_prefix(b"=").ok_or(GrblError::InvalidStatement)?;
-                match gcode::number(value).ok_or(GrblError::BadNumber)? {
-                    (value, []) => self.settings.set(number, value)?,
-                    _ => return Err(GrblError::InvalidStatement),
+            "H" => {
+                if let Some(homed) = self.homing.take() {
+                    self.machine.is_home(homed);
+                    self.lock = Lock::Open;
                 }
             }
+            _ => return Err(GrblError::InvalidStatement),
         }
         Ok(())
     }
 
     /// A jog: what follows `$J`. In an alarm it isn't the lock that refuses it, but that it isn't idle.
     fn jog(&mut self, jog: &str, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
-        let ready = matches!(self.machine.activity(now_s), Activity::Idle | Activity::Jog);
+        let ready = matches!(self.machine.activity(), Activity::Idle | Activity::Jog);
         if self.lock != Lock::Open || !ready {
             return Err(GrblError::NotIdle);
         }
         let words = jog.strip_prefix('=').ok_or(GrblError::BadJog)?;
-        let at_mm = self.machine.end_mm(&self.settings, scene, now_s);
+        let at_mm = self.machine.end_mm(scene, now_s);
         if let BlockOrder::Go { to_mm, feed_mm_min } = Block::parse(words)?.jog(&self.modal, at_mm)? {
             if self.beyond_travel(to_mm) {
                 return Err(GrblError::TravelExceeded);
             }
-            self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: true }, &self.settings, scene, now_s);
-        }
-        Ok(())
-    }
-
-    fn end_homing(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
-        match self.homing.take() {
-            None => return Err(GrblError::HomingDisabled),
-            Some(Ok(homed)) => {
-                self.machine.is_home(homed);
-                self.lock = Lock::Open;
-            }
-            Some(Err(alarm)) => {
-                self.lock = Lock::Alarm;
-                reply.alarm(alarm);
-                self.restart(reply, scene, now_s);
-            }
+            self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: true }, scene, now_s);
         }
         Ok(())
     }
@@ -320,21 +260,19 @@ impl Grbl {
             b'?' if self.homing.is_some() => self.asked = true,
             _ if self.lock == Lock::Critical || self.homing.is_some() => {}
             b'?' => self.tell_status(reply, scene, now_s),
-            JOG_CANCEL if self.machine.activity(now_s) != Activity::Jog => {}
-            b'!' | JOG_CANCEL if self.lock == Lock::Open => self.machine.hold(scene, now_s),
-            b'~' => self.machine.resume(scene, now_s),
+            JOG_CANCEL if self.machine.activity() == Activity::Jog => self.machine.cancel(scene, now_s),
             _ => {}
         }
     }
 
     fn tell_status(&mut self, reply: &mut Reply, scene: &Scene, now_s: f64) {
         let status = self.status(scene, now_s);
-        reply.line(self.reporter.status(&status, &self.settings));
+        reply.line(self.reporter.status(&status));
     }
 
     /// 0x18. What moved has lost its place.
     fn reset(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        let in_motion = matches!(self.machine.activity(now_s), Activity::Run | Activity::Jog | Activity::Braking);
+        let in_motion = self.machine.activity() != Activity::Idle;
         match (self.homing.take(), self.lock) {
             (Some(_), _) => {
                 reply.alarm(6);
@@ -355,11 +293,11 @@ impl Grbl {
 
     /// All is as it is switched on, but for the settings, the place and the lock.
     fn restart(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        self.machine.cut_off(&self.settings, scene, now_s);
+        self.machine.cut_off(scene, now_s);
         self.modal = Modal::default();
         self.reporter = Reporter::default();
         self.reader.clear();
-        self.waiting.clear();
+        self.forget_lines();
         self.asked = false;
         reply.line("");
         reply.line("Grbl 1.1h ['$' for help]");
@@ -369,50 +307,55 @@ impl Grbl {
     }
 
     fn status(&self, scene: &Scene, now_s: f64) -> StatusReport {
-        let activity = self.machine.activity(now_s);
+        let activity = self.machine.activity();
         let state = match activity {
             _ if self.lock != Lock::Open => "Alarm",
             Activity::Idle => "Idle",
             Activity::Run => "Run",
             Activity::Jog => "Jog",
-            Activity::Braking => "Hold:1",
-            Activity::Held => "Hold:0",
         };
         StatusReport {
             state: state.into(),
             busy: activity != Activity::Idle,
-            places_mm: self.machine.places_mm(&self.settings, scene, now_s),
+            places_mm: self.machine.places_mm(scene, now_s),
             offset_mm: self.modal.g92_mm,
-            room: self.machine.room(),
             speed_mm_s: self.machine.speed_mm_s(scene, now_s),
             switches: self.machine.switches(scene, now_s),
         }
     }
 
     fn beyond_travel(&self, to_mm: [f64; 3]) -> bool {
-        let travels_mm = self.settings.of_axes(settings::TRAVEL);
-        let beyond = |(to_mm, travel_mm): (f64, f64)| to_mm.abs() > travel_mm / 2.0 + ROUNDING_MM;
-        self.settings.on(settings::SOFT_LIMITS) && to_mm.into_iter().zip(travels_mm).any(beyond)
+        to_mm.into_iter().any(|to_mm| to_mm.abs() > TRAVEL_MM / 2.0 + ROUNDING_MM)
     }
 }
 
 impl Grbl {
+    /// Keeps a line until it can be run; one that the buffer has no room for is lost.
+    fn keep(&mut self, line: &str) {
+        let taken: usize = self.waiting.iter().map(|line| line.len() + 1).sum();
+        if self.waiting.is_empty() || taken + line.len() < RX_MOST {
+            self.waiting.push_back(line.into());
+        }
+    }
+
+    fn forget_lines(&mut self) {
+        self.waiting.clear();
+        self.stall = None;
+    }
+
     /// Runs the lines that wait for nothing any more.
     fn run_waiting(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        while let Some(line) = self.waiting.lines.front().cloned() {
+        while let Some(line) = self.waiting.front().cloned() {
             if self.lock == Lock::Critical {
-                self.waiting.clear(); // it answers nothing until it is reset
+                self.forget_lines(); // it answers nothing until it is reset
                 return;
             }
-            if self.machine.is_held() {
+            let stall = self.stall.or_else(|| self.begin_to_wait(&line, scene, now_s));
+            self.stall = stall.and_then(|stall| self.still_waits(stall, now_s));
+            if self.stall.is_some() {
                 return;
             }
-            let stall = self.waiting.stall.or_else(|| self.begin_to_wait(&line, scene, now_s));
-            self.waiting.stall = stall.and_then(|stall| self.still_waits(stall, now_s));
-            if self.waiting.stall.is_some() {
-                return;
-            }
-            self.waiting.lines.pop_front();
+            self.waiting.pop_front();
             self.take_line(&line, reply, scene, now_s);
             if std::mem::take(&mut self.asked) {
                 self.tell_status(reply, scene, now_s);
@@ -422,10 +365,7 @@ impl Grbl {
 
     /// When the first line may be run, s; none: not before something else happens.
     fn next_s(&self) -> Option<f64> {
-        if self.machine.is_held() {
-            return None;
-        }
-        Some(match self.waiting.stall? {
+        Some(match self.stall? {
             Stall::Room => self.machine.ready_s(),
             Stall::Dwell { still_s, .. } => still_s,
             Stall::Until(at_s) => at_s,
@@ -434,14 +374,14 @@ impl Grbl {
 
     /// What a line has to wait for; homing begins with it.
     fn begin_to_wait(&mut self, line: &str, scene: &mut Scene, now_s: f64) -> Option<Stall> {
-        let activity = self.machine.activity(now_s);
+        let activity = self.machine.activity();
         if line == "$H" {
-            if activity != Activity::Idle || !self.settings.on(settings::HOMING) {
+            if activity != Activity::Idle {
                 return None;
             }
-            let homing = self.machine.home(&self.settings, scene, now_s);
-            self.homing = Some(homing);
-            return homing.ok().map(|homed| Stall::Until(homed.end_s));
+            let homed = self.machine.home(scene, now_s);
+            self.homing = Some(homed);
+            return Some(Stall::Until(homed.end_s));
         }
         if let Some(dwell_s) = Block::parse(line).ok().and_then(|block| block.dwell_s()) {
             let runs = self.lock == Lock::Open && activity != Activity::Jog;

@@ -2,20 +2,14 @@
 
 use super::gcode::{Modal, MotionMode};
 use super::machine::BLOCKS_MOST;
-use super::settings::{self, Settings};
 use std::fmt::Write;
 
-/// What the help line says.
-pub const HELP: &str = "[HLP:$$ $# $G $I $x=val $J=line $X $H ~ ! ? ctrl-x]";
 /// Bytes of the serial line that GRBL buffers.
 pub const RX_MOST: usize = 128;
 /// Reports from one that tells the work offset to the next, when something moves and when nothing does.
 const OFFSET_EVERY: (u8, u8) = (30, 10);
 /// Reports from one that tells the overrides to the next.
 const OVERRIDES_EVERY: (u8, u8) = (20, 10);
-/// Bits of `$10`.
-const MACHINE_PLACE: u8 = 1;
-const BUFFERS: u8 = 2;
 
 /// Counts status reports: what seldom changes is told in some of them only.
 #[derive(Default)]
@@ -28,14 +22,12 @@ pub struct Reporter {
 pub struct StatusReport {
     /// The state's name.
     pub state: String,
-    /// Whether something moves, or is held in its motion.
+    /// Whether something moves.
     pub busy: bool,
     /// Machine coordinates, mm.
     pub places_mm: [f64; 3],
     /// Machine less work coordinates, mm.
     pub offset_mm: [f64; 3],
-    /// Blocks the planner has room for.
-    pub room: usize,
     /// How fast the tool moves, mm/s.
     pub speed_mm_s: f64,
     /// Axes whose limit switch is pressed.
@@ -49,19 +41,9 @@ impl Reporter {
     }
 
     /// The line that answers `?`.
-    pub fn status(&mut self, status: &StatusReport, settings: &Settings) -> String {
-        let mask = settings.get(settings::STATUS_MASK) as u8;
-        let mut line = format!("<{}|", status.state);
+    pub fn status(&mut self, status: &StatusReport) -> String {
+        let mut line = format!("<{}|MPos:{}", status.state, places(status.places_mm));
         // writing to a string can't fail
-        let _ = if mask & MACHINE_PLACE != 0 {
-            write!(line, "MPos:{}", places(status.places_mm))
-        } else {
-            let work_mm = std::array::from_fn(|n| status.places_mm[n] - status.offset_mm[n]);
-            write!(line, "WPos:{}", places(work_mm))
-        };
-        if mask & BUFFERS != 0 {
-            let _ = write!(line, "|Bf:{},{RX_MOST}", status.room);
-        }
         let _ = write!(line, "|FS:{:.0},0", status.speed_mm_s * 60.0);
         if status.switches.contains(&true) {
             line += "|Pn:";

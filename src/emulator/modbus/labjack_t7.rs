@@ -1,7 +1,7 @@
 //! The LabJack T7 (support.labjack.com: Protocol Details, Direct Modbus TCP): f32 and u32 over two registers, high word
 //! first, and to be read and written whole.
 
-use super::{READ_MOST, Refusal, RegisterMap, Word};
+use super::{Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
 use std::ops::Range;
 
@@ -12,9 +12,7 @@ const VOLTS_PER_UNIT: f64 = 1.0;
 /// How far an input goes to either side, V.
 const RANGE_V: f64 = 10.0;
 
-// LAST_ERR_DETAIL
-const BAD_COUNT: u16 = 2313;
-const READ_TOO_LARGE: u16 = 2314;
+/// A LAST_ERR_DETAIL.
 const COUNT_MUST_BE_EVEN: u16 = 2315;
 
 /// The input that a load cell's amplifier is on, and what the amplifier makes of a newton, V.
@@ -47,8 +45,9 @@ impl LabJackT7 {
         LabJackT7 { role, dac_v: [0.0; 2], last_error: 0, wires_v: Vec::new() }
     }
 
-    fn fail<T>(&mut self, detail: u16) -> Result<T, Refusal> {
-        self.last_error = detail;
+    /// Half of a value.
+    fn fail<T>(&mut self) -> Result<T, Refusal> {
+        self.last_error = COUNT_MUST_BE_EVEN;
         Err(Refusal::Value)
     }
 
@@ -118,7 +117,7 @@ impl RegisterMap for LabJackT7 {
                     left = rest;
                     address += 2;
                 }
-                _ => return self.fail(COUNT_MUST_BE_EVEN),
+                _ => return self.fail(),
             }
         }
         Ok(())
@@ -131,23 +130,19 @@ impl RegisterMap for LabJackT7 {
             if !matches!(address, 1000 | 1002) {
                 return Err(Refusal::Address);
             }
-            let &[[a, b], [c, d], ref rest @ ..] = left else { return self.fail(COUNT_MUST_BE_EVEN) };
+            let &[[a, b], [c, d], ref rest @ ..] = left else { return self.fail() };
             self.dac_v[usize::from(address - 1000) / 2] = f32::from_be_bytes([a, b, c, d]).clamp(0.0, 5.0);
             left = rest;
             address += 2;
         }
         Ok(())
     }
-
-    fn refused_count(&mut self, count: u16) {
-        self.last_error = if count > READ_MOST { READ_TOO_LARGE } else { BAD_COUNT };
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::testbed::{noisy, pressed, scene};
+    use crate::emulator::tests::{noisy, pressed, scene};
     use crate::mechanics::lambda;
 
     fn floats<const N: usize>(daq: &mut LabJackT7, scene: &mut Scene, address: u16) -> [f32; N] {
@@ -228,10 +223,6 @@ mod tests {
         daq.read(55000, &mut detail, &mut scene(), 0.0).expect("the detail");
         assert_eq!(u16::from_be_bytes(detail[0]), COUNT_MUST_BE_EVEN);
         assert_eq!(write(&mut daq, 1000, &[[0, 0]]), Err(Refusal::Value));
-        daq.refused_count(126);
-        assert_eq!(daq.last_error, READ_TOO_LARGE);
-        daq.refused_count(0);
-        assert_eq!(daq.last_error, BAD_COUNT);
         for address in [1, 28, 55101, 65535] {
             assert_eq!(daq.read(address, &mut odd, &mut scene(), 0.0), Err(Refusal::Address), "{address}");
         }

@@ -11,10 +11,6 @@ const COUNTS_PER_N: f64 = 1000.0;
 const DECIMALS: u16 = 3;
 /// Most registers of one query (manual).
 const QUERY_MOST: usize = 32;
-/// Change between two looks, in counts, up to which the weight is said to be stable.
-const STABLE_COUNTS: i32 = 20;
-/// Counts around zero that are near it: a quarter of a division.
-const NEAR_ZERO_N: f64 = 0.25 / COUNTS_PER_N;
 /// The most that is told of a weight, counts.
 const TOLD_MOST: i32 = 999_999;
 /// Divisions beyond the range that are borne, and the part of it at which the converter ends.
@@ -30,13 +26,11 @@ const COMMAND: u16 = 5;
 const STATUS: u16 = 6;
 const GROSS: u16 = 7;
 const NET: u16 = 9;
-const PEAK: u16 = 11;
 const DIVISION: u16 = 13;
 
 const NO_COMMAND: u16 = 0;
 const TARE: u16 = 7;
 const SEMI_AUTO_ZERO: u16 = 8;
-const CLEAR_TARE: u16 = 9;
 
 const CONVERTER_FAULT: u16 = 1 << 1;
 const BEYOND_RANGE: u16 = 1 << 2;
@@ -45,21 +39,16 @@ const GROSS_BEYOND_TOLD: u16 = 1 << 4;
 const NET_BEYOND_TOLD: u16 = 1 << 5;
 const GROSS_NEGATIVE: u16 = 1 << 7;
 const NET_NEGATIVE: u16 = 1 << 8;
-const PEAK_NEGATIVE: u16 = 1 << 9;
 const NET_SHOWN: u16 = 1 << 10;
-const STABLE: u16 = 1 << 11;
-const NEAR_ZERO: u16 = 1 << 12;
 
 /// A load cell and its Laumas transmitter. Weights are forces in mN, pressing positive; gross is less the zero, net less the
-/// tare too, peak is the greatest gross since it was switched on. A restart would forget all three.
+/// tare too; a restart would forget both.
 ///
-/// The command register reads 0: a command is done when it is answered. Calibration, filters and set points aren't served.
+/// The command register reads 0: a command is done when it is answered. Peaks, calibration, filters and set points aren't served.
 pub struct LaumasTlb {
     range_n: f64,
     zero: i32,
     tare: Option<i32>,
-    peak: i32,
-    last_measured: Option<i32>,
 }
 
 /// What the cell reads at one instant, in counts.
@@ -72,18 +61,15 @@ struct Weights {
 impl LaumasTlb {
     /// A cell that measures up to `range_n` either way. A little beyond, the status says so; at 110 % the weight stays.
     pub fn new(range_n: f64) -> Self {
-        LaumasTlb { range_n, zero: 0, tare: None, peak: 0, last_measured: None }
+        LaumasTlb { range_n, zero: 0, tare: None }
     }
 
-    fn weigh(&mut self, scene: &mut Scene, now_s: f64) -> Weights {
+    fn weigh(&self, scene: &mut Scene, now_s: f64) -> Weights {
         let force_n = scene.load_cell_n(now_s);
         let most_n = self.range_n * CONVERTER_PART;
         let measured = (force_n.clamp(-most_n, most_n) * COUNTS_PER_N).round() as i32;
         let gross = measured.saturating_sub(self.zero);
         let net = gross.saturating_sub(self.tare.unwrap_or(0));
-        self.peak = self.peak.max(gross);
-        let moved = self.last_measured.map_or(0, |last| last.abs_diff(measured));
-        self.last_measured = Some(measured);
         let mut status = 0;
         for (bit, set) in [
             (CONVERTER_FAULT, !force_n.is_finite()),
@@ -93,10 +79,7 @@ impl LaumasTlb {
             (NET_BEYOND_TOLD, net.abs() > TOLD_MOST),
             (GROSS_NEGATIVE, gross < 0),
             (NET_NEGATIVE, net < 0),
-            (PEAK_NEGATIVE, self.peak < 0),
             (NET_SHOWN, self.tare.is_some()),
-            (STABLE, moved <= STABLE_COUNTS.unsigned_abs()),
-            (NEAR_ZERO, (force_n - f64::from(self.zero) / COUNTS_PER_N).abs() <= NEAR_ZERO_N),
         ] {
             if set {
                 status |= bit;
@@ -110,11 +93,8 @@ impl LaumasTlb {
             NO_COMMAND => {}
             TARE => self.tare = Some(self.weigh(scene, now_s).gross),
             SEMI_AUTO_ZERO => {
-                let gross = self.weigh(scene, now_s).gross;
-                self.zero += gross;
-                self.peak = 0;
+                self.zero += self.weigh(scene, now_s).gross;
             }
-            CLEAR_TARE => self.tare = None,
             _ => return Err(Refusal::Value),
         }
         Ok(())
@@ -144,7 +124,6 @@ impl RegisterMap for LaumasTlb {
                 STATUS => weights.status.to_be_bytes(),
                 GROSS | 8 => half(weights.gross, GROSS),
                 NET | 10 => half(weights.net, NET),
-                PEAK | 12 => half(self.peak, PEAK),
                 DIVISION => DECIMALS.to_be_bytes(),
                 _ => [0, 0],
             };
@@ -164,7 +143,7 @@ impl RegisterMap for LaumasTlb {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::testbed::{noisy, pressed};
+    use crate::emulator::tests::{noisy, pressed};
 
     fn read(cell: &mut LaumasTlb, force_n: f64, address: u16) -> u32 {
         let mut words = [[0; 2]; 2];
@@ -183,9 +162,8 @@ mod tests {
     #[test]
     fn weights_count_millinewtons_and_the_division_says_so() {
         let mut cell = LaumasTlb::new(5.0);
-        assert_eq!([GROSS, NET, PEAK].map(|address| read(&mut cell, 1.2344, address)), [1234; 3]);
+        assert_eq!([GROSS, NET].map(|address| read(&mut cell, 1.2344, address)), [1234; 2]);
         assert_eq!(read(&mut cell, 0.0, DIVISION) >> 16, 3);
-        assert_eq!(read(&mut cell, 0.0, PEAK), 1234);
     }
 
     #[test]
@@ -195,28 +173,20 @@ mod tests {
         command(&mut cell, 0.75, 7).expect("tared");
         assert_eq!([GROSS, NET].map(|address| read(&mut cell, 1.0, address)), [500, 250]);
         assert_eq!([GROSS, NET].map(|address| read(&mut cell, 0.6, address)), [100, 150]);
-        assert_eq!(status(&mut cell, 0.6), NET_NEGATIVE | NET_SHOWN | STABLE);
+        assert_eq!(status(&mut cell, 0.6), NET_NEGATIVE | NET_SHOWN);
         assert_eq!([GROSS, NET].map(|address| read(&mut cell, 0.25, address)), [250, 500]);
-        assert_eq!(status(&mut cell, 0.25), GROSS_NEGATIVE | NET_NEGATIVE | NET_SHOWN | STABLE);
-        command(&mut cell, 0.25, 9).expect("cleared");
-        assert_eq!([GROSS, NET].map(|address| read(&mut cell, 0.25, address)), [250, 250]);
-        assert_eq!(status(&mut cell, 0.5), STABLE_NOT | NEAR_ZERO);
+        assert_eq!(status(&mut cell, 0.25), GROSS_NEGATIVE | NET_NEGATIVE | NET_SHOWN);
     }
 
-    /// The cell has just moved.
-    const STABLE_NOT: u16 = 0;
-
     #[test]
-    fn the_status_tells_unrest_and_what_is_beyond_the_range() {
+    fn the_status_tells_what_is_beyond_the_range() {
         let mut cell = LaumasTlb::new(5.0);
-        assert_eq!(status(&mut cell, 0.0), STABLE | NEAR_ZERO);
         assert_eq!(status(&mut cell, 1.0), 0);
-        assert_eq!(status(&mut cell, 1.0), STABLE);
         assert_eq!(status(&mut cell, 5.005), 0);
         assert_eq!(status(&mut cell, 5.1), BEYOND_RANGE);
         assert_eq!(status(&mut cell, 5.6), BEYOND_RANGE | BEYOND_CONVERTER);
         assert_eq!(read(&mut cell, 5.6, GROSS), 5500);
-        assert_eq!(status(&mut LaumasTlb::new(2000.0), 1000.0), GROSS_BEYOND_TOLD | NET_BEYOND_TOLD | STABLE);
+        assert_eq!(status(&mut LaumasTlb::new(2000.0), 1000.0), GROSS_BEYOND_TOLD | NET_BEYOND_TOLD);
     }
 
     #[test]

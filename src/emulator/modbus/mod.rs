@@ -62,9 +62,6 @@ pub trait RegisterMap: Send {
     /// # Errors
     /// If one of them can't be written; those before it are.
     fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
-
-    /// A request of `count` registers was refused before it came here, being none or more than a frame holds.
-    fn refused_count(&mut self, _count: u16) {}
 }
 
 /// A Modbus device over a register map.
@@ -78,10 +75,6 @@ enum Framing {
     Rtu { unit_id: u8 },
     Tcp,
 }
-
-/// A request that keeps the rules of Modbus but is refused all the same.
-#[derive(Clone, Copy)]
-struct Exception(ErrorKind);
 
 type Frame<'a> = ModbusFrame<'a, Vec<u8>>;
 
@@ -162,7 +155,7 @@ impl<M: RegisterMap> Modbus<M> {
         }
         let broadcast_units: &[u8] = if self.framing == Framing::Tcp { &[] } else { &[0] };
         let mut frame = Frame::new(unit_id, request, protocol, reply).with_broadcast_units(broadcast_units);
-        if let Err(Exception(kind)) = self.check(pdu) {
+        if let Err(kind) = check(pdu) {
             return if broadcast { Ok(()) } else { refuse(&mut frame, request, pdu, kind) };
         }
         frame.parse()?;
@@ -192,31 +185,23 @@ impl<M: RegisterMap> Modbus<M> {
             Ok(())
         }
     }
+}
 
-    /// What `rmodbus` takes for granted of a PDU: a function that is served, its length, a count that a frame holds.
-    fn check(&mut self, pdu: &[u8]) -> Result<(), Exception> {
-        let illegal_value = Err(Exception(ErrorKind::IllegalDataValue));
-        match *pdu {
-            [3 | 4, _, _, high, low] => self.check_count(u16::from_be_bytes([high, low]), READ_MOST),
-            [6, _, _, _, _] => Ok(()),
-            [16, _, _, high, low, bytes, ref data @ ..] => {
-                let count = u16::from_be_bytes([high, low]);
-                self.check_count(count, WRITE_MOST)?;
-                let fits = usize::from(bytes) == data.len() && data.len() == 2 * usize::from(count);
-                if fits { Ok(()) } else { illegal_value }
-            }
-            [3 | 4 | 6 | 16, ..] => illegal_value,
-            _ => Err(Exception(ErrorKind::IllegalFunction)),
+/// What `rmodbus` takes for granted of a PDU: a function that is served, its length, a count that a frame holds. A request that
+/// keeps the rules of Modbus may be refused all the same.
+fn check(pdu: &[u8]) -> Result<(), ErrorKind> {
+    let is_sound = match *pdu {
+        [3 | 4, _, _, high, low] => (1..=READ_MOST).contains(&u16::from_be_bytes([high, low])),
+        [6, _, _, _, _] => true,
+        [16, _, _, high, low, bytes, ref data @ ..] => {
+            let count = u16::from_be_bytes([high, low]);
+            let fits = usize::from(bytes) == data.len() && data.len() == 2 * usize::from(count);
+            fits && (1..=WRITE_MOST).contains(&count)
         }
-    }
-
-    fn check_count(&mut self, count: u16, most: u16) -> Result<(), Exception> {
-        if (1..=most).contains(&count) {
-            return Ok(());
-        }
-        self.map.refused_count(count);
-        Err(Exception(ErrorKind::IllegalDataValue))
-    }
+        [3 | 4 | 6 | 16, ..] => false,
+        _ => return Err(ErrorKind::IllegalFunction),
+    };
+    if is_sound { Ok(()) } else { Err(ErrorKind::IllegalDataValue) }
 }
 
 impl Refusal {

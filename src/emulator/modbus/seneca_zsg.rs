@@ -3,8 +3,6 @@
 use super::{Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
 
-/// Change between two looks up to which the weight is said to be stable, N.
-const STABLE_N: f64 = 0.02;
 /// The last register; what isn't named below it reads as 0, so that the map can be read at once.
 const LAST: u16 = 99;
 
@@ -26,7 +24,6 @@ const TARE_NOW: u16 = 49_914;
 
 const FULL_SCALE: u16 = 1 << 1;
 const NET_NEGATIVE: u16 = 1 << 2;
-const STABLE: u16 = 1 << 4;
 
 /// A load cell and its Seneca converter. The weight is a force in N, pressing positive, less the tare. A restart would forget
 /// that.
@@ -36,30 +33,23 @@ const STABLE: u16 = 1 << 4;
 pub struct SenecaZsg {
     range_n: f64,
     tare_n: f64,
-    last_n: Option<f64>,
 }
 
 impl SenecaZsg {
     /// A cell that measures up to `range_n` either way, high word first. Beyond, the weight stays at the range's end, and the
     /// status says so.
     pub fn new(range_n: f64) -> Self {
-        SenecaZsg { range_n, tare_n: 0.0, last_n: None }
+        SenecaZsg { range_n, tare_n: 0.0 }
     }
 
     /// Net weight, N, and status.
-    fn weigh(&mut self, scene: &mut Scene, now_s: f64) -> (f64, u16) {
+    fn weigh(&self, scene: &mut Scene, now_s: f64) -> (f64, u16) {
         let force_n = scene.load_cell_n(now_s);
         let measured_n = force_n.clamp(-self.range_n, self.range_n);
         let net_n = measured_n - self.tare_n;
-        let stable = self.last_n.is_none_or(|last_n| (measured_n - last_n).abs() <= STABLE_N);
-        self.last_n = Some(measured_n);
-        let mut status = 0;
-        for (bit, set) in [(FULL_SCALE, force_n.abs() >= self.range_n), (NET_NEGATIVE, net_n < 0.0), (STABLE, stable)] {
-            if set {
-                status |= bit;
-            }
-        }
-        (net_n, status)
+        let full_scale = if force_n.abs() >= self.range_n { FULL_SCALE } else { 0 };
+        let negative = if net_n < 0.0 { NET_NEGATIVE } else { 0 };
+        (net_n, full_scale | negative)
     }
 }
 
@@ -104,7 +94,7 @@ impl RegisterMap for SenecaZsg {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::testbed::pressed;
+    use crate::emulator::tests::pressed;
 
     fn net(cell: &mut SenecaZsg, force_n: f64) -> [u8; 4] {
         let mut words = [[0; 2]; 2];
@@ -126,16 +116,15 @@ mod tests {
     }
 
     #[test]
-    fn the_status_tells_full_scale_sign_and_rest() {
+    fn the_status_tells_full_scale_and_sign() {
         let mut cell = SenecaZsg::new(5.0);
-        assert_eq!(status(&mut cell, 1.0), 0b1_0000);
         assert_eq!(status(&mut cell, 2.0), 0);
         assert_eq!(status(&mut cell, 5.1), 0b10);
         let tare = TARE_NOW.to_be_bytes();
         cell.write(COMMAND, &[tare], &mut pressed(2.0), 1.0).expect("tared");
         assert_eq!(net(&mut cell, 2.5), 0.5f32.to_be_bytes());
         assert_eq!(net(&mut cell, 1.5), (-0.5f32).to_be_bytes());
-        assert_eq!(status(&mut cell, 1.5), 0b1_0100);
+        assert_eq!(status(&mut cell, 1.5), 0b100);
     }
 
     #[test]

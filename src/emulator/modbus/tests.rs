@@ -1,7 +1,7 @@
 //! Frames, exceptions and damage, over RTU and TCP.
 
 use super::*;
-use crate::emulator::testbed::{Wire, pressed, scene, shared};
+use crate::emulator::tests::{Wire, pressed, scene, shared};
 use proptest::prelude::*;
 use tokio::time::Instant;
 

@@ -7,28 +7,17 @@ use crate::scene::{Device, Scene};
 const COUNTS_PER_N: f64 = 1000.0;
 /// What register 8 says in bits 0 to 2.
 const DECIMALS: u16 = 3;
-/// Counts of the converter a newton, and the most its 24 bits hold.
-const RAW_PER_N: f64 = 1e6;
-const RAW_MOST: f64 = 8_388_607.0;
 /// Change between two looks, in counts, up to which the weight is said to be stable.
 const STABLE_COUNTS: i32 = 20;
 /// The last register; what isn't named below it reads as 0, so that the map can be read at once.
 const LAST: u16 = 99;
 
-const REPLY_DELAY_MS: u16 = 4;
-const UNLOCK: u16 = 5;
 const STATUS: u16 = 8;
 const MEASURED: u16 = 30;
-const RAW: u16 = 44;
 const GROSS: u16 = 80;
 const NET: u16 = 82;
 const TARE: u16 = 84;
 const ZERO: u16 = 94;
-
-/// Written to `UNLOCK` before communication settings may be.
-const UNLOCK_WORD: u16 = 0x5AA5;
-/// Written to `TARE`: take the gross weight of this moment.
-const TARE_NOW: i32 = 0x7FFF_FFFF;
 
 const SIGN: u16 = 1 << 3;
 const UNSTABLE: u16 = 1 << 5;
@@ -39,12 +28,11 @@ const OVERLOAD: u16 = 1 << 9;
 /// A load cell and its transmitter. Weights are forces in mN, pressing positive.
 ///
 /// `measured` is the cell as it stands, `gross` is less the zero, `net` less the tare too; a restart would forget both.
-/// The reply delay can't be changed from 0: the scene's latency stands for it.
+/// Communication settings, the converter's raw counts and the tare of the moment aren't served.
 pub struct Transmitter {
     range_n: f64,
     zero: i32,
     tare: i32,
-    unlocked: bool,
     last_measured: Option<i32>,
 }
 
@@ -52,7 +40,6 @@ pub struct Transmitter {
 struct Weights {
     status: u16,
     measured: i32,
-    raw: i32,
     gross: i32,
     net: i32,
 }
@@ -61,7 +48,7 @@ impl Transmitter {
     /// A cell that measures up to `range_n` either way. Beyond, the weight stays at the range's end, and the status says
     /// overload and overflow.
     pub fn new(range_n: f64) -> Self {
-        Transmitter { range_n, zero: 0, tare: 0, unlocked: false, last_measured: None }
+        Transmitter { range_n, zero: 0, tare: 0, last_measured: None }
     }
 
     fn weigh(&mut self, scene: &mut Scene, now_s: f64) -> Weights {
@@ -82,8 +69,7 @@ impl Transmitter {
                 status |= bits;
             }
         }
-        let raw = (force_n * RAW_PER_N).clamp(-RAW_MOST, RAW_MOST).round() as i32;
-        Weights { status, measured, raw, gross, net }
+        Weights { status, measured, gross, net }
     }
 }
 
@@ -105,7 +91,6 @@ impl RegisterMap for Transmitter {
             *word = match register {
                 STATUS => weights.status.to_be_bytes(),
                 MEASURED | 31 => half(weights.measured, MEASURED),
-                RAW | 45 => half(weights.raw, RAW),
                 GROSS | 81 => half(weights.gross, GROSS),
                 NET | 83 => half(weights.net, NET),
                 TARE | 85 => half(self.tare, TARE),
@@ -116,23 +101,16 @@ impl RegisterMap for Transmitter {
     }
 
     fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
-        let accept = |right: bool| if right { Ok(()) } else { Err(Refusal::Value) };
         match (address, words) {
-            (UNLOCK, [word]) => {
-                self.unlocked = u16::from_be_bytes(*word) == UNLOCK_WORD;
-                accept(self.unlocked)
-            }
-            (REPLY_DELAY_MS, [word]) => accept(self.unlocked && *word == [0, 0]),
             (TARE, &[[a, b], [c, d]]) => {
-                let tare = i32::from_be_bytes([a, b, c, d]);
-                self.tare = if tare == TARE_NOW { self.weigh(scene, now_s).gross } else { tare };
+                self.tare = i32::from_be_bytes([a, b, c, d]);
                 Ok(())
             }
             (ZERO, [[0, 1]]) => {
                 self.zero = self.weigh(scene, now_s).measured;
                 Ok(())
             }
-            (UNLOCK | REPLY_DELAY_MS | TARE | ZERO, _) => Err(Refusal::Value),
+            (TARE | ZERO, _) => Err(Refusal::Value),
             _ => Err(Refusal::Address),
         }
     }
@@ -141,7 +119,7 @@ impl RegisterMap for Transmitter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::testbed::pressed;
+    use crate::emulator::tests::pressed;
 
     fn read(cell: &mut Transmitter, force_n: f64, address: u16) -> i32 {
         let mut words = [[0; 2]; 2];
@@ -161,7 +139,6 @@ mod tests {
     fn weights_count_millinewtons() {
         let mut cell = Transmitter::new(5.0);
         assert_eq!([MEASURED, GROSS, NET, TARE].map(|address| read(&mut cell, 1.2344, address)), [1234, 1234, 1234, 0]);
-        assert_eq!(read(&mut cell, 1.2344, RAW), 1_234_400);
     }
 
     #[test]
@@ -180,7 +157,7 @@ mod tests {
     fn zero_takes_from_gross_and_tare_from_net() {
         let mut cell = Transmitter::new(5.0);
         write(&mut cell, 0.25, ZERO, &[[0, 1]]).expect("zeroed");
-        write(&mut cell, 0.75, TARE, &[[0x7F, 0xFF], [0xFF, 0xFF]]).expect("tared");
+        write(&mut cell, 0.75, TARE, &[[0, 0], [0x01, 0xF4]]).expect("tared");
         assert_eq!([MEASURED, GROSS, NET, TARE].map(|address| read(&mut cell, 1.0, address)), [1000, 750, 250, 500]);
         assert_eq!(read(&mut cell, 0.0, NET), -750);
         write(&mut cell, 0.0, TARE, &[[0, 0], [0, 0]]).expect("cleared");
@@ -188,12 +165,8 @@ mod tests {
     }
 
     #[test]
-    fn a_setting_wants_unlocking_and_only_commands_can_be_written() {
+    fn only_commands_can_be_written() {
         let mut cell = Transmitter::new(5.0);
-        assert_eq!(write(&mut cell, 0.0, REPLY_DELAY_MS, &[[0, 0]]), Err(Refusal::Value));
-        assert_eq!(write(&mut cell, 0.0, UNLOCK, &[[0x12, 0x34]]), Err(Refusal::Value));
-        assert_eq!(write(&mut cell, 0.0, UNLOCK, &[[0x5A, 0xA5]]), Ok(()));
-        assert_eq!(write(&mut cell, 0.0, REPLY_DELAY_MS, &[[0, 0]]), Ok(()));
         assert_eq!(write(&mut cell, 0.0, TARE, &[[0, 0]]), Err(Refusal::Value));
         assert_eq!(write(&mut cell, 0.0, GROSS, &[[0, 0]]), Err(Refusal::Address));
     }

@@ -19,26 +19,10 @@ const PROTOCOL: u64 = 1;
 type Answer = Result<Map<String, Value>, String>;
 
 /// A load cell of the process protocol: its readings are the scene's, in N. It has no range, and is never broken.
-#[derive(Default)]
-pub struct ProcessLoadCell {}
+pub struct ProcessLoadCell;
 
 /// An array of the process protocol: its outputs are the scene's, in units of the reading for 1 N straight above one.
-#[derive(Default)]
-pub struct ProcessArray {}
-
-impl ProcessLoadCell {
-    /// A load cell.
-    pub fn new() -> Self {
-        ProcessLoadCell {}
-    }
-}
-
-impl ProcessArray {
-    /// An array.
-    pub fn new() -> Self {
-        ProcessArray {}
-    }
-}
+pub struct ProcessArray;
 
 impl Instrument for ProcessLoadCell {
     fn device(&self) -> Device {

@@ -1,7 +1,7 @@
 //! Emulated programs, line by line.
 
 use super::*;
-use crate::emulator::testbed::{POWER_ON, Wire, pressed, scene, shared};
+use crate::emulator::tests::{POWER_ON, Wire, pressed, scene, shared};
 use crate::emulator::{INBOX_MOST, Owed};
 use crate::quantity::Axis;
 use proptest::prelude::*;
@@ -131,12 +131,12 @@ fn a_stop_ends_a_search_for_home_with_an_error() {
 #[test]
 fn a_load_cell_and_an_array_read_the_scene() {
     let mut scene = pressed(0.5);
-    let mut cell = ProcessLoadCell::new();
+    let mut cell = ProcessLoadCell;
     let identity = r#"{"id":1,"identity":"emulated load_cell, serial number 1","protocol":1,"role":"load_cell"}"#;
     assert_eq!(ask(&mut cell, &mut scene, 1.0, r#"{"id": 1, "do": "identify"}"#), identity);
     assert_eq!(ask(&mut cell, &mut scene, 1.0, r#"{"id": 2, "do": "read"}"#), r#"{"force_n":0.5,"id":2}"#);
     assert!(ask(&mut cell, &mut scene, 1.0, r#"{"id": 2, "do": "move"}"#).contains("error"));
-    let mut array = ProcessArray::new();
+    let mut array = ProcessArray;
     let identity = r#"{"id":1,"identity":"emulated array, serial number 1","protocol":1,"role":"array","units":9}"#;
     assert_eq!(ask(&mut array, &mut scene, 1.0, r#"{"id": 1, "do": "identify"}"#), identity);
     let read: Value =
@@ -180,7 +180,7 @@ async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
 
 #[tokio::test(start_paused = true)]
 async fn a_line_too_long_is_thrown_away() {
-    let mut wire = Wire::to(shared(ProcessLoadCell::new()), shared(scene()), Instant::now());
+    let mut wire = Wire::to(shared(ProcessLoadCell), shared(scene()), Instant::now());
     wire.send(&vec![b' '; 64 * INBOX_MOST]).await;
     assert_eq!(wire.ask(b"\n{\"id\": 1, \"do\": \"read\"}\n", 23).await, b"{\"force_n\":0.0,\"id\":1}\n");
 }

@@ -41,12 +41,6 @@ impl From<Outcome> for Answer {
     }
 }
 
-impl From<String> for Answer {
-    fn from(values: String) -> Self {
-        Answer::Values(values)
-    }
-}
-
 impl Controller {
     pub fn new(group: Group, volts_per_newton: f64) -> Self {
         Controller { group, events: Events::default(), volts_per_newton }
@@ -130,7 +124,7 @@ impl Controller {
                 call.results(Type::Int, 1)?;
                 // who waits for a move now waits for this as well
                 self.group.stirred = true;
-                Ok(self.events.start()?.to_string().into())
+                Ok(Answer::Values(self.events.start()?.to_string()))
             }
             "EventExtendedRemove" => {
                 let id = call.whole()?;
@@ -149,14 +143,14 @@ impl Controller {
             call.result(Type::Double)?;
             volts.push(events::input_v(input, self.volts_per_newton, scene, now_s));
         }
-        Ok(numbers(volts).into())
+        Ok(Answer::Values(numbers(volts)))
     }
 }
 
 /// One value of a type, if the call names one.
 pub(super) fn tell(call: Call, result: Type, value: &str) -> Result<Answer, Code> {
     call.results(result, 1)?;
-    Ok(value.to_owned().into())
+    Ok(Answer::Values(value.to_owned()))
 }
 
 /// Nothing, if the call says no more.

@@ -36,7 +36,7 @@ impl Controller {
             _ => {
                 call.results(Type::Double, each.len())?;
                 let count_mm = |positioner: &Positioner| positioner.count_mm(scene, now_s);
-                Ok(numbers(self.group.positioners[each].iter().map(count_mm)).into())
+                Ok(Answer::Values(numbers(self.group.positioners[each].iter().map(count_mm))))
             }
         }
     }
@@ -44,19 +44,6 @@ impl Controller {
     /// Calls of a group as a whole.
     fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
-        let known = [
-            "GroupKill",
-            "GroupInitialize",
-            "GroupInitializeWithEncoderCalibration",
-            "GroupHomeSearch",
-            "GroupMotionEnable",
-            "GroupMotionDisable",
-            "GroupMoveAbort",
-            "GroupStatusGet",
-        ];
-        if !known.contains(&name) {
-            return Err(Code::UNKNOWN_COMMAND);
-        }
         if self.group.object(call.text()?)? != Object::Group {
             return Err(Code::WRONG_OBJECT);
         }
@@ -74,31 +61,24 @@ impl Controller {
             "GroupInitializeWithEncoderCalibration" => self.group.initialize(true, scene, now_s).map(Answer::from),
             "GroupHomeSearch" => self.group.home_search(scene, now_s).map(Answer::from),
             "GroupMoveAbort" => self.group.abort(scene, now_s).map(Answer::from),
-            _ => self.group.enable(name == "GroupMotionEnable").map(Answer::from),
+            "GroupMotionEnable" | "GroupMotionDisable" => {
+                self.group.enable(name == "GroupMotionEnable").map(Answer::from)
+            }
+            _ => Err(Code::UNKNOWN_COMMAND),
         }
     }
 
     /// Calls of one positioner.
     pub(super) fn run_positioner(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
-        match name {
-            "PositionerErrorStringGet" => {
-                call.whole()?;
-                // no positioner here has errors
-                return tell(call, Type::Char, "");
-            }
-            "PositionerHardwareStatusStringGet" => {
-                let text = positioner::hardware_text(call.whole()? as u32);
-                return tell(call, Type::Char, &text);
-            }
-            "PositionerSGammaParametersGet"
-            | "PositionerSGammaParametersSet"
-            | "PositionerMaximumVelocityAndAccelerationGet"
-            | "PositionerUserTravelLimitsGet"
-            | "PositionerUserTravelLimitsSet"
-            | "PositionerErrorGet"
-            | "PositionerHardwareStatusGet" => {}
-            _ => return Err(Code::UNKNOWN_COMMAND),
+        if name == "PositionerErrorStringGet" {
+            call.whole()?;
+            // no positioner here has errors
+            return tell(call, Type::Char, "");
+        }
+        if name == "PositionerHardwareStatusStringGet" {
+            let text = positioner::hardware_text(call.whole()? as u32);
+            return tell(call, Type::Char, &text);
         }
         let Object::Positioner(index) = self.group.object(call.text()?)? else { return Err(Code::WRONG_OBJECT) };
         let positioner = &mut self.group.positioners[index];
@@ -106,7 +86,7 @@ impl Controller {
             "PositionerSGammaParametersGet" => {
                 call.results(Type::Double, 4)?;
                 let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = positioner.s_gamma;
-                Ok(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1]).into())
+                Ok(Answer::Values(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1])))
             }
             "PositionerSGammaParametersSet" => {
                 let (speed_mm_s, acceleration_mm_s2) = (call.number()?, call.number()?);
@@ -120,11 +100,11 @@ impl Controller {
             }
             "PositionerMaximumVelocityAndAccelerationGet" => {
                 call.results(Type::Double, 2)?;
-                Ok(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2]).into())
+                Ok(Answer::Values(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2])))
             }
             "PositionerUserTravelLimitsGet" => {
                 call.results(Type::Double, 2)?;
-                Ok(numbers([positioner.limits_mm.0, positioner.limits_mm.1]).into())
+                Ok(Answer::Values(numbers([positioner.limits_mm.0, positioner.limits_mm.1])))
             }
             "PositionerUserTravelLimitsSet" => {
                 let limits_mm = (call.number()?, call.number()?);
@@ -132,10 +112,11 @@ impl Controller {
                 self.group.limit(index, limits_mm).map(Answer::from)
             }
             "PositionerErrorGet" => tell(call, Type::Int, "0"),
-            _ => {
+            "PositionerHardwareStatusGet" => {
                 let status = positioner.hardware_status(scene, now_s) as i32;
                 tell(call, Type::Int, &status.to_string())
             }
+            _ => Err(Code::UNKNOWN_COMMAND),
         }
     }
 }

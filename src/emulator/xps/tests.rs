@@ -4,7 +4,7 @@ mod sockets;
 
 use super::positioner::TRAVEL_MM;
 use super::*;
-use crate::emulator::testbed::{POWER_ON, STIFFNESS_N_MM, scene, scene_with};
+use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, scene, scene_with};
 use crate::quantity::Axis;
 use crate::scene::Servo;
 use proptest::prelude::*;

@@ -82,7 +82,7 @@ impl LoadCellDriver for Program {
     }
 
     fn emulated(&self, _: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
-        Ok(EmulatedDevice::pipe(emulator::ProcessLoadCell::new(), "process"))
+        Ok(EmulatedDevice::pipe(emulator::ProcessLoadCell, "process"))
     }
 }
 
@@ -93,6 +93,6 @@ impl ArrayDriver for Program {
     }
 
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
-        Ok(EmulatedDevice::pipe(emulator::ProcessArray::new(), "process"))
+        Ok(EmulatedDevice::pipe(emulator::ProcessArray, "process"))
     }
 }

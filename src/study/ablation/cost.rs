@@ -3,7 +3,8 @@
 use super::AblationSize;
 use super::presses;
 use super::terms::{Model, TERMS, Touches};
-use crate::quantity::{Place, stream};
+use crate::dataset::round;
+use crate::quantity::stream;
 use crate::rig::RigSpec;
 use crate::scene::{Elastomer, Skin, SkinSpec};
 use crate::study::StudyError;
@@ -71,8 +72,7 @@ pub fn cost_of_all_terms(base: &Model, rig: &RigSpec) -> Cost {
 }
 
 fn cost(term: &'static str, cost: &'static str, [off, on]: [f64; 2]) -> Cost {
-    let tenth = |value: f64| (value * 10.0).round() / 10.0;
-    Cost { study: "ablation", term, cost, off: tenth(off), on: tenth(on), ratio: (on / off * 1000.0).round() / 1000.0 }
+    Cost { study: "ablation", term, cost, off: round(off, 1), on: round(on, 1), ratio: round(on / off, 3) }
 }
 
 /// The least of many passes over the same contacts, in turns: a machine that gets busy slows both.
@@ -86,20 +86,16 @@ fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
         for (skin, least) in skins.iter().zip(&mut least) {
             let began = Instant::now();
             for &Touch { place, force_n, .. } in &touches {
-                read(skin, black_box(force_n), black_box(place), &mut outputs);
+                // as a running scene reads its taxels while the force turns back
+                outputs.fill(0.0);
+                skin.add_load(black_box(force_n), black_box(place), &mut outputs);
+                skin.read_out(0.5, &mut outputs);
                 black_box(&mut outputs);
             }
             *least = began.elapsed().min(*least);
         }
     }
     least.map(|least| least.as_nanos() as f64 / READINGS as f64)
-}
-
-/// As a running scene reads its taxels while the force turns back.
-fn read(skin: &Skin, force_n: f64, place: Place, outputs: &mut [f64]) {
-    outputs.fill(0.0);
-    skin.add_load(force_n, place, outputs);
-    skin.read_out(0.5, outputs);
 }
 
 fn us_per_press(models: [&Model; 2], rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[f64; 2], StudyError> {

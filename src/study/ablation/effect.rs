@@ -1,7 +1,9 @@
 //! What a term changes, as a mean of paired differences.
 
+use crate::dataset::round;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::statistics::Statistics as _;
 
 /// What a term changes: the mean of differences, each between two tries that draw alike.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -22,26 +24,15 @@ impl Effect {
     /// Of pairs (off, on). None of fewer than two, or where a number isn't finite.
     pub fn of(pairs: &[(f64, f64)]) -> Option<Effect> {
         let count = pairs.len() as f64;
-        let freedom = count - 1.0;
-        let quantile = StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf(0.975);
-        let mean = |value: fn(&(f64, f64)) -> f64| pairs.iter().map(value).sum::<f64>() / count;
+        let quantile = StudentsT::new(0.0, 1.0, count - 1.0).ok()?.inverse_cdf(0.975);
+        let mean = |value: fn(&(f64, f64)) -> f64| pairs.iter().map(value).mean();
         let (off, on, difference) = (mean(|pair| pair.0), mean(|pair| pair.1), mean(|pair| pair.1 - pair.0));
-        let square: f64 = pairs.iter().map(|(off, on)| (on - off - difference).powi(2)).sum();
-        let within = quantile * (square / freedom / count).sqrt();
-        let [off, on, difference, within] = [off, on, difference, within].map(grain);
-        (off.is_finite() && on.is_finite() && within.is_finite()).then_some(Effect {
-            off,
-            on,
-            difference,
-            within,
-            seeds: pairs.len(),
-        })
+        let within = quantile * pairs.iter().map(|(off, on)| on - off).std_dev() / count.sqrt();
+        // to what is worth telling: a nanometre, a micronewton, a millionth
+        let [off, on, difference, within] = [off, on, difference, within].map(|value| round(value, 6));
+        let effect = Effect { off, on, difference, within, seeds: pairs.len() };
+        (off.is_finite() && on.is_finite() && within.is_finite()).then_some(effect)
     }
-}
-
-/// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
-fn grain(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6 + 0.0 // no "-0"
 }
 
 #[cfg(test)]

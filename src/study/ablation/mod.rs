@@ -7,7 +7,6 @@
 
 mod cost;
 mod effect;
-mod figures;
 mod presses;
 mod readings;
 mod rule;
@@ -16,17 +15,13 @@ mod terms;
 
 pub use cost::{ALL_TERMS, Cost, PER_PRESS, PER_READING, cost_of_all_terms};
 pub use effect::Effect;
-pub use figures::ablation_figures;
-pub use rule::{NEEDED, Needed, Question, SHARE, needed};
+pub use rule::{Needed, QUESTIONS, Question, SHARE, needed};
 pub use size::AblationSize;
 pub use terms::{Model, TERMS, Term, Touches};
 
-use super::StudyError;
-use super::methods::Told;
-use crate::parallel::in_parallel;
+use super::{StudyError, Told, carried_out, ndjson};
 use crate::rig::RigSpec;
 use serde::Serialize;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What a term changes in one question.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -40,7 +35,7 @@ pub struct TermRow {
     /// Whether the base has it.
     pub in_base: bool,
     /// What is asked.
-    pub question: Question,
+    pub question: &'static str,
     /// The unit of all numbers of the row.
     pub unit: &'static str,
     /// The base's own number, mean over seeds.
@@ -68,15 +63,12 @@ pub struct AblationFindings {
 impl AblationFindings {
     /// One JSON object a line.
     pub fn ndjson(&self) -> String {
-        // numbers and text can't fail
-        let line = |json: serde_json::Result<String>| json.unwrap_or_default() + "\n";
-        let rows = self.rows.iter().map(|row| line(serde_json::to_string(row)));
-        rows.chain(self.costs.iter().map(|cost| line(serde_json::to_string(cost)))).collect()
+        ndjson(&self.rows) + &ndjson(&self.costs)
     }
 
     /// What a term changes in a question; none where it can't touch it, or no two tries came to a number.
-    pub fn row(&self, term: &str, question: Question) -> Option<&TermRow> {
-        self.rows.iter().find(|row| row.term == term && row.question == question)
+    pub fn row(&self, term: &str, question: &Question) -> Option<&TermRow> {
+        self.rows.iter().find(|row| row.term == term && row.question == question.name)
     }
 
     /// Whether a scene needs a term for anything.
@@ -90,7 +82,7 @@ impl AblationFindings {
 }
 
 /// What one try came to, by question; none where it wasn't asked, or has no answer.
-type Answers = [Option<f64>; Question::ALL.len()];
+type Answers = [Option<f64>; QUESTIONS.len()];
 
 /// One try: a term other than in the base, or none, on one thing with one seed.
 #[derive(Clone, Copy)]
@@ -107,23 +99,19 @@ struct Job {
 pub fn ablation(size: AblationSize, seed: u64, told: Told<'_>) -> Result<AblationFindings, StudyError> {
     let (base, rig) = Model::base()?;
     let jobs = jobs(size);
-    let done = AtomicUsize::new(0);
-    let tried = in_parallel(&jobs, |job| {
+    let tried = carried_out(&jobs, told, |job| {
         let model = job.term.map_or_else(|| base.clone(), |term| TERMS[term].other_than(&base));
-        let answers = answers(&model, &rig, job.on, size, seed.wrapping_add(job.seed as u64));
-        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
-        answers
-    });
-    let tried = tried.into_iter().collect::<Result<Vec<Answers>, StudyError>>()?;
+        answers(&model, &rig, job.on, size, seed.wrapping_add(job.seed as u64))
+    })?;
     // the answers to a question in the order of the seeds, of the base or with one term other than there
-    let of = |term: Option<usize>, question: Question| -> Vec<Option<f64>> {
-        let its = jobs.iter().zip(&tried).filter(|(job, _)| job.term == term && job.on == question.of());
-        its.map(|(_, answers)| answers[question as usize]).collect()
+    let of = |term: Option<usize>, question: usize| -> Vec<Option<f64>> {
+        let its = jobs.iter().zip(&tried).filter(|(job, _)| job.term == term && job.on == QUESTIONS[question].of);
+        its.map(|(_, answers)| answers[question]).collect()
     };
     let mut rows = Vec::new();
     for (index, term) in TERMS.iter().enumerate() {
-        for question in Question::ALL.into_iter().filter(|question| term.touches(question.of())) {
-            rows.extend(row(term, question, &of(None, question), &of(Some(index), question)));
+        for (at, question) in QUESTIONS.iter().enumerate().filter(|(_, question)| term.touches(question.of)) {
+            rows.extend(row(term, question, &of(None, at), &of(Some(index), at)));
         }
     }
     let costs = cost::costs(&base, &rig, size, seed)?;
@@ -146,12 +134,12 @@ fn answers(model: &Model, rig: &RigSpec, on: Touches, size: AblationSize, seed: 
         Touches::Table1 => readings::table_1(model, rig, seed).to_vec(),
         Touches::Press => presses::press(model, rig, size, seed)?.to_vec(),
     };
-    let asked = Question::ALL.into_iter().filter(|question| question.of() == on);
-    asked.zip(found).for_each(|(question, found)| answers[question as usize] = found);
+    let asked = QUESTIONS.iter().zip(&mut answers).filter(|(question, _)| question.of == on);
+    asked.zip(found).for_each(|((_, answer), found)| *answer = found);
     Ok(answers)
 }
 
-fn row(term: &Term, question: Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<TermRow> {
+fn row(term: &Term, question: &Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<TermRow> {
     let pair = |(base, other): (&Option<f64>, &Option<f64>)| {
         let (base, other) = ((*base)?, (*other)?);
         Some(if term.in_base { (other, base) } else { (base, other) })
@@ -164,8 +152,8 @@ fn row(term: &Term, question: Question, base: &[Option<f64>], other: &[Option<f6
         term: term.name,
         told: term.told,
         in_base: term.in_base,
-        question,
-        unit: question.unit(),
+        question: question.name,
+        unit: question.unit,
         base,
         effect,
         counts_from: question.counts_from(base),
@@ -182,7 +170,7 @@ mod tests {
         let (lower, higher) = ([Some(1.0), Some(3.0), None], [Some(3.0), Some(5.5), Some(9.0)]);
         let of = |in_base: bool| {
             let term = TERMS.iter().find(|term| term.in_base == in_base).unwrap();
-            row(term, Question::PaperLocation, &lower, &higher).unwrap()
+            row(term, &QUESTIONS[0], &lower, &higher).unwrap()
         };
         let (off_in_base, on_in_base) = (of(false), of(true));
         assert_eq!((off_in_base.effect.difference, off_in_base.base), (2.25, 2.0));

@@ -63,8 +63,6 @@ pub struct Term {
     pub name: &'static str,
     /// How much of it, and what it can't touch by construction.
     pub told: &'static str,
-    /// Where it stands in a rig's `[scene]`; none: there is no such key.
-    pub key: Option<&'static str>,
     /// Whether the base has it.
     pub in_base: bool,
     on: &'static [Touches],
@@ -98,150 +96,120 @@ const PRESS: &[Touches] = &[Touches::Press];
 
 /// All of them. None of the array's touches the press, since the loop never looks at the array.
 pub const TERMS: [Term; 16] = [
-    Term {
-        name: "taxel noise",
-        told: "Table 1's, three standard deviations of full scale, one draw a contact",
-        key: Some("taxel_noise"),
-        in_base: true,
-        on: READINGS,
-        set: |model, on| {
+    term(
+        "taxel noise",
+        "Table 1's, three standard deviations of full scale, one draw a contact",
+        true,
+        READINGS,
+        |model, on| {
             let repeatability_percent = paper::repeatability_percent().to_vec();
             let of = NoiseOf::FullScale;
             model.scene.skin.noise = on.then_some(TaxelNoise { repeatability_percent, of, floor: 0.0 });
         },
-    },
-    Term {
-        name: "noise of reading",
-        told: "the same percentages of the reading, besides",
-        key: Some("taxel_noise.of"),
-        in_base: false,
-        on: READINGS,
-        set: |model, on| model.noise_of_reading_percent = on.then(|| paper::repeatability_percent().to_vec()),
-    },
-    Term {
-        name: "hysteresis",
-        told: "Table 1's; calibration and test only ever load",
-        key: Some("hysteresis"),
-        in_base: true,
-        on: TABLE_1,
-        set: |model, on| model.scene.skin.hysteresis_percent = on.then(|| paper::hysteresis_percent().to_vec()),
-    },
-    Term {
-        name: "punch",
-        told: "flat, 1 mm across; a unit right below reads 1 of 1 N with any",
-        key: Some("indenter"),
-        in_base: false,
-        on: METHODS,
-        set: |model, on| model.scene.skin.indenter_radius_mm = if on { 0.5 } else { 0.0 },
-    },
-    Term {
-        name: "taxel disc",
-        told: "units read the mean over 1 mm around; right below as the punch",
-        key: Some("taxels.radius_mm"),
-        in_base: false,
-        on: METHODS,
-        set: |model, on| model.taxels().radius_mm = if on { 1.0 } else { 0.0 },
-    },
-    Term {
-        name: "bonded layer",
-        told: "on a rigid base, Poisson's ratio 0.49; right below as the punch",
-        key: Some("elastomer.bonded_poisson_ratio"),
-        in_base: false,
-        on: METHODS,
-        set: |model, on| {
+    ),
+    term("noise of reading", "the same percentages of the reading, besides", false, READINGS, |model, on| {
+        model.noise_of_reading_percent = on.then(|| paper::repeatability_percent().to_vec())
+    }),
+    term("hysteresis", "Table 1's; calibration and test only ever load", true, TABLE_1, |model, on| {
+        model.scene.skin.hysteresis_percent = on.then(|| paper::hysteresis_percent().to_vec())
+    }),
+    term("punch", "flat, 1 mm across; a unit right below reads 1 of 1 N with any", false, METHODS, |model, on| {
+        model.scene.skin.indenter_radius_mm = if on { 0.5 } else { 0.0 }
+    }),
+    term(
+        "taxel disc",
+        "units read the mean over 1 mm around; right below as the punch",
+        false,
+        METHODS,
+        |model, on| model.taxels().radius_mm = if on { 1.0 } else { 0.0 },
+    ),
+    term(
+        "bonded layer",
+        "on a rigid base, Poisson's ratio 0.49; right below as the punch",
+        false,
+        METHODS,
+        |model, on| {
             let medium = if on { Medium::BondedLayer { poisson_ratio: 0.49 } } else { Medium::HalfSpace };
             let elastomer = &mut model.scene.skin.elastomer;
             *elastomer = elastomer.map(|elastomer| Elastomer { medium, ..elastomer });
         },
-    },
-    Term {
-        name: "gains",
-        told: "+-20 % from unit to unit",
-        key: Some("taxels.gain_spread_percent"),
-        in_base: false,
-        on: READINGS,
-        set: |model, on| model.taxels().gain_spread_percent = if on { 20.0 } else { 0.0 },
-    },
-    Term {
-        name: "places",
-        told: "units +-0.1 mm off along x and y",
-        key: Some("taxels.place_spread_mm"),
-        in_base: false,
-        on: READINGS,
-        set: |model, on| model.taxels().place_spread_mm = if on { 0.1 } else { 0.0 },
-    },
-    Term {
-        name: "depths",
-        told: "+-5 % from unit to unit",
-        key: Some("taxels.depth_spread_percent"),
-        in_base: false,
-        on: READINGS,
-        set: |model, on| model.taxels().depth_spread_percent = if on { 5.0 } else { 0.0 },
-    },
-    Term {
-        name: "converter",
-        told: "16 bits over 10 V either way, the array's; the load cell's is at the wire",
-        key: Some("converter"),
-        in_base: true,
-        on: READINGS,
-        set: |model, on| model.scene.skin.converter = on.then_some(CONVERTER),
-    },
-    Term {
-        name: "drift of zeros",
-        told: "Brownian, 1 % of full scale in an hour; calibration and test take 13 minutes",
-        key: None,
-        in_base: false,
-        on: READINGS,
-        set: |model, on| model.drift_percent = if on { 1.0 } else { 0.0 },
-    },
-    Term {
-        name: "force tolerance",
-        told: "the force reached is anywhere within +-0.05 N; of a press it is the question",
-        key: None,
-        in_base: false,
-        on: READINGS,
-        set: |model, on| model.force_tolerance_n = if on { 0.05 } else { 0.0 },
-    },
-    Term {
-        name: "stage grain",
-        told: "places and depths in 1 um; a unit's centre is a multiple of it",
-        key: Some("stage.quantum_mm"),
-        in_base: false,
-        on: &[Touches::Methods, Touches::Press],
-        set: |model, on| {
+    ),
+    term("gains", "+-20 % from unit to unit", false, READINGS, |model, on| {
+        model.taxels().gain_spread_percent = if on { 20.0 } else { 0.0 }
+    }),
+    term("places", "units +-0.1 mm off along x and y", false, READINGS, |model, on| {
+        model.taxels().place_spread_mm = if on { 0.1 } else { 0.0 }
+    }),
+    term("depths", "+-5 % from unit to unit", false, READINGS, |model, on| {
+        model.taxels().depth_spread_percent = if on { 5.0 } else { 0.0 }
+    }),
+    term(
+        "converter",
+        "16 bits over 10 V either way, the array's; the load cell's is at the wire",
+        true,
+        READINGS,
+        |model, on| model.scene.skin.converter = on.then_some(CONVERTER),
+    ),
+    term(
+        "drift of zeros",
+        "Brownian, 1 % of full scale in an hour; calibration and test take 13 minutes",
+        false,
+        READINGS,
+        |model, on| model.drift_percent = if on { 1.0 } else { 0.0 },
+    ),
+    term(
+        "force tolerance",
+        "the force reached is anywhere within +-0.05 N; of a press it is the question",
+        false,
+        READINGS,
+        |model, on| model.force_tolerance_n = if on { 0.05 } else { 0.0 },
+    ),
+    term(
+        "stage grain",
+        "places and depths in 1 um; a unit's centre is a multiple of it",
+        false,
+        &[Touches::Methods, Touches::Press],
+        |model, on| {
             model.scene.stage = on.then_some(Servo { quantum_mm: 0.001, ..Servo::default() });
         },
-    },
-    Term {
-        name: "load-cell noise",
-        told: "3 mN a conversion; methods go by the force that was asked for",
-        key: Some("load_cell.noise_n"),
-        in_base: true,
-        on: &[Touches::Table1, Touches::Press],
-        set: |model, on| {
+    ),
+    term(
+        "load-cell noise",
+        "3 mN a conversion; methods go by the force that was asked for",
+        true,
+        &[Touches::Table1, Touches::Press],
+        |model, on| {
             model.scene.load_cell = on.then_some(LoadCell { noise_n: 0.003, ..LoadCell::default() });
         },
-    },
-    Term {
-        name: "surface tilt",
-        told: "at most 0.2 mm in the loading area; readings follow the force, not the depth",
-        key: Some("surface.tilt_mm"),
-        in_base: false,
-        on: PRESS,
-        set: |model, on| model.scene.surface_tilt_mm = if on { 0.2 } else { 0.0 },
-    },
-    Term {
-        name: "relaxation",
-        told: "5 % in 0.3 s and 5 % in 5 s; readings follow the force, not the depth",
-        key: Some("relaxation"),
-        in_base: true,
-        on: PRESS,
-        set: |model, on| {
+    ),
+    term(
+        "surface tilt",
+        "at most 0.2 mm in the loading area; readings follow the force, not the depth",
+        false,
+        PRESS,
+        |model, on| model.scene.surface_tilt_mm = if on { 0.2 } else { 0.0 },
+    ),
+    term(
+        "relaxation",
+        "5 % in 0.3 s and 5 % in 5 s; readings follow the force, not the depth",
+        true,
+        PRESS,
+        |model, on| {
             let branch = |(share, time_s)| RelaxationBranch { share, time_s };
             model.scene.relaxation = if on { [(0.05, 0.3), (0.05, 5.0)].map(branch).to_vec() } else { Vec::new() };
         },
-    },
+    ),
 ];
+
+const fn term(
+    name: &'static str,
+    told: &'static str,
+    in_base: bool,
+    on: &'static [Touches],
+    set: fn(&mut Model, bool),
+) -> Term {
+    Term { name, told, in_base, on, set }
+}
 
 #[cfg(test)]
 mod tests {

@@ -6,7 +6,7 @@ use super::turning::{Area, NEAR_R, Survey, descend, last};
 use crate::mechanics::{Medium, Passage, Response, lambda};
 use crate::quantity::ArrayLayout;
 use serde::Serialize;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 
 /// The receptive field, depths (its section 2).
@@ -32,36 +32,12 @@ const ALIKE: f64 = 0.1;
 /// A distance that is small, depths.
 const SMALL: f64 = 0.01;
 
-/// What became of a claim.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum ClaimVerdict {
-    /// It is as the paper says.
-    #[serde(rename = "holds")]
-    Holds,
-    /// It is, within a bound that the paper doesn't give.
-    #[serde(rename = "holds with a bound")]
-    Bounded,
-    /// It isn't.
-    #[serde(rename = "fails")]
-    Fails,
-}
-
-impl ClaimVerdict {
-    /// In words.
-    pub fn name(self) -> &'static str {
-        match self {
-            ClaimVerdict::Holds => "holds",
-            ClaimVerdict::Bounded => "holds with a bound",
-            ClaimVerdict::Fails => "fails",
-        }
-    }
-
-    fn of(holds: bool, bounded: bool) -> ClaimVerdict {
-        match (holds, bounded) {
-            (true, _) => ClaimVerdict::Holds,
-            (false, true) => ClaimVerdict::Bounded,
-            (false, false) => ClaimVerdict::Fails,
-        }
+/// What became of a claim: it is as the paper says, or so within a bound that the paper doesn't give, or it isn't.
+fn verdict(holds: bool, bounded: bool) -> &'static str {
+    match (holds, bounded) {
+        (true, _) => "holds",
+        (false, true) => "holds with a bound",
+        (false, false) => "fails",
     }
 }
 
@@ -73,12 +49,12 @@ pub struct Claim {
     /// What the paper says, in our words.
     pub told: &'static str,
     /// What became of it.
-    pub verdict: ClaimVerdict,
+    pub verdict: &'static str,
     /// The numbers, in a sentence.
     pub found: String,
     /// The same by name; distances in depths H unless a name says mm.
     #[serde(flatten)]
-    pub numbers: Map<String, Value>,
+    pub numbers: Value,
 }
 
 /// Every claim, in the order of the paper.
@@ -98,15 +74,6 @@ pub fn claims() -> Vec<Claim> {
     ]
 }
 
-/// Named numbers; one that there isn't is null.
-fn numbers(named: impl IntoIterator<Item = (String, Option<f64>)>) -> Map<String, Value> {
-    named.into_iter().map(|(name, value)| (name, value.into())).collect()
-}
-
-fn named<const N: usize>(named: [(&str, f64); N]) -> Map<String, Value> {
-    numbers(named.map(|(name, value)| (name.to_owned(), Some(value))))
-}
-
 fn receptive_field() -> Claim {
     let there = lambda(FIELD);
     let percent_at = last(0.0, 10.0, |k| lambda(k) > 0.01);
@@ -115,13 +82,13 @@ fn receptive_field() -> Claim {
     Claim {
         claim: "receptive-field",
         told: "lambda nears 0 beyond k = 2",
-        verdict: ClaimVerdict::of(there < NEAR_ZERO.0, there < NEAR_ZERO.1),
+        verdict: verdict(there < NEAR_ZERO.0, there < NEAR_ZERO.1),
         found: format!(
             "{:.2} % of the peak at k = 2, 1 % only at k = {percent_at:.3}; {:.2} % of the load is carried beyond k = 2",
             100.0 * there,
             100.0 * beyond
         ),
-        numbers: named([("lambda_at_2", there), ("k_at_one_percent", percent_at), ("load_beyond_2", beyond)]),
+        numbers: json!({"lambda_at_2": there, "k_at_one_percent": percent_at, "load_beyond_2": beyond}),
     }
 }
 
@@ -140,14 +107,14 @@ fn two_units() -> Claim {
     Claim {
         claim: "two-units",
         told: "r of n = 2 units is a step",
-        verdict: ClaimVerdict::of(is_step, false),
+        verdict: verdict(is_step, false),
         found: format!(
             "{:+.3} before d = {step_at:.3}, {:+.3} beyond{}",
             before.0,
             beyond.1,
             if undefined { "; 0/0 at d = s/2" } else { "" }
         ),
-        numbers: named([("step_at", step_at), ("r_before", before.0), ("r_beyond", beyond.1)]),
+        numbers: json!({"step_at": step_at, "r_before": before.0, "r_beyond": beyond.1}),
     }
 }
 
@@ -176,15 +143,17 @@ fn few_units() -> Claim {
         };
     }
     found += if enough_fall { "; n = 5 to 15 fall all the way to 2" } else { "; some of n = 5 to 15 turn too" };
-    let fields = turnings.iter().flat_map(|(n, turning)| {
-        [(format!("turns_at_n{n}"), turning.map(|(d, _)| d)), (format!("r_there_n{n}"), turning.map(|(_, r)| r))]
-    });
+    let mut numbers = Map::new();
+    for (n, turning) in &turnings {
+        numbers.insert(format!("turns_at_n{n}"), turning.map(|(d, _)| d).into());
+        numbers.insert(format!("r_there_n{n}"), turning.map(|(_, r)| r).into());
+    }
     Claim {
         claim: "few-units",
         told: "below n = 5 r is flat or turns beyond d = 1.5",
-        verdict: ClaimVerdict::of(is_flat(2) && few_turn && enough_fall, is_flat(2) && few_turn),
+        verdict: verdict(is_flat(2) && few_turn && enough_fall, is_flat(2) && few_turn),
         found,
-        numbers: numbers(fields),
+        numbers: numbers.into(),
     }
 }
 
@@ -199,22 +168,17 @@ fn many_units() -> Claim {
     Claim {
         claim: "many-units",
         told: "the curves are very close for n above 9",
-        verdict: ClaimVerdict::of(to_15 < CLOSE.0, to_15 < CLOSE.1),
+        verdict: verdict(to_15 < CLOSE.0, to_15 < CLOSE.1),
         found: format!(
             "n = 9 and 10 differ by up to {to_10:.4}, n = 9 and 15 by up to {to_15:.4}; r at d = 2: {nine:.4} and \
              {fifteen:.4}"
         ),
-        numbers: named([
-            ("most_apart_9_10", to_10),
-            ("most_apart_9_15", to_15),
-            ("r_at_2_n9", nine),
-            ("r_at_2_n15", fifteen),
-        ]),
+        numbers: json!({"most_apart_9_10": to_10, "most_apart_9_15": to_15, "r_at_2_n9": nine, "r_at_2_n15": fifteen}),
     }
 }
 
 fn wide_spacing() -> Claim {
-    let (mut found, mut fields, mut bends) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut found, mut numbers, mut bends) = (Vec::new(), Map::new(), Vec::new());
     for s in [0.8, 1.0, 1.2, 1.4, 2.0] {
         let line = Array::line(UNITS, s);
         let fall = line.r(on_line(0.0), on_line(SMALL)).map(|r| (1.0 - r) / (SMALL * SMALL));
@@ -224,12 +188,11 @@ fn wide_spacing() -> Claim {
             |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
         found.push(format!("{} and {} ({s:.1})", told(fall, 4), told(near, 3)));
         let name = format!("{s:.1}").replace('.', "_");
-        fields.extend([
-            (format!("fall_s{name}"), fall),
-            (format!("fall_limit_s{name}"), above),
-            (format!("fall_limit_midway_s{name}"), midway),
-            (format!("d_at_r_0_99_s{name}"), near),
-        ]);
+        for (what, value) in
+            [("fall", fall), ("fall_limit", above), ("fall_limit_midway", midway), ("d_at_r_0_99", near)]
+        {
+            numbers.insert(format!("{what}_s{name}"), value.into());
+        }
         bends.push((above.unwrap_or(f64::NAN), midway.unwrap_or(f64::NAN)));
     }
     let is_flatter = bends.windows(2).all(|pair| pair[1].0 < pair[0].0 / 2.0);
@@ -237,7 +200,7 @@ fn wide_spacing() -> Claim {
     Claim {
         claim: "wide-spacing",
         told: "s > 1: r is flat at small d",
-        verdict: ClaimVerdict::of(is_flatter && is_flatter_midway, is_flatter),
+        verdict: verdict(is_flatter && is_flatter_midway, is_flatter),
         found: format!(
             "above a unit, (1 - r) / d^2 at d = {SMALL} and the d at which r = {NEAR_R}, by s: {}; half-way between two \
              units it isn't: (1 - r) / d^2 is {:.2} (1.0) and {:.2} (2.0)",
@@ -245,7 +208,7 @@ fn wide_spacing() -> Claim {
             bends[1].1,
             bends[4].1
         ),
-        numbers: numbers(fields),
+        numbers: numbers.into(),
     }
 }
 
@@ -254,12 +217,9 @@ fn narrow_spacing() -> Claim {
     Claim {
         claim: "narrow-spacing",
         told: "s = 0.2: r turns and rises again",
-        verdict: ClaimVerdict::of(turning.is_some(), false),
+        verdict: verdict(turning.is_some(), false),
         found: turning.map_or("it falls all the way".to_owned(), |(d, r)| format!("it turns at d = {d:.4}, r {r:.5}")),
-        numbers: numbers([
-            ("turns_at".to_owned(), turning.map(|(d, _)| d)),
-            ("r_there".to_owned(), turning.map(|(_, r)| r)),
-        ]),
+        numbers: json!({"turns_at": turning.map(|(d, _)| d), "r_there": turning.map(|(_, r)| r)}),
     }
 }
 
@@ -284,26 +244,26 @@ fn rule() -> Claim {
     Claim {
         claim: "rule",
         told: "so n >= 5 and s <= 1",
-        verdict: ClaimVerdict::of(five_fall && least.is_none(), five_fall && is_one_range),
+        verdict: verdict(five_fall && least.is_none(), five_fall && is_one_range),
         found,
-        numbers: numbers([
-            ("s_turning_least".to_owned(), least),
-            ("s_turning_most".to_owned(), last_turning),
-            ("s_falling_least".to_owned(), first_falling),
-            ("s_between".to_owned(), edge),
-        ]),
+        numbers: json!({
+            "s_turning_least": least,
+            "s_turning_most": last_turning,
+            "s_falling_least": first_falling,
+            "s_between": edge,
+        }),
     }
 }
 
 fn figure_5() -> Claim {
     let line = Array::line(UNITS, 1.0);
-    let (mut found, mut fields, mut least) = (Vec::new(), Vec::new(), f64::INFINITY);
+    let (mut found, mut numbers, mut least) = (Vec::new(), Map::new(), f64::INFINITY);
     for k in 0..6 {
         let d1 = 1.5 * f64::from(k);
         let walks = [("left", walk_left(&line, d1)), ("right", walk_right(&line, d1, FIGURE_5_TO))];
         for (side, walk) in walks {
             let name = format!("turns_{side}_of_{}", format!("{d1:.1}").replace('.', "_"));
-            fields.push((name, walk.turning_mm));
+            numbers.insert(name, walk.turning_mm.into());
             if let Some(d) = walk.turning_mm {
                 found.push(format!("{d1:.1} {side} {d:.4}"));
                 least = least.min(d);
@@ -313,9 +273,9 @@ fn figure_5() -> Claim {
     Claim {
         claim: "figure-5",
         told: "r falls up to a relative distance of 2 wherever F1 is",
-        verdict: ClaimVerdict::of(least > FIELD, false),
+        verdict: verdict(least > FIELD, false),
         found: format!("first turnings, by d1: {}", found.join(", ")),
-        numbers: numbers(fields),
+        numbers: numbers.into(),
     }
 }
 
@@ -340,9 +300,9 @@ fn always() -> Claim {
     Claim {
         claim: "always",
         told: "r always falls with distance, wherever the loads are",
-        verdict: ClaimVerdict::of(least.is_infinite(), false),
+        verdict: verdict(least.is_infinite(), false),
         found: format!("over all d1 of 0 to 8 it turns from d = {least:.4} on: from d1 = {left:.2}, and {right:.2}"),
-        numbers: named([("turns_from", least), ("d1", left), ("d1_mirrored", right)]),
+        numbers: json!({"turns_from": least, "d1": left, "d1_mirrored": right}),
     }
 }
 
@@ -351,37 +311,35 @@ fn papers_array() -> Claim {
     let area = Area { x_mm: (-HALF_MM, HALF_MM), y_mm: (-HALF_MM, HALF_MM) };
     let survey = Survey::new(&array, &area, PITCH_MM, RAYS);
     let share = survey.share_turned();
-    let mut fields = vec![("share_of_rays_turned".to_owned(), Some(share)), ("rays".to_owned(), Some(RAYS as f64))];
     let early = survey.turned_mm.iter().filter(|mm| **mm < DEPTH_MM).count();
     let found = match survey.first {
         None => format!("none of {RAYS} ways over +-6 mm turns"),
-        Some(first) => {
-            fields.extend([
-                ("turns_from_mm".to_owned(), Some(first.distance_mm)),
-                ("x_mm".to_owned(), Some(first.from.x_mm)),
-                ("y_mm".to_owned(), Some(first.from.y_mm)),
-                ("direction_rad".to_owned(), Some(first.direction_rad)),
-            ]);
-            format!(
-                "it turns from {:.2} mm = {:.2} H on: from ({:.2}, {:.2}) mm at {:.3} rad and as symmetry has it; {:.1} % \
-                 of {RAYS} ways over +-6 mm turn, {} within {DEPTH_MM} mm",
-                first.distance_mm,
-                first.distance_mm / DEPTH_MM,
-                first.from.x_mm,
-                first.from.y_mm,
-                first.direction_rad,
-                100.0 * share,
-                if early == 0 { "none".to_owned() } else { early.to_string() },
-            )
-        }
+        Some(first) => format!(
+            "it turns from {:.2} mm = {:.2} H on: from ({:.2}, {:.2}) mm at {:.3} rad and as symmetry has it; {:.1} % \
+             of {RAYS} ways over +-6 mm turn, {} within {DEPTH_MM} mm",
+            first.distance_mm,
+            first.distance_mm / DEPTH_MM,
+            first.from.x_mm,
+            first.from.y_mm,
+            first.direction_rad,
+            100.0 * share,
+            if early == 0 { "none".to_owned() } else { early.to_string() },
+        ),
     };
-    fields.push(("rays_turned_within_5_mm".to_owned(), Some(early as f64)));
     Claim {
         claim: "papers-array",
         told: "the same of the paper's own 3 x 3 array, s = 0.9",
-        verdict: ClaimVerdict::of(survey.first.is_none(), false),
+        verdict: verdict(survey.first.is_none(), false),
         found,
-        numbers: numbers(fields),
+        numbers: json!({
+            "share_of_rays_turned": share,
+            "rays": RAYS,
+            "turns_from_mm": survey.first.map(|first| first.distance_mm),
+            "x_mm": survey.first.map(|first| first.from.x_mm),
+            "y_mm": survey.first.map(|first| first.from.y_mm),
+            "direction_rad": survey.first.map(|first| first.direction_rad),
+            "rays_turned_within_5_mm": early,
+        }),
     }
 }
 
@@ -399,18 +357,12 @@ fn half_space() -> Claim {
     Claim {
         claim: "half-space",
         told: "a half-space stands for a 5 mm cover on a rigid base",
-        verdict: ClaimVerdict::of(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),
+        verdict: verdict(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),
         found: format!(
             "bonded, Poisson's ratio {POISSON_RATIO}: peak {peak:.3} times as high, half of it at {half_layer_mm:.3} mm \
              (half-space {half_space_mm:.3}), at {OFF_MM} mm {off_layer:.4} of it (half-space {off_space:.4})"
         ),
-        numbers: named([
-            ("peak_over_half_space", peak),
-            ("half_peak_layer_mm", half_layer_mm),
-            ("half_peak_half_space_mm", half_space_mm),
-            ("share_at_7_5_mm_layer", off_layer),
-            ("share_at_7_5_mm_half_space", off_space),
-        ]),
+        numbers: json!({"peak_over_half_space": peak, "half_peak_layer_mm": half_layer_mm, "half_peak_half_space_mm": half_space_mm, "share_at_7_5_mm_layer": off_layer, "share_at_7_5_mm_half_space": off_space}),
     }
 }
 

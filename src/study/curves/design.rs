@@ -6,9 +6,8 @@ use super::turning::{Area, Survey, last, spread};
 use crate::mechanics::{MOST_RADIUS_DEPTHS, Medium, Passage, Response};
 use crate::quantity::{ArrayLayout, Place};
 use crate::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels};
-use crate::study::methods::cramer_rao::{self, bound};
+use crate::study::methods::cramer_rao::{MeanBound, bound};
 use crate::study::methods::specimen::FORCES_N;
-use serde::Serialize;
 use serde_json::json;
 use thiserror::Error;
 
@@ -77,15 +76,6 @@ pub struct Course {
     pub points: Vec<(f64, Option<f64>)>,
 }
 
-/// The least errors of any method, on average over area and forces (Cramer and Rao).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct LeastErrors {
-    /// Mean distance, mm.
-    pub location_mm: f64,
-    /// Mean force error, N.
-    pub force_n: f64,
-}
-
 /// What was found of a design.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DesignFindings {
@@ -117,8 +107,8 @@ pub struct DesignFindings {
     pub courses: Vec<Course>,
     /// r over the area.
     pub survey: Survey,
-    /// None: there are contacts whose place and force the units don't tell.
-    pub least: Option<LeastErrors>,
+    /// The least errors of any method, on average over area and forces; none: there are contacts whose place and force the units don't tell.
+    pub least: Option<MeanBound>,
     /// Whether the rig names no noise, so that [`ASSUMED_SD`] was taken.
     pub noise_is_assumed: bool,
 }
@@ -243,16 +233,14 @@ impl Design {
         ((READINGS / readings_a_ray) as usize).clamp(RAYS.0, RAYS.1)
     }
 
-    fn least(&self) -> Option<LeastErrors> {
+    fn least(&self) -> Option<MeanBound> {
         let skin = Skin::new(&self.skin, &self.layout, self.full_scale_n, 0);
         let of_contact = |contact: usize| {
             let [across, up, hard] = spread(contact);
             let force_n = FORCES_N.0 + hard * (FORCES_N.1 - FORCES_N.0);
             bound(&skin, &self.skin, self.full_scale_n, self.area.at(across, up), force_n)
         };
-        let cramer_rao::MeanBound { location_mm, force_n } =
-            cramer_rao::MeanBound::mean((1..=CONTACTS).map(of_contact))?;
-        Some(LeastErrors { location_mm, force_n })
+        MeanBound::mean((1..=CONTACTS).map(|contact| of_contact(contact).map(MeanBound::of)))
     }
 }
 

@@ -1,6 +1,6 @@
 //! The paper's Figures 3 to 5, and the two of an array.
 
-use super::line::{CurveFigure as Place, FIGURE_4_TO, LineCurve};
+use super::line::{FIGURE_4_TO, LineCurve};
 use super::{Curves, DesignFindings};
 use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::mechanics::lambda;
@@ -8,31 +8,26 @@ use crate::mechanics::lambda;
 /// A figure: its file's name and the SVG.
 type Drawn = (String, String);
 
-/// Neighbours among the curves differ in colour, and the second with a colour is broken; names at their ends say which is which.
+/// Neighbours among the curves differ in colour, and the second with a colour is broken.
 const HUES: [Hue; 7] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Red, Hue::Teal, Hue::Purple, Hue::Brown];
 /// One panel across; in a grid marks are small.
 const GRID: Option<Grid> = Some(Grid { columns: 1, width_px: 900.0, shared: false });
 const HEIGHT_PX: f64 = 460.0;
-/// From the name of one curve to the next, px.
-const NAME_PX: f64 = 14.0;
+/// Curves that are named in a line of the legend.
+const NAMES: usize = 7;
 /// What is marked on curves.
 const TURNS: &str = "dots: where r turns and rises again";
 
 fn line(index: usize) -> Look {
-    let line = if index < HUES.len() { Line::Solid } else { Line::Dashed };
-    Look { hue: HUES[index % HUES.len()], shape: None, filled: true, line }
-}
-
-fn dot(hue: Hue) -> Look {
-    Look { hue, shape: Some(Shape::Circle), filled: true, line: Line::None }
+    Look::line(HUES[index % HUES.len()], if index < HUES.len() { Line::Solid } else { Line::Dashed })
 }
 
 /// The four figures of the paper.
 pub fn figures(found: &Curves) -> Vec<Drawn> {
     let drawn = [
         ("figure-3.svg", figure_3(&found.lambda)),
-        ("figure-4a.svg", figure_4(found, Place::Units)),
-        ("figure-4b.svg", figure_4(found, Place::Spacing)),
+        ("figure-4a.svg", figure_4(found, "4a", "how many units there are", &|curve| format!("n = {}", curve.n))),
+        ("figure-4b.svg", figure_4(found, "4b", "how far apart the units are", &|curve| format!("s = {:.1}", curve.s))),
         ("figure-5.svg", figure_5(found)),
     ];
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
@@ -47,7 +42,7 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
         marks: vec![
             Mark::At(field, String::new()),
             Mark::Curve(line(0), curve.to_vec()),
-            Mark::Curve(dot(Hue::Blue), vec![(field, lambda(field))]),
+            Mark::Curve(Look::markers(Hue::Blue, Shape::Circle), vec![(field, lambda(field))]),
             Mark::Words((field, lambda(field)), (8.0, -10.0), Anchor::Start, told),
         ],
     };
@@ -61,53 +56,37 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
     }
 }
 
-fn figure_4(found: &Curves, place: Place) -> Figure {
-    let curves: Vec<&LineCurve> = found.curves.iter().filter(|curve| curve.figure == place).collect();
+fn figure_4(found: &Curves, number: &str, by: &str, name: &dyn Fn(&LineCurve) -> String) -> Figure {
+    let curves = found.curves.iter().filter(|curve| curve.figure == number);
     let y = ChartAxis::linear("Pearson's r", (-1.05, 1.05));
-    let (mut marks, mut ends) = (Vec::new(), Vec::new());
-    for (index, curve) in curves.iter().enumerate() {
+    let (mut marks, mut names) = (Vec::new(), Vec::new());
+    for (index, curve) in curves.enumerate() {
         let look = line(index);
         marks.extend(joined(look, &curve.points));
         let turning = curve.turnings()[1].and_then(|d| Some((d, nearest(&curve.points, d)?)));
-        marks.extend(turning.map(|turning| Mark::Curve(dot(look.hue), vec![turning])));
-        let name = match place {
-            Place::Spacing => format!("s = {:.1}", curve.s),
-            _ => format!("n = {}", curve.n),
-        };
-        ends.extend(curve.points.last().and_then(|(d, r)| Some((look, (*d, (*r)?), name))));
+        marks.extend(turning.map(|turning| Mark::Curve(Look::markers(look.hue, Shape::Circle), vec![turning])));
+        names.push((look, name(curve)));
     }
-    marks.extend(named_ends(ends, &y, 0.09));
-    let (title, subtitle) = match place {
-        Place::Spacing => {
-            ("Figure 4b: r by how far apart the units are", "9 units, s H apart at depth H; F1 above the first")
-        }
-        _ => ("Figure 4a: r by how many units there are", "n units, H apart at depth H; F1 above the first"),
-    };
     Figure {
-        title: title.to_owned(),
-        subtitle: subtitle.to_owned(),
+        title: format!("Figure {number}: r by {by}"),
+        subtitle: "n units (9), s H apart (1) at depth H; F1 above the first".to_owned(),
         height_px: HEIGHT_PX,
-        // room for names at the right
-        panels: vec![Panel {
-            x: ChartAxis::linear("distance from F1 to F2, depths H", (0.0, 1.12 * FIGURE_4_TO)),
-            y,
-            marks,
-        }],
+        panels: vec![Panel { x: ChartAxis::linear("distance from F1 to F2, depths H", (0.0, FIGURE_4_TO)), y, marks }],
         grid: GRID,
-        legend: Vec::new(),
+        legend: names.chunks(NAMES).map(<[_]>::to_vec).collect(),
         notes: vec![TURNS.to_owned()],
     }
 }
 
 fn figure_5(found: &Curves) -> Figure {
-    let curves = found.curves.iter().filter(|curve| curve.figure == Place::Start);
+    let curves = found.curves.iter().filter(|curve| curve.figure == "5");
     let (mut marks, mut to) = (Vec::new(), 0.0f64);
     for (index, curve) in curves.enumerate() {
         let look = line(index);
         marks.extend(joined(look, &curve.points));
         for (d, sign) in curve.turnings().into_iter().zip([-1.0, 1.0]) {
             let turning = d.and_then(|d| Some((curve.d1 + sign * d, nearest(&curve.points, curve.d1 + sign * d)?)));
-            marks.extend(turning.map(|turning| Mark::Curve(dot(look.hue), vec![turning])));
+            marks.extend(turning.map(|turning| Mark::Curve(Look::markers(look.hue, Shape::Circle), vec![turning])));
         }
         marks.push(Mark::Words((curve.d1, 1.0), (0.0, -8.0), Anchor::Middle, format!("d1 = {}", curve.d1)));
         to = curve.points.last().map_or(to, |(d2, _)| to.max(*d2));
@@ -118,12 +97,12 @@ fn figure_5(found: &Curves) -> Figure {
         height_px: HEIGHT_PX,
         panels: vec![Panel {
             x: ChartAxis::linear("d2: where F2 is, depths H", (-0.25, to + 0.25)),
-            y: r_axis(found.curves.iter().filter(|curve| curve.figure == Place::Start).flat_map(|curve| &curve.points)),
+            y: r_axis(found.curves.iter().filter(|curve| curve.figure == "5").flat_map(|curve| &curve.points)),
             marks,
         }],
         grid: GRID,
-        legend: Vec::new(),
         notes: vec![TURNS.to_owned()],
+        ..Figure::default()
     }
 }
 
@@ -134,7 +113,7 @@ pub fn design_figures(found: &DesignFindings) -> Vec<Drawn> {
 }
 
 fn field(found: &DesignFindings) -> Figure {
-    let space = Look { hue: Hue::Grey, shape: None, filled: true, line: Line::Dashed };
+    let space = Look::line(Hue::Grey, Line::Dashed);
     let depth_mm = found.passage.depth_mm;
     let least = found.field.iter().map(|(_, share)| *share).fold(0.0, f64::min);
     let mut marks = vec![
@@ -163,7 +142,7 @@ fn field(found: &DesignFindings) -> Figure {
         }],
         grid: GRID,
         legend,
-        notes: Vec::new(),
+        ..Figure::default()
     }
 }
 
@@ -192,8 +171,8 @@ fn courses(found: &DesignFindings) -> Figure {
             marks,
         }],
         grid: GRID,
-        legend: Vec::new(),
         notes: vec![format!("above each curve: {along} of F1, mm")],
+        ..Figure::default()
     }
 }
 
@@ -223,47 +202,9 @@ fn nearest(points: &[(f64, Option<f64>)], place: f64) -> Option<f64> {
     points.iter().min_by(|a, b| (a.0 - place).abs().total_cmp(&(b.0 - place).abs()))?.1
 }
 
-/// Names right of the ends of curves, apart from each other, each led to from its curve's end.
-fn named_ends(mut ends: Vec<(Look, (f64, f64), String)>, y: &ChartAxis, aside: f64) -> Vec<Mark> {
-    ends.sort_by(|a, b| b.1.1.total_cmp(&a.1.1));
-    let apart = (y.range.1 - y.range.0) * NAME_PX / HEIGHT_PX;
-    let mut heights: Vec<f64> = ends.iter().map(|(_, (_, r), _)| *r).collect();
-    // names that are too close push each other away until none is
-    for _ in 0..400 {
-        for upper in 0..heights.len().saturating_sub(1) {
-            let missing = apart - (heights[upper] - heights[upper + 1]);
-            if missing > 0.0 {
-                heights[upper] += missing / 2.0;
-                heights[upper + 1] -= missing / 2.0;
-            }
-        }
-    }
-    let named = ends.into_iter().zip(heights).flat_map(|((look, end, name), height)| {
-        let at = (end.0 + aside, height);
-        [Mark::Curve(look, vec![end, at]), Mark::Words(at, (5.0, 4.0), Anchor::Start, name)]
-    });
-    named.collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_of_curves_that_end_together_stand_apart_in_their_order() {
-        let end = |r: f64| (line(0), (2.0, r), r.to_string());
-        let marks =
-            named_ends(vec![end(-0.10), end(-0.11), end(0.9), end(-0.105)], &ChartAxis::linear("", (-1.0, 1.0)), 0.1);
-        let words: Vec<(f64, &str)> = marks
-            .iter()
-            .filter_map(|mark| match mark {
-                Mark::Words((_, y), _, _, told) => Some((*y, told.as_str())),
-                _ => None,
-            })
-            .collect();
-        assert_eq!(words.iter().map(|(_, told)| *told).collect::<Vec<_>>(), ["0.9", "-0.1", "-0.105", "-0.11"]);
-        assert!(words.windows(2).all(|pair| pair[0].0 - pair[1].0 > 0.98 * 2.0 * NAME_PX / HEIGHT_PX), "{words:?}");
-    }
 
     #[test]
     fn a_curve_is_broken_where_it_steps_or_is_not() {

@@ -4,7 +4,6 @@ use super::array::Array;
 use super::turning::ArrayWalk;
 use crate::mechanics::lambda;
 use crate::quantity::Place;
-use serde::Serialize;
 use std::f64::consts::PI;
 
 /// How far the second contact goes in Figure 4, depths.
@@ -20,25 +19,12 @@ const WALK_STEP: f64 = 0.02;
 /// How far Figure 3 goes.
 const FIGURE_3_TO: f64 = 3.0;
 
-/// Which figure a curve belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum CurveFigure {
-    /// r by how many units there are.
-    #[serde(rename = "4a")]
-    Units,
-    /// r by how far apart they are.
-    #[serde(rename = "4b")]
-    Spacing,
-    /// r by where the first contact is.
-    #[serde(rename = "5")]
-    Start,
-}
-
 /// r of two contacts on a line of units, against where the second is; all in depths H.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineCurve {
-    /// Where it is drawn.
-    pub figure: CurveFigure,
+    /// The paper's figure that it is drawn in: 4a by how many units there are, 4b by how far apart they are, 5 by where the first
+    /// contact is.
+    pub figure: &'static str,
     /// Units in the line, the first at 0.
     pub n: usize,
     /// From one unit to the next.
@@ -57,13 +43,13 @@ pub fn lambda_curve() -> Vec<(f64, f64)> {
 
 /// Figures 4a, 4b and 5.
 pub fn curves() -> Vec<LineCurve> {
-    let of_units = (2..=15).map(|n| curve(CurveFigure::Units, n, 1.0, 0.0, FIGURE_4_TO));
-    let of_spacing = (1..=10).map(|k| curve(CurveFigure::Spacing, UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
-    let of_start = (0..6).map(|k| curve(CurveFigure::Start, UNITS, 1.0, 1.5 * f64::from(k), FIGURE_5_TO));
+    let of_units = (2..=15).map(|n| curve("4a", n, 1.0, 0.0, FIGURE_4_TO));
+    let of_spacing = (1..=10).map(|k| curve("4b", UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
+    let of_start = (0..6).map(|k| curve("5", UNITS, 1.0, 1.5 * f64::from(k), FIGURE_5_TO));
     of_units.chain(of_spacing).chain(of_start).collect()
 }
 
-fn curve(figure: CurveFigure, n: usize, s: f64, d1: f64, to: f64) -> LineCurve {
+fn curve(figure: &'static str, n: usize, s: f64, d1: f64, to: f64) -> LineCurve {
     let array = Array::line(n, s);
     let last = (to / STEP).round() as usize;
     let point = |d2: f64| (d2, array.r(on_line(d1), on_line(d2)));

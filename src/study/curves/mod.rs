@@ -10,11 +10,12 @@ mod figures;
 mod line;
 mod turning;
 
+pub use super::methods::cramer_rao::MeanBound;
 pub use array::{Aim, Array};
-pub use claims::{Claim, ClaimVerdict};
-pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings, LeastErrors};
+pub use claims::Claim;
+pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};
 pub use figures::{design_figures, figures};
-pub use line::{CurveFigure, LineCurve};
+pub use line::LineCurve;
 pub use turning::{Area, ArrayWalk, NEAR_R, Survey, Turning};
 
 use serde::Serialize;

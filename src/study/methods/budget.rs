@@ -2,20 +2,21 @@
 
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally};
-use super::{Rows, Told};
-use crate::parallel::in_parallel;
+use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
+use crate::dataset::round;
 use crate::quantity::stream;
 use crate::solver::Setting;
-use crate::study::StudyError;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use crate::study::{StudyError, Told, carried_out};
 
 /// What is varied, as it stands in rows.
 pub const BUDGET: &str = "calibration presses";
 /// Presses along a side of the square, the most first: they take longest.
 pub const SIDES: [usize; 8] = [25, 19, 13, 9, 7, 5, 4, 3];
+/// Specimens, each calibrated once with each number of presses, and contacts that each calibration is tested with.
+const SPECIMENS: usize = 6;
+const TESTS: usize = 1000;
 /// The same for a first look.
-const QUICK_SIDES: [usize; 3] = [7, 5, 3];
+const QUICK: (&[usize], usize, usize) = (&[7, 5, 3], 1, 60);
 /// From one calibration press to the next, s: the median of `palpate study control` for places 0.5 mm apart, by the strategy
 /// `map` on the fast bench, 10 mN.
 pub const PRESS_S: f64 = 0.755;
@@ -24,45 +25,24 @@ const GAIN_SPREAD_PERCENT: f64 = 20.0;
 const DEPTH_SPREAD_PERCENT: f64 = 5.0;
 const PLACE_SPREAD_MM: f64 = 0.1;
 
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BudgetSize {
-    /// Presses along a side.
-    sides: &'static [usize],
-    /// Specimens, each calibrated once with each number of presses.
-    pub specimens: usize,
-    /// Contacts that each calibration is tested with.
-    pub tests: usize,
-}
-
-impl BudgetSize {
-    /// The whole study.
-    pub const WHOLE: BudgetSize = BudgetSize { sides: &SIDES, specimens: 6, tests: 1000 };
-    /// For a first look, and for tests.
-    pub const QUICK: BudgetSize = BudgetSize { sides: &QUICK_SIDES, specimens: 1, tests: 60 };
-}
-
 /// Calibrates every method with ever fewer presses.
 ///
 /// # Errors
 /// None in practice: simulated presses can be calibrated on.
-pub fn budget(size: BudgetSize, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
+pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+    let (sides, specimens, tests) = if quick { QUICK } else { (&SIDES[..], SPECIMENS, TESTS) };
     let mut jobs = Vec::new();
-    for &side in size.sides {
+    for &side in sides {
         for noise in NoiseReference::ALL {
-            jobs.extend((0..size.specimens).map(|specimen| (noise, side, specimen)));
+            jobs.extend((0..specimens).map(|specimen| (noise, side, specimen)));
         }
     }
-    let done = AtomicUsize::new(0);
-    let tried = in_parallel(&jobs, |&(noise, side, specimen)| {
-        let tried = calibrate(noise, side, size.tests, seed.wrapping_add(specimen as u64));
-        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
-        tried
-    });
-    let tried = tried.into_iter().collect::<Result<Vec<Tried>, StudyError>>()?;
+    let tried = carried_out(&jobs, told, |&(noise, side, specimen)| {
+        calibrate(noise, side, tests, seed.wrapping_add(specimen as u64))
+    })?;
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
-        for &side in size.sides.iter().rev() {
+        for &side in sides.iter().rev() {
             let of_it: Vec<&Tried> = jobs
                 .iter()
                 .zip(&tried)
@@ -72,11 +52,11 @@ pub fn budget(size: BudgetSize, seed: u64, told: Told<'_>) -> Result<Rows, Study
             rows.extend(Method::names().enumerate().map(|(index, solver)| {
                 let mut sum = Tally::default();
                 of_it.iter().for_each(|tried| sum.add(tried.tallies[index].clone()));
-                row(noise, side, solver, &sum, mean(of_it.iter().map(|tried| tried.least)))
+                row(noise, side, solver, &sum, MeanBound::mean(of_it.iter().map(|tried| tried.least)))
             }));
         }
     }
-    Ok(Rows { rows })
+    Ok(rows)
 }
 
 /// What every method made of one calibration.
@@ -104,23 +84,13 @@ fn calibrate(noise: NoiseReference, side: usize, tests: usize, seed: u64) -> Res
 
 fn row(noise: NoiseReference, side: usize, solver: &'static str, sum: &Tally, least: Option<MeanBound>) -> MethodRow {
     let presses = side * side;
-    let heading = Heading {
+    MethodRow {
         study: "budget",
         scene: noise.name().to_owned(),
         condition: BUDGET,
         value: presses as f64,
-        told: None,
         calibration_presses: presses,
-    };
-    let minutes = Some((presses as f64 * PRESS_S / 60.0 * 1e3).round() / 1e3);
-    MethodRow { minutes, ..sum.row(solver, heading, least.map(|least| (least, CRAMER_RAO))) }
-}
-
-/// The mean over specimens; none if one has none.
-fn mean(bounds: impl Iterator<Item = Option<MeanBound>>) -> Option<MeanBound> {
-    let bounds = bounds.collect::<Option<Vec<MeanBound>>>()?;
-    let count = bounds.len() as f64;
-    let sum = |of: fn(&MeanBound) -> f64| bounds.iter().map(of).sum::<f64>() / count;
-    (!bounds.is_empty())
-        .then(|| MeanBound { location_mm: sum(|least| least.location_mm), force_n: sum(|least| least.force_n) })
+        minutes: Some(round(presses as f64 * PRESS_S / 60.0, 3)),
+        ..sum.row(solver, least.map(|least| (least, CRAMER_RAO)))
+    }
 }

@@ -76,19 +76,19 @@ impl MeanBound {
     /// Over the single contacts among some readings; none if there is one that the units don't tell.
     pub fn over(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, readings: &KnownReadings) -> Option<MeanBound> {
         let of = |truth: &KnownContact| bound(skin, spec, full_scale_n, truth.place, truth.force_n?);
-        Self::mean(readings.truths.iter().map(of))
+        Self::mean(readings.truths.iter().map(|truth| of(truth).map(MeanBound::of)))
     }
 
-    /// Of covariances, however they were come by; none if one is missing, or all are.
-    pub fn mean(covariances: impl Iterator<Item = Option<Covariance>>) -> Option<MeanBound> {
-        let (mut sum, mut count) = (MeanBound { location_mm: 0.0, force_n: 0.0 }, 0.0);
-        for covariance in covariances {
-            let covariance = covariance?;
-            sum.location_mm += covariance.mean_distance_mm();
-            sum.force_n += covariance.mean_force_error_n();
-            count += 1.0;
-        }
-        (count > 0.0).then(|| MeanBound { location_mm: sum.location_mm / count, force_n: sum.force_n / count })
+    /// Of one covariance.
+    pub fn of(covariance: Covariance) -> MeanBound {
+        MeanBound { location_mm: covariance.mean_distance_mm(), force_n: covariance.mean_force_error_n() }
+    }
+
+    /// The mean of some, however they were come by; none if one is missing, or all are.
+    pub fn mean(bounds: impl Iterator<Item = Option<MeanBound>>) -> Option<MeanBound> {
+        let bounds = bounds.collect::<Option<Vec<MeanBound>>>().filter(|bounds| !bounds.is_empty())?;
+        let mean = |of: fn(&MeanBound) -> f64| bounds.iter().map(of).sum::<f64>() / bounds.len() as f64;
+        Some(MeanBound { location_mm: mean(|bound| bound.location_mm), force_n: mean(|bound| bound.force_n) })
     }
 }
 

@@ -3,31 +3,15 @@
 use super::conditions::{CONDITIONS, ConditionValue, Harm};
 use super::cramer_rao::MeanBound;
 use super::specimen::{FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally};
-use super::{Rows, Told};
-use crate::parallel::in_parallel;
+use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
 use crate::quantity::stream;
 use crate::solver::Setting;
-use crate::study::StudyError;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use crate::study::{StudyError, Told, carried_out};
 
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FailuresSize {
-    /// Calibration presses along a side.
-    pub side: usize,
-    /// Contacts at each value of each condition.
-    pub tests: usize,
-    /// Whether only the first and the last value of each condition are tried.
-    pub ends_only: bool,
-}
-
-impl FailuresSize {
-    /// The whole study.
-    pub const WHOLE: FailuresSize = FailuresSize { side: 25, tests: 1000, ends_only: false };
-    /// For a first look, and for tests.
-    pub const QUICK: FailuresSize = FailuresSize { side: 5, tests: 40, ends_only: true };
-}
+/// Calibration presses along a side, and contacts at each value of each condition.
+const SIZE: (usize, usize) = (25, 1000);
+/// The same for a first look, which tries the first and the last value of each condition.
+const QUICK: (usize, usize) = (5, 40);
 
 /// What is calibrated once, and all that is tried on it.
 struct Job {
@@ -40,15 +24,10 @@ struct Job {
 ///
 /// # Errors
 /// None in practice: simulated presses can be calibrated on.
-pub fn failures(size: FailuresSize, seed: u64, told: Told<'_>) -> Result<Rows, StudyError> {
-    let jobs = jobs(size.ends_only);
-    let done = AtomicUsize::new(0);
-    let tried = in_parallel(&jobs, |job| {
-        let rows = job.rows(size, seed);
-        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
-        rows
-    });
-    let mut rows = tried.into_iter().collect::<Result<Vec<_>, _>>()?.concat();
+pub fn failures(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+    let jobs = jobs(quick);
+    let size = if quick { QUICK } else { SIZE };
+    let mut rows = carried_out(&jobs, told, |job| job.rows(size, seed))?.concat();
     // as the conditions are listed, not as calibrations are shared
     let rank = |row: &MethodRow| {
         let harm = CONDITIONS.iter().position(|harm| harm.name == row.condition);
@@ -57,7 +36,7 @@ pub fn failures(size: FailuresSize, seed: u64, told: Told<'_>) -> Result<Rows, S
     };
     rows.sort_by_key(rank); // methods stay in their order
     rows.sort_by_key(|row| row.scene != NoiseReference::T.name());
-    Ok(Rows { rows })
+    Ok(rows)
 }
 
 fn jobs(ends_only: bool) -> Vec<Job> {
@@ -83,28 +62,26 @@ fn jobs(ends_only: bool) -> Vec<Job> {
 }
 
 impl Job {
-    fn rows(&self, size: FailuresSize, seed: u64) -> Result<Vec<MethodRow>, StudyError> {
+    fn rows(&self, (side, tests): (usize, usize), seed: u64) -> Result<Vec<MethodRow>, StudyError> {
         let mut skin = self.calibrated.skin(seed);
-        let presses = KnownReadings::of(&mut skin, &grid(size.side), &mut stream(seed, 0, "calibration noise"));
+        let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, 0, "calibration noise"));
         let calibration = presses.calibration()?;
         let methods = Method::all(&calibration, &Setting::of_layout(Some(&self.calibrated.layout)));
         let mut rows = Vec::new();
         for (harm, value, case) in &self.cases {
-            let touches = harm.touches(*value, size.tests, &mut stream(seed, 0, "test contacts"));
+            let touches = harm.touches(*value, tests, &mut stream(seed, 0, "test contacts"));
             let mut skin = case.tested.skin(seed);
             let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
             let least =
                 case.map_is_known.then(|| MeanBound::over(&skin, &case.tested.skin, FULL_SCALE_N, &test)).flatten();
-            rows.extend(methods.iter().map(|method| {
-                let heading = Heading {
-                    study: "failures",
-                    scene: self.noise.name().to_owned(),
-                    condition: harm.name,
-                    value: *value,
-                    told: harm.words(*value),
-                    calibration_presses: calibration.len(),
-                };
-                Tally::of(method, &test).row(method.name, heading, least.map(|least| (least, CRAMER_RAO)))
+            rows.extend(methods.iter().map(|method| MethodRow {
+                study: "failures",
+                scene: self.noise.name().to_owned(),
+                condition: harm.name,
+                value: *value,
+                told: harm.words(*value),
+                calibration_presses: calibration.len(),
+                ..Tally::of(method, &test).row(method.name, least.map(|least| (least, CRAMER_RAO)))
             }));
         }
         Ok(rows)

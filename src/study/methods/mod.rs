@@ -10,39 +10,21 @@ pub(super) mod specimen;
 mod speed_accuracy;
 mod trial;
 
-pub use budget::{BudgetSize, PRESS_S, budget};
+pub use budget::{PRESS_S, budget};
 pub use conditions::{CONDITIONS, Harm};
-pub use failures::{FailuresSize, failures};
-pub use figures::{budget_figures, failure_figures, speed_accuracy_figures, told};
+pub use failures::failures;
+pub use figures::{budget_figures, failure_figures, speed_accuracy_figures};
 pub use recorded::{of_run, of_tables};
 pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
-pub use trial::{Errors, Method, MethodRow};
+pub use trial::{Method, MethodRow};
 
-/// Hears how many parts of a study are done, and of how many.
-pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
-
-/// What came of a study.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Rows {
-    /// A row a method and condition.
-    pub rows: Vec<MethodRow>,
-}
-
-impl Rows {
-    /// One JSON object a line.
-    pub fn ndjson(&self) -> String {
-        // numbers and text can't fail
-        self.rows.iter().map(|row| serde_json::to_string(row).unwrap_or_default() + "\n").collect()
-    }
-
-    /// The rows of one scene, method and condition, in order.
-    pub fn of<'a>(
-        &'a self,
-        scene: &'a str,
-        solver: &'a str,
-        condition: &'a str,
-    ) -> impl Iterator<Item = &'a MethodRow> {
-        self.rows.iter().filter(move |row| row.scene == scene && row.solver == solver && row.condition == condition)
-    }
+/// The rows of one scene, method and condition, in order.
+pub fn rows_of<'a>(
+    rows: &'a [MethodRow],
+    scene: &'a str,
+    solver: &'a str,
+    condition: &'a str,
+) -> impl Iterator<Item = &'a MethodRow> {
+    rows.iter().filter(move |row| row.scene == scene && row.solver == solver && row.condition == condition)
 }

@@ -65,5 +65,7 @@ fn stated(calibration: &Calibration, test: &KnownReadings, layout: Option<&Array
     let solver = fit("surrogate", calibration, &Setting::of_layout(layout)).ok()?;
     let mut workspace = Workspace::default();
     let solutions = test.iter().filter_map(|(_, outputs)| solver.solve(outputs, &mut workspace).ok());
-    MeanBound::mean(solutions.filter_map(|solution| solution.covariance).map(Some))
+    MeanBound::mean(
+        solutions.filter_map(|solution| solution.covariance).map(|covariance| Some(MeanBound::of(covariance))),
+    )
 }

@@ -160,7 +160,7 @@ impl KnownReadings {
     }
 
     /// One after another.
-    pub fn iter(&self) -> impl Iterator<Item = (&KnownContact, &[f64])> {
+    pub fn iter(&self) -> impl Iterator<Item = (&KnownContact, &[f64])> + Clone {
         self.truths.iter().zip(self.outputs.chunks_exact(self.units))
     }
 

@@ -2,15 +2,13 @@
 
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Heading, Method, MethodRow, Tally, mark_pareto, ns_per_solve};
-use super::{Rows, Told};
+use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
+use crate::dataset::evaluate::ns_per_solve;
+use crate::dataset::round;
 use crate::parallel::in_parallel;
 use crate::quantity::{ArrayLayout, stream};
 use crate::solver::{BEST, Calibration, Setting};
-use crate::study::StudyError;
-
-/// The study's name in rows.
-const STUDY: &str = "speed-accuracy";
+use crate::study::{StudyError, Told, pareto};
 
 /// What methods are calibrated on and tried on.
 #[derive(Clone, Debug)]
@@ -56,8 +54,8 @@ impl MethodTrial {
 }
 
 /// Calibrates every method on each trial, solves its test and takes the time of it.
-pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Rows {
-    let mut rows = Vec::new();
+pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Vec<MethodRow> {
+    let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {
         let methods = Method::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
         let tallies: Vec<Tally> = methods.iter().map(|method| Tally::of(method, &trial.test)).collect();
@@ -67,27 +65,27 @@ pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Rows {
     for (trial, (methods, tallies)) in trials.iter().zip(tried) {
         let first = rows.len();
         for (method, tally) in methods.iter().zip(tallies) {
-            let heading = Heading {
-                study: STUDY,
+            let mut row = MethodRow {
+                study: "speed-accuracy",
                 scene: trial.scene.clone(),
                 condition: "solver",
-                value: 0.0,
-                told: None,
                 calibration_presses: trial.calibration.len(),
+                ..tally.row(method.name, trial.least)
             };
-            let mut row = tally.row(method.name, heading, trial.least);
             // one after another: two at once would take each other's time. The best is one of them, and takes as long.
-            let same =
-                rows[first..].iter().find(|other: &&MethodRow| method.name == BEST && Some(other.solver) == row.chosen);
-            row.ns_per_solve = match (same, &method.fitted) {
+            let same = rows[first..].iter().find(|other| method.name == BEST && Some(other.solver) == row.chosen);
+            let ns = match (same, &method.fitted) {
                 (Some(same), _) => same.ns_per_solve,
-                (None, Ok(solver)) => ns_per_solve(solver.as_ref(), &trial.test),
+                (None, Ok(solver)) => ns_per_solve(solver.as_ref(), trial.test.iter().map(|(_, outputs)| outputs)),
                 (None, Err(_)) => None,
             };
+            row.ns_per_solve = ns.map(|ns| round(ns, 1));
             rows.push(row);
             told(rows.len(), count);
         }
     }
-    mark_pareto(&mut rows);
-    Rows { rows }
+    let mark = |row: &MethodRow| (row.scene.clone(), row.ns_per_solve.zip(row.mean_mm()));
+    let best = pareto(&rows.iter().map(mark).collect::<Vec<_>>());
+    rows.iter_mut().zip(best).for_each(|(row, is_best)| row.pareto = Some(is_best));
+    rows
 }

@@ -2,12 +2,13 @@
 
 use super::cramer_rao::MeanBound;
 use super::specimen::KnownReadings;
+use crate::dataset::round;
 use crate::solver::{
     BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, SOLVERS, Setting,
     Solver, Verdict, Workspace, fit,
 };
 use serde::Serialize;
-use std::hint::black_box;
+use statrs::statistics::Statistics as _;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -41,7 +42,7 @@ impl Method {
 }
 
 /// What a method made of one condition. Times are measured, all else follows from the seed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MethodRow {
     /// Which study.
     pub study: &'static str,
@@ -71,11 +72,11 @@ pub struct MethodRow {
     /// Of which there was an answer.
     pub answers: usize,
     /// Distance from the true place, of two contacts the nearer, mm; null without answers.
-    pub location_error_mm: Option<Errors>,
+    pub location_error_mm: Option<ErrorSummary>,
     /// Half the 95 % confidence interval of its mean, mm: 1.96 standard errors.
     pub location_error_within_mm: Option<f64>,
     /// Difference from the true force, N; null where that isn't one, or isn't known.
-    pub force_error_n: Option<Errors>,
+    pub force_error_n: Option<ErrorSummary>,
     /// Time of a solve, ns; measured.
     pub ns_per_solve: Option<f64>,
     /// Share of the readings without an answer, or with a verdict other than ok.
@@ -98,38 +99,10 @@ pub struct MethodRow {
     pub refused: Option<String>,
 }
 
-/// Some errors, summed up.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Errors {
-    /// Arithmetic mean.
-    pub mean: f64,
-    /// 50th percentile.
-    pub median: f64,
-    /// 95th percentile.
-    pub p95: f64,
-}
-
 /// Whose bound it is.
 pub const CRAMER_RAO: &str = "cramer-rao";
 /// The errors that a method states of itself.
 pub const STATED: &str = "stated by surrogate";
-
-/// Where a row belongs.
-#[derive(Clone, Debug)]
-pub struct Heading {
-    /// Which study.
-    pub study: &'static str,
-    /// The scene.
-    pub scene: String,
-    /// What is varied.
-    pub condition: &'static str,
-    /// Its value.
-    pub value: f64,
-    /// The value in words.
-    pub told: Option<&'static str>,
-    /// Presses of the calibration.
-    pub calibration_presses: usize,
-}
 
 /// What a method made of readings, added up over any number of calibrations.
 #[derive(Clone, Debug, Default)]
@@ -196,36 +169,28 @@ impl Tally {
         self.refused = self.refused.take().or(other.refused);
     }
 
-    /// The row it makes.
-    pub fn row(&self, solver: &'static str, heading: Heading, least: Option<(MeanBound, &'static str)>) -> MethodRow {
+    /// The row it makes: what a method came to, for the study to say under what.
+    pub fn row(&self, solver: &'static str, least: Option<(MeanBound, &'static str)>) -> MethodRow {
         let share = |count: usize| (self.points > 0).then(|| grain(count as f64 / self.points as f64));
         let chosen = self.chosen.first().filter(|first| self.chosen.iter().all(|chosen| chosen == *first));
-        let Heading { study, scene, condition, value, told, calibration_presses } = heading;
         MethodRow {
-            study,
-            scene,
             solver,
             chosen: chosen.copied(),
-            condition,
-            value,
-            told,
-            calibration_presses,
             calibrations: self.calibrations,
-            minutes: None,
             points: self.points,
             answers: self.locations_mm.len(),
-            location_error_mm: Errors::of(&self.locations_mm),
+            location_error_mm: summed(&self.locations_mm),
             location_error_within_mm: within(&self.locations_mm).map(grain),
-            force_error_n: Errors::of(&self.forces_n),
-            ns_per_solve: (self.points > 0).then(|| whole(self.taken.as_nanos() as f64 / self.points as f64)),
+            force_error_n: summed(&self.forces_n),
+            ns_per_solve: (self.points > 0).then(|| round(self.taken.as_nanos() as f64 / self.points as f64, 1)),
             flagged: share(self.flagged),
             wrong: share(self.wrong),
             wrong_unflagged: share(self.wrong_unflagged),
             location_bound_mm: least.map(|(least, _)| grain(least.location_mm)),
             force_bound_n: least.map(|(least, _)| grain(least.force_n)),
             bound: least.map(|(_, whose)| whose),
-            pareto: None,
             refused: self.refused.clone(),
+            ..MethodRow::default()
         }
     }
 }
@@ -237,70 +202,19 @@ impl MethodRow {
     }
 }
 
-impl Errors {
-    fn of(errors: &[f64]) -> Option<Errors> {
-        // an answer far out of any scene would make a sum that JSON can't hold
-        let sum = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
-        Some(Errors { mean: grain(sum.mean), median: grain(sum.median), p95: grain(sum.p95) })
-    }
+/// Some errors, summed up.
+fn summed(errors: &[f64]) -> Option<ErrorSummary> {
+    // an answer far out of any scene would make a sum that JSON can't hold
+    let ErrorSummary { mean, median, p95, max } = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
+    Some(ErrorSummary { mean: grain(mean), median: grain(median), p95: grain(p95), max: grain(max) })
 }
 
 /// 1.96 standard errors of the mean.
 fn within(errors: &[f64]) -> Option<f64> {
-    let count = errors.len() as f64;
-    let mean = errors.iter().sum::<f64>() / count;
-    let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    Some(1.96 * (square / count).sqrt()).filter(|within| within.is_finite())
+    Some(1.96 * errors.std_dev() / (errors.len() as f64).sqrt()).filter(|within| within.is_finite())
 }
 
 /// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
 fn grain(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6 + 0.0 // no "-0"
-}
-
-/// Rounded to a tenth.
-fn whole(value: f64) -> f64 {
-    (value * 10.0).round() / 10.0
-}
-
-/// Readings that are solved again and again to see how long it takes, and the least time of that.
-const TIMED: usize = 1000;
-const LEAST: Duration = Duration::from_millis(20);
-const LEAST_PASSES: usize = 5;
-
-/// Time of a solve, ns: the median over passes through the same readings, of which there are at least 5 and 20 ms.
-pub fn ns_per_solve(solver: &dyn Solver, readings: &KnownReadings) -> Option<f64> {
-    let mut workspace = Workspace::default();
-    let count = readings.truths.len().min(TIMED);
-    let mut pass = || {
-        let began = Instant::now();
-        for (_, outputs) in readings.iter().take(count) {
-            // an answer that isn't one takes its time too
-            let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
-        }
-        began.elapsed()
-    };
-    pass(); // the first one makes room
-    let (mut passes, mut taken) = (Vec::new(), Duration::ZERO);
-    while taken < LEAST || passes.len() < LEAST_PASSES {
-        let pass = pass();
-        taken += pass;
-        passes.push(pass.as_nanos() as f64);
-    }
-    ErrorSummary::of(&passes).filter(|_| count > 0).map(|sum| whole(sum.median / count as f64))
-}
-
-/// Of the rows of each scene: is no other both faster and nearer? Rows without both have no part in it.
-pub fn mark_pareto(rows: &mut [MethodRow]) {
-    let mark = |row: &MethodRow| Some((row.ns_per_solve?, row.mean_mm()?));
-    let all: Vec<(String, (f64, f64))> = rows.iter().filter_map(|row| Some((row.scene.clone(), mark(row)?))).collect();
-    for row in rows {
-        let is_best = mark(row).is_some_and(|(ns, mm)| {
-            let beats = |(scene, (other_ns, other_mm)): &(String, (f64, f64))| {
-                *scene == row.scene && *other_ns <= ns && *other_mm <= mm && (*other_ns, *other_mm) != (ns, mm)
-            };
-            !all.iter().any(beats)
-        });
-        row.pareto = Some(is_best);
-    }
+    round(value, 6)
 }

@@ -3,18 +3,15 @@
 
 mod page;
 
-use super::StudyError;
 use super::bench::{papers_rig, walked};
 use super::curves::{Claim, curves};
-use super::methods::Told;
+use super::{StudyError, Told, carried_out, ndjson};
 use crate::dataset::Presses;
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::dataset::evaluate::Trial;
-use crate::parallel::in_parallel;
 use crate::recipe::{self, Plan};
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use serde::Serialize;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The recipe that is carried out.
 const RECIPE: (&str, &str) = ("recipes/paper.toml", include_str!("../../../recipes/paper.toml"));
@@ -61,17 +58,12 @@ pub struct Validation {
 /// A recipe or a rig that can't be used; none in practice: tests hold both to be sound.
 pub fn validation(seeds: usize, seed: u64, told: Told<'_>) -> Result<Validation, StudyError> {
     let each: Vec<u64> = (0..seeds as u64).map(|index| seed.wrapping_add(index)).collect();
-    let done = AtomicUsize::new(0);
-    let outcomes = in_parallel(&each, |&seed| {
-        let outcome = carried_out(seed);
-        told(1 + done.fetch_add(1, Ordering::Relaxed), seeds);
-        outcome
-    });
-    let outcomes = outcomes.into_iter().collect::<Result<Vec<ValidationOutcome>, StudyError>>()?;
+    let outcomes = carried_out(&each, told, |&seed| protocol(seed))?;
     Ok(Validation { seed, outcomes, claims: curves().claims })
 }
 
-fn carried_out(seed: u64) -> Result<ValidationOutcome, StudyError> {
+/// The whole protocol once.
+fn protocol(seed: u64) -> Result<ValidationOutcome, StudyError> {
     let rig = papers_rig()?;
     let (file, text) = RECIPE;
     let plan = Plan::new(&recipe::parse(file, text)?, &rig.ground(), seed)?;
@@ -100,9 +92,6 @@ fn carried_out(seed: u64) -> Result<ValidationOutcome, StudyError> {
 impl Validation {
     /// One JSON object a line: the specimens, then the claims.
     pub fn ndjson(&self) -> String {
-        // numbers and text can't fail
-        let outcomes = self.outcomes.iter().map(|outcome| serde_json::to_string(outcome).unwrap_or_default() + "\n");
-        let claims = self.claims.iter().map(|claim| serde_json::to_string(claim).unwrap_or_default() + "\n");
-        outcomes.chain(claims).collect()
+        ndjson(&self.outcomes) + &ndjson(&self.claims)
     }
 }

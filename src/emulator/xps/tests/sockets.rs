@@ -1,7 +1,7 @@
 //! The XPS over several sockets.
 
 use super::*;
-use crate::emulator::testbed::{Wire, shared};
+use crate::emulator::tests::{Wire, shared};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 

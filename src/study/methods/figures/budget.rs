@@ -1,14 +1,14 @@
 //! Mean error against the presses of a calibration.
 
-use super::{BOUND, Drawn, PAPER_MM, legend, look};
+use super::{BOUND, Drawn, PAPER_MM, legend, look, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Mark, Panel, Scale};
 use crate::study::methods::budget::{BUDGET, PRESS_S};
-use crate::study::methods::{Method, NoiseReference, Rows};
+use crate::study::methods::{Method, MethodRow, NoiseReference, rows_of};
 
 /// Both scenes side by side.
-pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
-    let specimens = found.rows.iter().map(|row| row.calibrations).max().unwrap_or(0);
-    let tests = found.rows.iter().map(|row| row.points).max().unwrap_or(0) / specimens.max(1);
+pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
+    let specimens = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
+    let tests = found.iter().map(|row| row.points).max().unwrap_or(0) / specimens.max(1);
     let figure = Figure {
         title: "How many calibration presses a method needs".to_owned(),
         subtitle: format!(
@@ -16,7 +16,7 @@ pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
         ),
         height_px: 420.0,
         panels: NoiseReference::ALL.map(|noise| panel(noise, found)).to_vec(),
-        legend: legend(5),
+        legend: legend(methods_and_bound(), 5),
         notes: vec![
             format!("dotted: the paper's own mean error with 625 presses, {PAPER_MM} mm"),
             format!(
@@ -31,8 +31,8 @@ pub fn budget_figures(found: &Rows) -> Vec<Drawn> {
     vec![("budget.svg".to_owned(), figure.svg())]
 }
 
-fn panel(noise: NoiseReference, found: &Rows) -> Panel {
-    let of = |solver| found.of(noise.name(), solver, BUDGET);
+fn panel(noise: NoiseReference, found: &[MethodRow]) -> Panel {
+    let of = |solver| rows_of(found, noise.name(), solver, BUDGET);
     let mut ticks: Vec<(f64, String)> = Vec::new();
     for row in of(crate::solver::SOLVERS[0]) {
         let minutes = row.minutes.unwrap_or(0.0);
@@ -45,7 +45,7 @@ fn panel(noise: NoiseReference, found: &Rows) -> Panel {
         scale: Scale::LogAt(ticks),
         range: (ends.0.min(ends.1) / 1.15, ends.1 * 1.15),
     };
-    let rows = || found.rows.iter().filter(|row| row.scene == noise.name());
+    let rows = || found.iter().filter(|row| row.scene == noise.name());
     let errors_mm = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
     let y = ChartAxis::log("location error, mean, mm", errors_mm, (PAPER_MM, PAPER_MM));
     let mut marks = vec![

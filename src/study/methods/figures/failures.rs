@@ -1,23 +1,23 @@
 //! Where methods fail: a panel of errors and one of silent failures a condition.
 
-use super::{BOUND, Drawn, legend, look};
+use super::{BOUND, Drawn, look, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Grid, Mark, Panel};
 use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
-use crate::study::methods::{Method, MethodRow, NoiseReference, Rows};
+use crate::study::methods::{Method, MethodRow, NoiseReference, rows_of};
 
 const COLUMNS: usize = 4;
 /// Silent failures up to this share don't stretch an axis, %.
 const LEAST_PERCENT: f64 = 5.0;
 
 /// A figure a scene.
-pub fn failure_figures(found: &Rows) -> Vec<Drawn> {
+pub fn failure_figures(found: &[MethodRow]) -> Vec<Drawn> {
     NoiseReference::ALL.map(|noise| (format!("failures-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }
 
-fn figure(noise: NoiseReference, found: &Rows) -> Figure {
-    let points = found.rows.first().map_or(0, |row| row.points);
-    let presses = found.rows.first().map_or(0, |row| row.calibration_presses);
+fn figure(noise: NoiseReference, found: &[MethodRow]) -> Figure {
+    let points = found.first().map_or(0, |row| row.points);
+    let presses = found.first().map_or(0, |row| row.calibration_presses);
     let panels = CONDITIONS.chunks(COLUMNS).flat_map(|harms| {
         let errors = harms.iter().map(|harm| errors(harm, noise, found));
         errors.chain(harms.iter().map(|harm| silent(harm, noise, found))).collect::<Vec<Panel>>()
@@ -31,13 +31,13 @@ fn figure(noise: NoiseReference, found: &Rows) -> Figure {
         height_px: 150.0,
         panels: panels.collect(),
         grid: Some(Grid { columns: COLUMNS, width_px: 1240.0, shared: false }),
-        legend: vec![legend(99).concat()],
+        legend: vec![methods_and_bound().collect()],
         notes: MEANINGS.map(str::to_owned).to_vec(),
     }
 }
 
-fn errors(harm: &Harm, noise: NoiseReference, found: &Rows) -> Panel {
-    let rows = || found.rows.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
+fn errors(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
+    let rows = || found.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
     let values = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
     let most_mm = rows().filter_map(MethodRow::mean_mm).fold(LOCATION_REFERENCE_MM, f64::max);
     // a bound beyond all errors is one no method that knows the area is held to
@@ -52,9 +52,9 @@ fn errors(harm: &Harm, noise: NoiseReference, found: &Rows) -> Panel {
     Panel { x: axis(harm, false), y, marks }
 }
 
-fn silent(harm: &Harm, noise: NoiseReference, found: &Rows) -> Panel {
+fn silent(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
     let percent = |row: &MethodRow| row.wrong_unflagged.map(|share| 100.0 * share);
-    let rows = found.rows.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
+    let rows = found.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
     let most = rows.filter_map(percent).fold(LEAST_PERCENT, f64::max);
     let marks = Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, percent)));
     Panel {
@@ -69,10 +69,10 @@ fn curve(
     harm: &Harm,
     noise: NoiseReference,
     solver: &str,
-    found: &Rows,
+    found: &[MethodRow],
     value: impl Fn(&MethodRow) -> Option<f64>,
 ) -> Vec<(f64, f64)> {
-    let rows = found.of(noise.name(), solver, harm.name);
+    let rows = rows_of(found, noise.name(), solver, harm.name);
     let mut points: Vec<(f64, f64)> = rows.filter_map(|row| Some((row.value, value(row)?))).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     points
@@ -84,7 +84,7 @@ fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
     let room = 0.04 * (ends.1 - ends.0);
     match harm.spread {
         Spread::Linear => ChartAxis::linear(label, (ends.0 - room, ends.1 + room)),
-        Spread::Log => ChartAxis { range: (ends.0 / 1.12, ends.1 * 1.12), ..ChartAxis::log(label, [], ends) },
+        Spread::Log => ChartAxis::log(label, [], (ends.0 / 1.12, ends.1 * 1.12)),
         Spread::Words(words) => {
             let names = words.iter().map(|word| (*word).to_owned()).collect();
             ChartAxis { label: label.to_owned(), ..ChartAxis::rows(names) }

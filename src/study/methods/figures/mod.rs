@@ -6,7 +6,7 @@ mod speed_accuracy;
 
 pub use budget::budget_figures;
 pub use failures::failure_figures;
-pub use speed_accuracy::{speed_accuracy_figures, told};
+pub use speed_accuracy::speed_accuracy_figures;
 
 use super::trial::{CRAMER_RAO, Method, MethodRow};
 use crate::chart::{Hue, Line, Look, Shape};
@@ -29,20 +29,28 @@ fn look(solver: &str) -> Look {
         "surrogate" => (Hue::Green, Shape::Circle),
         "physics" => (Hue::Red, Shape::Square),
         "gaussian-process" => (Hue::Brown, Shape::Triangle),
-        BEST => return Look { hue: Hue::Ink, shape: None, filled: true, line: Line::Dashed },
+        BEST => return Look::line(Hue::Ink, Line::Dashed),
         _ => (Hue::Grey, Shape::Cross),
     };
     Look { hue, shape: Some(shape), filled: !matches!(solver, "pearson-lsq"), line: Line::Solid }
 }
 
 /// The bound's line.
-const BOUND: Look = Look { hue: Hue::Grey, shape: None, filled: true, line: Line::Solid };
+const BOUND: Look = Look::line(Hue::Grey, Line::Solid);
 
-/// What the lines mean, so many in a line of the legend.
-fn legend(in_a_line: usize) -> Vec<Vec<(Look, String)>> {
-    let mut entries: Vec<(Look, String)> = Method::names().map(|name| (look(name), name.to_owned())).collect();
-    entries.push((BOUND, "least error there is (Cramér-Rao)".to_owned()));
-    entries.chunks(in_a_line).map(<[_]>::to_vec).collect()
+/// Every method's look and name.
+fn methods() -> impl Iterator<Item = (Look, String)> {
+    Method::names().map(|name| (look(name), name.to_owned()))
+}
+
+/// Those of every method and of the bound.
+fn methods_and_bound() -> impl Iterator<Item = (Look, String)> {
+    methods().chain([(BOUND, "least error there is (Cramér-Rao)".to_owned())])
+}
+
+/// What marks mean, so many in a line.
+fn legend(entries: impl Iterator<Item = (Look, String)>, in_a_line: usize) -> Vec<Vec<(Look, String)>> {
+    entries.collect::<Vec<_>>().chunks(in_a_line).map(<[_]>::to_vec).collect()
 }
 
 /// What a bound is, for a note.

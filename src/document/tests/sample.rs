@@ -11,7 +11,7 @@ thread_local! {
 }
 
 /// A text that is being read: one that is read for its sake isn't noted.
-pub(super) struct Reading;
+pub(in crate::document) struct Reading;
 
 impl Reading {
     pub fn begin() -> Self {
@@ -27,7 +27,7 @@ impl Drop for Reading {
 }
 
 /// Notes that a key of the table at `path` is asked for.
-pub(super) fn note(path: &str, name: &str) {
+pub(in crate::document) fn note(path: &str, name: &str) {
     let key = if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
     if DEPTH.get() == 1 {
         ASKED.with_borrow_mut(|asked| asked.insert(key));
