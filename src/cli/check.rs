@@ -63,7 +63,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let (steps, descent_s) = first_descent(rig);
     let _ = writeln!(
         text,
-        "  first descent: {:.1} mm from home in at least {steps} steps, each looked at, some {}",
+        "  first descent: {:.1} mm from home in {steps} steps, some {}",
         -rig.top_mm(),
         duration(descent_s)
     );

@@ -126,6 +126,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             Ok((places_mm, refused))
         };
         self.outputs_in_air = OutputMeans::default();
+        let motion = async {
+            let moved = motion.await;
+            due.set(None); // what is still awaited is the array
+            moved
+        };
         let motion = with_outputs(motion, &clear, &mut self.array, &mut self.outputs_in_air);
         let steer = |gauge: &mut Gauge<'_, C>, now_n: f64| {
             // two readings make a force: a lone outlier sends nothing sideways

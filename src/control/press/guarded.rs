@@ -5,8 +5,9 @@ use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_S
 use super::{Branch, Command, Rule, Strategy, Trip};
 use crate::control::surface::Expected;
 
-/// Share of the first force that an approach may use up when contact comes, and the most it may, N.
+/// Share of the first force that an approach may use up when contact comes.
 const TOUCH_SHARE: f64 = 0.6;
+/// The most that it may use up, N.
 pub const TOUCH_MOST_N: f64 = 0.2;
 /// How far above the earliest contact the fast descent ends, mm.
 const STANDOFF_MM: f64 = 0.02;
