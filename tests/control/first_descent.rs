@@ -61,7 +61,7 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
         let worst_n = walked.truth.force_n.max(walked.orphaned.force_n);
         let most_n = spec.limits.force_n + PEAK_N;
         let mut broken = Vec::new();
-        if !(worst_n <= most_n) {
+        if worst_n > most_n || worst_n.is_nan() {
             broken.push(format!("{told}: {worst_n:.3} N"));
         }
         if fault.is_none() && off_mm < -1.0 && end != "surface-elsewhere" {
