@@ -31,6 +31,8 @@ pub(super) struct ContactState {
     branches: Vec<RelaxationBranch>,
     /// How stiff what carries the tip is, N/mm; none: rigid.
     series_n_mm: Option<f64>,
+    /// What each branch keeps over the last piece of a motion: the next is mostly as long.
+    fades: Vec<Fade>,
     /// What each branch adds now, N.
     extra_n: Vec<f64>,
     force_n: f64,
@@ -42,15 +44,24 @@ pub(super) struct ContactState {
     gone: bool,
 }
 
+/// What a branch keeps until the end of a piece: from its beginning, and from each node.
+#[derive(Clone, Copy, Default)]
+struct Fade {
+    for_s: f64,
+    whole: f64,
+    nodes: [f64; GAUSS.len()],
+}
+
 impl ContactState {
     pub fn new(curve: ContactLaw, branches: Vec<RelaxationBranch>, series_n_mm: Option<f64>) -> Self {
-        let extra_n = vec![0.0; branches.len()];
+        let (extra_n, fades) = (vec![0.0; branches.len()], vec![Fade::default(); branches.len()]);
         let depth_mm = f64::NEG_INFINITY;
         ContactState {
             curve,
             relaxes: true,
             branches,
             series_n_mm,
+            fades,
             extra_n,
             force_n: 0.0,
             depth_mm,
@@ -177,12 +188,16 @@ impl ContactState {
         // rate of the relaxed force at the nodes, shared by all branches
         let rates = GAUSS.map(|(node, weight)| {
             let t = from_s + node * for_s;
-            (for_s * (1.0 - node), weight * for_s * curve.stiffness_n_mm(depth.after(t)) * depth.speed_after(t))
+            weight * for_s * curve.stiffness_n_mm(depth.after(t)) * depth.speed_after(t)
         });
-        for (extra, branch) in self.extra_n.iter_mut().zip(&self.branches) {
-            let fed: f64 = rates.iter().map(|(before_end_s, part)| part * (-before_end_s / branch.time_s).exp()).sum();
+        for ((extra, branch), fade) in self.extra_n.iter_mut().zip(&self.branches).zip(&mut self.fades) {
+            if fade.for_s != for_s {
+                let left = |before_end_s: f64| (-before_end_s / branch.time_s).exp();
+                *fade = Fade { for_s, whole: left(for_s), nodes: GAUSS.map(|(node, _)| left(for_s * (1.0 - node))) };
+            }
+            let fed: f64 = rates.iter().zip(fade.nodes).map(|(rate, left)| rate * left).sum();
             let share = if self.relaxes { branch.share } else { 0.0 };
-            *extra = *extra * (-for_s / branch.time_s).exp() + share * fed;
+            *extra = *extra * fade.whole + share * fed;
         }
         self.settle(depth.after(from_s + for_s));
     }

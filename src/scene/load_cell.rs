@@ -171,6 +171,6 @@ impl LoadCellState {
 
     /// The small shift keeps an instant that was computed as n / hz from falling to conversion n - 1 by rounding.
     fn conversion_at(&self, at_s: f64) -> u64 {
-        ((at_s - self.began_s) * self.conversions_hz + 1e-6).floor() as u64
+        ((at_s - self.began_s) * self.conversions_hz + 1e-6) as u64
     }
 }

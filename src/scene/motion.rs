@@ -148,8 +148,9 @@ impl At {
         ((now_s - self.began_s) / GRAIN_S).round() * GRAIN_S - self.after_s
     }
 
+    /// What lies far back needs no rounding: most of the time axes rest.
     fn is_past(self, now_s: f64) -> bool {
-        self.since_s(now_s) >= -GRAIN_S
+        now_s - self.s() > 1000.0 * GRAIN_S || self.since_s(now_s) >= -GRAIN_S
     }
 }
 
