@@ -69,16 +69,19 @@ impl Watch {
     /// # Errors
     /// The rule it breaks.
     pub fn force_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
-        let force_n = self.in_air_n(reading)?;
-        self.check_mean(reading.at_s, force_n)?;
-        Ok(force_n)
+        self.within(reading, NEGATIVE_LEAST_N.max(5.0 * self.zero.sigma_n))
     }
 
-    /// The same of a stage that rests in air, whose zero may have moved since it was taken: any force passes.
+    /// The same of a stage that rests in air: the zero may have moved since it was taken, either way, but not beyond the limit.
     ///
     /// # Errors
     /// The rule it breaks.
     pub fn in_air_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
+        self.within(reading, self.limit_n)
+    }
+
+    /// The force of a reading that may be so far below zero, N.
+    fn within(&mut self, reading: &ForceReading, below_n: f64) -> Result<f64, Trip> {
         check_sound(reading)?;
         let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
         if gap_s > STALE_S {
@@ -86,7 +89,9 @@ impl Watch {
         }
         self.last_s = Some(reading.at_s);
         self.check_frozen(reading.force_n)?;
-        Ok(reading.force_n - self.zero.offset_n)
+        let force_n = reading.force_n - self.zero.offset_n;
+        self.check_mean(reading.at_s, force_n, below_n)?;
+        Ok(force_n)
     }
 
     fn check_frozen(&mut self, code: f64) -> Result<(), Trip> {
@@ -100,7 +105,7 @@ impl Watch {
         }
     }
 
-    fn check_mean(&mut self, at_s: f64, force_n: f64) -> Result<(), Trip> {
+    fn check_mean(&mut self, at_s: f64, force_n: f64, below_n: f64) -> Result<(), Trip> {
         // a cell that converts more slowly than that is judged by its last two readings, or it would never be judged
         let old = |(then_s, _): &(f64, f64)| at_s - then_s > MEAN_S;
         while self.recent.len() > 1 && (self.recent.front().is_some_and(old) || self.recent.len() >= MEAN_MAX) {
@@ -113,9 +118,8 @@ impl Watch {
         if mean_n > most_n {
             return Err(Trip::new(Rule::OverForce, mean_n, most_n, "N"));
         }
-        let least_n = -NEGATIVE_LEAST_N.max(5.0 * self.zero.sigma_n);
-        if mean_n < least_n {
-            return Err(Trip::new(Rule::WrongSign, mean_n, least_n, "N"));
+        if mean_n < -below_n {
+            return Err(Trip::new(Rule::WrongSign, mean_n, -below_n, "N"));
         }
         Ok(())
     }

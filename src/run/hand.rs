@@ -10,6 +10,7 @@ use crate::rig::SceneProbe;
 use crate::wire::Claims;
 use std::collections::VecDeque;
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, sleep_until};
 
 /// The instruments in use: what carries out the commands of a press.
@@ -293,20 +294,33 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     /// What cell and array read in air, and more of it until it is enough, of a stage at rest.
     pub async fn close_air(&mut self) -> Result<Air, Halt> {
         let (gauge, array, means) = (&mut self.cell, &mut self.array, &mut self.outputs_in_air);
+        let over = Notify::new();
+        let force = async {
+            let force = gauge.close_air().await;
+            if force.is_err() {
+                over.notify_one(); // the stage is stopped at once
+            }
+            force
+        };
         let outputs = async {
             let mut now = vec![0.0; array.units()];
             while means.readings < OUTPUTS_IN_AIR {
                 let next = Instant::now() + OUTPUTS_EVERY;
                 array.read(&mut now).await?;
                 means.take(&now);
-                sleep_until(next).await;
+                tokio::select! {
+                    biased;
+                    () = over.notified() => break,
+                    () = sleep_until(next) => {}
+                }
             }
             Ok::<(), Halt>(())
         };
-        let (force, read) = tokio::join!(gauge.close_air(), outputs);
+        let (force, read) = tokio::join!(force, outputs);
+        let force = force?;
         read?;
         self.air_sigmas = means.sigmas();
-        Ok(Air { force: force?, outputs: std::mem::take(means).means })
+        Ok(Air { force, outputs: std::mem::take(means).means })
     }
 
     /// Whether the outputs are still those of the air they count from. Before the first touch they are the second witness: a

@@ -251,7 +251,9 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
     match kind {
         // a cell that sticks before it is zeroed has no noise, so that repeating itself says nothing
         FaultKind::Stuck => &["frozen", "no-response", "no-contact"],
-        FaultKind::NoSensor | FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
+        // before the first touch the array tells of it
+        FaultKind::NoSensor => &["fallen", "no-response", "no-contact", "outputs-moved"],
+        FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
         // between two looks at a contact its force seems to have gone
         FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen"],
         FaultKind::Saturated => &["frozen", "no-response"],

@@ -17,6 +17,8 @@ const SHORT_DESCENT_MM: f64 = 0.10;
 pub(super) const LEARN_SHARE: f64 = 0.25;
 /// What a learned stiffness is multiplied with: the specimen stiffens with depth, and stiffens more the faster it is pressed.
 const STIFFENING: f64 = 1.15;
+/// A path that rises by so much shows its own slope, N, however hard the first touch was.
+const LINE_LEAST_N: f64 = 0.2;
 /// What the way back from the first point of a loading path to no force may be wrong by: so many sd of a mean, and a share of it,
 /// by a line and by a parabola.
 const ROOT_SIGMAS: f64 = 12.0;
@@ -70,7 +72,6 @@ impl ForceLoop {
         self.check_hardness(force_n)?;
         self.force_n = force_n;
         if force_n < self.context.zero.detect_n() / 2.0 {
-            self.note_free();
             return self.approach();
         }
         let Expected { first_mm, touched, .. } = self.context.expected;
@@ -176,7 +177,8 @@ impl ForceLoop {
 pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
     let &(z0, f0) = path.first()?;
     let guess = z0 - f0 / (declared_n_mm / 2.0);
-    let Some(&(z2, f2)) = path.last().filter(|last| last.1 > f0 * 1.5) else { return Some(guess) };
+    let tells = |last: &&(f64, f64)| last.1 > f0 * 1.5 || last.1 > f0 + LINE_LEAST_N;
+    let Some(&(z2, f2)) = path.last().filter(tells) else { return Some(guess) };
     let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
     // the path relaxes while it is walked: hold the root between the line and the guess
     Some(parabola_root_mm(path).unwrap_or(line_mm).clamp(guess.min(line_mm), z0))

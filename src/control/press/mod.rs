@@ -182,17 +182,15 @@ impl ForceLoop {
         let sigma_n = self.context.zero.sigma_mean_n(air.readings);
         self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
         self.context.zero = self.context.zero.counted_from(&air);
-        self.note_free();
         self.sigma_n = self.context.zero.sigma_mean_n(air.readings);
         self.force_n = 0.0;
         self.next_level()
     }
 
-    /// Before the first touch of a specimen there can be contact anywhere below what was measured to be free.
-    fn note_free(&mut self) {
-        if !self.context.expected.touched {
-            self.first_mm = self.z_mm;
-        }
+    /// The earliest z at which there can be contact for a motion from here, mm. Before the first touch of a specimen that is
+    /// anywhere below what was measured to be free.
+    fn earliest_mm(&self, from_mm: f64) -> f64 {
+        if self.context.expected.touched || self.in_contact { self.first_mm } else { self.first_mm.min(from_mm) }
     }
 
     fn next_level(&mut self) -> Result<Command, Trip> {
@@ -316,7 +314,7 @@ impl ForceLoop {
 
     fn harder_at(&self, force_n: f64, z_mm: f64) -> Option<Trip> {
         let Motion { from_mm, from_n, .. } = self.motion?;
-        let most_n = self.context.permit.most_n((from_mm, from_n), self.first_mm, z_mm);
+        let most_n = self.context.permit.most_n((from_mm, from_n), self.earliest_mm(from_mm), z_mm);
         (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
     }
 
@@ -367,7 +365,7 @@ impl ForceLoop {
             force_n: self.force_n,
             sigma_n: self.sigma_n,
             age_s: self.moment.age_s,
-            first_mm: self.first_mm,
+            first_mm: self.earliest_mm(self.z_mm),
         }
     }
 }
