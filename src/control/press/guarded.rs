@@ -69,14 +69,15 @@ impl ForceLoop {
     }
 
     pub(super) fn touched(&mut self, force_n: f64) -> Result<Command, Trip> {
+        let Expected { first_mm, touched, .. } = self.context.expected;
+        let in_contact = force_n >= self.context.zero.detect_n() / 2.0;
+        if in_contact && !touched && self.z_mm < first_mm {
+            return Err(Trip::new(Rule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
+        }
         self.check_hardness(force_n)?;
         self.force_n = force_n;
-        if force_n < self.context.zero.detect_n() / 2.0 {
+        if !in_contact {
             return self.approach();
-        }
-        let Expected { first_mm, touched, .. } = self.context.expected;
-        if !touched && self.z_mm < first_mm {
-            return Err(Trip::new(Rule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
         }
         self.in_contact = true;
         self.steps = 0;

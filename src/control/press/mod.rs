@@ -304,17 +304,17 @@ impl ForceLoop {
     /// No contact may push harder than the rig's declared stiffness lets it at the deepest the stage can be by now (E+).
     fn harder_than_declared(&self, force_n: f64, now_s: f64) -> Option<Trip> {
         let Motion { from_mm, began_s, profile, .. } = self.motion?;
-        self.harder_at(force_n, from_mm + profile.at_mm(now_s - began_s))
+        self.harder_at(force_n, from_mm + profile.at_mm(now_s - began_s), self.earliest_mm(from_mm))
     }
 
     /// The same at rest, where the motion ended: what was met while it was being stopped.
     fn check_hardness(&self, force_n: f64) -> Result<(), Trip> {
-        self.harder_at(force_n, self.z_mm).map_or(Ok(()), Err)
+        self.harder_at(force_n, self.z_mm, self.first_mm).map_or(Ok(()), Err)
     }
 
-    fn harder_at(&self, force_n: f64, z_mm: f64) -> Option<Trip> {
+    fn harder_at(&self, force_n: f64, z_mm: f64, first_mm: f64) -> Option<Trip> {
         let Motion { from_mm, from_n, .. } = self.motion?;
-        let most_n = self.context.permit.most_n((from_mm, from_n), self.earliest_mm(from_mm), z_mm);
+        let most_n = self.context.permit.most_n((from_mm, from_n), first_mm, z_mm);
         (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
     }
 
