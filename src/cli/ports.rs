@@ -2,6 +2,7 @@
 
 use super::exit::Failure;
 use super::summary::{self, print};
+use crate::device::shown;
 use serialport::{SerialPortInfo, SerialPortType};
 use std::process::ExitCode;
 
@@ -39,5 +40,5 @@ fn line(port: &SerialPortInfo) -> String {
         SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
         SerialPortType::Unknown => String::new(),
     };
-    format!("{:<24}{what}\n", port.port_name).trim_end().to_owned() + "\n"
+    format!("{:<24}{}\n", port.port_name, shown(&what)).trim_end().to_owned() + "\n"
 }

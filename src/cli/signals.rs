@@ -34,7 +34,7 @@ pub enum First {
     /// A stop.
     Stop,
     /// A pause when the press under way is recorded, as of Ctrl-Z: a program that is suspended would leave the specimen under
-    /// load. Another one before the pause is over asks for the stop.
+    /// load. Another one before the pause is over asks for the stop, and so does the first while the rig is made ready.
     Pause,
 }
 
@@ -55,9 +55,7 @@ pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure>
         let mut signals = signals;
         while let Some(is_gentle) = signals.next().await {
             // a run that went on after a pause may be paused again
-            let is_pause = is_gentle && first == First::Pause && !asked.pausing() && !asked.asked();
-            if is_pause {
-                asked.pause();
+            if is_gentle && first == First::Pause && asked.pause() {
                 say(&format!("\nthis press is finished first, then {}; Ctrl-C again stops at once", then()));
             } else {
                 asked.ask();

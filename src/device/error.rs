@@ -1,5 +1,6 @@
 //! What a device didn't do.
 
+use super::shown::{shortened, shown};
 use miette::Diagnostic;
 use thiserror::Error;
 
@@ -15,17 +16,17 @@ pub struct DeviceError {
     pub problem: DeviceProblem,
 }
 
-/// What came back.
+/// What came back. What a device said is shown without what a terminal would obey, and shortened.
 #[derive(Debug, Error)]
 pub enum DeviceProblem {
     /// The link failed or stayed silent.
-    #[error("{0}")]
+    #[error("{}", shown(.0))]
     Link(String),
     /// The link isn't this program's to use.
-    #[error("{0}")]
+    #[error("{}", shown(.0))]
     Claim(String),
     /// An answer that isn't one.
-    #[error("it answered {answer:?}, expected {expected}")]
+    #[error("it answered {:?}, expected {expected}", shortened(.answer))]
     Misfit {
         /// What came.
         answer: String,
@@ -33,10 +34,10 @@ pub enum DeviceProblem {
         expected: String,
     },
     /// The device refused, in its own words.
-    #[error("it says: {0}")]
+    #[error("it says: {}", shown(.0))]
     Refused(String),
     /// The device is in order but isn't what the rig file says.
-    #[error("{0}")]
+    #[error("{}", shown(.0))]
     Mismatch(String),
     /// The controller ended a motion by itself, at the force that its guard was given.
     #[error("it ended the motion by itself: its guard saw a force of {limit_n:.3} N or more")]
@@ -45,7 +46,7 @@ pub enum DeviceProblem {
         limit_n: f64,
     },
     /// A motion didn't end, or not where it should.
-    #[error("{0}")]
+    #[error("{}", shown(.0))]
     Motion(String),
 }
 

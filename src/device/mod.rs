@@ -5,9 +5,11 @@
 
 mod error;
 mod reins;
+mod shown;
 
 pub use error::{DeviceError, DeviceProblem};
 pub use reins::{MotionOrder, Reins};
+pub use shown::{SHOWN_MAX_CHARS, shown};
 
 use crate::quantity::{Axis, ForceReading, Range, Travel};
 use serde::{Deserialize, Serialize};
@@ -26,6 +28,15 @@ pub struct Identity {
     /// What a person should know before relying on it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
+}
+
+impl Identity {
+    /// The same as it may be shown and kept.
+    #[must_use]
+    pub fn shown(self) -> Identity {
+        let warnings = self.warnings.iter().map(|warning| shown(warning)).collect();
+        Identity { identity: shown(&self.identity), warnings, ..self }
+    }
 }
 
 /// How the stage is to be used, from the rig.

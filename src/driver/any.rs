@@ -1,5 +1,5 @@
 //! Whichever driver plays a role: a rig file decides while the program runs. A driver has one line in the list of each role that
-//! it plays.
+//! it plays. What a device says of itself is made fit to be shown here.
 
 use super::{daqmx, esp301, grbl, modbus, process, xps};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};
@@ -14,7 +14,7 @@ macro_rules! stages {
 
         impl Stage for AnyStage {
             async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
-                match self { $(Self::$name(it) => it.prepare(usage, reins).await,)+ }
+                match self { $(Self::$name(it) => it.prepare(usage, reins).await.map(Identity::shown),)+ }
             }
 
             fn afresh(&mut self) {
@@ -56,7 +56,7 @@ macro_rules! load_cells {
 
         impl LoadCell for AnyLoadCell {
             async fn prepare(&mut self) -> Result<Identity, DeviceError> {
-                match self { $(Self::$name(it) => it.prepare().await,)+ }
+                match self { $(Self::$name(it) => it.prepare().await.map(Identity::shown),)+ }
             }
 
             fn afresh(&mut self) {
@@ -82,7 +82,7 @@ macro_rules! arrays {
 
         impl SensorArray for AnyArray {
             async fn prepare(&mut self) -> Result<Identity, DeviceError> {
-                match self { $(Self::$name(it) => it.prepare().await,)+ }
+                match self { $(Self::$name(it) => it.prepare().await.map(Identity::shown),)+ }
             }
 
             async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {

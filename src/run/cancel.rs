@@ -16,6 +16,8 @@ pub struct Cancel {
 enum Word {
     #[default]
     GoOn,
+    /// Nothing yet, and no press is under way that could be finished first.
+    Preparing,
     Pause,
     Stop,
 }
@@ -32,9 +34,20 @@ impl Cancel {
         self.sender.send_replace(Word::Stop);
     }
 
-    /// Asks for a pause when the press that is under way is recorded.
-    pub fn pause(&self) {
-        self.exchange(Word::GoOn, Word::Pause);
+    /// Asks for a pause when the press that is under way is recorded. Whether there will be one: there is none while the rig is
+    /// made ready, and no second one.
+    pub fn pause(&self) -> bool {
+        self.exchange(Word::GoOn, Word::Pause)
+    }
+
+    /// The rig is made ready: until it is, no press is under way that a pause could wait for.
+    pub(super) fn preparing(&self) {
+        self.exchange(Word::GoOn, Word::Preparing);
+    }
+
+    /// It is.
+    pub(super) fn prepared(&self) {
+        self.exchange(Word::Preparing, Word::GoOn);
     }
 
     /// Ends a pause.
@@ -82,14 +95,14 @@ impl Cancel {
         let _ = self.sender.subscribe().wait_for(|word| is_meant(*word)).await;
     }
 
-    fn exchange(&self, from: Word, to: Word) {
+    fn exchange(&self, from: Word, to: Word) -> bool {
         self.sender.send_if_modified(|word| {
             let fits = *word == from;
             if fits {
                 *word = to;
             }
             fits
-        });
+        })
     }
 }
 
@@ -100,7 +113,7 @@ mod tests {
     #[test]
     fn a_pause_can_be_taken_back_and_a_stop_can_not() {
         let cancel = Cancel::default();
-        cancel.pause();
+        assert!(cancel.pause() && !cancel.pause());
         assert!(cancel.pausing() && !cancel.asked());
         cancel.go_on();
         assert!(!cancel.pausing());
@@ -108,5 +121,17 @@ mod tests {
         cancel.pause();
         cancel.go_on();
         assert!(cancel.asked() && !cancel.pausing());
+    }
+
+    #[test]
+    fn there_is_no_pause_while_the_rig_is_made_ready_but_one_from_before_stays() {
+        let cancel = Cancel::default();
+        cancel.preparing();
+        assert!(!cancel.pause() && !cancel.pausing() && !cancel.asked());
+        cancel.prepared();
+        assert!(cancel.pause());
+        cancel.preparing();
+        cancel.prepared();
+        assert!(cancel.pausing());
     }
 }

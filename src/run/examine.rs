@@ -1,7 +1,7 @@
 //! What each device says and how fast, without pressing.
 
 use super::hand::Hand;
-use super::ready::at_home;
+use super::ready::{at_home, unless_stopped};
 use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Trip, Zero};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
@@ -52,8 +52,8 @@ pub struct CellInAir {
 pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Examination, Halt> {
     let (mut hand, stage) = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
     let mut found = Examination { devices: vec![("stage", stage)], ..Examination::default() };
-    found.devices.push(("load_cell", hand.cell.cell.prepare().await));
-    found.devices.push(("array", hand.array.prepare().await));
+    found.devices.push(("load_cell", unless_stopped(cancel, hand.cell.cell.prepare()).await?));
+    found.devices.push(("array", unless_stopped(cancel, hand.array.prepare()).await?));
     look(&mut hand, spec, cancel, &mut found).await?;
     Ok(found)
 }

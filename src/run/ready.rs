@@ -8,7 +8,8 @@ use crate::dataset::Record;
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::Axis;
 use crate::rig::{OpenRig, RigSpec};
-use tokio::time::Instant;
+use std::time::Duration;
+use tokio::time::{Instant, sleep, timeout};
 
 /// Exchanges that are timed to know how fast the rig reacts.
 const TIMED: usize = 10;
@@ -17,6 +18,8 @@ const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a share of the force limit: beyond it contact can't be told in time.
 pub const NOISE_SHARE: f64 = 0.02;
+/// Longest wait for a stage that was told to stop while it is prepared, and for the stop to be sent once more.
+const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 /// How far the zero may be from the first one of the run, as a share of the force limit.
 const DRIFT_SHARE: f64 = 0.2;
 
@@ -43,13 +46,15 @@ pub(super) async fn make_ready<'a>(
     rig: OpenRig,
     conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    conditions.cancel.preparing();
     let (mut hand, stage) = at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
     let stage_identity = stage?;
-    let cell_identity = hand.cell.cell.prepare().await?;
-    let array_identity = hand.array.prepare().await?;
+    let cell_identity = unless_stopped(conditions.cancel, hand.cell.cell.prepare()).await??;
+    let array_identity = unless_stopped(conditions.cancel, hand.array.prepare()).await??;
     let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
     hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
     let zero = take_zero(&mut hand, conditions).await?;
+    conditions.cancel.prepared();
     Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
 
@@ -70,12 +75,16 @@ pub(super) async fn at_home<'a>(
     let told_to_stop = async {
         cancel.wait().await;
         reins.stop();
-        std::future::pending::<()>().await;
+        sleep(STOPPED_DEADLINE).await;
     };
     let prepared = tokio::select! {
         biased;
         prepared = stage.prepare(&stage_use, &reins) => prepared,
-        () = told_to_stop => return Err(Halt::Cancelled), // never: it has no end
+        () = told_to_stop => {
+            // it may not have come to where it heeds the reins; what becomes of this one can't be told any more
+            let _ = timeout(STOPPED_DEADLINE, stage.stop()).await;
+            return Err(Halt::Cancelled);
+        }
     };
     cancel.check()?;
     let zero = Zero::with_noise(0.0);
@@ -88,6 +97,18 @@ pub(super) async fn at_home<'a>(
         hand.find_itself().await?;
     }
     Ok((hand, prepared))
+}
+
+/// What a reader says when it is prepared. One that hangs isn't waited for when a person says stop: nothing more is asked of it.
+pub(super) async fn unless_stopped(
+    cancel: &Cancel,
+    prepared: impl Future<Output = Result<Identity, DeviceError>>,
+) -> Result<Result<Identity, DeviceError>, Halt> {
+    tokio::select! {
+        biased;
+        prepared = prepared => Ok(prepared),
+        () = cancel.wait() => Err(Halt::Cancelled),
+    }
 }
 
 async fn time<S: Stage, C: LoadCell, A: SensorArray>(

@@ -3,7 +3,7 @@
 //! The owner holds a lock on a file in the temporary folder, which the system gives free when the owner ends, however it
 //! does. The file stays: whoever removed it would take the lock away from a program that has just opened it.
 
-use super::Link;
+use super::{Link, program};
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
@@ -16,7 +16,8 @@ const TRIES: usize = 10;
 /// No process number is longer, in bytes.
 const NUMBER_MOST: u64 = 10;
 
-/// The real links that a rig has for itself, until this is dropped.
+/// The real links that a rig has for itself, until this is dropped. Dropped after the drivers, it waits for the ends of their
+/// programs: a device is free for others when nobody holds it any more.
 #[derive(Debug, Default)]
 pub struct Claims {
     claims: Vec<Claim>,
@@ -88,6 +89,12 @@ impl Claims {
             Err(source) => return Err(ClaimError::Lock { link: told, path, source }),
         }
         Ok(())
+    }
+}
+
+impl Drop for Claims {
+    fn drop(&mut self) {
+        program::wait_for_ends();
     }
 }
 

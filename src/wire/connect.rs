@@ -1,12 +1,10 @@
 //! Opens links.
 
-use super::{Link, Parity};
+use super::{Link, Parity, program};
 use std::io;
-use std::process::Stdio;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
-use tokio::process::Command;
 use tokio::time::timeout;
 use tokio_serial::{SerialPortBuilderExt, StopBits};
 
@@ -54,24 +52,10 @@ impl Connector {
                 let line = tokio_serial::new(port, *baud).parity(parity).stop_bits(stop_bits);
                 Ok(Box::new(line.open_native_async()?))
             }
-            Connector::Real(Link::Process(command)) => start(command),
+            Connector::Real(Link::Process(command)) => program::start(command),
             Connector::Real(Link::Sim | Link::Daqmx(_)) => {
                 Err(io::Error::new(io::ErrorKind::Unsupported, "there is no stream of bytes to it"))
             }
         }
-    }
-}
-
-/// Starts a program, its standard input and output the link. It ends by itself when its input closes.
-fn start(command: &[String]) -> io::Result<ByteStream> {
-    let (program, arguments) = command.split_first().ok_or(io::ErrorKind::InvalidInput)?;
-    let mut command = Command::new(program);
-    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
-    #[cfg(unix)]
-    command.process_group(0); // a Ctrl-C is for us: the stage is still needed to park
-    let mut child = command.spawn()?;
-    match (child.stdout.take(), child.stdin.take()) {
-        (Some(output), Some(input)) => Ok(Box::new(tokio::io::join(output, input))),
-        _ => Err(io::ErrorKind::BrokenPipe.into()),
     }
 }

@@ -11,6 +11,7 @@ pub mod daqmx;
 mod line;
 mod lines;
 mod link;
+mod program;
 
 pub use claim::{ClaimError, Claims};
 pub use connect::{ByteStream, Connector, Duplex};

@@ -5,6 +5,8 @@ mod support;
 
 mod bad_line;
 mod driver_safety;
+#[cfg(unix)]
+mod endings;
 mod rig_checks;
 mod rigs;
 mod unplugged;

@@ -13,8 +13,12 @@ const PROTOCOL: u64 = 1;
 const LINE_MAX_BYTES: usize = 65_536;
 
 /// Longest wait for an answer (docs/process.md), and for that to `prepare`.
-const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
+pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
 pub(super) const PREPARE_DEADLINE: Duration = Duration::from_secs(120);
+
+/// The same for a reading of a load cell that has one whenever it is asked: twice the age at which a reading is stale, when
+/// whatever moves is stopped, so that one that comes late is still told as that. Nothing waits longer under load.
+pub(super) const FORCE_DEADLINE: Duration = Duration::from_millis(500);
 
 /// Most lines that are passed over while an answer is awaited: answers that come too late, or aren't any.
 const STRAY_LINES_MAX: usize = 64;

@@ -1,6 +1,6 @@
 //! A load cell and an array behind programs of the user's own.
 
-use super::port::{Object, ProgramPort};
+use super::port::{ANSWER_DEADLINE, FORCE_DEADLINE, Object, ProgramPort};
 use crate::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
@@ -32,13 +32,23 @@ impl ProcessLoadCell {
 impl LoadCell for ProcessLoadCell {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         let (identity, _) = self.port.identify().await?;
-        self.read().await?;
+        self.read_within(ANSWER_DEADLINE).await?; // the first may take longer
         Ok(identity)
     }
 
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+        self.read_within(FORCE_DEADLINE + self.conversion).await
+    }
+
+    fn conversion(&self) -> Duration {
+        self.conversion
+    }
+}
+
+impl ProcessLoadCell {
+    async fn read_within(&mut self, deadline: Duration) -> Result<ForceReading, DeviceError> {
         let doing = "reading the force";
-        let said = self.port.ask(doing, "read", Object::new(), None).await?;
+        let said = self.port.ask_within(doing, "read", Object::new(), None, deadline).await?;
         let force_n = said.get("force_n").and_then(Value::as_f64).filter(|force_n| force_n.is_finite());
         let Some(force_n) = force_n else {
             return Err(self.port.misfit(doing, &said, "\"force_n\", a number".to_owned()));
@@ -46,10 +56,6 @@ impl LoadCell for ProcessLoadCell {
         let says = |key: &str| said.get(key).and_then(Value::as_bool).unwrap_or(false);
         let health = Health { saturated: says("saturated"), fault: says("fault") };
         Ok(ForceReading { at_s: self.origin.elapsed().as_secs_f64(), force_n, health })
-    }
-
-    fn conversion(&self) -> Duration {
-        self.conversion
     }
 }
 

@@ -1,0 +1,174 @@
+//! A program whose standard input and output are a link, and how it is ended.
+
+use super::ByteStream;
+use std::io;
+use std::pin::Pin;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, PoisonError};
+use std::task::{Context, Poll};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::process::{ChildStdin, ChildStdout};
+
+/// How long a program has from the end of its input to its own end (docs/process.md): its device is brought to rest meanwhile.
+const INPUT_ENDED_DEADLINE: Duration = Duration::from_secs(2);
+
+/// How long it has from the signal that asks it to end to the one that it can't ignore.
+#[cfg(unix)]
+const TERMINATED_DEADLINE: Duration = Duration::from_secs(1);
+
+/// Longest wait for the end of what was killed: the system may hold it up.
+const KILLED_DEADLINE: Duration = Duration::from_secs(1);
+
+/// How often it is looked whether a program has ended.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+
+/// Threads that see programs to their end.
+static ENDING: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
+
+/// A program's input and output. Dropped, the program has the end of its input, and is seen to its end.
+#[derive(Debug)]
+struct Program {
+    input: ChildStdin,
+    /// None only while it is dropped.
+    running: Option<Running>,
+}
+
+/// A program from its start to its end.
+#[derive(Debug)]
+struct Running {
+    child: Child,
+    /// Kept until the end, though nobody reads it any more: who writes a last answer isn't killed for it.
+    output: ChildStdout,
+}
+
+/// Starts a program; the link is its standard input and output.
+pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
+    let (program, arguments) = command.split_first().ok_or(io::ErrorKind::InvalidInput)?;
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt;
+        command.process_group(0); // a Ctrl-C is for us: the stage is still needed to park
+    }
+    let mut child = command.spawn()?;
+    match (child.stdin.take(), child.stdout.take()) {
+        (Some(input), Some(output)) => {
+            let running = Running { child, output: ChildStdout::from_std(output)? };
+            Ok(Box::new(Program { input: ChildStdin::from_std(input)?, running: Some(running) }))
+        }
+        _ => Err(io::ErrorKind::BrokenPipe.into()),
+    }
+}
+
+/// Waits until every program whose link was dropped has ended, or could not be ended.
+pub(super) fn wait_for_ends() {
+    let ending = std::mem::take(&mut *ENDING.lock().unwrap_or_else(PoisonError::into_inner));
+    for thread in ending {
+        let _ = thread.join(); // whichever way it went, nothing more can be done
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let Some(mut running) = self.running.take() else { return };
+        // a thread of its own, since whoever drops a link has a stage to park; the input ends when this returns
+        let thread = thread::Builder::new().name("ending".to_owned()).spawn(move || running.see_to_its_end());
+        // without a thread the end of its input is all that it gets
+        ENDING.lock().unwrap_or_else(PoisonError::into_inner).extend(thread);
+    }
+}
+
+impl Running {
+    fn see_to_its_end(&mut self) {
+        if self.ends_within(INPUT_ENDED_DEADLINE) {
+            return;
+        }
+        #[cfg(unix)]
+        {
+            group::terminate(&self.child);
+            if self.ends_within(TERMINATED_DEADLINE) {
+                return;
+            }
+            group::kill(&self.child);
+        }
+        #[cfg(not(unix))]
+        let _ = self.child.kill(); // it has ended just now
+        self.ends_within(KILLED_DEADLINE);
+    }
+
+    fn ends_within(&mut self, deadline: Duration) -> bool {
+        let until = Instant::now() + deadline;
+        while !self.has_ended() {
+            if Instant::now() >= until {
+                return false;
+            }
+            thread::sleep(LOOK_EVERY);
+        }
+        true
+    }
+
+    /// Whether it has, and on Unix all that it started in its group.
+    fn has_ended(&mut self) -> bool {
+        // what can't be asked for has ended
+        let has_ended = !matches!(self.child.try_wait(), Ok(None));
+        #[cfg(unix)]
+        let has_ended = has_ended && !group::is_there(&self.child);
+        has_ended
+    }
+}
+
+/// The process group that a program leads. Its number is that of the program, and is given to no other as long as one of the
+/// group is there.
+#[cfg(unix)]
+mod group {
+    use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
+    use std::process::Child;
+
+    pub fn is_there(leader: &Child) -> bool {
+        of(leader).is_some_and(|group| test_kill_process_group(group).is_ok())
+    }
+
+    pub fn terminate(leader: &Child) {
+        send(leader, Signal::TERM);
+    }
+
+    pub fn kill(leader: &Child) {
+        send(leader, Signal::KILL);
+    }
+
+    fn send(leader: &Child, signal: Signal) {
+        if let Some(group) = of(leader) {
+            let _ = kill_process_group(group, signal); // it has ended just now, or isn't this user's to end
+        }
+    }
+
+    fn of(leader: &Child) -> Option<Pid> {
+        Pid::from_raw(i32::try_from(leader.id()).ok()?)
+    }
+}
+
+impl AsyncRead for Program {
+    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, read: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        match &mut self.running {
+            Some(running) => Pin::new(&mut running.output).poll_read(context, read),
+            None => Poll::Ready(Ok(())),
+        }
+    }
+}
+
+impl AsyncWrite for Program {
+    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.input).poll_write(context, bytes)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.input).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.input).poll_shutdown(context)
+    }
+}

@@ -1,0 +1,290 @@
+//! Programs that play devices end with palpate, whatever they do: the end of their input first, then a deadline, then signals to
+//! their group, as `docs/process.md` has it.
+//!
+//! They are scripts of the shell. What happens to one it notes as a file of that name, whose time says when.
+
+use crate::support::{Bench, Live, SMALL, Told, exchanged, shipped_text};
+use std::fs;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Plays a role (the first word) in some manner (the second one).
+const DEVICE: &str = r#"
+role=$1 manner=$2 x=0.0 y=0.0 z=0.0 moving=false noise=1
+note() { : > "$role.$1"; }
+tell() { printf '{"id": %s%s}\n' "$id" "$1"; }
+sleep_on() { note hung; sleep 60 & wait; }
+misbehave() {
+    case $manner in
+        mute) note hung ;;
+        hung | stubborn) sleep_on ;;
+        dead) sleep 60 >&2 & note hung; exit 1 ;;
+        flooding) note hung; while :; do echo '{"id": null}'; done ;;
+        *) return 1 ;;
+    esac
+}
+echo $$ > "$role.pid"
+case $manner in
+    stubborn) trap '' TERM ;;
+    hung | deaf) trap 'note term; exit 0' TERM ;;
+esac
+while read -r line; do
+    id=${line##*'"id":'}
+    id=${id%%[,\}]*}
+    case $line in
+        *'"identify"'*)
+            [ "$role" != stage ] && misbehave && continue
+            tell ", \"role\": \"$role\", \"protocol\": 1, \"units\": 9, \"identity\": \"a script\"" ;;
+        *'"prepare"'*)
+            misbehave && continue
+            z=12.5
+            tell ;;
+        *'"stop"'*)
+            note stop
+            [ $moving = true ] && note stopped
+            moving=false ;;
+        *'"move"'*)
+            for axis in x y z; do
+                case $line in *"\"$axis\":"*)
+                    to=${line##*"\"$axis\":"}
+                    eval "$axis=\${to%%[,\\}]*}" ;;
+                esac
+            done
+            # the first motion goes on until it is stopped
+            [ "$manner" = slow ] && ! [ -e stage.moving ] && moving=true && note moving
+            tell ;;
+        *'"status"'*)
+            tell ", \"moving\": $moving, \"position_mm\": {\"x\": $x, \"y\": $y, \"z\": $z}" ;;
+        *'"read"'*)
+            if [ "$role" = array ]; then
+                tell ', "outputs": [0, 0, 0, 0, 0, 0, 0, 0, 0]'
+            elif [ "$manner" = watching ] && [ -e stage.moving ]; then
+                [ -e "$role.hung" ] || note hung
+            else
+                noise=$(((noise * 1103515245 + 12345) % 2147483648))
+                tell ", \"force_n\": 0.000$((noise / 65536 % 90 + 10))"
+            fi ;;
+    esac
+done
+note eof
+case $manner in
+    deaf) sleep_on ;;
+    late) sleep 0.7; echo 'a last word'; note rest ;;
+esac
+"#;
+
+/// The documented deadlines: from the end of the input to SIGTERM, and from there to SIGKILL, s.
+const TERM_S: f64 = 2.0;
+const KILL_S: f64 = 1.0;
+
+/// How long a stage that was told to stop while it is prepared is waited for, s.
+const STOPPED_S: f64 = 2.0;
+
+/// What a busy machine may add, s: less than the deadline of 120 s of the answers that don't come, by far.
+const BUSY_S: f64 = 8.0;
+
+/// What the clock of files may be behind, s.
+const CLOCK_S: f64 = 0.05;
+
+/// Longest wait for a program to do the next thing.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A rig of three scripts, each in its manner.
+struct Scripts {
+    bench: Bench,
+}
+
+impl Scripts {
+    fn new(stage: &str, load_cell: &str, array: &str) -> Scripts {
+        let program = |role: &str, manner: &str| format!("[\"sh\", \"device.sh\", \"{role}\", \"{manner}\"]");
+        let rig = shipped_text("rigs/process.toml");
+        let rig = exchanged(&rig, r#"["python3", "examples/stage.py"]"#, &program("stage", stage));
+        let rig = exchanged(&rig, r#"["python3", "examples/load_cell.py"]"#, &program("load_cell", load_cell));
+        let rig = exchanged(&rig, r#"["python3", "examples/array.py", "9"]"#, &program("array", array));
+        Scripts { bench: Bench::with([("rig.toml", rig.as_str()), ("device.sh", DEVICE), ("r.toml", SMALL)]) }
+    }
+
+    fn run(&self) -> Live {
+        Live::start(self.bench.command("run r.toml --rig rig.toml --out run"))
+    }
+
+    fn doctor(&self) -> Live {
+        Live::start(self.bench.command("doctor rig.toml"))
+    }
+
+    /// When something happened.
+    fn at(&self, event: &str) -> SystemTime {
+        let noted = fs::metadata(self.bench.path(event)).and_then(|file| file.modified());
+        noted.unwrap_or_else(|error| panic!("{event}: {error}"))
+    }
+
+    fn until(&self, event: &str) {
+        let began = Instant::now();
+        while !self.bench.has(event) {
+            assert!(began.elapsed() < PATIENCE, "no {event}");
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// How long after the first the second happened, s.
+    fn between_s(&self, first: &str, second: &str) -> f64 {
+        since_s(self.at(first), self.at(second))
+    }
+
+    /// Nobody of any of the groups is left.
+    fn assert_all_ended(&self) {
+        for role in ["stage", "load_cell", "array"].iter().filter(|role| self.bench.has(&format!("{role}.pid"))) {
+            let group = self.bench.read(&format!("{role}.pid")).trim().to_owned();
+            assert_eq!(members(&group), "", "left of the {role}");
+        }
+    }
+}
+
+/// Who of a process group is there, but for those who have ended and whom nobody has asked about.
+fn members(group: &str) -> String {
+    match Command::new("ps").args(["-A", "-o", "pgid=", "-o", "stat=", "-o", "args="]).output() {
+        Ok(listed) => {
+            let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+            let is_member = |line: &&str| {
+                let mut words = line.split_whitespace();
+                words.next() == Some(group) && words.next().is_some_and(|state| !state.starts_with('Z'))
+            };
+            listed.lines().filter(is_member).collect::<Vec<_>>().join("; ")
+        }
+        Err(_) => {
+            let group = format!("-{group}");
+            let asked = Command::new("kill").args(["-0", "--", &group]).stderr(Stdio::null()).status();
+            if asked.is_ok_and(|status| status.success()) { group } else { String::new() }
+        }
+    }
+}
+
+/// A file's clock ticks; what happened at once may seem to have happened in another order.
+fn since_s(first: SystemTime, second: SystemTime) -> f64 {
+    second.duration_since(first).map_or_else(|error| -error.duration().as_secs_f64(), |since| since.as_secs_f64())
+}
+
+/// Ends a program, and says how long that took from some moment.
+fn ended(live: Live, from: SystemTime) -> (Told, f64) {
+    let told = live.end();
+    (told, since_s(from, SystemTime::now()))
+}
+
+fn assert_within(what: &str, s: f64, least_s: f64, most_s: f64) {
+    eprintln!("{what}: {s:.3} s");
+    assert!((least_s - CLOCK_S..most_s).contains(&s), "{what}: {s:.3} s isn't within {least_s} to {most_s} s");
+}
+
+#[test]
+fn programs_that_heed_the_end_of_their_input_get_no_signal() {
+    let scripts = Scripts::new("late", "well", "well");
+    let (told, _) = ended(scripts.doctor(), SystemTime::now());
+    // outputs that are all alike are no fault of a doctor's visit
+    assert_eq!(told.code, Some(0), "{}{}", told.out, told.err);
+    assert!(scripts.bench.has("stage.rest"), "it was ended before its device was at rest, or by its last word");
+    assert_within("at rest after the end of its input", scripts.between_s("stage.eof", "stage.rest"), 0.7, TERM_S);
+    assert_within("the others' ends", scripts.between_s("stage.eof", "array.eof").abs(), 0.0, TERM_S);
+    scripts.assert_all_ended();
+}
+
+#[test]
+fn a_program_that_ignores_the_end_of_its_input_is_asked_to_end_and_then_killed() {
+    let scripts = Scripts::new("well", "deaf", "well");
+    let (told, end_s) = {
+        let live = scripts.doctor();
+        scripts.until("load_cell.eof");
+        ended(live, scripts.at("load_cell.eof"))
+    };
+    assert_eq!(told.code, Some(0), "{}{}", told.out, told.err);
+    assert_within("SIGTERM", scripts.between_s("load_cell.eof", "load_cell.term"), TERM_S, TERM_S + BUSY_S);
+    assert_within("the end", end_s, TERM_S, TERM_S + BUSY_S);
+    scripts.assert_all_ended();
+
+    let scripts = Scripts::new("stubborn", "well", "well");
+    let live = scripts.run();
+    scripts.until("stage.hung");
+    let asked = SystemTime::now();
+    live.signal("TERM");
+    let (told, end_s) = ended(live, asked);
+    assert_eq!(told.code, Some(130), "{}", told.err);
+    let whole_s = STOPPED_S + TERM_S + KILL_S;
+    assert_within("the end of who ignores SIGTERM too", end_s, whole_s, whole_s + BUSY_S);
+    scripts.assert_all_ended();
+}
+
+#[test]
+fn a_stage_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
+    for (manner, signal) in [("mute", "INT"), ("mute", "TERM"), ("hung", "INT"), ("hung", "TERM")] {
+        let scripts = Scripts::new(manner, "well", "well");
+        let live = scripts.run();
+        scripts.until("stage.hung");
+        let asked = SystemTime::now();
+        live.signal(signal);
+        let (told, end_s) = ended(live, asked);
+        assert_eq!(told.code, Some(130), "{manner}, {signal}: {}", told.err);
+        assert!(told.err.contains("stopping") && !told.err.contains("finished first"), "{}", told.err);
+        let least_s = if manner == "hung" { STOPPED_S + TERM_S } else { STOPPED_S };
+        assert_within(&format!("{manner}, {signal}"), end_s, least_s, least_s + BUSY_S);
+        if manner == "mute" {
+            assert!(scripts.between_s("stage.stop", "stage.eof") > -CLOCK_S, "the stop comes first");
+            assert!(!scripts.bench.has("stage.term"));
+        } else {
+            assert!(scripts.bench.has("stage.term"));
+        }
+        assert!(!scripts.bench.has("load_cell.pid"), "no reader is asked before the stage is away");
+        scripts.assert_all_ended();
+    }
+}
+
+#[test]
+fn a_reader_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
+    for (load_cell, array) in [("mute", "well"), ("well", "mute")] {
+        let scripts = Scripts::new("well", load_cell, array);
+        let role = if load_cell == "mute" { "load_cell" } else { "array" };
+        let live = if role == "array" { scripts.run() } else { scripts.doctor() };
+        scripts.until(&format!("{role}.hung"));
+        let asked = SystemTime::now();
+        live.signal("INT");
+        let (told, end_s) = ended(live, asked);
+        assert_eq!(told.code, Some(130), "{role}: {}", told.err);
+        assert_within(&format!("the end, {role}"), end_s, 0.0, BUSY_S);
+        scripts.assert_all_ended();
+    }
+}
+
+#[test]
+fn what_a_program_that_died_has_started_ends_too() {
+    let scripts = Scripts::new("dead", "well", "well");
+    let live = scripts.run();
+    scripts.until("stage.hung");
+    let (told, end_s) = ended(live, scripts.at("stage.hung"));
+    assert_eq!(told.code, Some(3), "{}", told.err);
+    assert_within("the end after the program's", end_s, TERM_S, TERM_S + BUSY_S);
+    scripts.assert_all_ended();
+}
+
+#[test]
+fn a_program_that_floods_is_told_and_ended() {
+    let scripts = Scripts::new("flooding", "well", "well");
+    let live = scripts.run();
+    scripts.until("stage.hung");
+    let (told, end_s) = ended(live, scripts.at("stage.hung"));
+    assert_eq!(told.code, Some(3), "{}", told.err);
+    assert!(told.running().contains("it answered \"64 lines\", expected one JSON object"), "{}", told.err);
+    assert_within("the end after the flood began", end_s, TERM_S, TERM_S + BUSY_S);
+    scripts.assert_all_ended();
+}
+
+#[test]
+fn a_load_cell_that_hangs_in_a_motion_stops_it_and_ends_the_run_long_before_an_answer_is_due() {
+    let scripts = Scripts::new("slow", "watching", "well");
+    let live = scripts.run();
+    scripts.until("load_cell.hung");
+    let (told, end_s) = ended(live, scripts.at("load_cell.hung"));
+    assert_eq!(told.code, Some(3), "{}", told.err);
+    assert!(told.running().contains("while reading the force: no answer to \"read\""), "{}", told.err);
+    assert_within("the stop after the last reading", scripts.between_s("load_cell.hung", "stage.stopped"), 0.25, 1.5);
+    assert_within("the end after the last reading", end_s, 0.5, 1.9);
+    scripts.assert_all_ended();
+}
