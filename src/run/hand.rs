@@ -6,12 +6,29 @@ use crate::control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch,
 use crate::dataset::Air;
 use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use crate::quantity::{ForceReading, Frame, Place};
-use crate::rig::SceneProbe;
+use crate::rig::{ArraySpec, SceneProbe};
 use crate::wire::Claims;
+use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, sleep_until};
+
+/// How long readings in air are kept, s, and how many at most: what is older, the zero has moved away from.
+const AIR_S: f64 = 0.3;
+const AIR_MAX: usize = 4096;
+/// The least time that air is read for, s, so that its mean is not much worse than a window's.
+const AIR_LEAST_S: f64 = 0.05;
+/// How far an output may move from one look of the first descent to the next: so many sd of a reading, and what a converter's
+/// steps and a slow drift may make of it, as a share of the array's range, or of the output where no range is known.
+const OUTPUT_SIGMAS: f64 = 10.0;
+const RANGE_SHARE: f64 = 5e-4;
+const OUTPUT_SHARE: f64 = 1e-3;
+/// Readings in a row that must say so.
+const OUTPUT_LOOKS: usize = 3;
+/// Readings of the outputs that make their air at least, and at most on the way from place to place: as many as a window has.
+const OUTPUTS_IN_AIR: u32 = 10;
+pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
 
 /// The instruments in use: what carries out the commands of a press.
 pub(super) struct Hand<'a, S, C, A> {
@@ -58,18 +75,6 @@ struct ForcesInAir {
     /// When, and what the cell read, N.
     readings: VecDeque<(Instant, f64)>,
 }
-
-/// How long readings in air are kept, s, and how many at most: what is older, the zero has moved away from.
-const AIR_S: f64 = 0.3;
-const AIR_MAX: usize = 4096;
-/// The least time that air is read for, s, so that its mean is not much worse than a window's.
-const AIR_LEAST_S: f64 = 0.05;
-/// How far an output may be from its air before the first touch: so many sd of a reading, and rounding, as a share of it.
-const OUTPUT_SIGMAS: f64 = 8.0;
-const OUTPUT_LEAST: f64 = 1e-5;
-/// Readings of the outputs that make their air at least, and at most on the way from place to place: as many as a window has.
-const OUTPUTS_IN_AIR: u32 = 10;
-pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
 
 impl<'a, C: LoadCell> Gauge<'a, C> {
     pub fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
@@ -198,7 +203,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(self.read_for(readings, least_s).await?.value)
     }
 
-    /// How long a mean takes that is to last so long, s: longer only where there is hum to be averaged away.
+    /// How long a mean must last, however many readings it has, s: whole periods of the hum; 0 where there is none.
     pub fn whole_s(&self, least_s: f64) -> f64 {
         let zero = self.watch.zero();
         if zero.hum.is_some() { zero.mean_s(least_s) } else { 0.0 }
@@ -323,19 +328,29 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         Ok(Air { force, outputs: std::mem::take(means).means })
     }
 
-    /// Whether the outputs are still those of the air they count from. Before the first touch they are the second witness: a
-    /// cell that reads zero with honest noise, whatever it bears, shows nothing of a contact.
-    pub async fn check_outputs_in_air(&mut self) -> Result<(), Halt> {
+    /// Whether the outputs are still what they were at the look before, `known`, or in air. Before the first touch they are the
+    /// second witness: a cell that reads zero with honest noise, whatever it bears, shows nothing of a contact.
+    pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];
-        self.array.read(&mut now).await?;
-        for ((output, air), sigma) in now.iter().zip(&self.air).zip(&self.air_sigmas) {
-            let (moved, most) = (output - air, OUTPUT_SIGMAS * sigma + OUTPUT_LEAST * air.abs().max(1.0));
-            let holds = moved.abs() <= most; // asked for what must hold, so that a NaN is refused
-            if !holds {
-                return Err(Trip::new(Rule::OutputsMoved, moved, most, "of an output").into());
-            }
+        let count = self.air_sigmas.len().max(1) as f64;
+        let common = (self.air_sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / count).sqrt();
+        let mut worst = (0.0, f64::INFINITY);
+        for _ in 0..OUTPUT_LOOKS {
+            self.array.read(&mut now).await?;
+            let most = |(output, sigma): (&f64, &f64)| {
+                let steps = array.range_v.map_or(OUTPUT_SHARE * output.abs(), |range_v| RANGE_SHARE * range_v);
+                OUTPUT_SIGMAS * sigma.max(common) + steps
+            };
+            let moved = now.iter().zip(known.iter()).map(|(now, known)| (now - known).abs());
+            let mut all = moved.zip(known.iter().zip(&self.air_sigmas).map(most));
+            // asked for what must hold, so that a NaN is refused
+            let Some(beyond) = all.find(|(moved, most)| !matches!(moved.partial_cmp(most), Some(Less | Equal))) else {
+                known.clone_from(&now);
+                return Ok(());
+            };
+            worst = beyond;
         }
-        Ok(())
+        Err(Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit).into())
     }
 
     /// Forces and outputs count from this air.

@@ -113,6 +113,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.cell.watch.pause();
         self.hand.cell.force_n().await?;
         let mut levels: Vec<Held> = Vec::with_capacity(task.levels.len());
+        let mut known = air.outputs.clone();
         let mut event = Event::Begin { z_mm: self.hand.z_mm, air: air.force };
         loop {
             let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
@@ -120,7 +121,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
                 Command::Move(granted) => {
                     if press.is_first_descent() {
-                        self.hand.check_outputs_in_air().await?;
+                        self.hand.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
                     }
                     self.hand.move_z(granted, Some(&mut press)).await?;
                     Event::Moved { z_mm: self.hand.z_mm }
