@@ -332,23 +332,16 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     /// second witness: a cell that reads zero with honest noise, whatever it bears, shows nothing of a contact.
     pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];
-        let count = self.air_sigmas.len().max(1) as f64;
-        let common = (self.air_sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / count).sqrt();
-        let mut worst = (0.0, f64::INFINITY);
+        let mut worst = (0.0, 0.0);
         for _ in 0..OUTPUT_LOOKS {
             self.array.read(&mut now).await?;
-            let most = |(output, sigma): (&f64, &f64)| {
-                let steps = array.range_v.map_or(OUTPUT_SHARE * output.abs(), |range_v| RANGE_SHARE * range_v);
-                OUTPUT_SIGMAS * sigma.max(common) + steps
-            };
-            let moved = now.iter().zip(known.iter()).map(|(now, known)| (now - known).abs());
-            let mut all = moved.zip(known.iter().zip(&self.air_sigmas).map(most));
-            // asked for what must hold, so that a NaN is refused
-            let Some(beyond) = all.find(|(moved, most)| !matches!(moved.partial_cmp(most), Some(Less | Equal))) else {
-                known.clone_from(&now);
-                return Ok(());
-            };
-            worst = beyond;
+            match moved_beyond(known, &now, &self.air_sigmas, array.range_v) {
+                Some(beyond) => worst = beyond,
+                None => {
+                    known.clone_from(&now);
+                    return Ok(());
+                }
+            }
         }
         Err(Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit).into())
     }
@@ -357,5 +350,38 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     pub fn count_from(&mut self, air: &Air) {
         self.cell.watch.count_from(&air.force);
         self.air.clone_from(&air.outputs);
+    }
+}
+
+/// The first output that moved by more than it may, and how far that is; none where all are what they were.
+fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
+    // few readings know one output's noise badly: none counts as quieter than all together
+    let common = (sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / sigmas.len().max(1) as f64).sqrt();
+    let mut all = known.iter().zip(now).zip(sigmas).map(|((known, now), sigma)| {
+        let steps = range.map_or(OUTPUT_SHARE * known.abs(), |range| RANGE_SHARE * range);
+        ((now - known).abs(), OUTPUT_SIGMAS * sigma.max(common) + steps)
+    });
+    // asked for what must hold, so that a NaN is refused
+    all.find(|(moved, most)| !matches!(moved.partial_cmp(most), Some(Less | Equal)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_of_the_converter_and_noise_are_no_contact_and_what_is_no_number_is() {
+        let known = [0.5, -1.0, 1200.0];
+        let sigmas = [0.0, 0.0, 0.0];
+        assert_eq!(moved_beyond(&known, &[0.5 + 0.003, -1.0, 1200.0], &sigmas, Some(10.0)), None, "one step of 12 bit");
+        assert_eq!(moved_beyond(&known, &[0.5, -1.0, 1201.0], &sigmas, None), None, "one count");
+        assert!(moved_beyond(&known, &[0.5, -1.0, 1202.0], &sigmas, None).is_some());
+        assert!(moved_beyond(&known, &[0.53, -1.0, 1200.0], &sigmas, Some(10.0)).is_some());
+        assert_eq!(
+            moved_beyond(&known[..2], &[0.53, -1.0], &[0.001, 0.005], Some(10.0)),
+            None,
+            "within the noise of all"
+        );
+        assert!(moved_beyond(&known, &[f64::NAN, -1.0, 1200.0], &sigmas, Some(10.0)).is_some());
     }
 }
