@@ -190,7 +190,7 @@ pub fn is_to_evaluate(press: &Press) -> bool {
     press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
 }
 
-/// The mean time of a solve, ns, over whole passes through some readings, as many as fill [`TIMED`]; none without a reading.
+/// The mean time of a solve, ns, over whole passes through some readings, as many as fill 20 ms; none without a reading.
 pub fn ns_per_solve<'r>(solver: &dyn Solver, readings: impl Iterator<Item = &'r [f64]> + Clone) -> Option<f64> {
     let mut workspace = Workspace::default();
     let (begun, mut solves) = (Instant::now(), 0);
