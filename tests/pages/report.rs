@@ -87,7 +87,7 @@ fn a_page_needs_nothing_else_and_is_the_same_twice() {
     for title in titles {
         assert!(page.contains(title), "{title}");
     }
-    assert_eq!(figures(&page).len(), 12, "one a figure of the paper, method, dependence, map and record");
+    assert_eq!(figures(&page).len(), 13, "one a figure of the paper, method, dependence, map and record");
     bench.palpate_ends(0, "report all --out again.html");
     assert_eq!(bench.read("again.html"), page);
     bench.palpate_ends(0, "verify all");
@@ -102,7 +102,7 @@ fn three_runs_of_a_sensor_make_the_page_of_one() {
     }
     bench.palpate_ends(0, "report characterise calibrate test --out page.html");
     let page = bench.read("page.html");
-    assert_eq!(figures(&page).len(), 12);
+    assert_eq!(figures(&page).len(), 13);
     assert!(page.contains("Sensor A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
     let told = bench.palpate_ends(2, "report all test --out other.html").running();
     assert!(told.contains("all and test both have test presses"), "{told}");
