@@ -62,7 +62,10 @@ fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
     for row in rows {
         let Some(point) = point(row) else { continue };
         if row.solver == BEST {
-            marks.push(Mark::Words(point, (13.0, 4.0), Anchor::Start, "best".to_owned()));
+            // toward the middle, where there is room however long a solve took
+            let is_left = point.0 < (x.range.0 * x.range.1).sqrt();
+            let (right_px, anchor) = if is_left { (13.0, Anchor::Start) } else { (-13.0, Anchor::End) };
+            marks.push(Mark::Words(point, (right_px, 4.0), anchor, "best".to_owned()));
             continue;
         }
         let look = Look { line: Line::None, ..look(row.solver) };
