@@ -257,7 +257,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.zero_again(next, ledger).await
     }
 
-    /// Takes the zero anew, away from the specimen, and goes back to where the last contact was left.
+    /// Takes a new zero, away from the specimen, and goes back to where the last contact was left.
     async fn zero_again(&mut self, next: Place, ledger: &mut dyn Ledger) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
         let zero = take_zero(&mut self.hand, &self.conditions).await?;

@@ -70,8 +70,8 @@ impl Window {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Samples force and outputs together for so long, or for whole periods of the hum, z at rest. An output that is no number is the array's failure; one at
-    /// the end of the array's range, `range_v`, is noted.
+    /// Samples force and outputs together for so long, or for whole periods of the hum, z at rest. An output that is not a number
+    /// is the array's failure; one at the end of the array's range, `range_v`, is noted.
     pub async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
