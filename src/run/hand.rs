@@ -1,6 +1,6 @@
 //! The instruments in use.
 
-use super::window::{OUTPUTS_EVERY, OutputMeans};
+use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
 use crate::dataset::Air;
@@ -307,20 +307,8 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
             }
             force
         };
-        let outputs = async {
-            let mut now = vec![0.0; array.units()];
-            while means.readings < OUTPUTS_IN_AIR {
-                let next = Instant::now() + OUTPUTS_EVERY;
-                array.read(&mut now).await?;
-                means.take(&now);
-                tokio::select! {
-                    biased;
-                    () = over.notified() => break,
-                    () = sleep_until(next) => {}
-                }
-            }
-            Ok::<(), Halt>(())
-        };
+        let goes_on = |readings| readings < OUTPUTS_IN_AIR;
+        let outputs = means.take_while(array, &over, || true, goes_on, |_, _| Ok(()));
         let (force, read) = tokio::join!(force, outputs);
         let force = force?;
         read?;

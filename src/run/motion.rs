@@ -2,7 +2,7 @@
 
 use super::Halt;
 use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
-use super::window::{OUTPUTS_EVERY, OutputMeans};
+use super::window::OutputMeans;
 use crate::control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
 use crate::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
 use crate::quantity::{Axis, Place, Range};
@@ -360,29 +360,14 @@ async fn with_outputs<A: SensorArray, T>(
     array: &mut A,
     means: &mut OutputMeans,
 ) -> Result<T, Halt> {
-    let (ended, over) = (Cell::new(false), Notify::new());
+    let over = Notify::new();
     let motion = async {
         let moved = motion.await;
-        ended.set(true);
         over.notify_one();
         moved
     };
-    let outputs = async {
-        let mut now = vec![0.0; array.units()];
-        while !ended.get() && means.readings < OUTPUTS_ON_THE_WAY {
-            let next = Instant::now() + OUTPUTS_EVERY;
-            if clear.get() {
-                array.read(&mut now).await?;
-                means.take(&now);
-            }
-            tokio::select! {
-                biased;
-                () = over.notified() => break,
-                () = sleep_until(next) => {}
-            }
-        }
-        Ok::<(), Halt>(())
-    };
+    let goes_on = |readings| readings < OUTPUTS_ON_THE_WAY;
+    let outputs = means.take_while(array, &over, || clear.get(), goes_on, |_, _| Ok(()));
     let (moved, read) = tokio::join!(motion, outputs);
     let moved = moved?;
     read.map(|()| moved)

@@ -11,7 +11,7 @@ use tokio::time::{Instant, sleep_until};
 /// Fewest readings in a window, however short it is.
 const READINGS_LEAST: u32 = 2;
 /// The outputs are read no more often than that: what taxels do in a window is slower.
-pub(super) const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
+const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
 
 /// An output this near to the end of its range may be beyond it, as a share of the range.
 const FULL_SCALE: f64 = 0.999;
@@ -37,6 +37,33 @@ impl OutputMeans {
             *mean += off * share;
             *square += off * (output - *mean);
         }
+    }
+
+    /// Takes in reading after reading, no faster than outputs change, while `goes_on` and until `over` is told; none before
+    /// `begins`. Every reading passes `check`, with how long it took.
+    pub async fn take_while<A: SensorArray>(
+        &mut self,
+        array: &mut A,
+        over: &Notify,
+        begins: impl Fn() -> bool,
+        goes_on: impl Fn(u32) -> bool,
+        mut check: impl FnMut(&[f64], Duration) -> Result<(), DeviceError>,
+    ) -> Result<(), Halt> {
+        let mut now = vec![0.0; array.units()];
+        while goes_on(self.readings) {
+            let asked = Instant::now();
+            if begins() {
+                array.read(&mut now).await?;
+                check(&now, asked.elapsed())?;
+                self.take(&now);
+            }
+            tokio::select! {
+                biased;
+                () = over.notified() => break,
+                () = sleep_until(asked + OUTPUTS_EVERY) => {}
+            }
+        }
+        Ok(())
     }
 
     /// Standard deviation of one reading of each output.
@@ -83,7 +110,6 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             probe.open_window();
         }
         let mut means = OutputMeans::default();
-        let mut now = vec![0.0; self.array.units()];
         let (mut saturated, mut late) = (false, false);
         // each as fast as it goes: neither waits for the other
         let (gauge, array) = (&mut self.cell, &mut self.array);
@@ -101,22 +127,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             Ok::<Option<Mean>, Halt>(mean_of(&read, gauge.watch.zero()))
         };
-        let outputs = async {
-            while Instant::now() < until || means.readings < READINGS_LEAST {
-                let next = Instant::now() + OUTPUTS_EVERY;
-                let asked = Instant::now();
-                array.read(&mut now).await?;
-                late |= asked.elapsed().as_secs_f64() > STALE_S;
-                saturated |= is_saturated(&now, range_v)?;
-                means.take(&now);
-                tokio::select! {
-                    biased;
-                    () = over.notified() => break,
-                    () = sleep_until(next) => {}
-                }
-            }
-            Ok::<(), Halt>(())
-        };
+        let goes_on = |readings| Instant::now() < until || readings < READINGS_LEAST;
+        let outputs = means.take_while(
+            array,
+            &over,
+            || true,
+            goes_on,
+            |now, took| {
+                late |= took.as_secs_f64() > STALE_S;
+                saturated |= is_saturated(now, range_v)?;
+                Ok(())
+            },
+        );
         let (force, outputs) = tokio::join!(forces, outputs);
         let force = force?;
         outputs?;
