@@ -29,6 +29,9 @@ const BAR_COLUMNS: usize = 40;
 /// Fewer readings than this share are new ones where a cell is read more often than it converts.
 const FRESH_SHARE: f64 = 0.7;
 
+/// How far the zero may move either way, as a share of the force limit, in the `air_n` that is proposed.
+const ZERO_MOVES_SHARE: f64 = 0.2;
+
 /// A zero over this share of the force limit leaves little of the cell's range.
 const ZERO_SHARE: f64 = 0.5;
 
@@ -92,6 +95,10 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             1000.0 * zero.sigma_n
         );
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
+        if spec.load_cell.air_n.is_none() {
+            let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
+            let _ = writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would refuse any other zero", "");
+        }
         let noise = match spec.array.unit.as_str() {
             "V" => format!("{:.2} mV", 1000.0 * outputs_sigma_v),
             unit => format!("{outputs_sigma_v:.4} {unit}"),
@@ -115,6 +122,12 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         advice => writeln!(text, "\nto put right\n{}", wrapped(advice)),
     };
     text
+}
+
+/// What the load cell may say in air if what it says now is air: as much either way as the zero of a run may move.
+fn proposed_air_n(offset_n: f64, limit_n: f64) -> [f64; 2] {
+    let rounded = |n: f64| (n * 1000.0).round() / 1000.0;
+    [-ZERO_MOVES_SHARE, ZERO_MOVES_SHARE].map(|share| rounded(offset_n + share * limit_n))
 }
 
 fn wrapped(advice: &[String]) -> String {

@@ -86,6 +86,7 @@ impl Failure {
             }
             Halt::Device(error) => Failure { code: DEVICE, report: error.into() },
             Halt::Record(error) => Failure { code: RECORD, report: error.into() },
+            Halt::Unconfirmed(why) => Failure { code: USAGE, report: miette::miette!("{why}") },
         }
     }
 

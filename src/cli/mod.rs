@@ -29,6 +29,8 @@ mod study;
 mod summary;
 mod tables;
 mod verify;
+mod which_way;
+mod withdraw;
 
 use clap::{Parser, Subcommand};
 use miette::MietteHandlerOpts;
@@ -67,6 +69,7 @@ enum Command {
     Study(study::StudyArgs),
     Doctor(doctor::DoctorArgs),
     Align(align::AlignArgs),
+    Withdraw(withdraw::WithdrawArgs),
     Emulate(emulate::EmulateArgs),
     Ports(ports::PortsArgs),
     Drivers(drivers::DriversArgs),
@@ -91,6 +94,7 @@ pub fn main() -> ExitCode {
         Command::Study(args) => study::study(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Align(args) => align::align_rig(args),
+        Command::Withdraw(args) => withdraw::withdraw_rig(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
         Command::Drivers(args) => drivers::drivers(args),

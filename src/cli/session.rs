@@ -5,6 +5,7 @@ use super::progress::Progress;
 use super::provenance::now;
 use super::signals::{First, heed};
 use super::summary;
+use super::which_way::ConfirmArgs;
 use crate::dataset::{Durability, RunFolder};
 use crate::recipe::Plan;
 use crate::rig::RigSpec;
@@ -26,6 +27,8 @@ pub struct SessionArgs {
     /// What an acknowledged press survives: a power cut (full), or only the program's end (fast)
     #[arg(long, value_name = "NAME", value_enum, default_value_t)]
     pub durability: Durability,
+    #[command(flatten)]
+    confirm: ConfirmArgs,
 }
 
 impl SessionArgs {
@@ -47,6 +50,7 @@ pub fn carry_out(
     args: &SessionArgs,
 ) -> Result<ExitCode, Failure> {
     let virtual_time = spec.is_simulated();
+    let spec = &args.confirm.of(spec.clone());
     let began = Instant::now();
     let runtime = runtime(virtual_time)?;
     let cancel = heed(First::Pause, Some("stopping: the stage is brought to rest and parked"))?;

@@ -1,6 +1,7 @@
 //! Recipes and rigs as a person names them.
 
 use super::exit::Failure;
+use super::which_way::ConfirmArgs;
 use crate::control::Strategy;
 use crate::dataset::{Origins, Texts};
 use crate::document::TEXT_MAX_BYTES;
@@ -54,6 +55,8 @@ pub struct OneRigArgs {
     /// What a simulated specimen and all noise are drawn from
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    #[command(flatten)]
+    confirm: ConfirmArgs,
 }
 
 impl OneRigArgs {
@@ -61,7 +64,7 @@ impl OneRigArgs {
     pub fn read(&self) -> Result<(String, RigSpec, bool), Failure> {
         let (text, spec) = read_rig(&self.rig)?;
         let invented = self.simulate && !spec.is_simulated();
-        Ok((text, as_asked(spec, self.simulate, self.seed)?, invented))
+        Ok((text, self.confirm.of(as_asked(spec, self.simulate, self.seed)?), invented))
     }
 }
 

@@ -27,6 +27,13 @@ const HARD_SIGMAS: f64 = 6.0;
 const AIR_N: f64 = 0.020;
 const DRIFT_N_S: f64 = 0.001;
 
+/// How far the zero may differ between two heights a little apart, N, besides noise and drift.
+const FREE_N: f64 = 0.005;
+
+/// How far apart these are: so that the declared specimen bears at most this share of the force limit more, and at most so far, mm.
+const SOUNDING_SHARE: f64 = 0.1;
+const SOUNDING_MOST_MM: f64 = 0.1;
+
 /// Least clearance above the highest the surface can be at which x and y may move, mm (I7).
 const SIDEWAYS_MM: f64 = 0.030;
 
@@ -153,6 +160,21 @@ impl Permit {
         let most_n = AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s;
         let holds = moved_n.abs() <= most_n; // asked for what must hold, so that a NaN is refused
         if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroDrifted, moved_n, most_n, "N")) }
+    }
+
+    /// What the load cell says in air is the same where z is a little farther away, or nearer: no contact makes a part of it.
+    ///
+    /// # Errors
+    /// A trip if it isn't.
+    pub fn air_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+        let most_n = FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s;
+        let holds = moved_n.abs() <= most_n;
+        if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroInContact, moved_n, most_n, "N")) }
+    }
+
+    /// How far z is moved to see whether the air is free, mm: what the declared specimen answers with a small part of the limit.
+    pub fn sounding_mm(&self) -> f64 {
+        (SOUNDING_SHARE * self.limits.force_n / self.limits.stiffness_n_mm).min(SOUNDING_MOST_MM)
     }
 
     /// A motion of x and y (I7): with z read back clear of the highest the surface can be on the way, and no force. `first_mm`

@@ -60,6 +60,14 @@ pub enum Rule {
     SurfaceMoved,
     /// The first touch came where the frame says that there is no specimen yet.
     SurfaceElsewhere,
+    /// The force rose while z moved away, before there was a zero.
+    ForceRose,
+    /// It fell further than a contact within the limit can make it.
+    ForceFell,
+    /// What the load cell says in air isn't what it may say there.
+    ZeroOutside,
+    /// The zero is another one where z is a little farther away: it was taken in contact.
+    ZeroInContact,
     /// The outputs moved before the first touch, and the force didn't.
     OutputsMoved,
     /// A motion was asked for whose end point isn't safe.
@@ -89,6 +97,10 @@ impl Rule {
             Rule::NoConvergence => "no-convergence",
             Rule::SurfaceMoved => "surface-moved",
             Rule::SurfaceElsewhere => "surface-elsewhere",
+            Rule::ForceRose => "force-rose",
+            Rule::ForceFell => "force-fell",
+            Rule::ZeroOutside => "zero-outside",
+            Rule::ZeroInContact => "zero-in-contact",
             Rule::OutputsMoved => "outputs-moved",
             Rule::NotPermitted => "not-permitted",
         }
@@ -120,6 +132,14 @@ impl Rule {
             Rule::SurfaceElsewhere => {
                 "the specimen is nearer than `frame.surface_mm` says: with a larger `uncertainty`, `palpate align` finds it"
             }
+            Rule::ForceRose => {
+                "is `frame.down` right, and is nothing in the way of z? The stage stands where it stopped: free the indenter by hand"
+            }
+            Rule::ForceFell => "does something pull at the indenter, or is the load cell wired the wrong way round?",
+            Rule::ZeroOutside => {
+                "does something touch the indenter? If not, `load_cell.air_n` says what the cell may read in air"
+            }
+            Rule::ZeroInContact => "something touches the indenter where homing leaves it: free it",
             Rule::OutputsMoved => "does the load cell measure? The array felt something that the load cell didn't",
             Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
         }

@@ -3,7 +3,7 @@
 use super::press::AirReadings;
 use super::trip::{Rule, Trip};
 use super::zero::Zero;
-use crate::quantity::{ForceReading, Limits};
+use crate::quantity::{ForceReading, Limits, Range};
 
 /// Time over which a force is averaged before it is held against the limits, s.
 const MEAN_S: f64 = 0.010;
@@ -17,10 +17,28 @@ pub const STALE_S: f64 = 0.25;
 /// Most readings in the running mean.
 const MEAN_MAX: usize = 64;
 
-/// Holds every reading against the trip rules.
+/// How far the force may rise while z moves away before there is a zero, as a share of the force limit and in sd of a reading.
+const RISE_SHARE: f64 = 0.05;
+const RISE_SIGMAS: f64 = 6.0;
+
+/// The same on the way out of a press, where z has shown which way it goes.
+const AWAY_SHARE: f64 = 0.1;
+
+/// How much harder than its own acceleration a stage may stop, at a switch.
+const JOLT: f64 = 2.0;
+
+/// Standard gravity, m/s^2.
+const GRAVITY_M_S2: f64 = 9.806_65;
+
+/// Checks every reading against the trip rules.
 #[derive(Debug)]
 pub struct Watch {
     limit_n: f64,
+    /// Where the force may be, N from the zero, and which rules say so.
+    within_n: Range,
+    rules: [Rule; 2],
+    /// How far the force may rise while z moves away, N.
+    rise_most_n: f64,
     zero: Zero,
     recent: std::collections::VecDeque<(f64, f64)>,
     last_code: Option<f64>,
@@ -31,8 +49,36 @@ pub struct Watch {
 impl Watch {
     /// The rules of a rig with a zero taken in air.
     pub fn new(limits: &Limits, zero: Zero) -> Self {
+        let within_n = Range {
+            min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n),
+            max: limits.force_n + 3.0 * zero.sigma_n,
+        };
+        let rise_most_n = AWAY_SHARE * limits.force_n + RISE_SIGMAS * zero.sigma_n;
+        Watch { within_n, rise_most_n, ..Watch::of(limits.force_n, zero, [Rule::WrongSign, Rule::OverForce]) }
+    }
+
+    /// The rules before there is a zero, of a stage that moves z away: the force doesn't rise above what the cell read at rest,
+    /// `still`, and falls no further than a contact within the limit can make it. A tool on the cell shows what accelerates it:
+    /// at most one that weighs as much as the cell may say in air, `air_n`.
+    pub fn before_zero(limits: &Limits, still: Zero, air_n: Range, acceleration_mm_s2: f64) -> Self {
+        let rise_n = Watch::rise_n(limits, air_n, acceleration_mm_s2) + RISE_SIGMAS * still.sigma_n;
+        let within_n = Range { min: -limits.force_n - rise_n, max: rise_n };
+        let still = Zero { frozen_after: None, ..still };
+        Watch { within_n, rise_most_n: rise_n, ..Watch::of(limits.force_n, still, [Rule::ForceFell, Rule::ForceRose]) }
+    }
+
+    /// How far the force may rise by what isn't contact while a stage moves, N.
+    pub fn rise_n(limits: &Limits, air_n: Range, acceleration_mm_s2: f64) -> f64 {
+        let tool_kg = air_n.min.abs().max(air_n.max.abs()) / GRAVITY_M_S2;
+        RISE_SHARE * limits.force_n + JOLT * tool_kg * acceleration_mm_s2 / 1000.0
+    }
+
+    fn of(limit_n: f64, zero: Zero, rules: [Rule; 2]) -> Self {
         Watch {
-            limit_n: limits.force_n,
+            limit_n,
+            within_n: Range { min: f64::NEG_INFINITY, max: f64::INFINITY },
+            rules,
+            rise_most_n: f64::INFINITY,
             zero,
             recent: std::collections::VecDeque::new(),
             last_code: None,
@@ -44,6 +90,11 @@ impl Watch {
     /// The zero that forces count from.
     pub fn zero(&self) -> &Zero {
         &self.zero
+    }
+
+    /// How far the force may rise while z moves away, N.
+    pub fn rise_most_n(&self) -> f64 {
+        self.rise_most_n
     }
 
     /// Forces count from newer air from here on.
@@ -69,7 +120,7 @@ impl Watch {
     /// # Errors
     /// The rule it breaks.
     pub fn force_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
-        self.within(reading, NEGATIVE_LEAST_N.max(5.0 * self.zero.sigma_n))
+        self.checked(reading, self.within_n)
     }
 
     /// The same of a stage that rests in air: the zero may have moved since it was taken, either way, but not beyond the limit.
@@ -77,11 +128,10 @@ impl Watch {
     /// # Errors
     /// The rule it breaks.
     pub fn in_air_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
-        self.within(reading, self.limit_n)
+        self.checked(reading, Range { min: -self.limit_n, ..self.within_n })
     }
 
-    /// The force of a reading that may be so far below zero, N.
-    fn within(&mut self, reading: &ForceReading, below_n: f64) -> Result<f64, Trip> {
+    fn checked(&mut self, reading: &ForceReading, within_n: Range) -> Result<f64, Trip> {
         check_sound(reading)?;
         let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
         if gap_s > STALE_S {
@@ -90,7 +140,7 @@ impl Watch {
         self.last_s = Some(reading.at_s);
         self.check_frozen(reading.force_n)?;
         let force_n = reading.force_n - self.zero.offset_n;
-        self.check_mean(reading.at_s, force_n, below_n)?;
+        self.check_mean(reading.at_s, force_n, within_n)?;
         Ok(force_n)
     }
 
@@ -105,7 +155,7 @@ impl Watch {
         }
     }
 
-    fn check_mean(&mut self, at_s: f64, force_n: f64, below_n: f64) -> Result<(), Trip> {
+    fn check_mean(&mut self, at_s: f64, force_n: f64, within_n: Range) -> Result<(), Trip> {
         // a cell that converts more slowly than that is judged by its last two readings, or it would never be judged
         let old = |(then_s, _): &(f64, f64)| at_s - then_s > MEAN_S;
         while self.recent.len() > 1 && (self.recent.front().is_some_and(old) || self.recent.len() >= MEAN_MAX) {
@@ -114,12 +164,12 @@ impl Watch {
         self.recent.push_back((at_s, force_n));
         // one reading is no mean: a lone outlier is the loop's to bear, since no end point is unsafe
         let Some(mean_n) = self.mean_n() else { return Ok(()) };
-        let most_n = self.limit_n + 3.0 * self.zero.sigma_n;
-        if mean_n > most_n {
-            return Err(Trip::new(Rule::OverForce, mean_n, most_n, "N"));
+        let [under, over] = self.rules;
+        if mean_n > within_n.max {
+            return Err(Trip::new(over, mean_n, within_n.max, "N"));
         }
-        if mean_n < -below_n {
-            return Err(Trip::new(Rule::WrongSign, mean_n, -below_n, "N"));
+        if mean_n < within_n.min {
+            return Err(Trip::new(under, mean_n, within_n.min, "N"));
         }
         Ok(())
     }

@@ -50,6 +50,8 @@ pub struct StageUse {
     pub speed_mm_s: f64,
     /// Acceleration and deceleration to be used, mm/s^2.
     pub acceleration_mm_s2: f64,
+    /// Speed of a search for home, mm/s: what can be stopped within the force limit.
+    pub home_speed_mm_s: f64,
 }
 
 /// How far beyond its travel an axis may be read back, mm: where it was before it was prepared, and rounding.
@@ -67,9 +69,30 @@ impl StageUse {
 /// A motion is begun and then followed: a controller finishes what was begun whatever becomes of the program, so only what
 /// is safe to finish is begun.
 pub trait Stage {
-    /// Connects, brings all axes to rest, checks units and limits, and homes what isn't homed: z first, away from the
-    /// specimen. A stop ends a search for home at once, which is an error.
-    fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<Identity, DeviceError>>;
+    /// Connects, brings all axes to rest, and checks units and limits. Nothing else moves.
+    fn identify(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// Moves z by so much away from the specimen, homed or not, from rest to rest, so that a person sees which way it goes.
+    /// Whether it did: a controller may move nothing that isn't homed.
+    fn nudge_away(
+        &mut self,
+        way_mm: f64,
+        usage: &StageUse,
+        reins: &Reins,
+    ) -> impl Future<Output = Result<bool, DeviceError>> {
+        let _ = (way_mm, usage, reins);
+        async { Ok(false) }
+    }
+
+    /// Homes z alone, if it isn't homed, away from the specimen. Whether it did: a controller may home all axes in one.
+    fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<bool, DeviceError>> {
+        let _ = (usage, reins);
+        async { Ok(false) }
+    }
+
+    /// Homes what isn't homed: z first, away from the specimen. A stop ends a search for home at once, which is an error.
+    /// The stage was [identified](Stage::identify) before.
+    fn home(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
     /// anew.

@@ -13,8 +13,20 @@ macro_rules! stages {
         pub enum AnyStage { $($name($driver),)+ }
 
         impl Stage for AnyStage {
-            async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
-                match self { $(Self::$name(it) => it.prepare(usage, reins).await.map(Identity::shown),)+ }
+            async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.identify(usage).await.map(Identity::shown),)+ }
+            }
+
+            async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.nudge_away(way_mm, usage, reins).await,)+ }
+            }
+
+            async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.home_z(usage, reins).await,)+ }
+            }
+
+            async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.home(usage, reins).await,)+ }
             }
 
             fn afresh(&mut self) {

@@ -154,15 +154,16 @@ impl Esp301 {
         Ok(())
     }
 
-    async fn home(&mut self, axis: Axis, mode: u8, reins: &Reins) -> Result<(), DeviceError> {
+    async fn search(&mut self, axis: Axis, mode: u8, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         let (doing, n) = ("homing", number(axis));
         self.tell(doing, &format!("{n}MO")).await?;
-        self.tell(doing, &format!("{n}OR{mode}")).await?;
-        let until = Instant::now() + HOME_DEADLINE;
+        self.tell(doing, &format!("{n}OH{:.4};{n}OR{mode}", usage.home_speed_mm_s)).await?;
+        let way_mm = usage.travel.along(axis).max - usage.travel.along(axis).min;
+        let until = Instant::now() + HOME_DEADLINE + seconds(2.0 * way_mm / usage.home_speed_mm_s);
         while self.at_rest(doing, &[axis], reins).await?.is_none() {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
-                let told = format!("axis {n} didn't find its home within {} s", HOME_DEADLINE.as_secs());
+                let told = format!("axis {n} didn't find its home in time");
                 return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
         }
@@ -170,29 +171,14 @@ impl Esp301 {
         self.no_complaints(doing).await
     }
 
-    /// Homes z toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
-    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
-        if self.is_homed(Axis::Z).await? {
-            return Ok(());
-        }
-        self.home(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, reins).await?;
-        let (at_mm, end_mm) = (self.position_mm(Axis::Z, &Reins::default()).await?, away_end_mm(usage));
-        if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
-            let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
-            return Err(self.error("homing", DeviceProblem::Mismatch(told)));
-        }
-        Ok(())
-    }
-
     /// z may have been homed before and press: x and y are homed with z at the end that lies away from the specimen. A
     /// z that refused to home, or isn't where it was sent, is an error before anything moves sideways.
-    async fn clear_z(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+    async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "taking z away from the specimen";
         let end_mm = away_end_mm(usage);
-        let way_mm = (end_mm - self.position_mm(Axis::Z, &Reins::default()).await?).abs();
-        self.begin(&[(Axis::Z, end_mm)], usage.speed_mm_s, &Reins::default()).await?;
-        let expected = Duration::try_from_secs_f64(way_mm / usage.speed_mm_s).unwrap_or_default();
-        self.follow(&[Axis::Z], expected, &Reins::default()).await?;
+        let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
+        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
         let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
@@ -216,10 +202,16 @@ impl Esp301 {
         }
     }
 
-    async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
-        let (n, travel, a) = (number(axis), usage.travel.along(axis), usage.acceleration_mm_s2);
-        let line = format!("{n}SL{:.4};{n}SR{:.4};{n}AC{a};{n}AG{a}", travel.min, travel.max);
-        self.tell("setting soft limits and acceleration", &line).await
+    /// Acceleration before anything moves: a stop brakes as hard as is counted on.
+    async fn set_acceleration(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+        let a = usage.acceleration_mm_s2;
+        let axes = Axis::ALL.map(|axis| format!("{n}AC{a};{n}AG{a}", n = number(axis)));
+        self.tell("setting the acceleration", &axes.join(";")).await
+    }
+
+    async fn set_soft_limits(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
+        let (n, travel) = (number(axis), usage.travel.along(axis));
+        self.tell("setting soft limits", &format!("{n}SL{:.4};{n}SR{:.4}", travel.min, travel.max)).await
     }
 
     fn failed(&self, doing: &str, error: &WireError) -> DeviceError {
@@ -232,7 +224,7 @@ impl Esp301 {
 }
 
 impl Stage for Esp301 {
-    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
         let version = self.ask(doing, "VE?").await?;
         if !version.contains("ESP30") {
@@ -249,21 +241,56 @@ impl Stage for Esp301 {
             stages.push(self.ask(doing, &format!("{}ID?", number(axis))).await?);
             self.check_axis(axis, usage).await?;
         }
-        self.home_z(usage, reins).await?;
-        for axis in [Axis::X, Axis::Y] {
-            if !self.is_homed(axis).await? {
-                self.clear_z(usage).await?;
-                self.home(axis, 1, reins).await?;
-            }
-        }
-        for axis in Axis::ALL {
-            self.set_up(axis, usage).await?;
-        }
-        self.no_complaints("preparing it").await?;
-        self.usage = Some(usage.clone());
         let warnings = firmware_warning(&version).into_iter().collect();
         let identity = format!("{version} ({})", stages.join(" | "));
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        let (doing, n, speed_mm_s) = ("moving z a little", number(Axis::Z), usage.home_speed_mm_s);
+        self.set_acceleration(usage).await?;
+        let was_on = self.is_homed(Axis::Z).await?;
+        // relative: where an axis is that isn't homed means nothing (manual, page PR)
+        self.tell(doing, &format!("{n}MO;{n}VA{speed_mm_s:.5};{n}PR{:.5}", usage.away * way_mm)).await?;
+        let until = Instant::now() + MOTION_MARGIN + seconds(way_mm / speed_mm_s);
+        while self.at_rest(doing, &[Axis::Z], reins).await?.is_none() && Instant::now() < until {}
+        if !was_on {
+            // its motor on would say that it is homed
+            self.tell(doing, &format!("{n}MF")).await?;
+        }
+        // at the end of its travel it goes no further
+        Ok(self.complaints().await?.is_empty())
+    }
+
+    /// Homes z toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
+    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        self.set_acceleration(usage).await?;
+        if self.is_homed(Axis::Z).await? {
+            return Ok(true);
+        }
+        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, usage, reins).await?;
+        let (at_mm, end_mm) = (self.position_mm(Axis::Z, &Reins::default()).await?, away_end_mm(usage));
+        if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
+            let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
+            return Err(self.error("homing", DeviceProblem::Mismatch(told)));
+        }
+        Ok(true)
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        self.home_z(usage, reins).await?;
+        for axis in [Axis::X, Axis::Y] {
+            if !self.is_homed(axis).await? {
+                self.clear_z(usage, reins).await?;
+                self.search(axis, 1, usage, reins).await?;
+            }
+        }
+        for axis in Axis::ALL {
+            self.set_soft_limits(axis, usage).await?;
+        }
+        self.no_complaints("preparing it").await?;
+        self.usage = Some(usage.clone());
+        Ok(())
     }
 
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
@@ -361,6 +388,11 @@ impl Stage for Esp301 {
         }
         Ok(complaints)
     }
+}
+
+/// What no clock can wait for is no wait.
+fn seconds(s: f64) -> Duration {
+    Duration::try_from_secs_f64(s).unwrap_or_default()
 }
 
 /// Where z is farthest from the specimen.

@@ -1,6 +1,6 @@
 //! What a driver's tests talk to: the far end of a link that expects what is sent, byte for byte, and answers as a script says.
 
-use crate::device::StageUse;
+use crate::device::{DeviceError, Identity, Reins, Stage, StageUse};
 use crate::quantity::{Range, Travel};
 use crate::wire::Connector;
 use std::sync::Mutex;
@@ -66,5 +66,11 @@ pub fn unused() -> Connector {
 /// The use of a stage like the paper's.
 pub fn usage() -> StageUse {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 }
+    StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0, home_speed_mm_s: 2.0 }
+}
+
+/// A stage identified and homed.
+pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    let identity = stage.identify(usage).await?;
+    stage.home(usage, reins).await.map(|()| identity)
 }

@@ -15,6 +15,7 @@ const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 /// A slower cell would be called stale between two of its readings.
 const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
 const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
+const AIR: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
 const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 /// Most outputs of one unit.
 const CHANNELS_MAX: u64 = 16;
@@ -66,6 +67,9 @@ keys! {
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB1?baud=115200\"";
         conversions_hz: Number(CONVERSIONS), Refused, "how often it has a new reading", "200.0";
         lag_ms: Number(LATER), or(0.0), "how long its filter and its transport hold a force back", "2.0";
+        air_n: Range(AIR), Allowed,
+            "the least and the most that it may read in air, its tool included; without it `limits.force_n`, either way",
+            "[-0.1, 0.4]";
         certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
         check: Table(&check::KEYS), Allowed, "its gain as `palpate doctor --check-weight-n` found it";
     }

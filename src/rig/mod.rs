@@ -16,6 +16,7 @@ mod scene_keys;
 mod simulated;
 mod skin;
 mod spec;
+mod which_way;
 
 pub use compare::{Consequence, Difference, differences};
 pub use emulated::{EmulatedDevice, FarEnd};
@@ -27,6 +28,7 @@ pub use spec::{
     ArrayDriver, ArraySpec, Driver, LoadCellDriver, LoadCellSpec, MappedDevice, Misfit, RigSpec, StageDriver,
     StageSpec, Wiring,
 };
+pub use which_way::WhichWay;
 
 use crate::document::Keys;
 

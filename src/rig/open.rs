@@ -96,6 +96,7 @@ impl RigSpec {
             away: -self.frame.down.sign(),
             speed_mm_s: self.stage.speed_mm_s,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
+            home_speed_mm_s: self.stage.speed_mm_s,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
     }

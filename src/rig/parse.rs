@@ -47,6 +47,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             frame: frame?,
             scene: scene?,
             full_scale_n: None,
+            which_way: None,
         };
         check_links(&spec, table);
         check_drivers(&spec, table);
@@ -84,7 +85,8 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let check = or_wrong(table.table(&load_cell::check), read_check);
     let (driver, link) = driver?;
     let (certificate, check) = (certificate?, check?);
-    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, certificate, check })
+    let air_n = table.range(&load_cell::air_n);
+    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, air_n, certificate, check })
 }
 
 /// What is read of a table that may be missing; none where it is there and wrong.

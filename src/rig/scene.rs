@@ -119,8 +119,8 @@ fn read_load_cell(table: &Table) -> Option<LoadCell> {
     let [noise_n, noise_ahead_n, offset_n, drift_n_min, gain_error_percent, transport_ms] =
         [key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min, key::gain_error_percent, key::transport_ms]
             .map(|key| table.number(&key));
-    let [wander_n, wander_s, hum_n, hum_hz] =
-        [key::wander_n, key::wander_s, key::hum_n, key::hum_hz].map(|key| table.number(&key));
+    let [wander_n, wander_s, hum_n, hum_hz, tool_kg] =
+        [key::wander_n, key::wander_s, key::hum_n, key::hum_hz, key::tool_kg].map(|key| table.number(&key));
     Some(LoadCell {
         noise_n: noise_n?,
         noise_ahead_n: noise_ahead_n?,
@@ -132,6 +132,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCell> {
         transport_s: transport_ms? / 1000.0,
         low_pass_hz: table.number(&key::low_pass_hz),
         stiffness_n_mm: table.number(&key::stiffness_n_mm),
+        tool_kg: tool_kg?,
     })
 }
 

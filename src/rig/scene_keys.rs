@@ -199,6 +199,7 @@ keys! {
         low_pass_hz: Number(within(0.1, 1e6, "Hz")), Allowed, "the corner of its low-pass; without it there is none",
             "100.0";
         stiffness_n_mm: Number(STIFFNESS), Allowed, "how stiff it and the indenter are; without it rigid", "10.0";
+        tool_kg: Number(within(0.0, 100.0, "kg")), or(0.0), "what hangs from it and moves with the stage", "0.2";
     }
 }
 

@@ -10,6 +10,7 @@ use crate::emulator::Shared;
 use crate::quantity::{ArrayLayout, Axis, Certificate, Down, Frame, Limits, Range, Travel, WeightCheck};
 use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
+use super::which_way::{Nobody, WhichWay};
 use crate::wire::{ClaimError, Claims, Connector, Link};
 use std::any::Any;
 use std::cell::OnceCell;
@@ -41,6 +42,8 @@ pub struct RigSpec {
     /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that goes on with a
     /// tighter limit goes on with the sensor that it began with.
     pub full_scale_n: Option<f64>,
+    /// Who is asked which way z goes before a rig that isn't simulated moves; none: nobody, and it doesn't.
+    pub which_way: Option<Arc<dyn WhichWay>>,
 }
 
 /// The stage's part of a rig file.
@@ -71,6 +74,8 @@ pub struct LoadCellSpec {
     pub conversions_hz: f64,
     /// How long its filter and its transport hold a force back, s.
     pub lag_s: f64,
+    /// What it may say in air, its tool included, N; none: not said.
+    pub air_n: Option<Range>,
     /// Its calibration certificate.
     pub certificate: Option<Certificate>,
     /// Its gain as a known weight showed it.
@@ -107,10 +112,30 @@ impl RigSpec {
         self.stage.link == Link::Sim
     }
 
+    /// Who is asked which way z goes; none where the rig is simulated.
+    pub fn which_way(&self) -> Option<&dyn WhichWay> {
+        match (&self.which_way, self.is_simulated()) {
+            (_, true) => None,
+            (Some(which_way), false) => Some(&**which_way),
+            (None, false) => Some(&Nobody),
+        }
+    }
+
+    /// What the load cell may say in air, N: without a word in the file the force limit, either way.
+    pub fn air_n(&self) -> Range {
+        let limit_n = self.limits.force_n;
+        self.load_cell.air_n.unwrap_or(Range { min: -limit_n, max: limit_n })
+    }
+
+    /// The end of z's travel that is away from the specimen, mm.
+    pub fn end_mm(&self) -> f64 {
+        let z = self.stage.travel.along(Axis::Z);
+        self.frame.z_from_stage(z.min).min(self.frame.z_from_stage(z.max))
+    }
+
     /// The height that the stage goes to until the specimen was touched: just within the end of its travel that is away, mm.
     pub fn top_mm(&self) -> f64 {
-        let z = self.stage.travel.along(Axis::Z);
-        self.frame.z_from_stage(z.min).min(self.frame.z_from_stage(z.max)) + TOP_MM
+        self.end_mm() + TOP_MM
     }
 
     /// The z at which nothing of the specimen can be touched, whatever its surface: the frame's word and a clearance, mm.

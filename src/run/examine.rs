@@ -1,7 +1,8 @@
 //! What each device says and how fast, without pressing.
 
 use super::hand::Hand;
-use super::ready::{at_home, unless_stopped};
+use super::home::{AtHome, at_home, unless_stopped};
+use super::ready::check_air;
 use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Trip, Zero};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
@@ -50,9 +51,8 @@ pub struct CellInAir {
 /// # Errors
 /// A person's word to stop; NI's library where it is needed and missing; a stage that loses its way.
 pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Examination, Halt> {
-    let (mut hand, stage) = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
-    let mut found = Examination { devices: vec![("stage", stage)], ..Examination::default() };
-    found.devices.push(("load_cell", unless_stopped(cancel, hand.cell.cell.prepare()).await?));
+    let AtHome { mut hand, stage, load_cell } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
+    let mut found = Examination { devices: vec![("stage", stage), ("load_cell", load_cell)], ..Examination::default() };
     found.devices.push(("array", unless_stopped(cancel, hand.array.prepare()).await?));
     look(&mut hand, spec, cancel, &mut found).await?;
     Ok(found)
@@ -94,6 +94,9 @@ async fn look<S: Stage, C: LoadCell, A: SensorArray>(
         let fastest = permit.approach_speed_mm_s(spec.limits.force_n);
         found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
         found.reaction = Some(reaction);
+        if let Err(trip) = check_air(&air.zero, spec) {
+            found.air = Some(Err(trip));
+        }
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
 use crate::dataset::Air;
-use crate::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
+use crate::device::{Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::quantity::{ForceReading, Frame, Place};
 use crate::rig::{ArraySpec, SceneProbe};
 use crate::wire::Claims;
@@ -12,7 +12,7 @@ use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, sleep_until};
+use tokio::time::{Instant, sleep, sleep_until, timeout};
 
 /// How long readings in air are kept, s, and how many at most: what is older, the zero has moved away from.
 const AIR_S: f64 = 0.3;
@@ -26,9 +26,16 @@ const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
 /// Readings in a row that must say so.
 const OUTPUT_LOOKS: usize = 3;
+/// Readings of the force that show a light touch, and how far above none their mean must be, sd.
+const LIGHT_READINGS: u32 = 20;
+const LIGHT_SIGMAS: f64 = 4.0;
 /// Readings of the outputs that make their air at least, and at most on the way from place to place: as many as a window has.
 const OUTPUTS_IN_AIR: u32 = 10;
 pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
+/// Readings in a row that must show a rise of the force before it stops a withdrawal.
+const RISE_READINGS: usize = 5;
+/// Longest wait for the reading under way when a withdrawal is over.
+const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
 
 /// The instruments in use: what carries out the commands of a press.
 pub(super) struct Hand<'a, S, C, A> {
@@ -149,6 +156,40 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     /// The time that the parts of a press are told, s.
     pub fn now_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
+    }
+
+    /// Reads until a withdrawal is over, and stops it if the force rises: z goes the wrong way. A cell that doesn't answer, or
+    /// gives no number, holds up nothing.
+    pub async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
+        let most_n = self.watch.rise_most_n();
+        let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
+        let mut risen = Ok(());
+        loop {
+            let reading = async {
+                sleep(self.cell.conversion()).await;
+                self.cell.read().await
+            };
+            tokio::pin!(reading);
+            let read = tokio::select! {
+                biased;
+                () = over.notified() => {
+                    // an exchange that is answered in time isn't dropped half-way
+                    let _ = timeout(LAST_READING_DEADLINE, reading).await;
+                    return risen;
+                }
+                read = &mut reading => read,
+            };
+            let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
+            last.rotate_left(1);
+            last[RISE_READINGS - 1] = read.force_n;
+            lowest_n = lowest_n.min(read.force_n);
+            // all of the last ones: a cell that spikes is no reason to stay
+            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n;
+            if risen.is_ok() && rise_n > most_n {
+                risen = Err(Trip::new(Rule::ForceRose, rise_n, most_n, "N"));
+                reins.stop();
+            }
+        }
     }
 
     /// Whether what is read is taken for air.
@@ -317,7 +358,8 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 
     /// Whether the outputs are still what they were at the look before, `known`, or in air. Before the first touch they are the
-    /// second witness: a cell that reads zero with honest noise, whatever it bears, shows nothing of a contact.
+    /// second witness: a cell that reads zero with honest noise, whatever it bears, shows nothing of a contact. A touch too light
+    /// to count as one yet moves them too: then a mean of the force shows it.
     pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];
         let mut worst = (0.0, 0.0);
@@ -330,6 +372,10 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
                     return Ok(());
                 }
             }
+        }
+        let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
+        if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
+            return Ok(());
         }
         Err(Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit).into())
     }

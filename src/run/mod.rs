@@ -9,6 +9,7 @@ mod clock;
 mod estimate;
 mod examine;
 mod hand;
+mod home;
 mod motion;
 mod pace;
 mod past;
@@ -21,6 +22,7 @@ pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
 pub use estimate::{estimated_s, first_descent};
 pub use examine::{CellInAir, Examination, examine};
+pub use home::{Withdrawn, withdraw};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
 pub use walk::{Ending, Listener, Walk, walk, walk_on};
@@ -40,6 +42,8 @@ pub enum Halt {
     Device(DeviceError),
     /// The record couldn't be kept.
     Record(DatasetError),
+    /// Nobody has seen that z goes away from the specimen when it is sent there.
+    Unconfirmed(String),
 }
 
 impl From<Trip> for Halt {

@@ -172,16 +172,39 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_at(place, targets, &driven.places_mm).await
     }
 
-    /// Withdraws without looking at the force: for parking, when the load cell may be what failed.
+    /// Moves z slowly to a place away from the specimen, every force watched.
+    pub async fn creep(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
+        self.cell.watch.pause();
+        let speed_mm_s = self.usage.home_speed_mm_s;
+        let driven = self.drive(&[(Axis::Z, target_mm)], speed_mm_s, target_mm - from_mm, |_, _| Steer::On).await?;
+        self.arrived_z(driven.places_mm.first().copied(), target_mm).await
+    }
+
+    /// Withdraws whatever the force is and whether or not the load cell answers: for parking, when that may be what failed. A
+    /// force that rises on the way stops the stage.
     async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.read_back_z().await?;
         if self.z_mm <= z_mm {
             return Ok(());
         }
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
-        self.stage.begin(&[(Axis::Z, target_mm)], self.usage.speed_mm_s, &Reins::default()).await?;
-        let profile = MotionProfile::new(target_mm - from_mm, self.usage.speed_mm_s, self.usage.acceleration_mm_s2);
-        let places_mm = self.stage.follow(&[Axis::Z], seconds(profile.duration_s()), &Reins::default()).await?;
+        let speed_mm_s = self.usage.speed_mm_s;
+        let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
+        let (reins, over) = (Reins::default(), Notify::new());
+        let Hand { stage, cell, .. } = self;
+        let motion = async {
+            let moved = async {
+                stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
+                stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await
+            };
+            let moved = moved.await;
+            over.notify_one();
+            moved
+        };
+        let (moved, risen) = tokio::join!(motion, cell.rises(&over, &reins));
+        risen?;
+        let places_mm = moved?;
         sleep(seconds(self.timing.settle_s)).await;
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
@@ -192,7 +215,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let mut withdrawn = Ok(());
         for _ in 0..WITHDRAW_TRIES {
             withdrawn = self.stop_and_retreat(z_mm).await;
-            if withdrawn.is_ok() {
+            // what rose once is not tried again
+            if matches!(withdrawn, Ok(()) | Err(Halt::Tripped(_))) {
                 break;
             }
         }
@@ -298,7 +322,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
 /// Runs a motion to its end while every force is watched. Both run to their end, so that no exchange is ever dropped half-way.
 /// A motion that isn't reported done long after it was due trips.
-async fn watched<C: LoadCell, T>(
+pub(super) async fn watched<C: LoadCell, T>(
     gauge: &mut Gauge<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
     reins: &Reins,

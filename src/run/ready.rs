@@ -1,15 +1,15 @@
 //! Makes a rig ready: the stage clear and homed, links timed, the zero taken.
 
 use super::clock::RunClock;
-use super::hand::{Gauge, Hand};
+use super::hand::Hand;
+use super::home::{AtHome, at_home, unless_stopped};
 use super::{Cancel, Halt};
 use crate::control::{Reaction, Rule, Timing, Trip, Watch, Zero};
 use crate::dataset::Record;
-use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage};
-use crate::quantity::Axis;
+use crate::device::{Identity, LoadCell, Reins, SensorArray, Stage};
+use crate::quantity::{Axis, Range};
 use crate::rig::{OpenRig, RigSpec};
-use std::time::Duration;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::Instant;
 
 /// Exchanges that are timed to know how fast the rig reacts.
 const TIMED: usize = 10;
@@ -18,8 +18,6 @@ const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a share of the force limit: beyond it contact can't be told in time.
 pub const NOISE_SHARE: f64 = 0.02;
-/// Longest wait for a stage that was told to stop while it is prepared, and for the stop to be sent once more.
-const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 /// How far the zero may be from the first one of the run, as a share of the force limit.
 const DRIFT_SHARE: f64 = 0.2;
 
@@ -47,68 +45,15 @@ pub(super) async fn make_ready<'a>(
     conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
     conditions.cancel.preparing();
-    let (mut hand, stage) = at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
-    let stage_identity = stage?;
-    let cell_identity = unless_stopped(conditions.cancel, hand.cell.cell.prepare()).await??;
+    let AtHome { mut hand, stage, load_cell } =
+        at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
+    let (stage_identity, cell_identity) = (stage?, load_cell?);
     let array_identity = unless_stopped(conditions.cancel, hand.array.prepare()).await??;
     let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
     hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
     let zero = take_zero(&mut hand, conditions).await?;
     conditions.cancel.prepared();
     Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
-}
-
-/// Brings the stage to rest, homes what isn't homed and goes to the clear, before any reader is asked: whatever they say, the
-/// stage is away from the specimen. A stage that can't be prepared is handed over as it is, with the reason.
-pub(super) async fn at_home<'a>(
-    rig: OpenRig,
-    spec: &RigSpec,
-    cancel: &'a Cancel,
-    shown: &'a dyn Fn(f64),
-) -> Result<
-    (Hand<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Result<Identity, DeviceError>),
-    Halt,
-> {
-    let OpenRig { instruments, stage_use, probe, claims } = rig;
-    let Instruments { mut stage, load_cell, array } = instruments;
-    let reins = Reins::default();
-    let told_to_stop = async {
-        cancel.wait().await;
-        reins.stop();
-        sleep(STOPPED_DEADLINE).await;
-    };
-    let prepared = tokio::select! {
-        biased;
-        prepared = stage.prepare(&stage_use, &reins) => prepared,
-        () = told_to_stop => {
-            // it may not have come to where it heeds the reins; what becomes of this one can't be told any more
-            let _ = timeout(STOPPED_DEADLINE, stage.stop()).await;
-            return Err(Halt::Cancelled);
-        }
-    };
-    cancel.check()?;
-    let zero = Zero::with_noise(0.0);
-    let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, zero), cancel, shown);
-    let parts = Instruments { stage, load_cell: gauge, array };
-    let mut hand = Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims);
-    if prepared.is_ok() {
-        // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
-        hand.withdraw(spec.top_mm()).await?;
-        hand.find_itself().await?;
-    }
-    Ok((hand, prepared))
-}
-
-/// What a reader says when it is prepared. One that hangs isn't waited for when a person says stop: nothing more is asked of it.
-pub(super) async fn unless_stopped(
-    cancel: &Cancel,
-    prepared: impl Future<Output = Result<Identity, DeviceError>>,
-) -> Result<Result<Identity, DeviceError>, Halt> {
-    tokio::select! {
-        biased;
-        prepared = prepared => Ok(prepared),
-        () = cancel.wait() => Err(Halt::Cancelled),
-    }
 }
 
 async fn time<S: Stage, C: LoadCell, A: SensorArray>(
@@ -144,10 +89,22 @@ pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
             return Err(Trip::new(Rule::ZeroDrifted, drift_n, most_n, "N").into());
         }
     }
+    check_air(&zero, conditions.spec)?;
     hand.cell.watch = Watch::new(&conditions.spec.limits, zero);
     hand.open_air();
     let outputs = hand.close_air().await?.outputs;
     hand.air.clone_from(&outputs);
     let t_s = conditions.clock.now_s();
     Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, hum: zero.hum, outputs })
+}
+
+/// Whether the zero is one that the cell may have in air.
+pub(super) fn check_air(zero: &Zero, spec: &RigSpec) -> Result<(), Trip> {
+    let Range { min, max } = spec.air_n();
+    let outside = |bound_n| Err(Trip::new(Rule::ZeroOutside, zero.offset_n, bound_n, "N"));
+    match zero.offset_n {
+        offset_n if offset_n > max => outside(max),
+        offset_n if offset_n < min => outside(min),
+        _ => Ok(()),
+    }
 }

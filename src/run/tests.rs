@@ -19,7 +19,10 @@ struct StrawStage<'a> {
 }
 
 impl Stage for StrawStage<'_> {
-    async fn prepare(&mut self, _: &StageUse, _: &Reins) -> Result<Identity, DeviceError> {
+    async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
+        unreachable!("the hand gets it prepared")
+    }
+    async fn home(&mut self, _: &StageUse, _: &Reins) -> Result<(), DeviceError> {
         unreachable!("the hand gets it prepared")
     }
     async fn begin(&mut self, targets: &[(Axis, f64)], _: f64, _: &Reins) -> Result<(), DeviceError> {
@@ -106,7 +109,7 @@ fn hand<'a>(
         down: Down::Minus,
     };
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    let usage = StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0 };
+    let usage = StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0, home_speed_mm_s: 2.0 };
     let timing =
         Timing { exchange_s: 0.02, settle_s: 0.01, conversion_s: 0.005, acceleration_mm_s2: 100.0, reaction_s: 0.05 };
     let mut hand = Hand::new(parts, frame, usage, timing, None, Claims::default());

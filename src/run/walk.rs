@@ -137,6 +137,7 @@ impl Ending {
             Halt::Tripped(trip) => Some(trip.to_string()),
             Halt::Device(error) => Some(error.to_string()),
             Halt::Record(error) => Some(error.to_string()),
+            Halt::Unconfirmed(why) => Some(why.clone()),
         };
         let unparked = self.unparked.as_ref().and_then(told).map(|why| format!("the stage could not be parked: {why}"));
         let parts: Vec<String> = self.halt.as_ref().and_then(told).into_iter().chain(unparked).collect();

@@ -38,6 +38,7 @@ pub(super) struct LoadCellState {
 
 impl LoadCellState {
     pub fn new(spec: Option<LoadCell>, conversions_hz: f64) -> Self {
+        let unloaded_n = spec.map_or(0.0, |cell| cell.tool_n(0.0));
         LoadCellState {
             spec,
             conversions_hz,
@@ -45,11 +46,16 @@ impl LoadCellState {
             low_pass: spec.and_then(|cell| cell.low_pass_hz).map(|hz| TAU * hz),
             rng: crate::quantity::stream(0, 0, "load cell noise"),
             began_s: 0.0,
-            passed_n: 0.0,
-            held: VecDeque::from([(0, 0.0)]),
+            passed_n: unloaded_n,
+            held: VecDeque::from([(0, unloaded_n)]),
             read: None,
             filtered: None,
         }
+    }
+
+    /// What it reads of its tool while the stage accelerates toward the specimen, N.
+    pub fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
+        self.spec.map_or(0.0, |cell| cell.tool_n(acceleration_mm_s2))
     }
 
     /// Another press begins, with noise of its own and, as its free-running clock stands to that of the press by chance

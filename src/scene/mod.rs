@@ -273,6 +273,7 @@ impl Scene {
     fn advance_smooth(&mut self, until_s: f64) {
         let dt_s = until_s - self.now_s;
         let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
+        let z_acceleration_mm_s2 = z.2;
         let z = self.play.as_mut().map_or(z, |play| play.follow(z, dt_s));
         let place = self.setting.frame.place_from_stage(x.0, y.0);
         let mut depth = self.surface.depth(x, y, z);
@@ -294,7 +295,8 @@ impl Scene {
             self.taxels.touch();
         }
         self.taxels.follow(before_n, after_n, touching);
-        self.load_cell.follow(dt_s, before_n, after_n);
+        let tool_n = self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
+        self.load_cell.follow(dt_s, before_n + tool_n, after_n + tool_n);
         self.witness.follow(dt_s, before_n, after_n);
         let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
         if sideways && (touching || was_touching) {

@@ -5,6 +5,9 @@ use super::skin::SkinSpec;
 use crate::quantity::{ArrayLayout, Frame, Place, Position};
 use std::f64::consts::TAU;
 
+/// Standard gravity, m/s^2.
+const GRAVITY_M_S2: f64 = 9.806_65;
+
 /// The physical terms a scene names; what is `None` or empty isn't modelled.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneSpec {
@@ -110,9 +113,16 @@ pub struct LoadCell {
     pub low_pass_hz: Option<f64>,
     /// How stiff it and the indenter are between the stage and the specimen, N/mm; none: rigid.
     pub stiffness_n_mm: Option<f64>,
+    /// What hangs from it and moves with the stage, kg: it reads the weight, and what it takes to accelerate that.
+    pub tool_kg: f64,
 }
 
 impl LoadCell {
+    /// What it reads of its tool while the stage accelerates toward the specimen, N.
+    pub fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
+        self.tool_kg * (acceleration_mm_s2 / 1000.0 - GRAVITY_M_S2)
+    }
+
     /// A cell that reads the truth.
     pub const IDEAL: LoadCell = LoadCell {
         noise_n: 0.0,
@@ -125,6 +135,7 @@ impl LoadCell {
         transport_s: 0.0,
         low_pass_hz: None,
         stiffness_n_mm: None,
+        tool_kg: 0.0,
     };
 }
 

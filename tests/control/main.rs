@@ -12,3 +12,4 @@ mod machine;
 mod reaction;
 mod safety;
 mod trips;
+mod unzeroed;

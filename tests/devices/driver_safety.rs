@@ -1,6 +1,7 @@
 //! What the drivers owe to safety, each against an emulated device or a far end that the test plays, in virtual time: where
 //! things are is asked of the scene.
 
+use crate::support::made_ready;
 use crate::support::safety::{rig_with, truthful};
 use crate::support::walks::in_virtual_time;
 use palpate::device::{LoadCell as _, Reins, Stage, StageUse};
@@ -46,6 +47,7 @@ impl StageBench {
             away: -spec.frame.down.sign(),
             speed_mm_s: spec.stage.speed_mm_s,
             acceleration_mm_s2: spec.stage.acceleration_mm_s2,
+            home_speed_mm_s: 5.0,
         };
         let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
         StageBench { driver, instrument, scene, usage, origin }
@@ -91,7 +93,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
     in_virtual_time(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
+        made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 10.0, &Reins::default()).await.unwrap();
         bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Reins::default()).await.unwrap();
         bench.command("1PA3");
@@ -104,7 +106,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
         let moved = tokio::select! {
             biased;
             moved = watch => moved,
-            _ = bench.driver.prepare(&bench.usage, &never) => false,
+            _ = made_ready(&mut bench.driver, &bench.usage, &never) => false,
         };
         assert!(!moved, "x moved with the indenter {} mm in the specimen", -bench.at_mm(Axis::Z));
     });
@@ -116,9 +118,9 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
     in_virtual_time(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
+        made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
         bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &Reins::default()).await.unwrap();
-        bench.driver.prepare(&bench.usage, &Reins::default()).await.unwrap();
+        made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
         let here_mm = bench.driver.position_mm(Axis::Z, &Reins::default()).await.unwrap();
         sleep(Duration::from_secs(1)).await;
         assert!((bench.at_mm(Axis::Z) - here_mm).abs() < 0.001, "from {here_mm} mm to {} mm", bench.at_mm(Axis::Z));
@@ -161,7 +163,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
             tokio::select! {
                 biased;
                 () = deepest => {}
-                prepared = driver.prepare(&usage, &never) => drop(prepared.unwrap()),
+                prepared = made_ready(&mut driver, &usage, &never) => drop(prepared.unwrap()),
             }
         });
     }

@@ -2,7 +2,7 @@
 //! `cargo test --release --test devices rigs:: -- --nocapture`.
 
 use crate::support::walks::in_virtual_time;
-use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use crate::support::{Bench, SMALL, exchanged, made_ready, shipped, shipped_text};
 use palpate::dataset::Recorded;
 use palpate::dataset::evaluate::Trial;
 use palpate::device::{DeviceProblem, Instruments, Reins, Stage};
@@ -95,7 +95,7 @@ fn an_xps_with_a_guard_ends_a_motion_by_itself_however_slow_its_host_is() {
     in_virtual_time(async {
         let (began, reins) = (Instant::now(), Reins::default());
         let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } = spec.open(1).expect("drivers");
-        stage.prepare(&stage_use, &reins).await.expect("a stage");
+        made_ready(&mut stage, &stage_use, &reins).await.expect("a stage");
         stage.guard(Some(2.05)).await.expect("a guard");
         sleep_until(began + Duration::from_secs_f64(leap_s - 1.0)).await;
         stage.begin(&[(Axis::Z, 10.0)], 2.0, &reins).await.expect("a motion");

@@ -15,6 +15,7 @@ pub mod skins;
 pub mod skips;
 pub mod walks;
 
+use palpate::device::{DeviceError, Identity, Reins, Stage, StageUse};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -50,6 +51,12 @@ random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.
 /// Rows of `presses.csv` that [`SMALL`] comes to, and entries of its plan.
 pub const SMALL_ROWS: usize = 11;
 pub const SMALL_PRESSES: u64 = 7;
+
+/// A stage identified and homed.
+pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    let identity = stage.identify(usage).await?;
+    stage.home(usage, reins).await.map(|()| identity)
+}
 
 /// A recipe that is long enough to be interrupted in: 2 staircases of 5 levels, 9 points of a grid.
 pub const LONG: &str = r#"

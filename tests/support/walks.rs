@@ -146,7 +146,7 @@ pub fn end_of(ending: &Ending) -> &'static str {
         None => "-",
         Some(Halt::Tripped(trip)) => trip.rule.name(),
         Some(Halt::Device(_)) => "device",
-        Some(Halt::Cancelled | Halt::Record(_)) => panic!("{:?}", ending.told()),
+        Some(Halt::Cancelled | Halt::Record(_) | Halt::Unconfirmed(_)) => panic!("{:?}", ending.told()),
     }
 }
 

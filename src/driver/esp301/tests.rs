@@ -1,7 +1,7 @@
 //! The ESP301 driver against answers from a script.
 
 use super::*;
-use crate::driver::script::{Script, scripted, usage};
+use crate::driver::script::{Script, made_ready, scripted, usage};
 use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
@@ -31,21 +31,22 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         (b"3ID?\r", b"VP-25XL, SN3\r\n"),
         (b"3SN?\r", b"2\r\n"),
         (b"3VU?\r", b"25\r\n"),
+        (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
         (b"3MO?\r", b"0\r\n"),
         (b"3MO\r", b""),
-        (b"3OR3\r", b""),
+        (b"3OH2.0000;3OR3\r", b""),
         (b"3MD?;3TP;TB?\r", b"0\r\n11.9000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"3MD?;3TP;TB?\r", b"1\r\n12.5000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"12.5000\r\n"),
         (b"1MO?\r", b"1\r\n"),
         (b"2MO?\r", b"1\r\n"),
-        (b"1SL-12.5000;1SR12.5000;1AC100;1AG100\r", b""),
-        (b"2SL-12.5000;2SR12.5000;2AC100;2AG100\r", b""),
-        (b"3SL-12.5000;3SR12.5000;3AC100;3AG100\r", b""),
+        (b"1SL-12.5000;1SR12.5000\r", b""),
+        (b"2SL-12.5000;2SR12.5000\r", b""),
+        (b"3SL-12.5000;3SR12.5000\r", b""),
         (b"TB?\r", b"0, 12, NO ERROR DETECTED\r\n"),
     ]);
-    let identity = stage.prepare(&usage(), &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
     assert!(identity.warnings.is_empty());
     drop(stage);
@@ -55,9 +56,10 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
 #[tokio::test(start_paused = true)]
 async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
     let (mut stage, device) = stage(&[
+        (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
         (b"3MO?\r", b"0\r\n"),
         (b"3MO\r", b""),
-        (b"3OR3\r", b""),
+        (b"3OH2.0000;3OR3\r", b""),
         (b"3MD?;3TP;TB?\r", b"1\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"0.0000\r\n"),
@@ -71,9 +73,10 @@ async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_m
 #[tokio::test(start_paused = true)]
 async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
     let (mut stage, device) = stage(&[
+        (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
         (b"3MO?\r", b"0\r\n"),
         (b"3MO\r", b""),
-        (b"3OR3\r", b""),
+        (b"3OH2.0000;3OR3\r", b""),
         (b"3MD?;3TP;TB?\r", b""),
         (b"ST\r", b"1\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"TB?\r", b"320, 11, AXIS-3 HOMING ABORTED\r\n"),

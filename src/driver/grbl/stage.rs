@@ -25,6 +25,7 @@ const STEP_MOST_MM: f64 = 0.005;
 const REPORT_INCHES: u32 = 13;
 const HOMING: u32 = 22;
 const HOMING_DIRECTION: u32 = 23;
+const HOMING_SEEK_MM_MIN: u32 = 25;
 const STEPS_PER_MM: u32 = 100;
 const MAX_RATE_MM_MIN: u32 = 110;
 const ACCELERATION_MM_S2: u32 = 120;
@@ -69,7 +70,7 @@ impl Grbl {
         Ok(status)
     }
 
-    async fn identify(&mut self) -> Result<String, DeviceError> {
+    async fn version(&mut self) -> Result<String, DeviceError> {
         let doing = "identifying it";
         let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
         let said = std::mem::take(&mut self.port.texts);
@@ -113,6 +114,14 @@ impl Grbl {
             return mismatch(format!("its z looks for home toward the specimen; set ${HOMING_DIRECTION}"));
         }
         let mut warnings = Vec::new();
+        if let Some(seek_mm_s) = of(HOMING_SEEK_MM_MIN).map(|rate| rate / 60.0).filter(|&v| v > usage.home_speed_mm_s) {
+            warnings.push(format!(
+                "it looks for home at {seek_mm_s:.2} mm/s. Up to {:.2} mm/s it stops within the force limit: \
+                 ${HOMING_SEEK_MM_MIN}={:.0}",
+                usage.home_speed_mm_s,
+                usage.home_speed_mm_s * 60.0
+            ));
+        }
         for axis in Axis::ALL {
             let n = axis.index() as u32;
             let (rate_mm_s, a) = (of(MAX_RATE_MM_MIN + n).map(|rate| rate / 60.0), of(ACCELERATION_MM_S2 + n));
@@ -139,7 +148,7 @@ impl Grbl {
 
     /// GRBL can't be asked whether it is homed: a frame that a person unlocked is idle too, and knows no more where it is than a
     /// locked one. So it is homed each time, z first and away from the bed, then x and y (its default cycle).
-    async fn home(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+    async fn search(&mut self, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "homing";
         match self.until_still(doing).await? {
             State::Idle | State::Alarm => {}
@@ -212,16 +221,41 @@ impl Grbl {
 }
 
 impl Stage for Grbl {
-    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+        self.usage = None; // until it is homed it counts as it likes
         // a program that died may have left a jog behind
         self.stop().await?;
-        let identity = self.identify().await?;
+        let identity = self.version().await?;
         let warnings = self.check_settings(usage).await?;
-        self.home(reins).await?;
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        let doing = "moving z a little";
+        if self.until_still(doing).await? == State::Alarm {
+            self.port.line(doing, "$X", ANSWER_DEADLINE, None).await?;
+        }
+        let line = format!("$J=G91 G21 Z{:.4} F{:.3}", usage.away * way_mm, usage.home_speed_mm_s * 60.0);
+        match self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await {
+            Ok(()) => {}
+            // where it counts itself at the end of its travel
+            Err(DeviceError { problem: DeviceProblem::Refused(_), .. }) => return Ok(false),
+            Err(error) => return Err(error),
+        }
+        if reins.stopped() {
+            self.port.send(doing, JOG_CANCEL).await?;
+        }
+        self.follow(&[Axis::Z], Duration::try_from_secs_f64(way_mm / usage.home_speed_mm_s).unwrap_or_default(), reins)
+            .await?;
+        Ok(true)
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        self.search(reins).await?;
         self.usage = Some(usage.clone());
         self.status("reading where it is", &Reins::default()).await?;
         self.port.complaints.clear();
-        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+        Ok(())
     }
 
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::device::{Reins, Stage};
-use crate::driver::script::{Script, scripted, usage};
+use crate::driver::script::{Script, made_ready, scripted, usage};
 use crate::quantity::Axis;
 use std::time::Duration;
 use tokio::task::JoinHandle;
@@ -26,7 +26,7 @@ async fn a_locked_frame_is_identified_checked_and_homed() {
         (b"?", b"<Idle|MPos:12.000,12.000,12.000|FS:0,0>\r\n"),
         (b"?", b"<Idle|MPos:12.000,12.000,12.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"),
     ]);
-    let identity = stage.prepare(&usage(), &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap();
     assert_eq!((identity.identity.as_str(), identity.warnings.len()), ("GRBL 1.1h.20190825", 0));
     drop(stage);
     device.await.unwrap();
@@ -35,7 +35,7 @@ async fn a_locked_frame_is_identified_checked_and_homed() {
 #[tokio::test(start_paused = true)]
 async fn marlin_is_refused_with_the_reason() {
     let (mut stage, device) = stage(&[(b"\x85", b""), (b"$I\n", b"echo:Unknown command: \"$I\"\r\nok\r\n")]);
-    let told = stage.prepare(&usage(), &Reins::default()).await.unwrap_err().to_string();
+    let told = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap_err().to_string();
     assert!(told.contains("this is Marlin. It tells where a motion will end"), "{told}");
     drop(stage);
     device.await.unwrap();

@@ -57,14 +57,19 @@ impl ProcessStage {
 }
 
 impl Stage for ProcessStage {
-    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         let (identity, _) = self.port.identify().await?;
+        Ok(identity)
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         let range = |axis: Axis| json!([usage.travel.along(axis).min, usage.travel.along(axis).max]);
         let request = json!({
             "travel_mm": { "x": range(Axis::X), "y": range(Axis::Y), "z": range(Axis::Z) },
             "away": usage.away,
             "speed_mm_s": usage.speed_mm_s,
             "acceleration_mm_s2": usage.acceleration_mm_s2,
+            "home_speed_mm_s": usage.home_speed_mm_s,
         });
         let request = request.as_object().cloned().unwrap_or_default();
         let doing = "preparing it";
@@ -75,7 +80,7 @@ impl Stage for ProcessStage {
         }
         self.usage = Some(usage.clone());
         self.complaints.clear();
-        Ok(identity)
+        Ok(())
     }
 
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {

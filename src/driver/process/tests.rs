@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::device::{LoadCell, Reins, SensorArray, Stage};
-use crate::driver::script::{Script, scripted, usage};
+use crate::driver::script::{Script, made_ready, scripted, usage};
 use crate::quantity::Axis;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -15,7 +15,7 @@ async fn a_stage_is_prepared_moved_and_stopped_as_the_page_has_it() {
             b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 1, \"identity\": \"mine, SN 7\"}\n",
         ),
         (
-            b"{\"acceleration_mm_s2\":100.0,\"away\":1.0,\"do\":\"prepare\",\"id\":2,\"speed_mm_s\":10.0,\
+            b"{\"acceleration_mm_s2\":100.0,\"away\":1.0,\"do\":\"prepare\",\"home_speed_mm_s\":2.0,\"id\":2,\"speed_mm_s\":10.0,\
               \"travel_mm\":{\"x\":[-12.5,12.5],\"y\":[-12.5,12.5],\"z\":[-12.5,12.5]}}\n",
             b"{\"id\": 2}\n",
         ),
@@ -33,7 +33,7 @@ async fn a_stage_is_prepared_moved_and_stopped_as_the_page_has_it() {
     ]);
     let mut stage = ProcessStage::new(link, "script".to_owned());
     let reins = Reins::default();
-    assert_eq!(stage.prepare(&usage(), &reins).await.unwrap().identity, "mine, SN 7");
+    assert_eq!(made_ready(&mut stage, &usage(), &reins).await.unwrap().identity, "mine, SN 7");
     stage.begin(&[(Axis::Z, -0.25)], 1.5, &Reins::default()).await.unwrap();
     reins.stop();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(8), &reins).await.unwrap();

@@ -362,21 +362,30 @@ async fn abort_by(aborts: &mut Socket, group: &Group) -> Result<(), DeviceError>
 }
 
 impl Stage for Xps {
-    async fn prepare(&mut self, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
         let version = self.ask(doing, "FirmwareVersionGet(char *)").await?.join(",");
         // a program that died may have left a motion behind
         self.stop().await?;
+        let state = self.until_still(doing, MOTION_MARGIN).await?;
+        let identity = format!("{version}, group {} ({})", self.group.name, self.group.positioners.join(", "));
+        let homes = !matches!(state, GroupState::Ready | GroupState::Disabled) && self.group.home_search;
+        let told = "it looks for home at the speed of its own file of stages (stages.ini), which palpate can't change: make \
+                    sure that it stops within the force limit";
+        let warnings = homes.then(|| told.to_owned()).into_iter().collect();
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         self.bring_to_ready(reins).await?;
         for axis in Axis::ALL {
             self.set_up(axis, usage).await?;
         }
         self.usage = Some(usage.clone());
         for axis in Axis::ALL {
-            self.place_mm(doing, axis, reins).await?;
+            self.place_mm("reading a position", axis, reins).await?;
         }
-        let identity = format!("{version}, group {} ({})", self.group.name, self.group.positioners.join(", "));
-        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
+        Ok(())
     }
 
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::device::{DeviceProblem, LoadCell, Reins, Stage};
-use crate::driver::script::{Script, scripted, unused, usage};
+use crate::driver::script::{Script, made_ready, scripted, unused, usage};
 use crate::quantity::Axis;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
@@ -62,6 +62,7 @@ async fn a_cold_group_is_killed_initialised_homed_and_limited() {
             &[
                 (b"FirmwareVersionGet(char *)", b"0,XPS-Q8 Firmware V2.6.4,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,0,EndOfAPI"),
+                (b"GroupStatusGet(XYZ,int *)", b"0,0,EndOfAPI"),
                 (b"GroupKill(XYZ)", b"0,,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,11,EndOfAPI"),
                 X[0],
@@ -87,7 +88,7 @@ async fn a_cold_group_is_killed_initialised_homed_and_limited() {
         ],
         None,
     );
-    let identity = stage.prepare(&usage(), &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap();
     assert_eq!(identity.identity, "XPS-Q8 Firmware V2.6.4, group XYZ (X, Y, Z)");
     done(stage, devices).await;
 }

@@ -10,7 +10,7 @@ pub const TRAVEL_MM: f64 = 12.5;
 const STAGE_SPEED_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).
 const STAGE_ACCELERATION_MM_S2: f64 = 100.0;
-/// How fast it is homed, mm/s.
+/// How fast it is homed unless `OH` says otherwise, mm/s.
 const HOME_SPEED_MM_S: f64 = 5.0;
 /// Counts of the encoder a mm: 20 um interpolated 4000 times (same file).
 const COUNTS_PER_MM: f64 = 200_000.0;
@@ -35,6 +35,7 @@ pub struct Drive {
     ramp_mm_s2: f64,
     speed_mm_s: f64,
     most_speed_mm_s: f64,
+    home_speed_mm_s: f64,
     acceleration_mm_s2: f64,
     deceleration_mm_s2: f64,
     left_limit_count_mm: f64,
@@ -68,6 +69,7 @@ impl Drive {
             ramp_mm_s2: 0.0,
             speed_mm_s: 10.0,
             most_speed_mm_s: STAGE_SPEED_MM_S,
+            home_speed_mm_s: HOME_SPEED_MM_S,
             acceleration_mm_s2: 50.0,
             deceleration_mm_s2: 50.0,
             left_limit_count_mm: -TRAVEL_MM,
@@ -141,6 +143,12 @@ impl Drive {
         }
     }
 
+    /// `PR`: by so much from where it stands, at `VA`.
+    pub fn go_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
+        let count_mm = self.commanded(scene, now_s).0 - self.offset_mm;
+        self.go_to(count_mm + way_mm, scene, now_s)
+    }
+
     /// `OR`: mode 0 to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to its + or - end. Where the
     /// axis comes to is known, so from then on its count is true; mode 0 leaves the count as it is.
     pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
@@ -151,7 +159,7 @@ impl Drive {
             4 | 6 => -TRAVEL_MM,
             _ => 0.0,
         };
-        self.start(place_mm, HOME_SPEED_MM_S, scene, now_s);
+        self.start(place_mm, self.home_speed_mm_s, scene, now_s);
         self.errand = Errand::Home { fixes_count: mode != 0 };
         Ok(())
     }
@@ -179,6 +187,7 @@ impl Drive {
         Some(match name {
             b"VA" => self.speed_mm_s,
             b"VU" => self.most_speed_mm_s,
+            b"OH" => self.home_speed_mm_s,
             b"AC" => self.acceleration_mm_s2,
             b"AG" => self.deceleration_mm_s2,
             b"SL" => self.left_limit_count_mm,
@@ -194,6 +203,7 @@ impl Drive {
         let (slot, least, most) = match name {
             b"VA" => (&mut self.speed_mm_s, above, self.most_speed_mm_s),
             b"VU" => (&mut self.most_speed_mm_s, above, STAGE_SPEED_MM_S),
+            b"OH" => (&mut self.home_speed_mm_s, above, self.most_speed_mm_s),
             b"AC" => (&mut self.acceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
             b"AG" => (&mut self.deceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
             b"SL" => (&mut self.left_limit_count_mm, f64::MIN, self.right_limit_count_mm),
@@ -208,8 +218,8 @@ impl Drive {
             return Ok(());
         }
         let fault = match (name[0], value > most) {
-            (b'V', true) => AxisFault::SPEED_BEYOND_MOST,
-            (b'V', false) => AxisFault::SPEED_OUT_OF_RANGE,
+            (b'V' | b'O', true) => AxisFault::SPEED_BEYOND_MOST,
+            (b'V' | b'O', false) => AxisFault::SPEED_OUT_OF_RANGE,
             (b'A', true) => AxisFault::ACCELERATION_BEYOND_MOST,
             _ => AxisFault::PARAMETER_OUT_OF_RANGE,
         };

@@ -28,8 +28,8 @@ const STALL_MOST_S: f64 = 86_400.0;
 /// Longest time that `WS` adds, ms.
 const DELAY_MOST_MS: f64 = 60_000.0;
 /// Commands that mean one axis, and need its number.
-const OF_ONE_AXIS: [&[u8; 2]; 13] =
-    [b"ID", b"MO", b"MF", b"PA", b"OR", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR"];
+const OF_ONE_AXIS: [&[u8; 2]; 15] =
+    [b"ID", b"MO", b"MF", b"PA", b"PR", b"OR", b"OH", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR"];
 
 /// What a command answers: a line, or nothing.
 type Answer = Result<Option<String>, EspError>;
@@ -123,6 +123,7 @@ impl Esp301 {
             b"MF" => return self.halt(Some(axis), now_s, |drive| drive.cut_power(scene, now_s)),
             b"PA" if asked => return Ok(Some(drive.target())),
             b"PA" => drive.go_to(number()?, scene, now_s)?,
+            b"PR" => drive.go_by(number()?, scene, now_s)?,
             b"OR" => drive.home(whole(number()?, 6, out_of_range)? as u8, scene, now_s)?,
             b"DH" => drive.define(argument.number_or(0.0, out_of_range)?, scene, now_s)?,
             b"SN" if asked => return Ok(Some(drive.unit.to_string())),

@@ -2,6 +2,7 @@
 
 use super::{Outcome, Subject, rig};
 use crate::support::bad_line::{Fate, Framing, connector, lock};
+use crate::support::made_ready;
 use palpate::device::{DeviceError, Reins, Stage, StageUse};
 use palpate::driver::grbl::Grbl;
 use palpate::driver::process::ProcessStage;
@@ -110,11 +111,12 @@ impl Trial {
             away: 1.0,
             speed_mm_s: 10.0,
             acceleration_mm_s2: 100.0,
+            home_speed_mm_s: 5.0,
         };
         let reins = Reins::default();
         let limit_s = deadlines(self.subject).prepare_s;
         let fate = self.fate.clone();
-        let prepared = call("prepare", limit_s, &mut self.outcome, &fate, self.stage.prepare(&usage, &reins)).await;
+        let prepared = call("prepare", limit_s, &mut self.outcome, &fate, made_ready(&mut self.stage, &usage, &reins)).await;
         let prepared = self.note(prepared).is_some();
         assert!(prepared || !clean && self.bad, "it can't be prepared on a good line");
         self.lost = !lock(&fate).altered_s.is_empty();

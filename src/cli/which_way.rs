@@ -1,0 +1,156 @@
+//! The person who confirms which way z goes, and what was confirmed before.
+
+use super::signals::is_attended;
+use super::summary::tell;
+use crate::device::Identity;
+use crate::quantity::Down;
+use crate::rig::{RigSpec, WhichWay};
+use sha2::{Digest, Sha256};
+use std::env;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
+
+/// How often it is looked whether a person said stop instead of an answer.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// The file that keeps what was confirmed is read no further than this, bytes.
+const KEPT_MAX_BYTES: u64 = 1 << 20;
+
+/// What a person has made sure of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Confirmed {
+    /// `frame.down` is right: z moves away from the specimen when it is sent away
+    Down,
+}
+
+/// What a person has made sure of before a rig that isn't simulated moves.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfirmArgs {
+    /// What a person has made sure of, for programs: without it and without a terminal a new stage isn't moved
+    #[arg(long, value_name = "WHAT", value_enum)]
+    pub confirmed: Vec<Confirmed>,
+}
+
+impl ConfirmArgs {
+    /// The rig, with whom it asks which way z goes.
+    pub fn of(&self, spec: RigSpec) -> RigSpec {
+        let person = Person { confirmed: self.confirmed.contains(&Confirmed::Down), kept: kept_path() };
+        RigSpec { which_way: Some(Arc::new(person)), ..spec }
+    }
+}
+
+/// A person at a terminal, or the word of one.
+#[derive(Debug)]
+struct Person {
+    /// Confirmed on the command line, for this time.
+    confirmed: bool,
+    /// Where it is kept what a person saw; none where the system names no such folder.
+    kept: Option<PathBuf>,
+}
+
+impl WhichWay for Person {
+    fn is_known(&self, stage: &Identity, down: Down) -> bool {
+        let known = |path: &PathBuf| {
+            let text = fs::metadata(path).is_ok_and(|file| file.len() <= KEPT_MAX_BYTES).then(|| fs::read_to_string(path));
+            let key = key(stage, down);
+            text.and_then(Result::ok).is_some_and(|text| text.lines().any(|line| line.starts_with(&key)))
+        };
+        self.confirmed || self.kept.as_ref().is_some_and(known)
+    }
+
+    fn announce(&self, stage: &Identity, way_mm: f64) -> Result<(), String> {
+        let Identity { identity, link, .. } = stage;
+        if !is_attended() {
+            return Err(format!(
+                "nobody has confirmed which way z goes on this stage ({identity} at {link}), and there is no terminal to ask at: \
+                 nothing was moved. Run `palpate doctor` at a terminal once, or say --confirmed down if `frame.down` is right"
+            ));
+        }
+        let told = format!(
+            "\n{identity} at {link} is driven for the first time with this `frame.down`.\n\
+             z now moves {way_mm} mm away from the specimen, or looks for its home there. Watch it.\n"
+        );
+        tell(&told).map_err(|_| "the terminal is closed: nothing was moved".to_owned())
+    }
+
+    fn confirm(&self, stage: &Identity, down: Down, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
+        let _ = tell("Did z move away from the specimen? [y/N] ");
+        let answer = typed_line(is_cancelled).unwrap_or_default();
+        if !matches!(answer.trim().to_lowercase().as_str(), "y" | "yes") {
+            return Err("z is to move away from the specimen and wasn't seen to: turn `frame.down` round, check \
+                        the wiring of z, and look again with `palpate doctor`"
+                .to_owned());
+        }
+        if let Err(error) = self.keep(stage, down) {
+            let _ = tell(&format!("that can't be kept ({error}): it will be asked again\n"));
+        }
+        Ok(())
+    }
+}
+
+impl Person {
+    fn keep(&self, stage: &Identity, down: Down) -> io::Result<()> {
+        let path = self.kept.as_ref().ok_or_else(|| io::Error::other("no folder for it: set XDG_STATE_HOME"))?;
+        path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        let Identity { identity, link, .. } = stage;
+        let mut file = OpenOptions::new().create(true).append(true).open(path)?;
+        writeln!(file, "{} {identity} at {link}", key(stage, down))
+    }
+}
+
+/// What stands for a stage, its link and a direction.
+fn key(stage: &Identity, down: Down) -> String {
+    format!("{:x}", Sha256::digest(format!("{}\0{}\0{}", stage.identity, stage.link, down.sign())))
+}
+
+/// Where programs keep what they learned on this machine.
+fn kept_path() -> Option<PathBuf> {
+    let folder = |name: &str| env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from);
+    let state = folder("XDG_STATE_HOME")
+        .or_else(|| folder("LOCALAPPDATA"))
+        .or_else(|| folder("HOME").map(|home| home.join(".local/state")))?;
+    Some(state.join("palpate").join("confirmed-down.txt"))
+}
+
+/// A line from the terminal; none where a person says stop instead, or nothing more comes.
+fn typed_line(is_cancelled: &dyn Fn() -> bool) -> Option<String> {
+    let (sender, receiver) = channel();
+    // it ends with the program if nobody types anything
+    thread::spawn(move || {
+        let mut line = String::new();
+        let _ = sender.send(io::stdin().read_line(&mut line).ok().map(|_| line));
+    });
+    loop {
+        match receiver.recv_timeout(LOOK_EVERY) {
+            Ok(line) => return line,
+            Err(RecvTimeoutError::Timeout) if !is_cancelled() => {}
+            Err(_) => return None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stage(link: &str) -> Identity {
+        Identity { role: "stage".into(), identity: "ESP301".into(), link: link.into(), warnings: Vec::new() }
+    }
+
+    #[test]
+    fn what_was_confirmed_is_known_for_this_stage_link_and_direction_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let person = |confirmed| Person { confirmed, kept: Some(folder.path().join("state/confirmed-down.txt")) };
+        let (here, there) = (stage("serial:///dev/ttyUSB0"), stage("serial:///dev/ttyUSB1"));
+        assert!(!person(false).is_known(&here, Down::Minus));
+        person(false).keep(&here, Down::Minus).unwrap();
+        assert!(person(false).is_known(&here, Down::Minus));
+        assert!(!person(false).is_known(&here, Down::Plus) && !person(false).is_known(&there, Down::Minus));
+        assert!(person(true).is_known(&there, Down::Plus), "a person said so");
+    }
+}

@@ -1,0 +1,40 @@
+//! `palpate withdraw`.
+
+use super::exit::Failure;
+use super::session::runtime;
+use super::signals::{First, heed};
+use super::sources::OneRigArgs;
+use super::summary::print;
+use crate::run::{Withdrawn, withdraw};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate withdraw rigs/esp301.toml
+  palpate withdraw rigs/esp301.toml --confirmed down
+
+For the minute after a crash: stops the stage and takes z to the end that is away from the specimen. x and y stay
+where they are. The load cell is read if it answers, and a force that rises stops the stage.
+Exit code: 0 z is away, 2 a bad rig file, 3 the stage doesn't work, 4 the force rose.";
+
+/// Take z away from the specimen, and do nothing else
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct WithdrawArgs {
+    #[command(flatten)]
+    rig: OneRigArgs,
+}
+
+/// Withdraws, and says where z is.
+pub fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
+    let (_, spec, _) = args.rig.read()?;
+    let cancel = heed(First::Stop, Some("stopping"))?;
+    let withdrawn = runtime(spec.is_simulated())?.block_on(withdraw(&spec, args.rig.seed, &cancel));
+    let Withdrawn { z_mm, load_cell } = withdrawn.map_err(Failure::halted)?;
+    let read = match load_cell {
+        None => "the load cell was read on the way".to_owned(),
+        Some(why) => format!("the load cell was not read: {why}"),
+    };
+    print(&format!("z is at {z_mm:.3} mm of the stage, away from the specimen; {read}\n"))?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,305 @@
+//! The stage brought home before there is a zero: identified, which way z goes confirmed, homed, z at the top, all while the cell
+//! is read.
+
+use super::hand::{Gauge, Hand};
+use super::motion::watched;
+use super::{Cancel, Halt};
+use crate::control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
+use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
+use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
+use crate::quantity::Axis;
+use crate::rig::{OpenRig, RigSpec};
+use std::cell::Cell;
+use std::time::Duration;
+use tokio::time::{Instant, sleep, timeout};
+
+/// Readings before anything moves, at least, and how long they take, at least, s.
+const STILL_READINGS: usize = 20;
+const STILL_S: f64 = 0.1;
+
+/// Readings of the cell that are timed before the stage moves.
+const TIMED: usize = 5;
+
+/// What an exchange with the stage may take, as long as none was timed, s: an ESP301 takes up to 80 ms.
+const STAGE_EXCHANGE_S: f64 = 0.1;
+
+/// The share of the force limit that homing into something may use up: the indenter may have been in contact before.
+const HOMING_SHARE: f64 = 0.5;
+
+/// Slowest search for home, mm/s: with a specimen so stiff that nothing stops in time, it would take hours.
+const HOMING_LEAST_MM_S: f64 = 0.5;
+
+/// How far z goes for a person to see which way that is, mm.
+const NUDGE_MM: f64 = 1.0;
+
+/// Longest wait for a stage that was told to stop while it is homed, and for the stop to be sent once more.
+const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
+
+/// A rig whose stage is home, z at the top; or as it is where the stage or the load cell can't be used: nothing moves unread.
+pub(super) struct AtHome<'a, S, C, A> {
+    pub hand: Hand<'a, S, C, A>,
+    pub stage: Result<Identity, DeviceError>,
+    pub load_cell: Result<Identity, DeviceError>,
+}
+
+/// Identifies load cell and stage, brings the stage to rest, homes what isn't homed (z first, away) and takes z to the top, the cell
+/// read meanwhile.
+pub(super) async fn at_home<'a>(
+    rig: OpenRig,
+    spec: &RigSpec,
+    cancel: &'a Cancel,
+    shown: &'a dyn Fn(f64),
+) -> Result<AtHome<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    let mut hand = hand_of(rig, spec, cancel, shown);
+    let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
+    let reaction = if load_cell.is_ok() { Some(hand.set_home_speed(spec).await?) } else { None };
+    let stage = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await?;
+    let stage = match (stage, &reaction) {
+        (Ok(identity), Some(reaction)) => hand.come_home(spec, &identity, reaction).await?.map(|()| identity),
+        (stage, _) => stage,
+    };
+    Ok(AtHome { hand, stage, load_cell })
+}
+
+fn hand_of<'a>(
+    rig: OpenRig,
+    spec: &RigSpec,
+    cancel: &'a Cancel,
+    shown: &'a dyn Fn(f64),
+) -> Hand<'a, AnyStage, AnyLoadCell, AnyArray> {
+    let OpenRig { instruments, stage_use, probe, claims } = rig;
+    let Instruments { stage, load_cell, array } = instruments;
+    let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);
+    let parts = Instruments { stage, load_cell: gauge, array };
+    Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims)
+}
+
+/// Takes z away from the specimen and does nothing else: the load cell is read if it answers. A stage that moves nothing before it
+/// is homed is homed.
+///
+/// # Errors
+/// The stage doesn't work, nobody has confirmed which way z goes, or the force rises.
+pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Withdrawn, Halt> {
+    let mut hand = hand_of(spec.open(seed)?, spec, cancel, &|_| {});
+    let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
+    let identity = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await??;
+    if let Some(which_way) = spec.which_way().filter(|way| !way.is_known(&identity, spec.frame.down)) {
+        which_way.announce(&identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
+    }
+    let is_read = load_cell.is_ok();
+    hand.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
+    if is_read {
+        hand.set_home_speed(spec).await?;
+        hand.watch_from_rest(spec).await?;
+    }
+    let z = spec.stage.travel.along(Axis::Z);
+    let mut nudges = 0;
+    while f64::from(nudges) * NUDGE_MM < z.max - z.min
+        && hand.moves(is_read, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await??
+    {
+        nudges += 1;
+    }
+    if nudges == 0 {
+        hand.moves(is_read, async |stage, usage, reins| stage.home(usage, reins).await).await??;
+        let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
+        hand.moves(is_read, async |stage, usage, reins| {
+            let longest = Duration::try_from_secs_f64((z.max - z.min) / usage.home_speed_mm_s).unwrap_or_default();
+            let at_mm = stage.position_mm(Axis::Z, reins).await?;
+            if (top_mm - at_mm) * usage.away > 0.0 {
+                stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, reins).await?;
+                stage.follow(&[Axis::Z], longest, reins).await?;
+            }
+            Ok(())
+        })
+        .await??;
+    }
+    let z_mm = hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
+    Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
+}
+
+/// Where z was withdrawn to.
+#[derive(Clone, Debug)]
+pub struct Withdrawn {
+    /// Where z is as the stage counts, mm.
+    pub z_mm: f64,
+    /// Why the load cell wasn't read on the way; none where it was.
+    pub load_cell: Option<String>,
+}
+
+/// What a device says of itself. One that hangs isn't waited for when a person says stop: nothing more is asked of it.
+pub(super) async fn unless_stopped(
+    cancel: &Cancel,
+    identified: impl Future<Output = Result<Identity, DeviceError>>,
+) -> Result<Result<Identity, DeviceError>, Halt> {
+    tokio::select! {
+        biased;
+        identified = identified => Ok(identified),
+        () = cancel.wait() => Err(Halt::Cancelled),
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+    /// Times the load cell, and sets the speed at which a search for home that runs into the declared specimen stops within the
+    /// force limit.
+    async fn set_home_speed(&mut self, spec: &RigSpec) -> Result<Reaction, Halt> {
+        let mut load_cell_s = 0.0f64;
+        for _ in 0..TIMED {
+            let asked = Instant::now();
+            self.cell.cell.read().await?;
+            load_cell_s = load_cell_s.max(asked.elapsed().as_secs_f64());
+        }
+        let (conversion_s, lag_s) = (self.cell.cell.conversion().as_secs_f64(), spec.load_cell.lag_s);
+        let reaction = Reaction { conversion_s, load_cell_s, stage_s: STAGE_EXCHANGE_S, lag_s };
+        let (limits, acceleration_mm_s2) = (&spec.limits, spec.stage.acceleration_mm_s2);
+        let room_n = HOMING_SHARE * limits.force_n - Watch::rise_n(limits, spec.air_n(), acceleration_mm_s2);
+        let safe_mm_s = safe_speed_mm_s(room_n, limits.stiffness_n_mm, reaction.worst_s(), acceleration_mm_s2);
+        self.usage.home_speed_mm_s = safe_mm_s.max(HOMING_LEAST_MM_S).min(spec.stage.speed_mm_s);
+        Ok(reaction)
+    }
+
+    /// Homes the stage and takes z to the top. What the stage says against it is handed over.
+    async fn come_home(
+        &mut self,
+        spec: &RigSpec,
+        identity: &Identity,
+        reaction: &Reaction,
+    ) -> Result<Result<(), DeviceError>, Halt> {
+        self.watch_from_rest(spec).await?;
+        if let Err(error) = self.confirm_away(spec, identity).await? {
+            return Ok(Err(error));
+        }
+        // x and y are homed once nothing touches
+        let is_alone = match self.moves(true, async |stage, usage, reins| stage.home_z(usage, reins).await).await? {
+            Ok(is_alone) => is_alone,
+            Err(error) => return Ok(Err(error)),
+        };
+        if is_alone {
+            self.come_to_the_top(spec, reaction).await?;
+        }
+        if let Err(error) = self.moves(true, async |stage, usage, reins| stage.home(usage, reins).await).await? {
+            return Ok(Err(error));
+        }
+        match is_alone {
+            true => self.find_itself().await?,
+            false => self.come_to_the_top(spec, reaction).await?,
+        }
+        Ok(Ok(()))
+    }
+
+    /// From here on the force is not to rise above what it is now, at rest.
+    async fn watch_from_rest(&mut self, spec: &RigSpec) -> Result<(), Halt> {
+        let still = self.at_rest().await?;
+        self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
+        Ok(())
+    }
+
+    /// The first time that this stage is driven along z this way, a person sees that it is away from the specimen: no measurement
+    /// in air shows it.
+    async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<Result<(), DeviceError>, Halt> {
+        let Some(which_way) = spec.which_way() else { return Ok(Ok(())) };
+        if which_way.is_known(identity, spec.frame.down) {
+            return Ok(Ok(()));
+        }
+        which_way.announce(identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
+        self.cell.watch.pause();
+        let moved = self
+            .moves(true, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await)
+            .await?;
+        match moved {
+            Err(error) => return Ok(Err(error)),
+            Ok(true) => {}
+            // what can't move a little before it is homed is watched while it homes
+            Ok(false) => {
+                let homed = self.moves(true, async |stage, usage, reins| stage.home(usage, reins).await).await?;
+                if let Err(error) = homed {
+                    return Ok(Err(error));
+                }
+            }
+        }
+        let cancel = self.cell.cancel;
+        let confirmed = which_way.confirm(identity, spec.frame.down, &|| cancel.asked());
+        cancel.check()?;
+        confirmed.map_err(Halt::Unconfirmed)?;
+        self.cell.watch.pause();
+        Ok(Ok(()))
+    }
+
+    /// Moves the stage while the cell is read, if it can be, and leaves it alone some time after a person's word to stop, whatever
+    /// it does.
+    async fn moves<T>(
+        &mut self,
+        is_read: bool,
+        motion: impl AsyncFnOnce(&mut S, &StageUse, &Reins) -> Result<T, DeviceError>,
+    ) -> Result<Result<T, DeviceError>, Halt> {
+        let (reins, cancel) = (Reins::default(), self.cell.cancel);
+        let told_to_stop = async {
+            cancel.wait().await;
+            reins.stop();
+            sleep(STOPPED_DEADLINE).await;
+        };
+        let Hand { stage, cell, usage, .. } = self;
+        let due = Cell::new(None); // how long it takes isn't known
+        let motion = async { Ok(motion(stage, usage, &reins).await) };
+        let motion = async {
+            if is_read { watched(cell, motion, &reins, &due, |_, _| Steer::On).await } else { motion.await }
+        };
+        let moved = tokio::select! {
+            biased;
+            moved = motion => Some(moved),
+            () = told_to_stop => None,
+        };
+        match moved {
+            Some(moved) => {
+                cancel.check()?;
+                moved
+            }
+            None => {
+                // it may not have come to where it heeds the reins; what becomes of this one can't be told any more
+                let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
+                Err(Halt::Cancelled)
+            }
+        }
+    }
+
+    /// Takes z to the top if it is deeper, and checks that what the cell says there is air: that it stays where z is a little
+    /// farther away, or nearer if it can't go farther.
+    async fn come_to_the_top(&mut self, spec: &RigSpec, reaction: &Reaction) -> Result<(), Halt> {
+        self.find_itself().await?;
+        let top_mm = spec.top_mm();
+        if self.z_mm > top_mm {
+            // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
+            self.creep(top_mm).await?;
+        }
+        let (here, taken) = (self.at_rest().await?, Instant::now());
+        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &here);
+        let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
+        let toward = |from_mm, to_mm| {
+            let sigma_n = here.offset_sigma_n;
+            let standing = Standing { z_mm: from_mm, force_n: 0.0, sigma_n, age_s: 0.0, first_mm: from_mm };
+            permit.advance(&standing, to_mm, speed_mm_s)
+        };
+        let is_farther = from_mm - way_mm >= spec.end_mm();
+        let there = match is_farther {
+            true => permit.withdraw(from_mm, from_mm - way_mm, speed_mm_s)?,
+            false => toward(from_mm, from_mm + way_mm)?,
+        };
+        self.cell.watch.pause();
+        self.move_z(there, None).await?;
+        self.cell.settle().await?;
+        let there = self.at_rest().await?;
+        let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
+        permit.air_is_free(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
+        let back = match is_farther {
+            true => toward(self.z_mm, from_mm)?,
+            false => permit.withdraw(self.z_mm, from_mm, speed_mm_s)?,
+        };
+        self.cell.watch.pause();
+        self.move_z(back, None).await
+    }
+
+    /// What the cell reads of a stage at rest.
+    async fn at_rest(&mut self) -> Result<Zero, Halt> {
+        let readings = self.cell.sound_readings(STILL_READINGS, STILL_S).await?;
+        Ok(Zero::of(&readings, self.cell.cell.conversion().as_secs_f64()))
+    }
+}

@@ -1,0 +1,114 @@
+//! What happens before there is a zero: wherever home is and whichever way z really goes, the specimen as declared bears at most
+//! the force limit, and no zero is taken in contact.
+//!
+//! `PALPATE_HOMINGS=1000 cargo test --release --test control unzeroed -- --nocapture` for as many homings with a tool on the cell.
+
+use crate::support::walks::{
+    BENCHES, Deaths, bench, end_of, in_parallel, in_virtual_time, must_be_none, plan, walked_with,
+};
+use palpate::quantity::{Axis, Down, Place, stream};
+use palpate::rig::{RigSpec, SimulatedRig};
+use palpate::run::{Cancel, examine};
+use palpate::scene::Mounting;
+use rand::RngExt;
+
+/// Trials of each kind on each bench.
+const TRIALS: u64 = if cfg!(debug_assertions) { 5 } else { 50 };
+
+/// The end of z's travel, where an ESP301 homes to, mm.
+const END_MM: f64 = 12.5;
+
+/// What hangs from the load cell, kg.
+const TOOL_KG: f64 = 0.2;
+
+/// How much of a peak a scene may pass over between two looks, N.
+const PEAK_N: f64 = 0.0005;
+
+const RECIPE: &str = "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0]] }\nforce_n = 1.0\n";
+
+/// What is wrong with a rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wrong {
+    /// `frame.down` is reversed, and z stands free.
+    Down,
+    /// The same, and z stands in contact.
+    DownInContact,
+    /// z stands in contact at the end of its travel, where homing leaves it.
+    Preload,
+}
+
+/// A specimen as declared whose surface is so far down from the end of z's travel, mm; negative: z is in it there.
+fn specimen_at(name: &str, from_end_mm: f64) -> RigSpec {
+    let mut spec = bench(name);
+    spec.stage.travel.axes[Axis::Z.index()].max = END_MM;
+    let z_mm = -END_MM + from_end_mm;
+    spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm });
+    spec
+}
+
+#[test]
+fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
+    let mut jobs = Vec::new();
+    for (name, _) in BENCHES {
+        for wrong in [Wrong::Down, Wrong::DownInContact, Wrong::Preload] {
+            jobs.extend((0..TRIALS).map(|nth| (name, wrong, nth)));
+        }
+    }
+    let seen = in_parallel(&jobs, |&(name, wrong, nth)| {
+        let mut rng = stream(nth, wrong as u64, name);
+        let from_end_mm = match wrong {
+            Wrong::Down => rng.random_range(0.1..10.0),
+            Wrong::DownInContact | Wrong::Preload => -rng.random_range(0.05..0.8),
+        };
+        let real = specimen_at(name, from_end_mm);
+        let mut spec = real.clone();
+        if wrong != Wrong::Preload {
+            spec.frame.down = Down::Plus;
+        }
+        let swap = |rig: &mut SimulatedRig| *rig = real.emulators(nth).expect("emulators");
+        let walked = walked_with(&spec, &plan(&spec, RECIPE, nth), Deaths::Ignored, &swap);
+        let end = end_of(&walked.ending);
+        let zeroed = walked.ready_s > 0.0;
+        let told = format!("{name}, {wrong:?}, surface {from_end_mm:+.2} mm from the end: {end}, {:.3} N", walked.truth.force_n);
+        let mut broken = Vec::new();
+        // an XPS homes its group whole: x and y move before anything shows that z is in contact
+        let slid = walked.truth.slid_mm > 0.0 && name != "bench-fast";
+        if walked.truth.force_n > real.limits.force_n + PEAK_N || slid {
+            broken.push(told.clone());
+        }
+        if zeroed {
+            broken.push(format!("{told}: a zero was taken"));
+        }
+        (wrong, end, walked.truth.force_n, broken)
+    });
+    for wrong in [Wrong::Down, Wrong::DownInContact, Wrong::Preload] {
+        let of_it = || seen.iter().filter(|(kind, ..)| *kind == wrong);
+        let worst_n = of_it().map(|(_, _, worst_n, _)| *worst_n).fold(0.0, f64::max);
+        let mut ends: Vec<&str> = of_it().map(|(_, end, ..)| *end).collect();
+        ends.sort_unstable();
+        let ends: Vec<String> =
+            ends.chunk_by(|a, b| a == b).map(|same| format!("{} {}", same.len(), same[0])).collect();
+        println!("{wrong:?}: the specimen bore at most {worst_n:.3} N; {}", ends.join(", "));
+    }
+    must_be_none(&seen.into_iter().flat_map(|(.., broken)| broken).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_tool_of_200_g_stops_no_search_for_home() {
+    let count = std::env::var("PALPATE_HOMINGS").map_or(TRIALS, |count| count.parse().expect("a number"));
+    let jobs: Vec<(&str, u64)> =
+        BENCHES.iter().flat_map(|(name, _)| (0..count.div_ceil(2)).map(move |nth| (*name, nth))).collect();
+    let stopped = in_parallel(&jobs, |&(name, nth)| {
+        let mut spec = specimen_at(name, 20.0);
+        spec.scene.load_cell.as_mut().expect("a load cell").tool_kg = TOOL_KG;
+        let cancel = Cancel::default();
+        let found = in_virtual_time(examine(&spec, nth, &cancel));
+        match found {
+            Ok(found) if matches!(found.air, Some(Ok(_))) => None,
+            Ok(found) => Some(format!("{name}, {nth}: {:?}", found.air)),
+            Err(halt) => Some(format!("{name}, {nth}: {halt:?}")),
+        }
+    });
+    println!("{} homings with {TOOL_KG} kg on the load cell", jobs.len());
+    must_be_none(&stopped.into_iter().flatten().collect::<Vec<_>>());
+}
