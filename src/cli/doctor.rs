@@ -97,7 +97,8 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
         if spec.load_cell.air_n.is_none() {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
-            let _ = writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would refuse any other zero", "");
+            let _ =
+                writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would refuse any other zero", "");
         }
         let noise = match spec.array.unit.as_str() {
             "V" => format!("{:.2} mV", 1000.0 * outputs_sigma_v),

@@ -56,7 +56,8 @@ struct Person {
 impl WhichWay for Person {
     fn is_known(&self, stage: &Identity, down: Down) -> bool {
         let known = |path: &PathBuf| {
-            let text = fs::metadata(path).is_ok_and(|file| file.len() <= KEPT_MAX_BYTES).then(|| fs::read_to_string(path));
+            let text =
+                fs::metadata(path).is_ok_and(|file| file.len() <= KEPT_MAX_BYTES).then(|| fs::read_to_string(path));
             let key = key(stage, down);
             text.and_then(Result::ok).is_some_and(|text| text.lines().any(|line| line.starts_with(&key)))
         };

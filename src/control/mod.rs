@@ -7,6 +7,7 @@
 //!
 //! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces count from the zero taken in air.
 
+mod budget;
 mod curve;
 mod hum;
 mod map;
@@ -22,6 +23,7 @@ mod trip;
 mod watch;
 mod zero;
 
+pub use budget::{Averaged, Budget};
 pub use hum::Hum;
 pub use map::{Lesson, Map, Shot};
 pub use mean::{Mean, mean_of};

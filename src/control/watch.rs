@@ -3,7 +3,7 @@
 use super::press::AirReadings;
 use super::trip::{Rule, Trip};
 use super::zero::Zero;
-use crate::quantity::{ForceReading, Limits, Range};
+use crate::quantity::{ForceReading, GRAVITY_M_S2, Limits, Range};
 
 /// Time over which a force is averaged before it is held against the limits, s.
 const MEAN_S: f64 = 0.010;
@@ -27,9 +27,6 @@ const AWAY_SHARE: f64 = 0.1;
 /// How much harder than its own acceleration a stage may stop, at a switch.
 const JOLT: f64 = 2.0;
 
-/// Standard gravity, m/s^2.
-const GRAVITY_M_S2: f64 = 9.806_65;
-
 /// Checks every reading against the trip rules.
 #[derive(Debug)]
 pub struct Watch {
@@ -49,10 +46,8 @@ pub struct Watch {
 impl Watch {
     /// The rules of a rig with a zero taken in air.
     pub fn new(limits: &Limits, zero: Zero) -> Self {
-        let within_n = Range {
-            min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n),
-            max: limits.force_n + 3.0 * zero.sigma_n,
-        };
+        let within_n =
+            Range { min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n), max: limits.force_n + 3.0 * zero.sigma_n };
         let rise_most_n = AWAY_SHARE * limits.force_n + RISE_SIGMAS * zero.sigma_n;
         Watch { within_n, rise_most_n, ..Watch::of(limits.force_n, zero, [Rule::WrongSign, Rule::OverForce]) }
     }
@@ -218,6 +213,20 @@ mod tests {
         assert_eq!(broken([f64::NAN]), Some(Rule::NotFinite));
         let ill = ForceReading { at_s: 0.0, force_n: 0.5, health: Health { saturated: true, fault: false } };
         assert_eq!(watch().force_n(&ill).unwrap_err().rule, Rule::Unhealthy);
+    }
+
+    #[test]
+    fn before_there_is_a_zero_the_force_may_fall_as_a_contact_ends_but_not_rise() {
+        let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+        let still = Zero { offset_n: 1.5, ..Zero::with_noise(0.003) };
+        let rule = |n: f64| {
+            let mut watch = Watch::before_zero(&limits, still, Range { min: -2.0, max: 2.0 }, 100.0);
+            let reading = |i: u32| ForceReading { at_s: 0.005 * f64::from(i), force_n: n, health: Health::default() };
+            (0..3).find_map(|i| watch.force_n(&reading(i)).err()).map(|trip| trip.rule)
+        };
+        // 0.1 N, 6 sd, and a tool of 0.2 kg stopped with twice 0.1 m/s^2: 0.159 N
+        assert_eq!([1.5, 1.65, -0.5].map(rule), [None; 3]);
+        assert_eq!([1.67, 5.0, -0.7].map(rule), [Some(Rule::ForceRose), Some(Rule::ForceRose), Some(Rule::ForceFell)]);
     }
 
     #[test]

@@ -10,6 +10,10 @@ const FROZEN_ODDS: f64 = 1e-9;
 /// Codes that repeat more often than this in air say nothing about freezing: the step is larger than the noise.
 const REPEATS_TOO_OFTEN: f64 = 0.5;
 
+/// A correlation of neighbouring readings counts from so many sd of what chance shows, and up to this.
+const SHARED_SIGMAS: f64 = 3.0;
+const SHARED_MOST: f64 = 0.95;
+
 /// Noise in air before a press over that at zeroing, at most; and what is allowed beyond, N.
 const NOISE_FACTOR: f64 = 3.0;
 const NOISE_LEAST_N: f64 = 0.001;
@@ -29,6 +33,10 @@ pub struct Zero {
     pub sigma_n: f64,
     /// Standard deviation of what a mean over whole periods leaves to chance in one reading, N.
     pub noise_n: f64,
+    /// How much of one reading's noise the next one shares, 0 to 1: behind a filter neighbours are alike.
+    pub shared: f64,
+    /// The smallest step between two readings, N; 0 where no two were the same.
+    pub step_n: f64,
     /// Standard deviation of the offset itself, N.
     pub offset_sigma_n: f64,
     /// The mains in the readings; none where there are none to be seen.
@@ -40,7 +48,16 @@ pub struct Zero {
 impl Zero {
     /// A zero at nothing, of a cell with this noise and without hum.
     pub const fn with_noise(sigma_n: f64) -> Zero {
-        Zero { offset_n: 0.0, sigma_n, noise_n: sigma_n, offset_sigma_n: 0.0, hum: None, frozen_after: None }
+        Zero {
+            offset_n: 0.0,
+            sigma_n,
+            noise_n: sigma_n,
+            shared: 0.0,
+            step_n: 0.0,
+            offset_sigma_n: 0.0,
+            hum: None,
+            frozen_after: None,
+        }
     }
 
     /// The zero of some readings in air, at least two, that are `conversion_s` apart. Readings that aren't finite are the
@@ -56,6 +73,9 @@ impl Zero {
             offset_n: mean,
             sigma_n: variance.sqrt(),
             noise_n,
+            // hum is shared too, and averaged otherwise
+            shared: if hum.is_some() { 0.0 } else { shared(readings, mean) },
+            step_n: step_n(readings),
             offset_sigma_n: noise_n / n.sqrt(),
             hum,
             frozen_after: frozen_after(readings),
@@ -75,6 +95,12 @@ impl Zero {
         own.hypot(self.offset_sigma_n)
     }
 
+    /// Standard deviation of the mean of some readings by their own noise, N, neighbours that share some of it counted as fewer.
+    pub fn noise_of_mean_n(&self, readings: u32) -> f64 {
+        let fewer = (1.0 + self.shared) / (1.0 - self.shared);
+        self.noise_n * (fewer / f64::from(readings.max(1))).min(1.0).sqrt()
+    }
+
     /// The time that a mean takes which is to last at least so long, s: whole periods of the hum, where there is any.
     pub fn mean_s(&self, least_s: f64) -> f64 {
         self.hum.map_or(least_s, |hum| hum.whole_s(least_s))
@@ -89,6 +115,28 @@ impl Zero {
     pub fn detect_n(&self) -> f64 {
         DETECT_LEAST_N.max(DETECT_SIGMAS * self.sigma_n)
     }
+}
+
+/// The correlation of readings with the next ones where it is more than chance, 0 to [`SHARED_MOST`].
+fn shared(readings: &[ForceReading], mean_n: f64) -> f64 {
+    let off = |reading: &ForceReading| reading.force_n - mean_n;
+    let following: f64 = readings.windows(2).map(|pair| off(&pair[0]) * off(&pair[1])).sum();
+    let squares: f64 = readings.iter().map(|reading| off(reading).powi(2)).sum();
+    let by_chance = SHARED_SIGMAS / (readings.len().max(1) as f64).sqrt();
+    let correlation = if squares > 0.0 { following / squares } else { 0.0 };
+    if correlation > by_chance { correlation.min(SHARED_MOST) } else { 0.0 }
+}
+
+/// The smallest step between two readings where some are the same, N.
+fn step_n(readings: &[ForceReading]) -> f64 {
+    let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
+    codes.sort_by(f64::total_cmp);
+    let steps = codes.windows(2).map(|pair| pair[1] - pair[0]);
+    if steps.clone().all(|step| step > 0.0) {
+        return 0.0;
+    }
+    let least = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 0.0 }
 }
 
 /// How many equal codes in a row are less likely than [`FROZEN_ODDS`], from how often two codes in air agree; doubled, since a

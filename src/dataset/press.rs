@@ -74,6 +74,8 @@ columns! {
     force_set_n: Option<f64>, Run, 6;
     /// The mean force in the window, N, from the air before and after the press.
     force_n: Option<f64>, Optional, 6;
+    /// Standard uncertainty of that force, N; none where neither a certificate nor a check weight says what the load cell errs by.
+    u_force_n: Option<f64>, Sparse, 6;
     /// The depth below the surface as touched in this press, mm; 0 in air.
     depth_mm: Option<f64>, Run, 5;
     /// When the window began, s since the run's start.

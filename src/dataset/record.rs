@@ -2,7 +2,7 @@
 
 use super::cell::round;
 use super::{End, Loss, Press, Provenance, RunFacts, Text};
-use crate::control::{AirReadings, Hum, Lesson, Trip};
+use crate::control::{AirReadings, Budget, Hum, Lesson, Trip};
 use crate::device::Identity;
 use crate::quantity::{Place, any_number};
 use serde::{Deserialize, Serialize};
@@ -80,6 +80,9 @@ pub struct Contact {
     pub press: u64,
     /// Its levels in the order they were held.
     pub levels: Vec<Press>,
+    /// How well the force of each level is known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub budgets: Vec<Budget>,
     /// What really happened at each level, in a simulated run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<PressTruth>,

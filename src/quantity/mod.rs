@@ -19,3 +19,6 @@ pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};
 pub use reading::{ForceReading, Health};
 pub use stream::{Stream, stream};
+
+/// Standard gravity, m/s^2.
+pub const GRAVITY_M_S2: f64 = 9.806_65;

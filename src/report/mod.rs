@@ -14,6 +14,7 @@ mod judged;
 mod record;
 mod subject;
 mod table_1;
+mod uncertainty;
 
 pub use comparison::{Compared, comparison};
 pub use frame::{MARK, counted};
@@ -33,6 +34,7 @@ pub fn page(subject: &Subject, judged: &Judged) -> String {
         figures::dependences(subject, judged),
         figures::expected(subject, judged),
         record::section(subject),
+        uncertainty::section(subject),
         facts::section(subject),
     ];
     let title = subject.title();

@@ -1,6 +1,7 @@
 //! A rig file understood, and what each of its drivers can do.
 
 use super::emulated::EmulatedDevice;
+use super::which_way::{Nobody, WhichWay};
 use crate::control::Timing;
 use crate::device::DeviceError;
 use crate::driver::daqmx::SharedAcquisition;
@@ -10,7 +11,6 @@ use crate::emulator::Shared;
 use crate::quantity::{ArrayLayout, Axis, Certificate, Down, Frame, Limits, Range, Travel, WeightCheck};
 use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
-use super::which_way::{Nobody, WhichWay};
 use crate::wire::{ClaimError, Claims, Connector, Link};
 use std::any::Any;
 use std::cell::OnceCell;
@@ -95,6 +95,20 @@ pub struct ArraySpec {
     pub range_v: Option<f64>,
     /// The unit of its outputs as it is shown.
     pub unit: String,
+}
+
+impl LoadCellSpec {
+    /// Standard uncertainty of a force of this size by what is known of the cell, N; none where nothing is. Readings that are
+    /// adjusted rest on the check; others rest on the certificate, which a check has confirmed, or on the check alone, whose
+    /// deviation isn't corrected.
+    pub fn standard_uncertainty_n(&self, force_n: f64) -> Option<f64> {
+        match (&self.check, &self.certificate) {
+            (Some(check), _) if check.adjusted => Some(check.standard_uncertainty() / check.gain * force_n.abs()),
+            (_, Some(certificate)) => Some(certificate.standard_uncertainty_n(force_n)),
+            (Some(check), None) => Some(check.standard_uncertainty().hypot(check.gain - 1.0) * force_n.abs()),
+            (None, None) => None,
+        }
+    }
 }
 
 impl RigSpec {

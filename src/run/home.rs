@@ -202,9 +202,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
         which_way.announce(identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
-        let moved = self
-            .moves(true, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await)
-            .await?;
+        let moved =
+            self.moves(true, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await?;
         match moved {
             Err(error) => return Ok(Err(error)),
             Ok(true) => {}
@@ -240,9 +239,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let Hand { stage, cell, usage, .. } = self;
         let due = Cell::new(None); // how long it takes isn't known
         let motion = async { Ok(motion(stage, usage, &reins).await) };
-        let motion = async {
-            if is_read { watched(cell, motion, &reins, &due, |_, _| Steer::On).await } else { motion.await }
-        };
+        let motion =
+            async { if is_read { watched(cell, motion, &reins, &due, |_, _| Steer::On).await } else { motion.await } };
         let moved = tokio::select! {
             biased;
             moved = motion => Some(moved),

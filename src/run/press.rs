@@ -3,7 +3,7 @@
 use super::Halt;
 use super::walk::Walker;
 use super::window::Window;
-use crate::control::{Command, Context, Event, ForceLoop, Lesson, Moment, Strategy, Task};
+use crate::control::{Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Strategy, Task};
 use crate::dataset::{self, Air, Contact, Flag, Left, PressTruth};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -47,7 +47,12 @@ struct ZeroMoved {
 impl ZeroMoved {
     /// How far by then, N: evenly with the time.
     fn at_n(&self, at_s: f64) -> f64 {
-        self.by_n * ((at_s - self.from_s) / (self.to_s - self.from_s)).clamp(0.0, 1.0)
+        self.by_n * self.share(at_s)
+    }
+
+    /// Which part of the time has passed by then.
+    fn share(&self, at_s: f64) -> f64 {
+        ((at_s - self.from_s) / (self.to_s - self.from_s)).clamp(0.0, 1.0)
     }
 }
 
@@ -67,15 +72,27 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             by_n: after.force.mean_n - before.force.mean_n,
         };
         held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
-        let level = |(level, held): (usize, &Held)| dataset::Press {
+        let budgets: Vec<Budget> = held.iter().map(|held| self.budget(held, [&before, &after], &moved)).collect();
+        let level = |((level, held), budget): ((usize, &Held), &Budget)| dataset::Press {
+            u_force_n: budget.u_n(),
             air_before_n: Some(before.force.mean_n),
             air_after_n: Some(after.force.mean_n),
             ..self.row(entry, level, held, touched_mm)
         };
-        let levels = held.iter().enumerate().map(level).map(dataset::Press::rounded).collect();
+        let levels = held.iter().enumerate().zip(&budgets).map(level).map(dataset::Press::rounded).collect();
         let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
         let left = next.map(|_| Left { z_mm: self.hand.z_mm });
-        Ok(Contact { press: entry.press, levels, truth, lesson, air_before: before, air_after: after, left })
+        let budgets = budgets.into_iter().map(Budget::rounded).collect();
+        Ok(Contact { press: entry.press, levels, budgets, truth, lesson, air_before: before, air_after: after, left })
+    }
+
+    /// How well the force of a level is known.
+    fn budget(&self, held: &Held, airs: [&Air; 2], moved: &ZeroMoved) -> Budget {
+        let Window { force_n, middle_s, forces, seconds, .. } = held.window;
+        let share = moved.share(middle_s);
+        let averaged = Averaged { readings: forces, seconds, airs: airs.map(|air| air.force), share };
+        let cell_n = self.conditions.spec.load_cell.standard_uncertainty_n(force_n);
+        Budget::of(&averaged, self.hand.cell.watch.zero(), cell_n)
     }
 
     /// The air after a press. A cell that is pulled at may stick to the specimen: it is read again from farther away.

@@ -81,6 +81,9 @@ pub(super) struct Window {
     pub force_n: f64,
     /// The middle of the forces, s by the press' clock.
     pub middle_s: f64,
+    /// How many forces, and how long they took, s.
+    pub forces: u32,
+    pub seconds: f64,
     /// Mean outputs, less those in air, in the array's unit.
     pub outputs: Vec<f64>,
     /// Whether an output stood at the end of its range.
@@ -142,12 +145,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (force, outputs) = tokio::join!(forces, outputs);
         let force = force?;
         outputs?;
-        let (force_n, middle_s) = force.map_or((f64::NAN, 0.0), |mean| (mean.value, mean.middle_s));
+        let Mean { value: force_n, middle_s, readings: forces } =
+            force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
         if let Some(probe) = &self.probe {
             probe.close_window();
         }
         let outputs = means.means.iter().zip(&self.air).map(|(mean, air)| mean - air).collect();
-        Ok(Window { began, force_n, middle_s, outputs, saturated, late })
+        Ok(Window { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
     }
 }
 

@@ -2,11 +2,8 @@
 
 use super::faults::Fault;
 use super::skin::SkinSpec;
-use crate::quantity::{ArrayLayout, Frame, Place, Position};
+use crate::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position};
 use std::f64::consts::TAU;
-
-/// Standard gravity, m/s^2.
-const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// The physical terms a scene names; what is `None` or empty isn't modelled.
 #[derive(Clone, Debug, PartialEq)]

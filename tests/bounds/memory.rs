@@ -86,7 +86,16 @@ fn contact(press: u64) -> Contact {
         Air { force, outputs: vec![1e-5 * n; UNITS] }
     };
     let (air_before, air_after) = (air(press as f64), air(press as f64 + 1.0));
-    Contact { press, levels: vec![row.rounded()], truth: vec![truth], lesson, air_before, air_after, left: None }
+    Contact {
+        press,
+        levels: vec![row.rounded()],
+        truth: vec![truth],
+        budgets: Vec::new(),
+        lesson,
+        air_before,
+        air_after,
+        left: None,
+    }
 }
 
 fn facts() -> RunFacts {

@@ -12,4 +12,5 @@ mod machine;
 mod reaction;
 mod safety;
 mod trips;
+mod uncertainty;
 mod unzeroed;

@@ -24,7 +24,8 @@ const TOOL_KG: f64 = 0.2;
 /// How much of a peak a scene may pass over between two looks, N.
 const PEAK_N: f64 = 0.0005;
 
-const RECIPE: &str = "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0]] }\nforce_n = 1.0\n";
+const RECIPE: &str =
+    "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0]] }\nforce_n = 1.0\n";
 
 /// What is wrong with a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,7 +70,10 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
         let walked = walked_with(&spec, &plan(&spec, RECIPE, nth), Deaths::Ignored, &swap);
         let end = end_of(&walked.ending);
         let zeroed = walked.ready_s > 0.0;
-        let told = format!("{name}, {wrong:?}, surface {from_end_mm:+.2} mm from the end: {end}, {:.3} N", walked.truth.force_n);
+        let told = format!(
+            "{name}, {wrong:?}, surface {from_end_mm:+.2} mm from the end: {end}, {:.3} N",
+            walked.truth.force_n
+        );
         let mut broken = Vec::new();
         // an XPS homes its group whole: x and y move before anything shows that z is in contact
         let slid = walked.truth.slid_mm > 0.0 && name != "bench-fast";

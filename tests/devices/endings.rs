@@ -106,11 +106,11 @@ impl Scripts {
     }
 
     fn run(&self) -> Live {
-        Live::start(self.bench.command("run r.toml --rig rig.toml --out run"))
+        Live::start(self.bench.command("run r.toml --rig rig.toml --out run --confirmed down"))
     }
 
     fn doctor(&self) -> Live {
-        Live::start(self.bench.command("doctor rig.toml"))
+        Live::start(self.bench.command("doctor rig.toml --confirmed down"))
     }
 
     /// When something happened.

@@ -1,6 +1,6 @@
 //! `palpate doctor` and `palpate align` as their user meets them.
 
-use crate::support::{Bench, exchanged, shipped, shipped_text};
+use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 
 const RIGS: [&str; 8] = ["sim", "paper", "esp301", "xps", "grbl", "process", "bench-fast", "bench-esp301"];
 
@@ -12,13 +12,38 @@ fn the_doctor_finds_every_shipped_rig_in_order_in_80_columns() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
         let told = Bench::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
-        assert!(told.out.ends_with("nothing to put right\n"), "{rig}: {}", told.out);
+        // these two set the speed of their search for home themselves
+        let homes_itself =
+            ["paper", "xps", "grbl"].contains(&rig) && told.out.contains("- stage: it looks for home at");
+        assert!(told.out.ends_with("nothing to put right\n") || homes_itself, "{rig}: {}", told.out);
         for expected in ["stage", "load_cell", "array", "noise of a reading", "an approach is at most at"] {
             assert!(told.out.contains(expected), "{rig}: no {expected:?} in\n{}", told.out);
         }
         let widest = told.out.lines().map(|line| line.chars().count()).max();
         assert!(widest <= Some(80), "{rig}: {widest:?} columns");
     }
+}
+
+#[test]
+fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
+    for rig in RIGS {
+        let file = shipped(&format!("rigs/{rig}.toml"));
+        let told = Bench::new().palpate_ends(0, &format!("withdraw {} --simulate", file.display()));
+        assert!(told.out.contains("away from the specimen; the load cell was read on the way"), "{rig}: {}", told.out);
+    }
+}
+
+#[test]
+fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.3");
+    let said = exchanged(&rig, "conversions_hz = 200.0", "conversions_hz = 200.0\nair_n = [-0.1, 0.1]");
+    let bench = Bench::with([("rig.toml", rig.as_str()), ("said.toml", said.as_str()), ("r.toml", SMALL)]);
+    let told = bench.palpate_ends(0, "doctor rig.toml");
+    assert!(told.out.contains("`air_n = [-0.1, 0.7]`"), "{}", told.out);
+    let told = bench.palpate_ends(4, "doctor said.toml");
+    assert!(told.running().contains("zero-outside: 0.3"), "{}", told.err);
+    let told = bench.palpate_ends(4, "run r.toml --rig said.toml --out run");
+    assert!(told.running().contains("limit 0.1000 N; does something touch the indenter?"), "{}", told.err);
 }
 
 #[test]

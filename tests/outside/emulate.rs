@@ -39,7 +39,10 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
         rig = exchanged(&rig, from, &to);
     }
     bench.write("rig.toml", &rig);
-    let told = Live::start(bench.command("run press.toml --rig rig.toml --out run --json")).end();
+    let told = bench.palpate_ends(2, "run press.toml --rig rig.toml --out unconfirmed");
+    assert!(told.running().contains("nothing was moved. Run `palpate doctor` at a terminal once"), "{}", told.err);
+    assert_eq!(bench.manifest("unconfirmed")["presses_done"], 0);
+    let told = Live::start(bench.command("run press.toml --rig rig.toml --out run --json --confirmed down")).end();
     assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
     assert_eq!(told.json_lines().len(), 1);
     let manifest = bench.manifest("run");
@@ -51,7 +54,7 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
     assert!(!bench.has("run/scene.csv"), "nobody knows the truth behind a real link");
 
     // stopped in contact, as the middle unit feels; the stage itself says where it stands then
-    let live = Live::start(bench.command("run held.toml --rig rig.toml --out stopped --json"));
+    let live = Live::start(bench.command("run held.toml --rig rig.toml --out stopped --json --confirmed down"));
     live.until_told("from press 1");
     let began = Instant::now();
     while registers(&array, 8) < 0.5 {

@@ -119,7 +119,7 @@ fn the_examples_are_devices_of_a_rig() {
     if Command::new("python3").arg("--version").output().is_err() {
         return skipped(test, "there is no python3");
     }
-    let mut command = Bench::new().command("doctor rigs/process.toml --json");
+    let mut command = Bench::new().command("doctor rigs/process.toml --json --confirmed down");
     command.current_dir(shipped(""));
     let told: serde_json::Value = serde_json::from_str(&said(command)).expect("JSON");
     let identity = |device: usize| told["devices"][device]["identity"]["identity"].as_str().unwrap_or_default();

@@ -42,7 +42,7 @@ fn a_served_device_that_isnt_what_the_map_says_is_refused() {
     let Some(python) = Python::with("a served device of another kind", "import pymodbus") else { return };
     let server = Live::start(python.script("modbus_server.py", ["tcp", "swapped"]));
     let bench = bench(&stage(), "labjack-t7", &format!("tcp://{}", server.line().expect("its address")));
-    let told = bench.palpate_ends(3, "doctor rig.toml --json");
+    let told = bench.palpate_ends(3, "doctor rig.toml --json --confirmed down");
     let error = told.json_lines()[0]["devices"][1]["error"].as_str().unwrap_or_default().to_owned();
     assert!(error.contains("PRODUCT_ID"), "{error}");
 }
@@ -68,7 +68,7 @@ fn bench(served: &Served, driver: &str, load_cell: &str) -> Bench {
 
 /// What doctor finds: three devices, and the served force in its place.
 fn examined(served: &Served, driver: &str, load_cell: &str) {
-    let told = bench(served, driver, load_cell).palpate_ends(0, "doctor rig.toml --json");
+    let told = bench(served, driver, load_cell).palpate_ends(0, "doctor rig.toml --json --confirmed down");
     let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
     let identity = |device: usize, key: &str| told["devices"][device]["identity"][key].as_str().unwrap_or_default();
     assert!(identity(0, "identity").contains("ESP301 Version"), "{told}");

@@ -38,7 +38,7 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
     ]);
     fs::create_dir(bench.path("tmp")).expect("a folder");
 
-    let owner = Live::start(in_own_folder(&bench, "run held.toml --rig rig.toml --out held"));
+    let owner = Live::start(in_own_folder(&bench, "run held.toml --rig rig.toml --out held --confirmed down"));
     owner.until_told(": from press 1");
     let used = [stage.connections(), array.connections()];
     for words in ["run held.toml --rig rig.toml --out second", "doctor rig.toml --json", "align rig.toml"] {
@@ -55,7 +55,8 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
 
     owner.signal("KILL");
     assert_eq!(owner.end().code, None);
-    let told: Told = in_own_folder(&bench, "doctor rig.toml").output().expect("the program starts").into();
+    let told: Told =
+        in_own_folder(&bench, "doctor rig.toml --confirmed down").output().expect("the program starts").into();
     assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
 }
 

@@ -116,7 +116,8 @@ impl Trial {
         let reins = Reins::default();
         let limit_s = deadlines(self.subject).prepare_s;
         let fate = self.fate.clone();
-        let prepared = call("prepare", limit_s, &mut self.outcome, &fate, made_ready(&mut self.stage, &usage, &reins)).await;
+        let prepared =
+            call("prepare", limit_s, &mut self.outcome, &fate, made_ready(&mut self.stage, &usage, &reins)).await;
         let prepared = self.note(prepared).is_some();
         assert!(prepared || !clean && self.bad, "it can't be prepared on a good line");
         self.lost = !lock(&fate).altered_s.is_empty();

@@ -1,0 +1,121 @@
+//! How well one force is known: the parts of its uncertainty, after the GUM.
+
+use super::press::AirReadings;
+use super::zero::Zero;
+use serde::{Deserialize, Serialize};
+
+/// How far the mains may be from their frequency, as a share of it: what whole periods leave of the hum is that share of it.
+const MAINS_OFF_SHARE: f64 = 0.01;
+
+/// The parts of a force's standard uncertainty, N each. The parts are independent: their squares add up (GUM 5.1.2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Budget {
+    /// The load cell: what its certificate states of such a force, or its check with a known weight (type B). None: neither.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell_n: Option<f64>,
+    /// The zero between the air before and after: noise of both means (type A), and what the zero may have done between them but go
+    /// evenly from one to the other (type B, rectangular).
+    pub zero_n: f64,
+    /// The noise of the readings in the window (type A).
+    pub noise_n: f64,
+    /// One step of what the cell can read (type B, rectangular).
+    pub resolution_n: f64,
+    /// What is left of the mains hum (type B, arcsine).
+    pub hum_n: f64,
+}
+
+/// What a force was averaged from.
+#[derive(Clone, Copy, Debug)]
+pub struct Averaged {
+    /// How many readings its window had.
+    pub readings: u32,
+    /// How long they took, s.
+    pub seconds: f64,
+    /// The air before the press and after it.
+    pub airs: [AirReadings; 2],
+    /// Where the window stands between the two, 0 to 1.
+    pub share: f64,
+}
+
+impl Budget {
+    /// The budget of a force; `cell_n` is the load cell's own standard uncertainty there.
+    pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> Budget {
+        let Averaged { readings, seconds, airs: [before, after], share } = *averaged;
+        let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
+        let (before_n, after_n) = (of_mean(before.readings), of_mean(after.readings));
+        // of two means that differ by more than their noise, the zero has moved by the rest
+        let moved_2 = (after.mean_n - before.mean_n).powi(2) - before_n.powi(2) - after_n.powi(2);
+        let noise_2 = ((1.0 - share) * before_n).powi(2) + (share * after_n).powi(2);
+        let step_n = zero.step_n / 12f64.sqrt();
+        // steps smaller than the noise average out with it
+        let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
+        let hum_n = zero.hum.map_or(0.0, |hum| {
+            let left = match hum.whole_s {
+                Some(_) => MAINS_OFF_SHARE,
+                None => (1.0 / (std::f64::consts::PI * hum.hz * seconds)).min(1.0),
+            };
+            hum.amplitude_n * left / 2f64.sqrt()
+        });
+        let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();
+        Budget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
+    }
+
+    /// The combined standard uncertainty, N; none where nothing is known of the load cell.
+    pub fn u_n(&self) -> Option<f64> {
+        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = *self;
+        Some([cell_n?, zero_n, noise_n, resolution_n, hum_n].iter().map(|part| part * part).sum::<f64>().sqrt())
+    }
+
+    /// Rounded to 0.1 uN.
+    #[must_use]
+    pub fn rounded(self) -> Budget {
+        let rounded = |n: f64| (n * 1e7).round() / 1e7;
+        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        Budget {
+            cell_n: cell_n.map(rounded),
+            zero_n: rounded(zero_n),
+            noise_n: rounded(noise_n),
+            resolution_n: rounded(resolution_n),
+            hum_n: rounded(hum_n),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::Hum;
+
+    fn averaged(after_n: f64) -> Averaged {
+        let air = |mean_n| AirReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05 };
+        Averaged { readings: 225, seconds: 0.2, airs: [air(0.0), air(after_n)], share: 0.5 }
+    }
+
+    #[test]
+    fn the_parts_follow_from_readings_airs_and_what_is_stated_of_the_cell() {
+        let zero = Zero { step_n: 0.001, ..Zero::with_noise(0.003) };
+        let budget = Budget::of(&averaged(0.0), &zero, Some(0.004));
+        assert!((budget.noise_n - 0.0002).abs() < 1e-12);
+        assert!((budget.zero_n - 0.0003 / 2f64.sqrt()).abs() < 1e-12);
+        assert!((budget.resolution_n - 0.001 / 12f64.sqrt() / 15.0).abs() < 1e-12);
+        let u_n = budget.u_n().unwrap();
+        assert!(u_n > 0.004 && u_n < 0.0041, "{u_n}");
+        assert_eq!(
+            Budget { cell_n: None, ..budget }.u_n(),
+            None,
+            "an uncertainty without the cell's own would be a lie"
+        );
+        let moved = Budget::of(&averaged(0.010), &zero, None);
+        assert!((moved.zero_n - 0.010 / 12f64.sqrt()).abs() < 2e-5, "{moved:?}");
+    }
+
+    #[test]
+    fn a_coarse_cell_and_hum_without_whole_periods_count_in_full() {
+        let coarse = Zero { step_n: 0.010, ..Zero::with_noise(0.001) };
+        assert!((Budget::of(&averaged(0.0), &coarse, None).resolution_n - 0.010 / 12f64.sqrt()).abs() < 1e-12);
+        let hum = |whole_s| Some(Hum { amplitude_n: 0.01, hz: 50.0, whole_s });
+        let left_n = |whole_s| Budget::of(&averaged(0.0), &Zero { hum: hum(whole_s), ..coarse }, None).hum_n;
+        assert!((left_n(Some(0.02)) - 0.0001 / 2f64.sqrt()).abs() < 1e-12);
+        assert!((left_n(None) - 0.01 / (10.0 * std::f64::consts::PI) / 2f64.sqrt()).abs() < 1e-12);
+    }
+}
