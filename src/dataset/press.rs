@@ -196,6 +196,7 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         y_mm: 6.0,
         force_set_n: Some(1.0),
         force_n: Some(0.996_234_567),
+        u_force_n: Some(0.001_234_567),
         depth_mm: Some(0.812_345_6),
         t_s: Some(12.345_67),
         outputs: vec![0.1, -0.000_000_01],
@@ -215,16 +216,16 @@ mod tests {
         let press = example(3, 0).rounded();
         assert_eq!(
             csv_header(2),
-            "press,level,phase,x_mm,y_mm,force_set_n,force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
+            "press,level,phase,x_mm,y_mm,force_set_n,force_n,u_force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
         );
         assert_eq!(
             csv_line(&press),
-            "3,0,calibration,-5.5,6,1,0.996235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
+            "3,0,calibration,-5.5,6,1,0.996235,0.001235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
         );
         assert_eq!(
             press.to_json(),
             "{\"press\":3,\"level\":0,\"phase\":\"calibration\",\"x_mm\":-5.5,\"y_mm\":6.0,\"force_set_n\":1.0,\
-             \"force_n\":0.996235,\"depth_mm\":0.81235,\"t_s\":12.3457,\"out_1\":0.1,\"out_2\":0.0,\
+             \"force_n\":0.996235,\"u_force_n\":0.001235,\"depth_mm\":0.81235,\"t_s\":12.3457,\"out_1\":0.1,\"out_2\":0.0,\
              \"flags\":\"out-of-tolerance\",\"z_mm\":-0.9,\"air_before_n\":0.001,\"air_after_n\":null}"
         );
     }

@@ -183,7 +183,16 @@ mod tests {
     fn outputs_that_no_contact_moves_are_frozen() {
         let window = |outputs: Vec<f64>| {
             let (force_n, middle_s) = (1.0, 0.0);
-            Window { began: Instant::now(), force_n, middle_s, outputs, saturated: false, late: false }
+            Window {
+                began: Instant::now(),
+                force_n,
+                middle_s,
+                forces: 40,
+                seconds: 0.2,
+                outputs,
+                saturated: false,
+                late: false,
+            }
         };
         assert!(window(vec![0.0, 0.0]).is_frozen(None), "as in air");
         assert!(window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1])), "as in the contact before");
