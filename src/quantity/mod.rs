@@ -1,16 +1,19 @@
-//! The vocabulary, with units: places, limits, travel, the array's layout, force readings and random streams.
+//! The vocabulary, with units: places, limits, travel, the array's layout, force readings, what is known of a load
+//! cell's gain, and random streams.
 //!
 //! Units stand last in every name. Two frames are used and never mixed:
 //! the **stage frame** (what the controller counts in, [`Position`]) and the **specimen frame** ([`Place`] plus a
 //! `z_mm` that grows into the specimen and is zero at its nominal surface). [`Frame`] leads from one to the other.
 
 pub mod any_number;
+mod certificate;
 mod frame;
 mod layout;
 mod limits;
 mod reading;
 mod stream;
 
+pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StatedError, WeightCheck};
 pub use frame::{Axis, Down, Frame, Place, Position};
 pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};

@@ -3,7 +3,7 @@
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
 use crate::document::{Bounds, keys, words};
-use crate::quantity::Down;
+use crate::quantity::{COVERAGE, Down};
 
 pub(super) const UNITS_MAX: u64 = 4096;
 /// Most outputs of all units together.
@@ -18,6 +18,10 @@ const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 /// Most outputs of one unit.
 const CHANNELS_MAX: u64 = 16;
+/// Forces in certificates and of weights.
+const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
+const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
+const DATE: &str = "the day, as year-month-day";
 /// Largest output of any array.
 const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 
@@ -62,6 +66,37 @@ keys! {
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB1?baud=115200\"";
         conversions_hz: Number(CONVERSIONS), Refused, "how often it has a new reading", "200.0";
         lag_ms: Number(LATER), or(0.0), "how long its filter and its transport hold a force back", "2.0";
+        certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
+        check: Table(&check::KEYS), Allowed, "its gain as `palpate doctor --check-weight-n` found it";
+    }
+}
+
+keys! {
+    /// `certificate` of `[load_cell]`.
+    certificate {
+        number: Text, Refused, "its number, 1 to 64 characters", "\"K-2026-0815\"";
+        date: Text, Refused, DATE, "\"2026-05-04\"";
+        k: Number(within(1.0, 5.0, "")), or(COVERAGE), "coverage factor of the expanded uncertainty", "2.0";
+        full_scale_n: Number(FORCE), Allowed, "the full scale that `class_percent` is a share of", "5.0";
+    }
+    one of {
+        u_n: Number(FORCE), Allowed, "expanded uncertainty of a reading", "0.002";
+        u_percent: Number(PERCENT), Allowed, "expanded uncertainty of a reading, as a share of the force", "0.2";
+        class_percent: Number(PERCENT), Allowed, "limit of error either way, as a share of `full_scale_n`", "0.1";
+    }
+}
+
+keys! {
+    /// `check` of `[load_cell]`.
+    check {
+        weight_n: Number(FORCE), Refused, "the known weight's force", "0.5";
+        weight_u_n: Number(FORCE), Refused, "its expanded uncertainty, k = 2", "0.0005";
+        pull: Flag, or_flag(false), "whether it hung from the tip", "true";
+        gain: Number(within(-1000.0, 1000.0, "")), Refused, "what the cell read of it, as a share of it", "1.0101";
+        gain_sd: Number(within(0.0, 1000.0, "")), Refused, "standard deviation of that from time to time", "0.0002";
+        times: Whole(1, 1000), Refused, "how often it was put on", "3";
+        date: Text, Refused, DATE, "\"2026-05-04\"";
+        adjusted: Flag, or_flag(false), "whether readings are divided by the gain", "true";
     }
 }
 

@@ -3,6 +3,7 @@
 //! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
 //! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
 
+mod certificate;
 mod compare;
 mod driver;
 mod emulated;

@@ -1,5 +1,6 @@
 //! A rig's text, read into a [`RigSpec`].
 
+use super::certificate::{read_certificate, read_check};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
 use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
@@ -79,8 +80,19 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let driver = read_load_cell_driver(table, beside);
     let conversions_hz = table.number(&load_cell::conversions_hz);
     let lag_s = table.number(&load_cell::lag_ms).map(|ms| ms / 1000.0);
+    let certificate = or_wrong(table.table(&load_cell::certificate), read_certificate);
+    let check = or_wrong(table.table(&load_cell::check), read_check);
     let (driver, link) = driver?;
-    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s? })
+    let (certificate, check) = (certificate?, check?);
+    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, certificate, check })
+}
+
+/// What is read of a table that may be missing; none where it is there and wrong.
+fn or_wrong<T>(table: Option<Table>, read: impl Fn(&Table) -> Option<T>) -> Option<Option<T>> {
+    match table {
+        None => Some(None),
+        Some(table) => read(&table).map(Some),
+    }
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {

@@ -7,7 +7,7 @@ use crate::driver::daqmx::SharedAcquisition;
 use crate::driver::modbus::Profile;
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::Shared;
-use crate::quantity::{ArrayLayout, Axis, Down, Frame, Limits, Range, Travel};
+use crate::quantity::{ArrayLayout, Axis, Certificate, Down, Frame, Limits, Range, Travel, WeightCheck};
 use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
 use crate::wire::{ClaimError, Claims, Connector, Link};
@@ -71,6 +71,10 @@ pub struct LoadCellSpec {
     pub conversions_hz: f64,
     /// How long its filter and its transport hold a force back, s.
     pub lag_s: f64,
+    /// Its calibration certificate.
+    pub certificate: Option<Certificate>,
+    /// Its gain as a known weight showed it.
+    pub check: Option<WeightCheck>,
 }
 
 /// The array's part of a rig file.

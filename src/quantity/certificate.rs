@@ -1,0 +1,155 @@
+//! What is known of a load cell's gain: its certificate, and a check with a known weight.
+
+/// Coverage factor of an expanded uncertainty that doesn't state its own: 95 % of a normal distribution.
+pub const COVERAGE: f64 = 2.0;
+
+/// A load cell's gain that is farther from 1 than this is a fault, and is never adjusted for.
+pub const GAIN_OFF_MOST: f64 = 0.1;
+
+/// A load cell's calibration certificate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Certificate {
+    /// Its number.
+    pub number: String,
+    /// When the cell was calibrated, as year-month-day.
+    pub date: String,
+    /// What it states of a reading's error.
+    pub stated: StatedError,
+}
+
+/// What a certificate states of a reading's error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StatedError {
+    /// An expanded uncertainty and its coverage factor.
+    Expanded {
+        /// The expanded uncertainty, N.
+        u_n: f64,
+        /// Its coverage factor.
+        k: f64,
+    },
+    /// An expanded uncertainty as a share of the force, and its coverage factor.
+    Relative {
+        /// The expanded uncertainty, percent of the force.
+        u_percent: f64,
+        /// Its coverage factor.
+        k: f64,
+    },
+    /// Limits of error as a share of full scale: any error within them is as likely as another.
+    Class {
+        /// The limit of error either way, percent of full scale.
+        class_percent: f64,
+        /// Full scale, N.
+        full_scale_n: f64,
+    },
+}
+
+impl Certificate {
+    /// Standard uncertainty of a force of this size, N.
+    pub fn standard_uncertainty_n(&self, force_n: f64) -> f64 {
+        match self.stated {
+            StatedError::Expanded { u_n, k } => u_n / k,
+            StatedError::Relative { u_percent, k } => u_percent / 100.0 * force_n.abs() / k,
+            StatedError::Class { class_percent, full_scale_n } => class_percent / 100.0 * full_scale_n / 3f64.sqrt(),
+        }
+    }
+}
+
+/// A load cell's gain as a known weight showed it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WeightCheck {
+    /// The weight's force, N.
+    pub weight_n: f64,
+    /// Expanded uncertainty of the weight's force, k = 2, N.
+    pub weight_u_n: f64,
+    /// Whether the weight hung from the tip; else it lay on it and acted as contact does.
+    pub pull: bool,
+    /// What the cell read of the weight, as a share of it; negative where it read it with the wrong sign.
+    pub gain: f64,
+    /// Repeatability: standard deviation of the gain from one time to the next.
+    pub gain_sd: f64,
+    /// How often the weight was put on.
+    pub times: u32,
+    /// When, as year-month-day.
+    pub date: String,
+    /// Whether readings are divided by the gain from then on.
+    pub adjusted: bool,
+}
+
+impl WeightCheck {
+    /// Standard uncertainty of the gain: the weight's and the repeatability of the mean.
+    pub fn standard_uncertainty(&self) -> f64 {
+        let weight = self.gain.abs() * self.weight_u_n / COVERAGE / self.weight_n;
+        weight.hypot(self.gain_sd / f64::from(self.times.max(1)).sqrt())
+    }
+
+    /// What readings are divided by.
+    pub fn divisor(&self) -> f64 {
+        if self.adjusted { self.gain } else { 1.0 }
+    }
+
+    /// How far a gain may be from 1 before it is off: twice the standard uncertainty of this check and, where there is one, of
+    /// the certificate. A gain that was adjusted for no longer rests on the certificate.
+    pub fn explained(&self, certificate: Option<&Certificate>) -> f64 {
+        let certificate = certificate.filter(|_| !self.adjusted);
+        let stated = certificate.map_or(0.0, |stated| stated.standard_uncertainty_n(self.weight_n) / self.weight_n);
+        COVERAGE * self.standard_uncertainty().hypot(stated)
+    }
+
+    /// Whether the readings can be used: adjusted by a gain that is no fault, or a gain that is 1 as far as check and
+    /// certificate can tell.
+    pub fn is_sound(&self, certificate: Option<&Certificate>) -> bool {
+        let off = (self.gain - 1.0).abs();
+        off <= GAIN_OFF_MOST && (self.adjusted || off <= self.explained(certificate))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn certificate(stated: StatedError) -> Certificate {
+        Certificate { number: "1".to_owned(), date: "2026-05-04".to_owned(), stated }
+    }
+
+    fn check(gain: f64, adjusted: bool) -> WeightCheck {
+        WeightCheck {
+            weight_n: 0.5,
+            weight_u_n: 0.0005,
+            pull: false,
+            gain,
+            gain_sd: 0.0002,
+            times: 4,
+            date: "2026-05-04".to_owned(),
+            adjusted,
+        }
+    }
+
+    #[test]
+    fn a_standard_uncertainty_follows_from_each_way_to_state_an_error() {
+        let at = |stated, force_n| certificate(stated).standard_uncertainty_n(force_n);
+        assert_eq!(at(StatedError::Expanded { u_n: 0.002, k: 2.0 }, 0.7), 0.001);
+        assert_eq!(at(StatedError::Relative { u_percent: 0.2, k: 2.0 }, -1.0), 0.001);
+        let class = at(StatedError::Class { class_percent: 0.1, full_scale_n: 5.0 }, 1.0);
+        assert!((class - 0.005 / 3f64.sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_gain_has_the_uncertainty_of_the_weight_and_of_its_repetitions() {
+        let u = check(1.0, false).standard_uncertainty();
+        assert!((u - 0.0005f64.hypot(0.0001)).abs() < 1e-15, "{u}");
+    }
+
+    #[test]
+    fn a_gain_that_is_off_is_sound_only_once_it_is_adjusted_and_a_fault_never() {
+        assert!(check(1.0008, false).is_sound(None), "within 2 sd");
+        assert!(!check(1.0012, false).is_sound(None));
+        let stated = certificate(StatedError::Expanded { u_n: 0.002, k: 2.0 });
+        assert!(check(1.0040, false).is_sound(Some(&stated)), "0.2 % are the certificate's");
+        assert!(!check(1.0050, false).is_sound(Some(&stated)));
+        assert!(check(1.05, true).is_sound(Some(&stated)));
+        for fault in [0.5, 1.25, -1.0, f64::NAN] {
+            assert!(!check(fault, true).is_sound(None) && !check(fault, false).is_sound(None), "{fault}");
+        }
+        assert_eq!((check(1.05, true).divisor(), check(1.05, false).divisor()), (1.05, 1.0));
+    }
+}
