@@ -62,6 +62,14 @@ pub enum Rule {
     SurfaceElsewhere,
     /// The outputs moved before the first touch, and the force didn't.
     OutputsMoved,
+    /// The load cell's gain, as a known weight showed it, is off and isn't adjusted for.
+    GainOff,
+    /// No known weight came to rest on the load cell in time.
+    NoWeight,
+    /// The known weight wasn't taken off the load cell in time.
+    WeightLeftOn,
+    /// A known weight reads differently from time to time.
+    WeightUnsteady,
     /// A motion was asked for whose end point isn't safe.
     NotPermitted,
 }
@@ -90,6 +98,10 @@ impl Rule {
             Rule::SurfaceMoved => "surface-moved",
             Rule::SurfaceElsewhere => "surface-elsewhere",
             Rule::OutputsMoved => "outputs-moved",
+            Rule::GainOff => "gain-off",
+            Rule::NoWeight => "no-weight",
+            Rule::WeightLeftOn => "weight-left-on",
+            Rule::WeightUnsteady => "weight-unsteady",
             Rule::NotPermitted => "not-permitted",
         }
     }
@@ -121,6 +133,15 @@ impl Rule {
                 "the specimen is nearer than `frame.surface_mm` says: with a larger `uncertainty`, `palpate align` finds it"
             }
             Rule::OutputsMoved => "does the load cell measure? The array felt something that the load cell didn't",
+            Rule::GainOff => {
+                "the rig's `check` found that the load cell's gain is off: repair it and check it again, or adjust with \
+                 `palpate doctor --check-weight-n N --adjust`"
+            }
+            Rule::NoWeight => "was the weight put on, did it hang or lie still, and does the load cell measure?",
+            Rule::WeightLeftOn => "was the weight taken off, and does nothing touch the tip?",
+            Rule::WeightUnsteady => {
+                "does the weight act straight along z each time, and is it heavy enough for this cell?"
+            }
             Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
         }
     }

@@ -92,8 +92,8 @@ keys! {
         weight_n: Number(FORCE), Refused, "the known weight's force", "0.5";
         weight_u_n: Number(FORCE), Refused, "its expanded uncertainty, k = 2", "0.0005";
         pull: Flag, or_flag(false), "whether it hung from the tip", "true";
-        gain: Number(within(-1000.0, 1000.0, "")), Refused, "what the cell read of it, as a share of it", "1.0101";
-        gain_sd: Number(within(0.0, 1000.0, "")), Refused, "standard deviation of that from time to time", "0.0002";
+        gain: Number(within(-1e6, 1e6, "")), Refused, "what the cell read of it, as a share of it", "1.0101";
+        gain_sd: Number(within(0.0, 1e6, "")), Refused, "standard deviation of that from time to time", "0.0002";
         times: Whole(1, 1000), Refused, "how often it was put on", "3";
         date: Text, Refused, DATE, "\"2026-05-04\"";
         adjusted: Flag, or_flag(false), "whether readings are divided by the gain", "true";

@@ -1,5 +1,6 @@
 //! A rig's drivers put on their links.
 
+use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
 use super::simulated::{SceneProbe, SimulatedRig};
 use super::spec::{Dial, Driver, RigSpec, Wiring};
@@ -18,7 +19,7 @@ const DUPLEX_BYTES: usize = 4096;
 /// A rig with its drivers on their links. Nothing has been sent yet.
 pub struct OpenRig {
     /// The drivers.
-    pub instruments: Instruments<AnyStage, AnyLoadCell, AnyArray>,
+    pub instruments: Instruments<AnyStage, AdjustedCell, AnyArray>,
     /// How the stage is to be used.
     pub stage_use: StageUse,
     /// The truth behind a simulated rig.
@@ -87,7 +88,7 @@ impl RigSpec {
         let wiring = Wiring { rig: self, origin, scene, acquisition: OnceCell::new() };
         let instruments = Instruments {
             stage: self.stage_on(stage),
-            load_cell: self.load_cell.driver.open(load_cell, &wiring)?,
+            load_cell: AdjustedCell::new(self.load_cell.driver.open(load_cell, &wiring)?, &self.load_cell),
             array: self.array.driver.open(array, &wiring)?,
         };
         let probe = wiring.scene.map(|scene| SceneProbe { scene, origin });

@@ -5,6 +5,7 @@
 mod again;
 mod align;
 mod cancel;
+mod check_weight;
 mod clock;
 mod estimate;
 mod examine;
@@ -19,6 +20,7 @@ mod window;
 
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
+pub use check_weight::{Ask, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, verdict};
 pub use estimate::{estimated_s, first_descent};
 pub use examine::{CellInAir, Examination, examine};
 pub use pace::keep_pace;

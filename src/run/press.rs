@@ -173,7 +173,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// The reading at which the controller's own guard ends a motion: a little over what the watch trips at, N.
     fn guard_n(&self) -> f64 {
         let zero = self.hand.cell.watch.zero();
-        zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n
+        let reading_n = zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
+        reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
     }
 
     fn context(&self, place: Place, task: &Task, first_mm: f64) -> Context {

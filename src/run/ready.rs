@@ -46,6 +46,7 @@ pub(super) async fn make_ready<'a>(
     rig: OpenRig,
     conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    conditions.spec.load_cell.check_gain()?;
     conditions.cancel.preparing();
     let (mut hand, stage) = at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
     let stage_identity = stage?;

@@ -1,0 +1,303 @@
+//! `palpate doctor --check-weight-n`: what is asked of a person, what a known weight showed, and what the rig file then says.
+
+use super::exit::Failure;
+use super::rig_file::{check_text, replace};
+use super::summary::tell;
+use crate::dataset::round;
+use crate::quantity::{COVERAGE, GAIN_OFF_MOST, WeightCheck};
+use crate::rig::RigSpec;
+use crate::run::{Ask, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, verdict};
+use jiff::Zoned;
+use miette::IntoDiagnostic;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::Path;
+use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
+
+/// How well a weight is known whose uncertainty isn't given, as a share of it: its force may have been reckoned from its mass with
+/// 9.81 m/s^2, anywhere on earth.
+const UNSTATED_SHARE: f64 = 0.005;
+
+/// A weight that is known worse than this share of it tells too little of a gain.
+const U_SHARE_MOST: f64 = 0.02;
+
+/// Digits behind the point of a gain in a rig file.
+const GAIN_DECIMALS: i32 = 6;
+
+/// A check of the load cell with a known weight.
+#[derive(Debug, clap::Args)]
+pub struct WeightArgs {
+    /// Check the load cell with a known weight of this force, N, put on the tip when asked
+    #[arg(long, value_name = "N")]
+    check_weight_n: Option<f64>,
+    /// How well the weight's force is known, N: expanded uncertainty, k = 2 [default: 0.5 % of it]
+    #[arg(long, value_name = "N", requires = "check_weight_n")]
+    check_weight_u_n: Option<f64>,
+    /// The weight acts as contact does; the default
+    #[arg(long, requires = "check_weight_n", conflicts_with = "pull")]
+    push: bool,
+    /// The weight hangs from the tip and acts the other way
+    #[arg(long, requires = "check_weight_n")]
+    pull: bool,
+    /// Divide readings by the gain that the check finds, from now on
+    #[arg(long, requires = "check_weight_n")]
+    adjust: bool,
+}
+
+/// What came of a check.
+pub struct Concluded {
+    /// For a person.
+    pub text: String,
+    /// For a program.
+    pub told: WeightTold,
+    /// Why the load cell can't be trusted.
+    pub failure: Option<Failure>,
+}
+
+/// What `--json` prints of a check.
+#[derive(Serialize)]
+pub struct WeightTold {
+    weight_n: f64,
+    weight_u_n: f64,
+    pull: bool,
+    gains: Vec<f64>,
+    gain: f64,
+    gain_sd: f64,
+    gain_u: f64,
+    explained: f64,
+    verdict: &'static str,
+    cause: Option<&'static str>,
+    adjusted: bool,
+    written: bool,
+}
+
+impl WeightArgs {
+    /// The weight that is asked for, if one is.
+    pub fn weight(&self, rig: &RigSpec) -> Result<Option<KnownWeight>, Failure> {
+        let Some(weight_n) = self.check_weight_n else { return Ok(None) };
+        let limit_n = rig.limits.force_n;
+        // asked for what must hold, so that a NaN is refused
+        let is_borne = weight_n > 0.0 && weight_n <= limit_n;
+        if !is_borne {
+            let help = "take a lighter weight: nothing was moved";
+            let told = miette::miette!(
+                help = help,
+                "--check-weight-n is {weight_n} N, expected over 0 and at most the rig's force limit of {limit_n} N"
+            );
+            return Err(Failure::usage(told));
+        }
+        let (u_n, most_n) = (self.check_weight_u_n.unwrap_or(UNSTATED_SHARE * weight_n), U_SHARE_MOST * weight_n);
+        let is_known = u_n > 0.0 && u_n <= most_n;
+        if !is_known {
+            let help = "a weight that is known worse says too little of a gain: nothing was moved";
+            let told = miette::miette!(
+                help = help,
+                "--check-weight-u-n is {u_n} N, expected over 0 and at most {most_n} N, {} % of the weight",
+                100.0 * U_SHARE_MOST
+            );
+            return Err(Failure::usage(told));
+        }
+        Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull }))
+    }
+}
+
+/// Asks a person for the weight. A closed standard error stops nothing: the cell shows what was done.
+pub fn ask(what: Ask, weight: Option<KnownWeight>) {
+    let Some(KnownWeight { weight_n, pull, .. }) = weight else { return };
+    let wait_s = WEIGHT_WAIT.as_secs();
+    let _ = match what {
+        Ask::PutOn(time) => {
+            let how = if pull { "hang the weight from the tip" } else { "put the weight on the tip" };
+            tell(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
+        }
+        Ask::TakeOff(time) => tell(&format!("take it off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n")),
+    };
+}
+
+/// Judges what a weight showed and writes it to the rig file: `place` is the file, the text that was read of it, and whether
+/// emulators stand in for real links.
+pub fn concluded(
+    args: &WeightArgs,
+    weighed: &Weighed,
+    rig: &RigSpec,
+    (file, text, invented): (&Path, &str, bool),
+) -> Result<Concluded, Failure> {
+    let found = weighed.check(&Zoned::now().date().to_string(), false);
+    let found =
+        WeightCheck { gain: round(found.gain, GAIN_DECIMALS), gain_sd: round(found.gain_sd, GAIN_DECIMALS), ..found };
+    let (before, certificate) = (rig.load_cell.check.as_ref(), rig.load_cell.certificate.as_ref());
+    let judged = verdict(&found, before, certificate);
+    let adjusts = args.adjust && found.is_adjustable();
+    let adjusted_before = before.filter(|before| before.adjusted);
+    let check = WeightCheck { adjusted: adjusts, ..found.clone() };
+    // a gain that readings are adjusted for is changed only where a person asks for it, or where it is wrong
+    let stays = judged == Verdict::Verified && !adjusts && adjusted_before.is_some();
+    let unwritten = match (stays, invented) {
+        (true, _) => Some("the rig's `check` stays as it is"),
+        (false, true) => Some("not written: a real load cell's gain isn't a simulated one's"),
+        _ => None,
+    };
+    if unwritten.is_none() {
+        let changed = with_check(text, &check).into_diagnostic().map_err(Failure::usage)?;
+        check_text(file, &changed)?;
+        replace(file, text, &changed)?;
+    }
+    let mut told = format!("\n{:<11}{:.4} of a weight of {} N", "gain", found.gain, found.weight_n);
+    // writing to a string can't fail
+    let _ = writeln!(
+        told,
+        ", known within {} N\n{:<11}standard uncertainty {:.5}; {:.5} (sd) from time to time, {} times",
+        found.weight_u_n,
+        "",
+        found.standard_uncertainty(),
+        found.gain_sd,
+        found.times
+    );
+    let explained = explained(&found, adjusted_before, rig);
+    let reference = adjusted_before.map_or(1.0, |before| before.gain);
+    let off_percent = 100.0 * (found.gain / reference - 1.0);
+    let from = adjusted_before.map_or_else(String::new, |before| format!(" from the {} adjusted for", before.gain));
+    let _ = match judged {
+        Verdict::Verified => {
+            writeln!(told, "{:<11}verified: {off_percent:+.2} %{from}; {:.2} % is explained", "", 100.0 * explained)
+        }
+        Verdict::Off => {
+            writeln!(told, "{:<11}off by {off_percent:+.2} %{from}; {:.2} % is explained", "", 100.0 * explained)
+        }
+        Verdict::WrongSign => writeln!(told, "{:<11}its sign is wrong", ""),
+        Verdict::Fault(_) => writeln!(told, "{:<11}a fault: too far off to be adjusted for", ""),
+    };
+    if adjusts {
+        let _ = writeln!(told, "{:<11}adjusted: readings are divided by {} from now on", "", found.gain);
+    }
+    let written =
+        unwritten.map_or_else(|| format!("written: `check` of [load_cell] in {}", file.display()), str::to_owned);
+    let _ = writeln!(told, "\n{written}");
+    let (name, cause) = match judged {
+        _ if adjusts => ("adjusted", None),
+        Verdict::Verified => ("verified", None),
+        Verdict::Off => ("off", None),
+        Verdict::WrongSign => ("wrong-sign", None),
+        Verdict::Fault(cause) => ("fault", cause),
+    };
+    let told_json = WeightTold {
+        weight_n: found.weight_n,
+        weight_u_n: found.weight_u_n,
+        pull: found.pull,
+        gains: weighed.gains.clone(),
+        gain: found.gain,
+        gain_sd: found.gain_sd,
+        gain_u: found.standard_uncertainty(),
+        explained,
+        verdict: name,
+        cause,
+        adjusted: adjusts,
+        written: unwritten.is_none(),
+    };
+    let failure = if adjusts { None } else { failure(judged, &found, off_percent, explained) };
+    Ok(Concluded { text: told, told: told_json, failure })
+}
+
+/// How far the gain may be off, as far as the weight and what stood before explain it.
+fn explained(found: &WeightCheck, adjusted_before: Option<&WeightCheck>, rig: &RigSpec) -> f64 {
+    match adjusted_before {
+        Some(before) => {
+            COVERAGE * (found.standard_uncertainty() / found.gain).hypot(before.standard_uncertainty() / before.gain)
+        }
+        None => found.explained(rig.load_cell.certificate.as_ref()),
+    }
+}
+
+/// Why the load cell can't be trusted after a check, and what to do.
+fn failure(judged: Verdict, found: &WeightCheck, off_percent: f64, explained: f64) -> Option<Failure> {
+    let WeightCheck { gain, weight_n, pull, .. } = found;
+    let report = match judged {
+        Verdict::Verified => return None,
+        Verdict::Off => miette::miette!(
+            help = "a run on this rig is refused until it is repaired and checked again, or adjusted: say --adjust",
+            "checking the load cell with {weight_n} N: its gain is off by {off_percent:+.2} %, and weight and certificate explain \
+             {:.2} %",
+            100.0 * explained
+        ),
+        Verdict::WrongSign => {
+            let (acted, read, other) =
+                if *pull { ("pulled", "positive", "--push") } else { ("pressed", "negative", "--pull") };
+            let help = format!(
+                "swap the cell's signal wires or set its sign; did the weight act the other way, say {other}. Then check again: a \
+                 run on this rig is refused until then"
+            );
+            miette::miette!(
+                help = help,
+                "checking the load cell with {weight_n} N: its sign is wrong. The weight {acted}, and the cell read it {read} \
+                 ({gain:.3} of it)"
+            )
+        }
+        Verdict::Fault(cause) => {
+            let may_be = cause.map_or_else(
+                || {
+                    "is the cell's range in the transmitter the one on its plate, and is this the right weight?"
+                        .to_owned()
+                },
+                |cause| format!("it looks as if {cause}"),
+            );
+            let help = format!("{may_be}; then check again: a run on this rig is refused until then");
+            miette::miette!(
+                help = help,
+                "checking the load cell with {weight_n} N: it read {gain:.4} of the weight. Farther off than {} % is a fault, and \
+                 isn't adjusted for",
+                100.0 * GAIN_OFF_MOST
+            )
+        }
+    };
+    Some(Failure::untrusted(report))
+}
+
+/// The rig's text with the check; all else, comments too, as it was.
+fn with_check(text: &str, check: &WeightCheck) -> Result<String, toml_edit::TomlError> {
+    let mut document: DocumentMut = text.parse()?;
+    let WeightCheck { weight_n, weight_u_n, pull, gain, gain_sd, times, date, adjusted } = check;
+    let mut table = InlineTable::new();
+    let numbers = [("weight_n", *weight_n), ("weight_u_n", *weight_u_n), ("gain", *gain), ("gain_sd", *gain_sd)];
+    table.extend(numbers.map(|(key, number)| (key, Value::from(number))));
+    table.insert("times", Value::from(i64::from(*times)));
+    table.insert("date", Value::from(date.as_str()));
+    for (key, flag) in [("pull", *pull), ("adjusted", *adjusted)] {
+        if flag {
+            table.insert(key, Value::from(true));
+        }
+    }
+    table.fmt();
+    let mut new = value(table);
+    let old = document["load_cell"].get("check").and_then(Item::as_value);
+    if let (Some(old), Item::Value(new)) = (old, &mut new) {
+        *new.decor_mut() = old.decor().clone();
+    }
+    document["load_cell"]["check"] = new;
+    Ok(document.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(adjusted: bool) -> WeightCheck {
+        let (weight_n, weight_u_n, gain, gain_sd) = (0.5, 0.0005, 1.0101, 0.0002);
+        let date = "2026-05-04".to_owned();
+        WeightCheck { weight_n, weight_u_n, pull: false, gain, gain_sd, times: 3, date, adjusted }
+    }
+
+    #[test]
+    fn a_check_is_written_and_nothing_else_changes() {
+        let text = "# mine\n[load_cell] # a cell\nlink = \"sim\"  # here\n\n[array]\nlink = \"sim\"\n";
+        let line = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.0101, gain_sd = 0.0002, times = 3, date = \
+                    \"2026-05-04\", adjusted = true }";
+        let written = with_check(text, &check(true)).unwrap();
+        assert_eq!(written, text.replacen("\n\n[array]", &format!("\n{line}\n\n[array]"), 1));
+        let commented = written.replacen("true }", "true }  # by me", 1);
+        let again = with_check(&commented, &check(false)).unwrap();
+        assert_eq!(again, commented.replacen(", adjusted = true }", " }", 1));
+        let table = "[load_cell]\nlink = \"sim\"\n\n[load_cell.check]\ngain = 3.0\n\n[array]\n";
+        let written = with_check(table, &check(true)).unwrap();
+        assert!(written.contains(line) && !written.contains("3.0"), "{written}");
+    }
+}
