@@ -268,11 +268,15 @@ fn with_check(text: &str, check: &WeightCheck) -> Result<String, toml_edit::Toml
     }
     table.fmt();
     let mut new = value(table);
-    let old = document["load_cell"].get("check").and_then(Item::as_value);
+    let cell = &mut document["load_cell"];
+    if let Some(cell) = cell.as_table_like_mut().filter(|cell| cell.get("check").is_some_and(Item::is_table)) {
+        cell.remove("check"); // it becomes a line
+    }
+    let old = cell.get("check").and_then(Item::as_value);
     if let (Some(old), Item::Value(new)) = (old, &mut new) {
         *new.decor_mut() = old.decor().clone();
     }
-    document["load_cell"]["check"] = new;
+    cell["check"] = new;
     Ok(document.to_string())
 }
 

@@ -46,6 +46,10 @@ pub enum Rule {
     Fallen,
     /// The contact pushes harder than the declared stiffness lets it.
     HardContact,
+    /// At the first press the force rises less than the declared least stiffness makes it.
+    SofterThanDeclared,
+    /// The force rises much less than at the presses around.
+    SofterThanTaught,
     /// The stage hasn't said for too long that a motion ended.
     StageSilent,
     /// No contact where the surface must be.
@@ -90,6 +94,8 @@ impl Rule {
             Rule::NoResponse => "no-response",
             Rule::Fallen => "fallen",
             Rule::HardContact => "hard-contact",
+            Rule::SofterThanDeclared => "softer-than-declared",
+            Rule::SofterThanTaught => "softer-than-taught",
             Rule::StageSilent => "stage-silent",
             Rule::NoContact => "no-contact",
             Rule::StillTouching => "still-touching",
@@ -121,6 +127,13 @@ impl Rule {
             Rule::NoResponse => "does the load cell still measure, and has the specimen not slipped away?",
             Rule::Fallen => "has the specimen slipped or torn, or has the load cell's cable come loose?",
             Rule::HardContact => "what does the indenter press on? Is `limits.stiffness_n_mm` right for it?",
+            Rule::SofterThanDeclared => {
+                "does the load cell read too little (`palpate doctor --check-weight-n`)? Or is the specimen softer than \
+                 `limits.stiffness_least_n_mm`?"
+            }
+            Rule::SofterThanTaught => {
+                "does the load cell read less than before (`palpate doctor --check-weight-n`)? Or has the specimen torn or slipped?"
+            }
             Rule::StageSilent => "is the stage's link slow or broken? The motion has ended by itself",
             Rule::NoContact => {
                 "is the specimen where `frame.surface_mm` says? With a larger `uncertainty`, `palpate align` finds it"

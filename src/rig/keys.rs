@@ -144,6 +144,8 @@ keys! {
             "the deepest that it may be pressed, from its surface as touched there", "1.6";
         stiffness_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Refused,
             "the largest stiffness that it shows, relaxation included", "2.0";
+        stiffness_least_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Allowed,
+            "the least that it shows where it is pressed first: a load cell that reads too little is found by it", "0.8";
     }
 }
 

@@ -34,6 +34,8 @@ pub struct RigSpec {
     pub array: ArraySpec,
     /// What the specimen bears.
     pub limits: Limits,
+    /// The least stiffness that the specimen shows, N/mm: a cell that reads too little makes it look softer; none: not declared.
+    pub stiffness_least_n_mm: Option<f64>,
     /// Where the specimen is.
     pub frame: Frame,
     /// What is simulated when links are; the paper's where the file has no `[scene]`.
