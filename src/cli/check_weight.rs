@@ -4,13 +4,12 @@ use super::exit::Failure;
 use super::rig_file::{check_text, replace};
 use super::summary::tell;
 use crate::dataset::round;
-use crate::quantity::{COVERAGE, GAIN_OFF_MOST, WeightCheck};
+use crate::quantity::{GAIN_OFF_MOST, WeightCheck};
 use crate::rig::RigSpec;
-use crate::run::{Ask, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, verdict};
+use crate::run::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
 use jiff::Zoned;
 use miette::IntoDiagnostic;
 use serde::Serialize;
-use std::fmt::Write as _;
 use std::path::Path;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 
@@ -64,10 +63,10 @@ pub struct WeightTold {
     gain: f64,
     gain_sd: f64,
     gain_u: f64,
+    off: f64,
     explained: f64,
     verdict: &'static str,
     cause: Option<&'static str>,
-    adjusted: bool,
     written: bool,
 }
 
@@ -123,15 +122,15 @@ pub fn concluded(
     (file, text, invented): (&Path, &str, bool),
 ) -> Result<Concluded, Failure> {
     let found = weighed.check(&Zoned::now().date().to_string(), false);
-    let found =
-        WeightCheck { gain: round(found.gain, GAIN_DECIMALS), gain_sd: round(found.gain_sd, GAIN_DECIMALS), ..found };
-    let (before, certificate) = (rig.load_cell.check.as_ref(), rig.load_cell.certificate.as_ref());
-    let judged = verdict(&found, before, certificate);
-    let adjusts = args.adjust && found.is_adjustable();
-    let adjusted_before = before.filter(|before| before.adjusted);
-    let check = WeightCheck { adjusted: adjusts, ..found.clone() };
+    let (gain, gain_sd) = (round(found.gain, GAIN_DECIMALS), round(found.gain_sd, GAIN_DECIMALS));
+    let found = WeightCheck { gain, gain_sd, ..found };
+    let before = rig.load_cell.check.as_ref();
+    let certificate = rig.load_cell.certificate.as_ref();
+    let judged = judged(&found, before, certificate);
+    let check = WeightCheck { adjusted: args.adjust && found.is_adjustable(), ..found };
+    let adjusted_before = before.filter(|before| before.adjusted).map(|before| before.gain);
     // a gain that readings are adjusted for is changed only where a person asks for it, or where it is wrong
-    let stays = judged == Verdict::Verified && !adjusts && adjusted_before.is_some();
+    let stays = judged.verdict == Verdict::Verified && !check.adjusted && adjusted_before.is_some();
     let unwritten = match (stays, invented) {
         (true, _) => Some("the rig's `check` stays as it is"),
         (false, true) => Some("not written: a real load cell's gain isn't a simulated one's"),
@@ -142,114 +141,105 @@ pub fn concluded(
         check_text(file, &changed)?;
         replace(file, text, &changed)?;
     }
-    let mut told = format!("\n{:<11}{:.4} of a weight of {} N", "gain", found.gain, found.weight_n);
-    // writing to a string can't fail
-    let _ = writeln!(
-        told,
-        ", known within {} N\n{:<11}standard uncertainty {:.5}; {:.5} (sd) from time to time, {} times",
-        found.weight_u_n,
-        "",
-        found.standard_uncertainty(),
-        found.gain_sd,
-        found.times
-    );
-    let explained = explained(&found, adjusted_before, rig);
-    let reference = adjusted_before.map_or(1.0, |before| before.gain);
-    let off_percent = 100.0 * (found.gain / reference - 1.0);
-    let from = adjusted_before.map_or_else(String::new, |before| format!(" from the {} adjusted for", before.gain));
-    let _ = match judged {
-        Verdict::Verified => {
-            writeln!(told, "{:<11}verified: {off_percent:+.2} %{from}; {:.2} % is explained", "", 100.0 * explained)
-        }
-        Verdict::Off => {
-            writeln!(told, "{:<11}off by {off_percent:+.2} %{from}; {:.2} % is explained", "", 100.0 * explained)
-        }
-        Verdict::WrongSign => writeln!(told, "{:<11}its sign is wrong", ""),
-        Verdict::Fault(_) => writeln!(told, "{:<11}a fault: too far off to be adjusted for", ""),
+    let written = format!("written: `check` of [load_cell] in {}", file.display());
+    let text = format!("{}\n{}\n", described(&check, judged, adjusted_before), unwritten.unwrap_or(&written));
+    let told = told(&check, judged, weighed, unwritten.is_none());
+    let failure = if check.adjusted { None } else { failure(&check, judged, check.is_sound(certificate)) };
+    Ok(Concluded { text, told, failure })
+}
+
+/// What a weight showed, for a person.
+fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) -> String {
+    let WeightCheck { weight_n, weight_u_n, gain, gain_sd, times, adjusted, .. } = check;
+    let Judged { verdict, off, explained } = judged;
+    let (off_percent, explained_percent) = (100.0 * off, 100.0 * explained);
+    let from = adjusted_before.map_or_else(String::new, |gain| format!(" from the {gain} adjusted for"));
+    let verdict = match verdict {
+        Verdict::Verified => format!("verified: {off_percent:+.2} %{from}; {explained_percent:.2} % is explained"),
+        Verdict::Off => format!("off by {off_percent:+.2} %{from}; {explained_percent:.2} % is explained"),
+        Verdict::WrongSign => "its sign is wrong".to_owned(),
+        Verdict::Fault(_) => "a fault: too far off to be adjusted for".to_owned(),
     };
-    if adjusts {
-        let _ = writeln!(told, "{:<11}adjusted: readings are divided by {} from now on", "", found.gain);
+    let mut lines = vec![
+        format!("{gain:.4} of a weight of {weight_n} N, known within {weight_u_n} N"),
+        format!(
+            "standard uncertainty {:.5}; {gain_sd:.5} (sd) from time to time, {times} times",
+            check.standard_uncertainty()
+        ),
+        verdict,
+    ];
+    if *adjusted {
+        lines.push(format!("adjusted: readings are divided by {gain} from now on"));
     }
-    let written =
-        unwritten.map_or_else(|| format!("written: `check` of [load_cell] in {}", file.display()), str::to_owned);
-    let _ = writeln!(told, "\n{written}");
-    let (name, cause) = match judged {
-        _ if adjusts => ("adjusted", None),
+    let line = |(n, line): (usize, &String)| format!("{:<11}{line}\n", if n == 0 { "gain" } else { "" });
+    format!("\n{}", lines.iter().enumerate().map(line).collect::<String>())
+}
+
+/// The same for a program.
+fn told(check: &WeightCheck, judged: Judged, weighed: &Weighed, written: bool) -> WeightTold {
+    let (verdict, cause) = match judged.verdict {
+        _ if check.adjusted => ("adjusted", None),
         Verdict::Verified => ("verified", None),
         Verdict::Off => ("off", None),
         Verdict::WrongSign => ("wrong-sign", None),
         Verdict::Fault(cause) => ("fault", cause),
     };
-    let told_json = WeightTold {
-        weight_n: found.weight_n,
-        weight_u_n: found.weight_u_n,
-        pull: found.pull,
+    WeightTold {
+        weight_n: check.weight_n,
+        weight_u_n: check.weight_u_n,
+        pull: check.pull,
         gains: weighed.gains.clone(),
-        gain: found.gain,
-        gain_sd: found.gain_sd,
-        gain_u: found.standard_uncertainty(),
-        explained,
-        verdict: name,
+        gain: check.gain,
+        gain_sd: check.gain_sd,
+        gain_u: check.standard_uncertainty(),
+        off: judged.off,
+        explained: judged.explained,
+        verdict,
         cause,
-        adjusted: adjusts,
-        written: unwritten.is_none(),
-    };
-    let failure = if adjusts { None } else { failure(judged, &found, off_percent, explained) };
-    Ok(Concluded { text: told, told: told_json, failure })
-}
-
-/// How far the gain may be off, as far as the weight and what stood before explain it.
-fn explained(found: &WeightCheck, adjusted_before: Option<&WeightCheck>, rig: &RigSpec) -> f64 {
-    match adjusted_before {
-        Some(before) => {
-            COVERAGE * (found.standard_uncertainty() / found.gain).hypot(before.standard_uncertainty() / before.gain)
-        }
-        None => found.explained(rig.load_cell.certificate.as_ref()),
+        written,
     }
 }
 
-/// Why the load cell can't be trusted after a check, and what to do.
-fn failure(judged: Verdict, found: &WeightCheck, off_percent: f64, explained: f64) -> Option<Failure> {
-    let WeightCheck { gain, weight_n, pull, .. } = found;
-    let report = match judged {
+/// Why the load cell can't be trusted after a check, and what to do. `is_sound`: a run takes the gain as it is now.
+fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failure> {
+    let WeightCheck { gain, weight_n, pull, .. } = check;
+    let (told, help) = match judged.verdict {
         Verdict::Verified => return None,
-        Verdict::Off => miette::miette!(
-            help = "a run on this rig is refused until it is repaired and checked again, or adjusted: say --adjust",
-            "checking the load cell with {weight_n} N: its gain is off by {off_percent:+.2} %, and weight and certificate explain \
-             {:.2} %",
-            100.0 * explained
-        ),
+        Verdict::Off => {
+            let (off_percent, explained_percent) = (100.0 * judged.off, 100.0 * judged.explained);
+            let told = format!("its gain is off by {off_percent:+.2} %, and {explained_percent:.2} % can be explained");
+            let help = if is_sound {
+                "readings are no longer adjusted for, since the cell reads right by itself: was it repaired?"
+            } else {
+                "say --adjust, or repair the cell and check it again"
+            };
+            (told, help.to_owned())
+        }
         Verdict::WrongSign => {
             let (acted, read, other) =
                 if *pull { ("pulled", "positive", "--push") } else { ("pressed", "negative", "--pull") };
-            let help = format!(
-                "swap the cell's signal wires or set its sign; did the weight act the other way, say {other}. Then check again: a \
-                 run on this rig is refused until then"
-            );
-            miette::miette!(
-                help = help,
-                "checking the load cell with {weight_n} N: its sign is wrong. The weight {acted}, and the cell read it {read} \
-                 ({gain:.3} of it)"
+            let told = format!("its sign is wrong. The weight {acted}, and the cell read it {read} ({gain:.3} of it)");
+            (
+                told,
+                format!("swap the cell's signal wires or set its sign; did the weight act the other way, say {other}"),
             )
         }
         Verdict::Fault(cause) => {
-            let may_be = cause.map_or_else(
-                || {
-                    "is the cell's range in the transmitter the one on its plate, and is this the right weight?"
-                        .to_owned()
-                },
-                |cause| format!("it looks as if {cause}"),
+            let most_percent = 100.0 * GAIN_OFF_MOST;
+            let told = format!(
+                "it read {gain:.4} of the weight. Farther off than {most_percent} % is a fault, and isn't adjusted for"
             );
-            let help = format!("{may_be}; then check again: a run on this rig is refused until then");
-            miette::miette!(
-                help = help,
-                "checking the load cell with {weight_n} N: it read {gain:.4} of the weight. Farther off than {} % is a fault, and \
-                 isn't adjusted for",
-                100.0 * GAIN_OFF_MOST
-            )
+            let help = match cause {
+                Some(cause) => format!("it looks as if {cause}"),
+                None => "is the cell's range in the transmitter the one on its plate, and is this the right weight?"
+                    .to_owned(),
+            };
+            (told, help)
         }
     };
-    Some(Failure::untrusted(report))
+    let until = if is_sound { "" } else { ". A run on this rig is refused until then" };
+    let help = format!("{help}{until}");
+    Some(Failure::untrusted(miette::miette!(help = help, "checking the load cell with {weight_n} N: {told}")))
 }
 
 /// The rig's text with the check; all else, comments too, as it was.

@@ -239,10 +239,21 @@ impl Scale {
     }
 }
 
-/// What came of a check: how the gain stands to what the rig adjusts for so far.
+/// What came of a check.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// Whether the cell can be relied on.
+    pub verdict: Verdict,
+    /// How far the gain is from what it should be, as a share: from 1, or from the gain that the rig adjusts for.
+    pub off: f64,
+    /// How far that can be explained, as a share.
+    pub explained: f64,
+}
+
+/// Whether a load cell can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The gain is what it should be, as far as check and certificate can tell.
+    /// The gain is what it should be, as far as weight and certificate can tell.
     Verified,
     /// It is off, by no more than can be adjusted for.
     Off,
@@ -263,23 +274,26 @@ const UNITS: [(f64, &str); 6] = [
 ];
 const UNIT_NEAR: f64 = 0.03;
 
-/// Judges a check. `before` is what the rig holds so far; a gain that it adjusts for is what the new one is compared with.
-pub fn verdict(new: &WeightCheck, before: Option<&WeightCheck>, certificate: Option<&Certificate>) -> Verdict {
-    if new.gain < 0.0 {
-        return Verdict::WrongSign;
-    }
-    if !new.is_adjustable() {
-        let near = |(ratio, _): &&(f64, &str)| (new.gain / ratio - 1.0).abs() < UNIT_NEAR;
-        return Verdict::Fault(UNITS.iter().find(near).map(|(_, told)| *told));
-    }
-    let sound = match before.filter(|before| before.adjusted) {
+/// Judges a check of a cell's own readings. `before` is what the rig holds so far.
+pub fn judged(new: &WeightCheck, before: Option<&WeightCheck>, certificate: Option<&Certificate>) -> Judged {
+    let (off, explained) = match before.filter(|before| before.adjusted) {
         Some(before) => {
             let u = (new.standard_uncertainty() / new.gain).hypot(before.standard_uncertainty() / before.gain);
-            (new.gain / before.gain - 1.0).abs() <= COVERAGE * u
+            (new.gain / before.gain - 1.0, COVERAGE * u)
         }
-        None => new.is_sound(certificate),
+        None => (new.gain - 1.0, new.explained(certificate)),
     };
-    if sound { Verdict::Verified } else { Verdict::Off }
+    let verdict = if new.gain < 0.0 {
+        Verdict::WrongSign
+    } else if !new.is_adjustable() {
+        let near = |(ratio, _): &&(f64, &str)| (new.gain / ratio - 1.0).abs() < UNIT_NEAR;
+        Verdict::Fault(UNITS.iter().find(near).map(|(_, told)| *told))
+    } else if off.abs() <= explained {
+        Verdict::Verified
+    } else {
+        Verdict::Off
+    };
+    Judged { verdict, off, explained }
 }
 
 #[cfg(test)]
@@ -291,26 +305,30 @@ mod tests {
         Weighed { weight, gains: vec![gain; 3], noise: 0.0001 }.check("2026-05-04", false)
     }
 
+    fn verdict(new: &WeightCheck, before: Option<&WeightCheck>) -> Verdict {
+        judged(new, before, None).verdict
+    }
+
     #[test]
     fn a_gain_is_judged_by_what_the_rig_adjusts_for() {
-        assert_eq!(verdict(&check(1.0005), None, None), Verdict::Verified);
-        assert_eq!(verdict(&check(1.01), None, None), Verdict::Off);
+        assert_eq!(verdict(&check(1.0005), None), Verdict::Verified);
+        assert_eq!(verdict(&check(1.01), None), Verdict::Off);
         let adjusted = WeightCheck { adjusted: true, ..check(1.0101) };
-        assert_eq!(verdict(&check(1.01), Some(&adjusted), None), Verdict::Verified);
-        assert_eq!(verdict(&check(1.0), Some(&adjusted), None), Verdict::Off);
-        assert_eq!(verdict(&check(1.0), Some(&check(1.02)), None), Verdict::Verified);
+        assert_eq!(verdict(&check(1.01), Some(&adjusted)), Verdict::Verified);
+        assert_eq!(verdict(&check(1.0), Some(&adjusted)), Verdict::Off);
+        assert_eq!(verdict(&check(1.0), Some(&check(1.02))), Verdict::Verified);
     }
 
     #[test]
     fn a_fault_is_named_where_its_ratio_is_one_of_units() {
-        assert_eq!(verdict(&check(-1.0), None, None), Verdict::WrongSign);
+        assert_eq!(verdict(&check(-1.0), None), Verdict::WrongSign);
         for gain in [0.5, 0.8, 1.25, 0.0] {
-            assert_eq!(verdict(&check(gain), None, None), Verdict::Fault(None), "{gain}");
+            assert_eq!(verdict(&check(gain), None), Verdict::Fault(None), "{gain}");
         }
         for (gain, word) in
             [(0.102, "kilogram"), (9.81, "given in kilograms"), (102.0, "gram-force"), (0.2248, "pound")]
         {
-            let Verdict::Fault(Some(told)) = verdict(&check(gain), None, None) else { panic!("{gain}") };
+            let Verdict::Fault(Some(told)) = verdict(&check(gain), None) else { panic!("{gain}") };
             assert!(told.contains(word), "{gain}: {told}");
         }
     }

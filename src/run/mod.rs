@@ -20,7 +20,7 @@ mod window;
 
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
-pub use check_weight::{Ask, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, verdict};
+pub use check_weight::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged};
 pub use estimate::{estimated_s, first_descent};
 pub use examine::{CellInAir, Examination, examine};
 pub use pace::keep_pace;

@@ -7,7 +7,7 @@ use crate::support::walks::{BENCHES, bench, end_of, in_parallel, in_virtual_time
 use palpate::quantity::WeightCheck;
 use palpate::recipe::Phase;
 use palpate::rig::RigSpec;
-use palpate::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, verdict};
+use palpate::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
 
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
@@ -98,8 +98,8 @@ fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what
                 let mut spec = with_gain(name, gain);
                 spec.stiffness_least_n_mm = least_n_mm;
                 let check = checked(&spec, 0.001, 1, false);
-                let judged = verdict(&check, None, None);
-                assert!(matches!(judged, Verdict::Fault(_) | Verdict::WrongSign), "{name}, {gain}: {judged:?}");
+                let verdict = judged(&check, None, None).verdict;
+                assert!(matches!(verdict, Verdict::Fault(_) | Verdict::WrongSign), "{name}, {gain}: {verdict:?}");
                 assert!((check.gain - gain).abs() < 0.003, "{name}: {check:?}");
                 let with = RigSpec {
                     load_cell: palpate::rig::LoadCellSpec { check: Some(check), ..spec.load_cell.clone() },
