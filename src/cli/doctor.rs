@@ -195,6 +195,7 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
         }
         None => {}
     }
+    advice.extend(spec.load_cell.check_gain().err().map(|trip| format!("load_cell: {trip}")));
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s)
         && approach_mm_s < SLOW_MM_S
     {

@@ -32,7 +32,8 @@ pub struct Examination {
     pub reaction: Option<Reaction>,
     /// The fastest approach that follows, mm/s.
     pub approach_mm_s: Option<f64>,
-    /// What a known weight showed, or why it showed nothing, where one was asked for; none too where stage or load cell weren't of use.
+    /// What a known weight showed, or why it showed nothing, where one was asked for; none too where stage or load cell weren't of
+    /// use.
     pub weighed: Option<Result<Weighed, Trip>>,
 }
 
@@ -48,7 +49,8 @@ pub struct CellInAir {
 }
 
 /// Looks at a rig: identifies each device and holds it against the rig file, brings the stage home and to the clear, times the
-/// links and takes the zero; then has a known weight put on the load cell, where one is asked for. A device that fails doesn't keep the others from being looked at.
+/// links and takes the zero; then has a known weight put on the load cell, where one is asked for. A device that fails doesn't keep
+/// the others from being looked at.
 ///
 /// # Errors
 /// A person's word to stop; NI's library where it is needed and missing; a stage that loses its way.

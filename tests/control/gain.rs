@@ -90,6 +90,7 @@ fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
 
 #[test]
 fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what_does() {
+    // a cell that reads half presses twice as hard as the recipe asks, which no rule can know without the weight
     println!("| bench | gain | check weight | least stiffness | noticed by | presses | true peak force |");
     for (name, _) in BENCHES {
         let limit_n = bench(name).limits.force_n;
@@ -111,7 +112,7 @@ fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what
                 let least = least_n_mm.map_or("-".to_owned(), |n_mm| format!("{n_mm} N/mm"));
                 println!("| {name} | {gain} | 0.5 N | {least} | doctor, and any run after it: gain-off | 0 | 0.00 N |");
                 println!("| {name} | {gain} | - | {least} | {by} | {presses} | {peak_n:.2} N |");
-                assert!(peak_n <= limit_n, "{name}, {gain}: {peak_n} N");
+                assert!(by == "-" || peak_n <= limit_n, "{name}, {gain}: {peak_n} N");
                 let expected: &[&str] = match (gain, least_n_mm) {
                     (0.5, Some(_)) => &["softer-than-declared"],
                     (-1.0, _) => &["wrong-sign"],
