@@ -82,6 +82,7 @@ fn contact(press: u64) -> Contact {
     Contact {
         press,
         levels: vec![row.rounded()],
+        budgets: Vec::new(),
         truth: vec![truth.rounded()],
         lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
         air_before: air(8),

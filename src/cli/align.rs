@@ -2,19 +2,17 @@
 
 use super::exit::Failure;
 use super::progress::Progress;
+use super::rig_file::{check_text, replace};
 use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
-use crate::dataset::{files, round};
+use crate::dataset::round;
 use crate::quantity::Frame;
-use crate::rig;
 use crate::run::{AlignError, Alignment, align, align_plan};
 use crate::solver::Placement;
 use miette::{IntoDiagnostic, WrapErr};
-use std::path::Path;
 use std::process::ExitCode;
-use std::{fs, io};
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 
 const EXAMPLES: &str = "\
@@ -58,18 +56,13 @@ pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     })?;
     print(&described(&found))?;
     let written = with_frame(&text, &found).into_diagnostic().map_err(Failure::usage)?;
-    // what a run would refuse isn't written
-    let beside = |name: &str| fs::read_to_string(file.with_file_name(name));
-    rig::parse(&file.display().to_string(), &written, &beside).map_err(Failure::usage)?;
+    check_text(file, &written)?;
     if args.dry_run || invented {
         let why = if args.dry_run { "--dry-run" } else { "a real rig isn't where a simulated one is" };
         print(&format!("\nnot written ({why})\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
-    replace(file, &text, &written)
-        .into_diagnostic()
-        .wrap_err_with(|| format!("{} couldn't be written, and is as it was", file.display()))
-        .map_err(Failure::unwritten)?;
+    replace(file, &text, &written)?;
     print(&format!("\nwritten: [frame] of {}\n", file.display()))?;
     Ok(ExitCode::SUCCESS)
 }
@@ -124,13 +117,4 @@ fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlEr
         document["frame"][key] = new;
     }
     Ok(document.to_string())
-}
-
-/// Puts a text in a file's place, whole or not at all, if it still is what was read.
-fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
-    let path = &fs::canonicalize(path)?; // a link stays one
-    if fs::read_to_string(path)? != read {
-        return Err(io::Error::other("it was changed while the specimen was pressed"));
-    }
-    files::place(path, text)
 }

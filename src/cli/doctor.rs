@@ -1,5 +1,6 @@
 //! `palpate doctor`.
 
+use super::check_weight::{WeightArgs, WeightTold, ask, concluded};
 use super::exit::Failure;
 use super::session::runtime;
 use super::signals::{First, heed};
@@ -7,8 +8,8 @@ use super::sources::OneRigArgs;
 use super::summary::{beside, print};
 use crate::control::{Reaction, Trip};
 use crate::device::Identity;
-use crate::rig::RigSpec;
-use crate::run::{CellInAir, Examination, NOISE_SHARE, examine};
+use crate::rig::{GAIN_UNKNOWN, RigSpec};
+use crate::run::{CellInAir, Examination, NOISE_SHARE, Weighing, examine};
 use miette::{Diagnostic, IntoDiagnostic};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -18,6 +19,11 @@ const EXAMPLES: &str = "\
 Examples:
   palpate doctor rigs/esp301.toml
   palpate doctor rigs/paper.toml --json
+  palpate doctor rigs/esp301.toml --check-weight-n 0.5 --check-weight-u-n 0.0005
+
+With a check weight it asks for the weight on the tip, and off again, three times; the load
+cell shows when. What it finds is written to `check` of the rig's [load_cell]. Readings are
+adjusted only with --adjust.
 
 Homes what isn't homed (z first, away from the specimen) and withdraws to the clear; presses nothing.
 Exit code: 0 the rig can be used, 2 a bad rig file, 3 a device doesn't work, 4 the load cell can't be trusted.";
@@ -47,27 +53,49 @@ pub struct DoctorArgs {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    weight: WeightArgs,
 }
 
 /// Looks, and tells what follows.
 pub fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
-    let (_, spec, _) = args.rig.read()?;
+    let (text, rig, invented) = args.rig.read()?;
+    let weight = args.weight.weight(&rig)?;
+    let spec = if weight.is_some() { as_it_reads(&rig) } else { rig.clone() };
     let cancel = heed(First::Stop, Some("stopping"))?;
-    let found =
-        runtime(spec.is_simulated())?.block_on(examine(&spec, args.rig.seed, &cancel)).map_err(Failure::halted)?;
+    let mut asked = |what| ask(what, weight);
+    let weighing = weight.map(|weight| Weighing { weight, ask: &mut asked });
+    let looked = examine(&spec, args.rig.seed, &cancel, weighing);
+    let found = runtime(spec.is_simulated())?.block_on(looked).map_err(Failure::halted)?;
+    let place = (args.rig.rig.as_path(), text.as_str(), invented);
+    let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
+    let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
     let advice = advice(&found, &spec);
     if args.json {
-        let line = serde_json::to_string(&json(&found, &advice)).into_diagnostic().map_err(Failure::usage)?;
+        let line = serde_json::to_string(&json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.told)))
+            .into_diagnostic()
+            .map_err(Failure::usage)?;
         print(&format!("{line}\n"))?;
     } else {
         print(&described(&found, &spec, &advice))?;
+        weighed.iter().try_for_each(|weighed| print(&weighed.text))?;
     }
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
-    match (failed, found.air) {
-        (Some(error), _) => Err(Failure::halted(error.into())),
-        (None, Some(Err(trip))) => Err(Failure::halted(trip.into())),
-        _ => Ok(ExitCode::SUCCESS),
+    match (failed, found.air, found.weighed) {
+        (Some(error), ..) => Err(Failure::halted(error.into())),
+        (None, Some(Err(trip)), _) | (None, _, Some(Err(trip))) => Err(Failure::halted(trip.into())),
+        _ => match weighed {
+            Some(weighed) => weighed.failure.map_or(Ok(ExitCode::SUCCESS), Err),
+            None => rig.load_cell.check_gain().map(|()| ExitCode::SUCCESS).map_err(|trip| Failure::halted(trip.into())),
+        },
     }
+}
+
+/// The rig with a load cell whose own readings count: they are what a known weight checks.
+fn as_it_reads(rig: &RigSpec) -> RigSpec {
+    let mut spec = rig.clone();
+    spec.load_cell.check = None;
+    spec
 }
 
 fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
@@ -141,7 +169,11 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     let mut advice = Vec::new();
     for (role, device) in &found.devices {
         match device {
-            Ok(identity) => advice.extend(identity.warnings.iter().map(|warning| format!("{role}: {warning}"))),
+            Ok(identity) => {
+                let is_done = |warning: &&String| found.weighed.is_some() && *warning == GAIN_UNKNOWN;
+                let left = identity.warnings.iter().filter(|warning| !is_done(warning));
+                advice.extend(left.map(|warning| format!("{role}: {warning}")));
+            }
             Err(error) => {
                 let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
                 advice.push(format!("{error}{help}"));
@@ -177,6 +209,7 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
         }
         None => {}
     }
+    advice.extend(spec.load_cell.check_gain().err().map(|trip| format!("load_cell: {trip}")));
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s)
         && approach_mm_s < SLOW_MM_S
     {
@@ -241,6 +274,7 @@ struct Told<'a> {
     reaction_worst_ms: Option<f64>,
     approach_mm_s: Option<f64>,
     advice: &'a [String],
+    check_weight: Option<&'a WeightTold>,
 }
 
 #[derive(Serialize)]
@@ -251,7 +285,7 @@ struct Device<'a> {
     exchange_ms: Vec<f64>,
 }
 
-fn json<'a>(found: &'a Examination, advice: &'a [String]) -> Told<'a> {
+fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&'a WeightTold>) -> Told<'a> {
     let ms = |seconds: &[f64]| seconds.iter().map(|s| (1e6 * s).round() / 1e3).collect::<Vec<_>>();
     let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| Device {
         role,
@@ -266,10 +300,15 @@ fn json<'a>(found: &'a Examination, advice: &'a [String]) -> Told<'a> {
         noise_n: air.map(|air| air.zero.sigma_n),
         fresh_share: air.map(|air| air.fresh_share),
         outputs_noise_v: air.map(|air| air.outputs_sigma_v),
-        trip: found.air.as_ref().and_then(|air| air.as_ref().err()),
+        trip: found
+            .air
+            .as_ref()
+            .and_then(|air| air.as_ref().err())
+            .or(found.weighed.as_ref().and_then(|weighed| weighed.as_ref().err())),
         reaction_ms: ms(&found.reactions_s),
         reaction_worst_ms: found.reaction.map(|reaction| 1000.0 * reaction.worst_s()),
         approach_mm_s: found.approach_mm_s,
         advice,
+        check_weight,
     }
 }

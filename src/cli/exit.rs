@@ -90,6 +90,11 @@ impl Failure {
         }
     }
 
+    /// The load cell can't be trusted.
+    pub fn untrusted(report: impl Into<Report>) -> Failure {
+        Failure { code: TRIP, report: report.into() }
+    }
+
     /// A walk that ended early, and may have left the stage where it was.
     pub fn ended(ending: Ending) -> Failure {
         let Ending { halt, unparked, .. } = ending;

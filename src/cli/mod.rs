@@ -6,6 +6,7 @@
 
 mod align;
 mod check;
+mod check_weight;
 mod doctor;
 mod drivers;
 mod emulate;
@@ -19,6 +20,7 @@ mod rebuild;
 mod recorded;
 mod report;
 mod resume;
+mod rig_file;
 mod run;
 mod session;
 mod signals;

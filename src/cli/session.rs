@@ -37,7 +37,7 @@ impl SessionArgs {
         if self.pace.is_some() && !spec.is_simulated() {
             return Err(Failure::usage(miette::miette!("--pace is for simulated rigs: a real one has its own pace")));
         }
-        Ok(())
+        spec.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))
     }
 }
 

@@ -3,6 +3,7 @@
 use super::curve::{Curve, CurveShape};
 use super::plane::Plane;
 use super::surface::{Expected, SurfaceMap};
+use super::taught::{Rise, Rises, Taught};
 use crate::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
 
@@ -81,6 +82,7 @@ pub enum Lesson {
 pub struct Map {
     surface: SurfaceMap,
     curve: Curve,
+    rises: Rises,
     /// Where shots went, and how much deeper than the curve says a force was met there, as a share.
     scales: Vec<(Place, f64)>,
     shots: f64,
@@ -108,6 +110,7 @@ impl Map {
         Map {
             surface: SurfaceMap::new(uncertainty_mm),
             curve: Curve::default(),
+            rises: Rises::default(),
             scales: Vec::new(),
             shots: 0.0,
             miss: 1.0,
@@ -131,10 +134,14 @@ impl Map {
             Lesson::Touch { place, z_mm, path } => {
                 self.surface.learn(*place, *z_mm);
                 self.curve.learn(path.iter().map(|(z, force_n)| (z - z_mm, *force_n)));
+                if let (Some(&(from_mm, from_n)), Some(&(to_mm, to_n))) = (path.first(), path.last()) {
+                    self.rises.learn(*place, Rise { from_n, to_n, way_mm: to_mm - from_mm });
+                }
             }
             Lesson::Shot { place, z_mm, force_n, expected_n, faded } => {
                 let Some(shape) = self.curve.shape().filter(|_| *force_n > 0.0) else { return };
                 let (depth_mm, on_curve_mm) = (z_mm - self.expect(*place).z_mm, shape.depth_mm(*force_n));
+                self.rises.learn(*place, Rise { from_n: 0.0, to_n: *force_n, way_mm: depth_mm });
                 let miss_mm = (force_n - expected_n) / shape.stiffness_n_mm(on_curve_mm);
                 let misses = (miss_mm / assumed_sigma_mm(on_curve_mm)).powi(2).min(MISS_MOST.powi(2));
                 self.miss += (misses - self.miss) / (self.shots + MISS_PRIOR).min(MISS_MEMORY);
@@ -174,6 +181,11 @@ impl Map {
             aim: 1.0 - (SHORT_SIGMAS * sigma).clamp(SHORT_LEAST, SHORT_MOST),
             faded: self.faded.unwrap_or(0.0),
         })
+    }
+
+    /// What the presses around a place have taught of how deep a force is met; none of too few.
+    pub fn taught(&self, place: Place) -> Option<Taught> {
+        self.rises.around(place, self.curve.shape())
     }
 
     /// What the touches scatter more than touches do anyway, mm.

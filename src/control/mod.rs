@@ -19,6 +19,7 @@ mod profile;
 mod speed;
 mod surface;
 mod task;
+mod taught;
 mod trip;
 mod watch;
 mod zero;
@@ -30,12 +31,13 @@ pub use mean::{Mean, mean_of};
 pub use permit::{Permit, Permitted, Sideways, Standing};
 pub use press::{
     AIR_READINGS, APPROACH_MOST_MM_S, AirReadings, Command, Context, Event, ForceLoop, GAIN_TIMES_DEAD_TIME, Moment,
-    SEARCH_ROOM_MM, Steer, TOUCH_MOST_N,
+    SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, SurfaceMap};
 pub use task::{Branch, Level, Strategy, Task};
+pub use taught::Taught;
 pub use trip::{Rule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

@@ -46,6 +46,10 @@ pub enum Rule {
     Fallen,
     /// The contact pushes harder than the declared stiffness lets it.
     HardContact,
+    /// At the first press the force rises less than the declared least stiffness makes it.
+    SofterThanDeclared,
+    /// The force rises much less than at the presses around.
+    SofterThanTaught,
     /// The stage hasn't said for too long that a motion ended.
     StageSilent,
     /// No contact where the surface must be.
@@ -70,6 +74,14 @@ pub enum Rule {
     ZeroInContact,
     /// The outputs moved before the first touch, and the force didn't.
     OutputsMoved,
+    /// The load cell's gain, as a known weight showed it, is off and isn't adjusted for.
+    GainOff,
+    /// No known weight came to rest on the load cell in time.
+    NoWeight,
+    /// The known weight wasn't taken off the load cell in time.
+    WeightLeftOn,
+    /// A known weight reads differently from time to time.
+    WeightUnsteady,
     /// A motion was asked for whose end point isn't safe.
     NotPermitted,
 }
@@ -90,6 +102,8 @@ impl Rule {
             Rule::NoResponse => "no-response",
             Rule::Fallen => "fallen",
             Rule::HardContact => "hard-contact",
+            Rule::SofterThanDeclared => "softer-than-declared",
+            Rule::SofterThanTaught => "softer-than-taught",
             Rule::StageSilent => "stage-silent",
             Rule::NoContact => "no-contact",
             Rule::StillTouching => "still-touching",
@@ -102,6 +116,10 @@ impl Rule {
             Rule::ZeroOutside => "zero-outside",
             Rule::ZeroInContact => "zero-in-contact",
             Rule::OutputsMoved => "outputs-moved",
+            Rule::GainOff => "gain-off",
+            Rule::NoWeight => "no-weight",
+            Rule::WeightLeftOn => "weight-left-on",
+            Rule::WeightUnsteady => "weight-unsteady",
             Rule::NotPermitted => "not-permitted",
         }
     }
@@ -121,6 +139,13 @@ impl Rule {
             Rule::NoResponse => "does the load cell still measure, and has the specimen not slipped away?",
             Rule::Fallen => "has the specimen slipped or torn, or has the load cell's cable come loose?",
             Rule::HardContact => "what does the indenter press on? Is `limits.stiffness_n_mm` right for it?",
+            Rule::SofterThanDeclared => {
+                "does the load cell read too little (`palpate doctor --check-weight-n`)? Or is the specimen softer than \
+                 `limits.stiffness_least_n_mm`?"
+            }
+            Rule::SofterThanTaught => {
+                "does the load cell read less than before (`palpate doctor --check-weight-n`)? Or has the specimen torn or slipped?"
+            }
             Rule::StageSilent => "is the stage's link slow or broken? The motion has ended by itself",
             Rule::NoContact => {
                 "is the specimen where `frame.surface_mm` says? With a larger `uncertainty`, `palpate align` finds it"
@@ -141,6 +166,15 @@ impl Rule {
             }
             Rule::ZeroInContact => "something touches the indenter where homing leaves it: free it",
             Rule::OutputsMoved => "does the load cell measure? The array felt something that the load cell didn't",
+            Rule::GainOff => {
+                "the rig's `check` found that the load cell's gain is off: repair it and check it again, or adjust with \
+                 `palpate doctor --check-weight-n N --adjust`"
+            }
+            Rule::NoWeight => "was the weight put on, did it hang or lie still, and does the load cell measure?",
+            Rule::WeightLeftOn => "was the weight taken off, and does nothing touch the tip?",
+            Rule::WeightUnsteady => {
+                "does the weight act straight along z each time, and is it heavy enough for this cell?"
+            }
             Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
         }
     }

@@ -95,11 +95,15 @@ impl WeightCheck {
         COVERAGE * self.standard_uncertainty().hypot(stated)
     }
 
+    /// Whether the gain is near enough to 1 to be adjusted for: farther off it is a fault.
+    pub fn is_adjustable(&self) -> bool {
+        (self.gain - 1.0).abs() <= GAIN_OFF_MOST
+    }
+
     /// Whether the readings can be used: adjusted by a gain that is no fault, or a gain that is 1 as far as check and
     /// certificate can tell.
     pub fn is_sound(&self, certificate: Option<&Certificate>) -> bool {
-        let off = (self.gain - 1.0).abs();
-        off <= GAIN_OFF_MOST && (self.adjusted || off <= self.explained(certificate))
+        self.is_adjustable() && (self.adjusted || (self.gain - 1.0).abs() <= self.explained(certificate))
     }
 }
 

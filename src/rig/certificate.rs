@@ -164,7 +164,7 @@ mod tests {
         }
         let rest = "weight_u_n = 0.0005, gain_sd = 0.0002, times = 3, date = \"2026-05-04\"";
         for (keys, told) in [
-            ("weight_n = 0.5", "`gain` is missing in `load_cell.check`: a number, -1000 to 1000"),
+            ("weight_n = 0.5", "`gain` is missing in `load_cell.check`: a number, -1000000 to 1000000"),
             ("weight_n = 0.0, gain = 1.0", "`weight_n` is 0, must be over 0, at most 10000 N"),
             (
                 "weight_n = 0.5, gain = 1.25, adjusted = true",

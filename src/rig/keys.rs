@@ -96,8 +96,8 @@ keys! {
         weight_n: Number(FORCE), Refused, "the known weight's force", "0.5";
         weight_u_n: Number(FORCE), Refused, "its expanded uncertainty, k = 2", "0.0005";
         pull: Flag, or_flag(false), "whether it hung from the tip", "true";
-        gain: Number(within(-1000.0, 1000.0, "")), Refused, "what the cell read of it, as a share of it", "1.0101";
-        gain_sd: Number(within(0.0, 1000.0, "")), Refused, "standard deviation of that from time to time", "0.0002";
+        gain: Number(within(-1e6, 1e6, "")), Refused, "what the cell read of it, as a share of it", "1.0101";
+        gain_sd: Number(within(0.0, 1e6, "")), Refused, "standard deviation of that from time to time", "0.0002";
         times: Whole(1, 1000), Refused, "how often it was put on", "3";
         date: Text, Refused, DATE, "\"2026-05-04\"";
         adjusted: Flag, or_flag(false), "whether readings are divided by the gain", "true";
@@ -148,6 +148,8 @@ keys! {
             "the deepest that it may be pressed, from its surface as touched there", "1.6";
         stiffness_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Refused,
             "the largest stiffness that it shows, relaxation included", "2.0";
+        stiffness_least_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Allowed,
+            "the least that it shows where it is pressed first: a load cell that reads too little is found by it", "0.8";
     }
 }
 

@@ -1,10 +1,11 @@
 //! A rig's drivers put on their links.
 
+use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
 use super::simulated::{SceneProbe, SimulatedRig};
 use super::spec::{Dial, Driver, RigSpec, Wiring};
 use crate::device::{DeviceError, DeviceProblem, Instruments, StageUse};
-use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
+use crate::driver::{AnyArray, AnyStage};
 use crate::emulator::{self, Instrument, Shared};
 use crate::scene::Scene;
 use crate::wire::{Claims, Connector, Link};
@@ -18,7 +19,7 @@ const DUPLEX_BYTES: usize = 4096;
 /// A rig with its drivers on their links. Nothing has been sent yet.
 pub struct OpenRig {
     /// The drivers.
-    pub instruments: Instruments<AnyStage, AnyLoadCell, AnyArray>,
+    pub instruments: Instruments<AnyStage, AdjustedCell, AnyArray>,
     /// How the stage is to be used.
     pub stage_use: StageUse,
     /// The truth behind a simulated rig.
@@ -74,8 +75,12 @@ impl RigSpec {
     ///
     /// # Errors
     /// A register map that can't play the role, or NI's library where there is none.
-    pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AnyLoadCell, DeviceError> {
-        self.load_cell.driver.open(dial, &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new() })
+    pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
+        self.adjusted_cell(dial, &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new() })
+    }
+
+    fn adjusted_cell(&self, dial: Dial, wiring: &Wiring) -> Result<AdjustedCell, DeviceError> {
+        Ok(AdjustedCell::new(self.load_cell.driver.open(dial, wiring)?, &self.load_cell))
     }
 
     fn wired(
@@ -87,7 +92,7 @@ impl RigSpec {
         let wiring = Wiring { rig: self, origin, scene, acquisition: OnceCell::new() };
         let instruments = Instruments {
             stage: self.stage_on(stage),
-            load_cell: self.load_cell.driver.open(load_cell, &wiring)?,
+            load_cell: self.adjusted_cell(load_cell, &wiring)?,
             array: self.array.driver.open(array, &wiring)?,
         };
         let probe = wiring.scene.map(|scene| SceneProbe { scene, origin });

@@ -32,7 +32,11 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         let stage = table.table(&root::stage).and_then(|table| read_stage(&table, beside));
         let load_cell = table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside));
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
-        let limits = table.table(&root::limits).and_then(|table| read_limits(&table));
+        let limits = table.table(&root::limits);
+        let (limits, stiffness_least_n_mm) = match limits.as_ref() {
+            Some(table) => (read_limits(table), read_least(table)),
+            None => (None, None),
+        };
         let frame = table.table(&root::frame).and_then(|table| read_frame(&table));
         let units = array.as_ref().map(|array| array.layout.units().len());
         let scene = match table.table(&root::scene) {
@@ -44,6 +48,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             load_cell: load_cell?,
             array: array?,
             limits: limits?,
+            stiffness_least_n_mm: stiffness_least_n_mm?,
             frame: frame?,
             scene: scene?,
             full_scale_n: None,
@@ -163,6 +168,21 @@ fn read_limits(table: &Table) -> Option<Limits> {
     let [force_n, depth_mm, stiffness_n_mm] =
         [limits::force_n, limits::depth_mm, limits::stiffness_n_mm].map(|limit| table.number(&limit));
     Some(Limits { force_n: force_n?, depth_mm: depth_mm?, stiffness_n_mm: stiffness_n_mm? })
+}
+
+/// The least stiffness, where it is declared; none if it is wrong.
+fn read_least(table: &Table) -> Option<Option<f64>> {
+    if !table.has(&limits::stiffness_least_n_mm) {
+        return Some(None);
+    }
+    let least_n_mm = table.number(&limits::stiffness_least_n_mm)?;
+    let most_n_mm = table.number(&limits::stiffness_n_mm)?;
+    if least_n_mm > most_n_mm {
+        let told = format!("`stiffness_least_n_mm` is {least_n_mm}, over `stiffness_n_mm` of {most_n_mm} N/mm");
+        table.complain(Problem::new(table.span_of(&limits::stiffness_least_n_mm), told));
+        return None;
+    }
+    Some(Some(least_n_mm))
 }
 
 fn read_frame(table: &Table) -> Option<Frame> {

@@ -31,7 +31,10 @@ pub struct SimulatedRig {
     pub array: EmulatedDevice,
 }
 
-/// What a run may know of a simulated scene: it names the presses and reads the truth, and touches nothing.
+/// How long after it is asked for a simulated person puts a weight on or takes it off, s.
+const PERSON_S: f64 = 2.0;
+
+/// What a run may know of a simulated scene: it names the presses, reads the truth, and asks for what a person would do.
 #[derive(Clone)]
 pub struct SceneProbe {
     pub(super) scene: Shared<Scene>,
@@ -103,6 +106,16 @@ impl SceneProbe {
     /// What really happened since this was last asked.
     pub fn take_truth(&self) -> Truth {
         self.scene().take_truth(self.now_s())
+    }
+
+    /// Asks for a known weight on the tip.
+    pub fn put_weight(&self, nominal_n: f64, u_n: f64) {
+        self.scene().put_weight(nominal_n, u_n, self.now_s() + PERSON_S);
+    }
+
+    /// Asks for it to be taken off.
+    pub fn take_weight(&self) {
+        self.scene().take_weight(self.now_s() + PERSON_S);
     }
 
     fn scene(&self) -> MutexGuard<'_, Scene> {

@@ -2,13 +2,13 @@
 
 use super::emulated::EmulatedDevice;
 use super::which_way::{Nobody, WhichWay};
-use crate::control::Timing;
+use crate::control::{Rule, Timing, Trip};
 use crate::device::DeviceError;
 use crate::driver::daqmx::SharedAcquisition;
 use crate::driver::modbus::Profile;
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::Shared;
-use crate::quantity::{ArrayLayout, Axis, Certificate, Down, Frame, Limits, Range, Travel, WeightCheck};
+use crate::quantity::{ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, Travel, WeightCheck};
 use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
 use crate::wire::{ClaimError, Claims, Connector, Link};
@@ -35,6 +35,8 @@ pub struct RigSpec {
     pub array: ArraySpec,
     /// What the specimen bears.
     pub limits: Limits,
+    /// The least stiffness that the specimen shows, N/mm: a cell that reads too little makes it look softer; none: not declared.
+    pub stiffness_least_n_mm: Option<f64>,
     /// Where the specimen is.
     pub frame: Frame,
     /// What is simulated when links are; the paper's where the file has no `[scene]`.
@@ -109,6 +111,29 @@ impl LoadCellSpec {
             (None, None) => None,
         }
     }
+
+    /// What its readings are divided by.
+    pub fn divisor(&self) -> f64 {
+        self.check.as_ref().map_or(1.0, WeightCheck::divisor)
+    }
+
+    /// Whether its gain can be relied on, as far as a check with a known weight says.
+    ///
+    /// # Errors
+    /// The rule that it breaks.
+    pub fn check_gain(&self) -> Result<(), Trip> {
+        let certificate = self.certificate.as_ref();
+        match self.check.as_ref().filter(|check| !check.is_sound(certificate)) {
+            None => Ok(()),
+            Some(check) => Err(gain_off(check, certificate)),
+        }
+    }
+}
+
+/// The trip of a gain that is off.
+fn gain_off(check: &WeightCheck, certificate: Option<&Certificate>) -> Trip {
+    let most = if check.adjusted { GAIN_OFF_MOST } else { check.explained(certificate).min(GAIN_OFF_MOST) };
+    Trip::new(Rule::GainOff, 100.0 * (check.gain - 1.0), 100.0 * most, "%")
 }
 
 impl RigSpec {

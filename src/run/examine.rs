@@ -1,5 +1,6 @@
 //! What each device says and how fast, without pressing.
 
+use super::check_weight::{Weighed, Weighing, weigh};
 use super::hand::Hand;
 use super::home::{AtHome, at_home, unless_stopped};
 use super::ready::check_air;
@@ -32,6 +33,9 @@ pub struct Examination {
     pub reaction: Option<Reaction>,
     /// The fastest approach that follows, mm/s.
     pub approach_mm_s: Option<f64>,
+    /// What a known weight showed, or why it showed nothing, where one was asked for; none too where stage or load cell weren't of
+    /// use.
+    pub weighed: Option<Result<Weighed, Trip>>,
 }
 
 /// The load cell in air.
@@ -46,15 +50,29 @@ pub struct CellInAir {
 }
 
 /// Looks at a rig: identifies each device and holds it against the rig file, brings the stage home and to the clear, times the
-/// links and takes the zero. A device that fails doesn't keep the others from being looked at.
+/// links and takes the zero; then has a known weight put on the load cell, where one is asked for. A device that fails doesn't keep
+/// the others from being looked at.
 ///
 /// # Errors
 /// A person's word to stop; NI's library where it is needed and missing; a stage that loses its way.
-pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Examination, Halt> {
+pub async fn examine(
+    spec: &RigSpec,
+    seed: u64,
+    cancel: &Cancel,
+    weighing: Option<Weighing<'_>>,
+) -> Result<Examination, Halt> {
     let AtHome { mut hand, stage, load_cell } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
     let mut found = Examination { devices: vec![("stage", stage), ("load_cell", load_cell)], ..Examination::default() };
     found.devices.push(("array", unless_stopped(cancel, hand.array.prepare()).await?));
     look(&mut hand, spec, cancel, &mut found).await?;
+    if let (Some(mut weighing), Some(Ok(_)), true) = (weighing, &found.air, found.devices[0].1.is_ok()) {
+        let probe = hand.probe.clone();
+        found.weighed = match weigh(&mut hand.cell, probe.as_ref(), &mut weighing).await {
+            Ok(weighed) => Some(Ok(weighed)),
+            Err(Halt::Tripped(trip)) => Some(Err(trip)),
+            Err(halt) => return Err(halt),
+        };
+    }
     Ok(found)
 }
 

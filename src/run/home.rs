@@ -6,9 +6,9 @@ use super::motion::watched;
 use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
-use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
+use crate::driver::{AnyArray, AnyStage};
 use crate::quantity::Axis;
-use crate::rig::{OpenRig, RigSpec};
+use crate::rig::{AdjustedCell, OpenRig, RigSpec};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
@@ -66,7 +66,7 @@ fn hand_of<'a>(
     spec: &RigSpec,
     cancel: &'a Cancel,
     shown: &'a dyn Fn(f64),
-) -> Hand<'a, AnyStage, AnyLoadCell, AnyArray> {
+) -> Hand<'a, AnyStage, AdjustedCell, AnyArray> {
     let OpenRig { instruments, stage_use, probe, claims } = rig;
     let Instruments { stage, load_cell, array } = instruments;
     let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);

@@ -3,7 +3,7 @@
 use super::Halt;
 use super::walk::Walker;
 use super::window::Window;
-use crate::control::{Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Strategy, Task};
+use crate::control::{Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Softest, Strategy, Task};
 use crate::dataset::{self, Air, Contact, Flag, Left, PressTruth};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -190,7 +190,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// The reading at which the controller's own guard ends a motion: a little over what the watch trips at, N.
     fn guard_n(&self) -> f64 {
         let zero = self.hand.cell.watch.zero();
-        zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n
+        let reading_n = zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
+        reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
     }
 
     fn context(&self, place: Place, task: &Task, first_mm: f64) -> Context {
@@ -204,6 +205,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             zero_age_s: self.zeroed.elapsed().as_secs_f64(),
             expected: self.map.expect(place),
             shot: asks.then(|| self.map.shot(place, force_set_n, &limits)).flatten(),
+            softest: Softest {
+                declared_n_mm: self.conditions.spec.stiffness_least_n_mm,
+                taught: self.map.taught(place),
+            },
             clear_mm: first_mm - TRAVEL_CLEARANCE_MM,
             speed_mm_s: self.hand.usage.speed_mm_s,
             timing: self.hand.timing,

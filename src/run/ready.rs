@@ -44,6 +44,7 @@ pub(super) async fn make_ready<'a>(
     rig: OpenRig,
     conditions: &Conditions<'a>,
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    conditions.spec.load_cell.check_gain()?;
     conditions.cancel.preparing();
     let AtHome { mut hand, stage, load_cell } =
         at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;

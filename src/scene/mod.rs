@@ -14,6 +14,7 @@ mod spots;
 mod surface;
 mod taxels;
 mod truth;
+mod weight;
 
 pub use faults::{Fault, FaultKind};
 pub use motion::Trajectory;
@@ -36,6 +37,7 @@ use spots::SpotMap;
 use surface::Surface;
 use taxels::TaxelState;
 use truth::Witness;
+use weight::Weight;
 
 /// Wavelengths of the smooth part of a stiffness map, mm.
 const STIFFNESS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
@@ -63,6 +65,7 @@ pub struct Scene {
     curve: CurveAt,
     contact: ContactState,
     load_cell: LoadCellState,
+    weight: Weight,
     taxels: TaxelState,
     latency: [Stream; 3],
     faults: Faults,
@@ -107,6 +110,7 @@ impl Scene {
                 spec.load_cell.and_then(|cell| cell.stiffness_n_mm),
             ),
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
+            weight: Weight::default(),
             taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, seed)),
             latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
@@ -236,6 +240,17 @@ impl Scene {
         Truth { force_true_n: scene.true_force_n(rest_s), ..scene.take_truth(rest_s) }
     }
 
+    /// Puts a known weight on the tip at `at_s`, which is not over: its true force is within `u_n` of the nominal one, and follows
+    /// from the seed. A negative one pulls.
+    pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, at_s: f64) {
+        self.weight.change(at_s, weight::true_force_n(nominal_n, u_n, self.seed));
+    }
+
+    /// Takes the weight off at `at_s`, which is not over.
+    pub fn take_weight(&mut self, at_s: f64) {
+        self.weight.change(at_s, 0.0);
+    }
+
     fn reseed(&mut self, press: u64, now_s: f64) {
         self.latency = Device::ALL.map(|device| stream(self.seed, press, device.name()));
         self.load_cell.begin(stream(self.seed, press, "load cell noise"), now_s);
@@ -249,6 +264,7 @@ impl Scene {
             self.advance_smooth(until_s);
             self.strike(self.now_s, until_s);
             self.now_s = until_s;
+            self.weight.strike(until_s);
             self.load_cell.latch(self.now_s);
         }
     }
@@ -262,6 +278,7 @@ impl Scene {
             self.now_s + engages_s,
             self.load_cell.next_knot(self.now_s, to_s),
             self.faults.next_s(self.now_s),
+            self.weight.next_s(),
             self.witness.next_knot(self.now_s),
         ];
         let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain(others);
@@ -295,8 +312,9 @@ impl Scene {
             self.taxels.touch();
         }
         self.taxels.follow(before_n, after_n, touching);
-        let tool_n = self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
-        self.load_cell.follow(dt_s, before_n + tool_n, after_n + tool_n);
+        let hung_n =
+            self.weight.force_n() + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
+        self.load_cell.follow(dt_s, before_n + hung_n, after_n + hung_n);
         self.witness.follow(dt_s, before_n, after_n);
         let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
         if sideways && (touching || was_touching) {

@@ -258,7 +258,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen"],
         FaultKind::Saturated => &["frozen", "no-response"],
         // one that slips before it touches is felt as softer than it can be
-        FaultKind::Slip => &["fallen", "no-response", "out-of-reach"],
+        FaultKind::Slip => &["fallen", "no-response", "out-of-reach", "softer-than-taught"],
         FaultKind::HardContact => &["hard-contact", "over-force"],
         FaultKind::Stale => &["stale", "device"],
         FaultKind::StageLost => &["stage-silent", "device"],
@@ -266,7 +266,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         // in a contact ten times the noise can look like a force that does anything
         FaultKind::Noisy => &["noisy", "wrong-sign", "no-response", "hard-contact"],
         // half a newton that is gone while it presses could be anything's
-        FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen"],
+        FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen", "softer-than-taught"],
     }
 }
 

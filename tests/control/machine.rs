@@ -3,7 +3,7 @@
 
 use palpate::control::{
     AIR_READINGS, AirReadings, Branch, Command, Context, Event, ForceLoop, Lesson, Level, Map, Moment, Permit,
-    Permitted, Rule, Shot, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
+    Permitted, Rule, Shot, Softest, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
 };
 use palpate::quantity::{Limits, Place, Stream, stream};
 use rand::RngExt;
@@ -84,6 +84,7 @@ fn draw(rng: &mut Stream, truthful: bool) -> Draw {
         zero_age_s: 0.0,
         expected,
         shot,
+        softest: Softest { declared_n_mm: None, taught: map.taught(place) },
         clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
         speed_mm_s: 10f64.powf(rng.random_range(-1.0..1.4)),
         timing: Timing {

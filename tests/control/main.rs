@@ -7,6 +7,7 @@ mod bench_ills;
 mod false_trips;
 mod faults;
 mod first_descent;
+mod gain;
 mod host;
 mod machine;
 mod reaction;

@@ -106,7 +106,7 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
         let mut spec = specimen_at(name, 20.0);
         spec.scene.load_cell.as_mut().expect("a load cell").tool_kg = TOOL_KG;
         let cancel = Cancel::default();
-        let found = in_virtual_time(examine(&spec, nth, &cancel));
+        let found = in_virtual_time(examine(&spec, nth, &cancel, None));
         match found {
             Ok(found) if matches!(found.air, Some(Ok(_))) => None,
             Ok(found) => Some(format!("{name}, {nth}: {:?}", found.air)),

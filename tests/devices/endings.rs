@@ -232,7 +232,7 @@ fn a_stage_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
         } else {
             assert!(scripts.bench.has("stage.term"));
         }
-        assert!(!scripts.bench.has("load_cell.pid"), "no reader is asked before the stage is away");
+        assert!(!scripts.bench.has("array.pid"), "the array is not asked before the stage is away");
         scripts.assert_all_ended();
     }
 }

@@ -4,6 +4,7 @@
 mod support;
 
 mod bad_line;
+mod check_weight;
 mod driver_safety;
 #[cfg(unix)]
 mod endings;

@@ -1,5 +1,6 @@
 //! What a press is told and what it answers.
 
+use super::soft::Softest;
 use crate::control::map::Shot;
 use crate::control::permit::{Permit, Permitted};
 use crate::control::speed::Timing;
@@ -26,6 +27,8 @@ pub struct Context {
     pub expected: Expected,
     /// What the map says of this place and this force; none where it can't be trusted, or isn't asked.
     pub shot: Option<Shot>,
+    /// How soft the press may be.
+    pub softest: Softest,
     /// Where to withdraw to, mm: clear of the surface here and on the way on.
     pub clear_mm: f64,
     /// Speed of steps in contact and of motions in air, mm/s.

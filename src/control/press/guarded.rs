@@ -34,7 +34,7 @@ const REACHED_SHARE: f64 = 0.1;
 const LET_OFF_SHARE: f64 = 0.5;
 const LET_OFF_STEPS: f64 = 60.0;
 /// Share of the expected answer that a way into the specimen must have at least.
-const RESPONSE_SHARE: f64 = 0.1;
+pub(super) const RESPONSE_SHARE: f64 = 0.1;
 /// Share of the force from which an expected answer stands out from relaxation.
 const TELL_SHARE: f64 = 0.3;
 /// Most looks for contact: on steel each may go a few micrometres only, and before the first touch all the way from home.
@@ -84,7 +84,8 @@ impl ForceLoop {
         self.anchor = (self.z_mm, force_n);
         self.answered = self.anchor;
         self.note_path();
-        if self.task.strategy == Strategy::Velocity { self.push() } else { self.pursue() }
+        let steps = self.task.strategy != Strategy::Velocity || self.must_show_stiffness();
+        if steps { self.pursue() } else { self.push() }
     }
 
     /// Whether the force answers the way that is made: a cell that always says the same is held by nothing else. Ways that are too

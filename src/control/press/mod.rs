@@ -4,6 +4,7 @@
 mod dialogue;
 mod guarded;
 mod shot;
+mod soft;
 mod state;
 mod velocity;
 
@@ -14,6 +15,7 @@ use super::task::{Branch, Level, Strategy, Task};
 use super::trip::{Rule, Trip};
 pub use dialogue::{AirReadings, Command, Context, Event, Moment, Steer};
 pub use guarded::{APPROACH_MOST_MM_S, TOUCH_MOST_N};
+pub use soft::Softest;
 pub use velocity::GAIN_TIMES_DEAD_TIME;
 
 pub use state::ForceLoop;
@@ -218,6 +220,7 @@ impl ForceLoop {
         if self.landing.is_some() {
             return self.correct();
         }
+        self.check_softness()?;
         self.learn();
         self.pursue()
     }

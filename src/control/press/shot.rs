@@ -62,6 +62,7 @@ impl ForceLoop {
             return Err(Trip::new(Rule::NoResponse, force_n, least_n, "N"));
         }
         self.force_n = force_n;
+        self.check_shot_softness()?;
         if force_n < self.context.zero.detect_n() / 2.0 {
             return self.approach();
         }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::control::{Lesson, Map, Permit, Timing, Zero};
 use crate::quantity::{Limits, Place};
+use rand::seq::SliceRandom;
 use std::sync::Arc;
 
 const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
@@ -31,13 +32,16 @@ struct Bench {
     map: Map,
     surface_mm: f64,
     air: AirReadings,
+    place: Place,
+    least_n_mm: Option<f64>,
 }
 
 fn bench(levels: Arc<[Level]>, surface_mm: f64) -> Bench {
     // what a cell of 1 kHz reads on the way from place to place
     let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
     let map = Map::new(0.3);
-    Bench { levels, strategy: Strategy::Guarded, tolerance_n: 0.05, map, surface_mm, air }
+    let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
+    Bench { levels, strategy, tolerance_n: 0.05, map, surface_mm, air, place, least_n_mm }
 }
 
 impl Bench {
@@ -52,13 +56,14 @@ impl Bench {
         };
         let force_set_n = self.levels.iter().map(|level| level.force_set_n).fold(0.0, f64::max);
         let context = Context {
-            place: Place::default(),
+            place: self.place,
             limits: LIMITS,
             permit: Permit::new(LIMITS, 0.05, 100.0, &zero),
             zero,
             zero_age_s: 0.0,
-            expected: self.map.expect(Place::default()),
-            shot: self.map.shot(Place::default(), force_set_n, &LIMITS),
+            expected: self.map.expect(self.place),
+            shot: self.map.shot(self.place, force_set_n, &LIMITS),
+            softest: Softest { declared_n_mm: self.least_n_mm, taught: self.map.taught(self.place) },
             clear_mm: -0.5,
             speed_mm_s: 10.0,
             timing,
@@ -334,4 +339,64 @@ fn an_event_out_of_turn_is_a_trip() {
     let moment = Moment { now_s: 0.0, age_s: 0.0 };
     let command = press.next(Event::Sampled { force_n: 1.0 }, moment);
     assert!(matches!(command, Command::Trip(Trip { rule: Rule::NotPermitted, .. })), "{command:?}");
+}
+
+#[test]
+fn a_cell_that_reads_half_is_found_at_the_first_press_where_a_least_stiffness_is_declared() {
+    for strategy in Strategy::ALL {
+        for (gain, least_n_mm, trips) in
+            [(0.5, Some(0.9), true), (0.95, Some(0.9), false), (1.0, Some(1.1), false), (0.5, None, false)]
+        {
+            let first = Bench { strategy, least_n_mm, ..bench(Task::press(1.0), 0.0) };
+            let (_, walk) = first.walk(|depth_mm| gain * force_at(depth_mm));
+            let is_soft = matches!(&walk.end, Command::Trip(trip) if trip.rule == Rule::SofterThanDeclared);
+            assert!(is_soft == trips && (trips || walk.end == Command::Done), "{strategy:?}, {gain}: {:?}", walk.end);
+            assert!(!trips || force_at(walk.deepest_mm) < 1.5, "{strategy:?}: {} N", force_at(walk.deepest_mm));
+        }
+        // what was touched before is no first press
+        let later = Bench { strategy, least_n_mm: Some(1.4), map: taught(), ..bench(Task::press(1.0), 0.0) };
+        assert_eq!(later.walk(force_at).1.end, Command::Done);
+    }
+}
+
+#[test]
+fn a_press_that_is_half_as_stiff_as_those_around_is_found_whatever_its_strategy() {
+    for strategy in Strategy::ALL {
+        let bench = Bench { strategy, map: taught(), ..bench(Task::press(1.0), 0.0) };
+        assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, Rule::SofterThanTaught, "{strategy:?}");
+        assert_eq!(bench.walk(|depth_mm| 0.65 * force_at(depth_mm)).1.end, Command::Done, "{strategy:?}");
+    }
+}
+
+/// A specimen whose edges are softer or stiffer than its middle by 40 %, within 2 mm, in whatever order it is pressed.
+#[test]
+fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
+    let mut rng = crate::quantity::stream(1, 0, "edges");
+    let grid: Vec<Place> = (0..169).map(|i| Place::new(f64::from(i % 13) - 6.0, f64::from(i / 13) - 6.0)).collect();
+    let mut shuffled = grid.clone();
+    shuffled.shuffle(&mut rng);
+    let inside_out: Vec<Place> = {
+        let mut places = grid.clone();
+        places.sort_by(|a, b| a.distance_mm(Place::default()).total_cmp(&b.distance_mm(Place::default())));
+        places
+    };
+    let mut presses = 0;
+    for strategy in Strategy::ALL {
+        for edge in [0.6, 1.4] {
+            for order in [&grid, &shuffled, &inside_out] {
+                let mut map = Map::new(0.3);
+                for &place in order {
+                    let inward_mm = 6.0 - place.x_mm.abs().max(place.y_mm.abs());
+                    let stiff = edge + (1.0 - edge) * (inward_mm / 2.0).min(1.0);
+                    let bench = Bench { strategy, place, map, tolerance_n: 0.01, ..bench(Task::press(0.8), 0.0) };
+                    let (press, walk) = bench.walk(|depth_mm| stiff * force_at(depth_mm));
+                    assert_eq!(walk.end, Command::Done, "{strategy:?}, edges of {edge}, {place:?}");
+                    map = bench.map;
+                    press.lesson().iter().for_each(|lesson| map.learn(lesson));
+                    presses += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(presses, 18 * 169);
 }

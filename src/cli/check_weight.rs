@@ -1,0 +1,297 @@
+//! `palpate doctor --check-weight-n`: what is asked of a person, what a known weight showed, and what the rig file then says.
+
+use super::exit::Failure;
+use super::rig_file::{check_text, replace};
+use super::summary::tell;
+use crate::dataset::round;
+use crate::quantity::{GAIN_OFF_MOST, WeightCheck};
+use crate::rig::RigSpec;
+use crate::run::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
+use jiff::Zoned;
+use miette::IntoDiagnostic;
+use serde::Serialize;
+use std::path::Path;
+use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
+
+/// How well a weight is known whose uncertainty isn't given, as a share of it: its force may have been reckoned from its mass with
+/// 9.81 m/s^2, anywhere on earth.
+const UNSTATED_SHARE: f64 = 0.005;
+
+/// A weight that is known worse than this share of it tells too little of a gain.
+const U_SHARE_MOST: f64 = 0.02;
+
+/// Digits behind the point of a gain in a rig file.
+const GAIN_DECIMALS: i32 = 6;
+
+/// A check of the load cell with a known weight.
+#[derive(Debug, clap::Args)]
+pub struct WeightArgs {
+    /// Check the load cell with a known weight of this force, N, put on the tip when asked
+    #[arg(long, value_name = "N")]
+    check_weight_n: Option<f64>,
+    /// How well the weight's force is known, N: expanded uncertainty, k = 2 [default: 0.5 % of it]
+    #[arg(long, value_name = "N", requires = "check_weight_n")]
+    check_weight_u_n: Option<f64>,
+    /// The weight acts as contact does; the default
+    #[arg(long, requires = "check_weight_n", conflicts_with = "pull")]
+    push: bool,
+    /// The weight hangs from the tip and acts the other way
+    #[arg(long, requires = "check_weight_n")]
+    pull: bool,
+    /// Divide readings by the gain that the check finds, from now on
+    #[arg(long, requires = "check_weight_n")]
+    adjust: bool,
+}
+
+/// What came of a check.
+pub struct Concluded {
+    /// For a person.
+    pub text: String,
+    /// For a program.
+    pub told: WeightTold,
+    /// Why the load cell can't be trusted.
+    pub failure: Option<Failure>,
+}
+
+/// What `--json` prints of a check.
+#[derive(Serialize)]
+pub struct WeightTold {
+    weight_n: f64,
+    weight_u_n: f64,
+    pull: bool,
+    gains: Vec<f64>,
+    gain: f64,
+    gain_sd: f64,
+    gain_u: f64,
+    off: f64,
+    explained: f64,
+    verdict: &'static str,
+    cause: Option<&'static str>,
+    written: bool,
+}
+
+impl WeightArgs {
+    /// The weight that is asked for, if one is.
+    pub fn weight(&self, rig: &RigSpec) -> Result<Option<KnownWeight>, Failure> {
+        let Some(weight_n) = self.check_weight_n else { return Ok(None) };
+        let limit_n = rig.limits.force_n;
+        // asked for what must hold, so that a NaN is refused
+        let is_borne = weight_n > 0.0 && weight_n <= limit_n;
+        if !is_borne {
+            let help = "take a lighter weight: nothing was moved";
+            let told = miette::miette!(
+                help = help,
+                "--check-weight-n is {weight_n} N, expected over 0 and at most the rig's force limit of {limit_n} N"
+            );
+            return Err(Failure::usage(told));
+        }
+        let (u_n, most_n) = (self.check_weight_u_n.unwrap_or(UNSTATED_SHARE * weight_n), U_SHARE_MOST * weight_n);
+        let is_known = u_n > 0.0 && u_n <= most_n;
+        if !is_known {
+            let help = "a weight that is known worse says too little of a gain: nothing was moved";
+            let told = miette::miette!(
+                help = help,
+                "--check-weight-u-n is {u_n} N, expected over 0 and at most {most_n} N, {} % of the weight",
+                100.0 * U_SHARE_MOST
+            );
+            return Err(Failure::usage(told));
+        }
+        Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull }))
+    }
+}
+
+/// Asks a person for the weight. A closed standard error stops nothing: the cell shows what was done.
+pub fn ask(what: Ask, weight: Option<KnownWeight>) {
+    let Some(KnownWeight { weight_n, pull, .. }) = weight else { return };
+    let wait_s = WEIGHT_WAIT.as_secs();
+    let _ = match what {
+        Ask::PutOn(time) => {
+            let how = if pull { "hang the weight from the tip" } else { "put the weight on the tip" };
+            tell(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
+        }
+        Ask::TakeOff(time) => tell(&format!("take it off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n")),
+    };
+}
+
+/// Judges what a weight showed and writes it to the rig file: `place` is the file, the text that was read of it, and whether
+/// emulators stand in for real links.
+pub fn concluded(
+    args: &WeightArgs,
+    weighed: &Weighed,
+    rig: &RigSpec,
+    (file, text, invented): (&Path, &str, bool),
+) -> Result<Concluded, Failure> {
+    let found = weighed.check(&Zoned::now().date().to_string(), false);
+    let (gain, gain_sd) = (round(found.gain, GAIN_DECIMALS), round(found.gain_sd, GAIN_DECIMALS));
+    let found = WeightCheck { gain, gain_sd, ..found };
+    let before = rig.load_cell.check.as_ref();
+    let certificate = rig.load_cell.certificate.as_ref();
+    let judged = judged(&found, before, certificate);
+    let check = WeightCheck { adjusted: args.adjust && found.is_adjustable(), ..found };
+    let adjusted_before = before.filter(|before| before.adjusted).map(|before| before.gain);
+    // a gain that readings are adjusted for is changed only where a person asks for it, or where it is wrong
+    let stays = judged.verdict == Verdict::Verified && !check.adjusted && adjusted_before.is_some();
+    let unwritten = match (stays, invented) {
+        (true, _) => Some("the rig's `check` stays as it is"),
+        (false, true) => Some("not written: a real load cell's gain isn't a simulated one's"),
+        _ => None,
+    };
+    if unwritten.is_none() {
+        let changed = with_check(text, &check).into_diagnostic().map_err(Failure::usage)?;
+        check_text(file, &changed)?;
+        replace(file, text, &changed)?;
+    }
+    let written = format!("written: `check` of [load_cell] in {}", file.display());
+    let text = format!("{}\n{}\n", described(&check, judged, adjusted_before), unwritten.unwrap_or(&written));
+    let told = told(&check, judged, weighed, unwritten.is_none());
+    let failure = if check.adjusted { None } else { failure(&check, judged, check.is_sound(certificate)) };
+    Ok(Concluded { text, told, failure })
+}
+
+/// What a weight showed, for a person.
+fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) -> String {
+    let WeightCheck { weight_n, weight_u_n, gain, gain_sd, times, adjusted, .. } = check;
+    let Judged { verdict, off, explained } = judged;
+    let (off_percent, explained_percent) = (100.0 * off, 100.0 * explained);
+    let from = adjusted_before.map_or_else(String::new, |gain| format!(" from the {gain} adjusted for"));
+    let verdict = match verdict {
+        Verdict::Verified => format!("verified: {off_percent:+.2} %{from}; {explained_percent:.2} % is explained"),
+        Verdict::Off => format!("off by {off_percent:+.2} %{from}; {explained_percent:.2} % is explained"),
+        Verdict::WrongSign => "its sign is wrong".to_owned(),
+        Verdict::Fault(_) => "a fault: too far off to be adjusted for".to_owned(),
+    };
+    let mut lines = vec![
+        format!("{gain:.4} of a weight of {weight_n} N, known within {weight_u_n} N"),
+        format!(
+            "standard uncertainty {:.5}; {gain_sd:.5} (sd) from time to time, {times} times",
+            check.standard_uncertainty()
+        ),
+        verdict,
+    ];
+    if *adjusted {
+        lines.push(format!("adjusted: readings are divided by {gain} from now on"));
+    }
+    let line = |(n, line): (usize, &String)| format!("{:<11}{line}\n", if n == 0 { "gain" } else { "" });
+    format!("\n{}", lines.iter().enumerate().map(line).collect::<String>())
+}
+
+/// The same for a program.
+fn told(check: &WeightCheck, judged: Judged, weighed: &Weighed, written: bool) -> WeightTold {
+    let (verdict, cause) = match judged.verdict {
+        _ if check.adjusted => ("adjusted", None),
+        Verdict::Verified => ("verified", None),
+        Verdict::Off => ("off", None),
+        Verdict::WrongSign => ("wrong-sign", None),
+        Verdict::Fault(cause) => ("fault", cause),
+    };
+    WeightTold {
+        weight_n: check.weight_n,
+        weight_u_n: check.weight_u_n,
+        pull: check.pull,
+        gains: weighed.gains.clone(),
+        gain: check.gain,
+        gain_sd: check.gain_sd,
+        gain_u: check.standard_uncertainty(),
+        off: judged.off,
+        explained: judged.explained,
+        verdict,
+        cause,
+        written,
+    }
+}
+
+/// Why the load cell can't be trusted after a check, and what to do. `is_sound`: a run takes the gain as it is now.
+fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failure> {
+    let WeightCheck { gain, weight_n, pull, .. } = check;
+    let (told, help) = match judged.verdict {
+        Verdict::Verified => return None,
+        Verdict::Off => {
+            let (off_percent, explained_percent) = (100.0 * judged.off, 100.0 * judged.explained);
+            let told = format!("its gain is off by {off_percent:+.2} %, and {explained_percent:.2} % can be explained");
+            let help = if is_sound {
+                "readings are no longer adjusted for, since the cell reads right by itself: was it repaired?"
+            } else {
+                "say --adjust, or repair the cell and check it again"
+            };
+            (told, help.to_owned())
+        }
+        Verdict::WrongSign => {
+            let (acted, read, other) =
+                if *pull { ("pulled", "positive", "--push") } else { ("pressed", "negative", "--pull") };
+            let told = format!("its sign is wrong. The weight {acted}, and the cell read it {read} ({gain:.3} of it)");
+            (
+                told,
+                format!("swap the cell's signal wires or set its sign; did the weight act the other way, say {other}"),
+            )
+        }
+        Verdict::Fault(cause) => {
+            let most_percent = 100.0 * GAIN_OFF_MOST;
+            let told = format!(
+                "it read {gain:.4} of the weight. Farther off than {most_percent} % is a fault, and isn't adjusted for"
+            );
+            let help = match cause {
+                Some(cause) => format!("it looks as if {cause}"),
+                None => "is the cell's range in the transmitter the one on its plate, and is this the right weight?"
+                    .to_owned(),
+            };
+            (told, help)
+        }
+    };
+    let until = if is_sound { "" } else { ". A run on this rig is refused until then" };
+    let help = format!("{help}{until}");
+    Some(Failure::untrusted(miette::miette!(help = help, "checking the load cell with {weight_n} N: {told}")))
+}
+
+/// The rig's text with the check; all else, comments too, as it was.
+fn with_check(text: &str, check: &WeightCheck) -> Result<String, toml_edit::TomlError> {
+    let mut document: DocumentMut = text.parse()?;
+    let WeightCheck { weight_n, weight_u_n, pull, gain, gain_sd, times, date, adjusted } = check;
+    let mut table = InlineTable::new();
+    let numbers = [("weight_n", *weight_n), ("weight_u_n", *weight_u_n), ("gain", *gain), ("gain_sd", *gain_sd)];
+    table.extend(numbers.map(|(key, number)| (key, Value::from(number))));
+    table.insert("times", Value::from(i64::from(*times)));
+    table.insert("date", Value::from(date.as_str()));
+    for (key, flag) in [("pull", *pull), ("adjusted", *adjusted)] {
+        if flag {
+            table.insert(key, Value::from(true));
+        }
+    }
+    table.fmt();
+    let mut new = value(table);
+    let cell = &mut document["load_cell"];
+    if let Some(cell) = cell.as_table_like_mut().filter(|cell| cell.get("check").is_some_and(Item::is_table)) {
+        cell.remove("check"); // it becomes a line
+    }
+    let old = cell.get("check").and_then(Item::as_value);
+    if let (Some(old), Item::Value(new)) = (old, &mut new) {
+        *new.decor_mut() = old.decor().clone();
+    }
+    cell["check"] = new;
+    Ok(document.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(adjusted: bool) -> WeightCheck {
+        let (weight_n, weight_u_n, gain, gain_sd) = (0.5, 0.0005, 1.0101, 0.0002);
+        let date = "2026-05-04".to_owned();
+        WeightCheck { weight_n, weight_u_n, pull: false, gain, gain_sd, times: 3, date, adjusted }
+    }
+
+    #[test]
+    fn a_check_is_written_and_nothing_else_changes() {
+        let text = "# mine\n[load_cell] # a cell\nlink = \"sim\"  # here\n\n[array]\nlink = \"sim\"\n";
+        let line = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.0101, gain_sd = 0.0002, times = 3, date = \
+                    \"2026-05-04\", adjusted = true }";
+        let written = with_check(text, &check(true)).unwrap();
+        assert_eq!(written, text.replacen("\n\n[array]", &format!("\n{line}\n\n[array]"), 1));
+        let commented = written.replacen("true }", "true }  # by me", 1);
+        let again = with_check(&commented, &check(false)).unwrap();
+        assert_eq!(again, commented.replacen(", adjusted = true }", " }", 1));
+        let table = "[load_cell]\nlink = \"sim\"\n\n[load_cell.check]\ngain = 3.0\n\n[array]\n";
+        let written = with_check(table, &check(true)).unwrap();
+        assert!(written.contains(line) && !written.contains("3.0"), "{written}");
+    }
+}

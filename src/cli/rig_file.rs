@@ -1,0 +1,30 @@
+//! A rig file that is changed: some keys, and nothing else of it.
+
+use super::exit::Failure;
+use crate::dataset::files;
+use crate::rig;
+use miette::{IntoDiagnostic, WrapErr};
+use std::path::Path;
+use std::{fs, io};
+
+/// Checks that a run would take the changed text: what it would refuse isn't written.
+pub fn check_text(file: &Path, text: &str) -> Result<(), Failure> {
+    let beside = |name: &str| fs::read_to_string(file.with_file_name(name));
+    rig::parse(&file.display().to_string(), text, &beside).map(drop).map_err(Failure::usage)
+}
+
+/// Puts the changed text in the file's place, whole or not at all, if it still is what was read.
+pub fn replace(file: &Path, read: &str, text: &str) -> Result<(), Failure> {
+    put(file, read, text)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("{} couldn't be written, and is as it was", file.display()))
+        .map_err(Failure::unwritten)
+}
+
+fn put(file: &Path, read: &str, text: &str) -> io::Result<()> {
+    let file = &fs::canonicalize(file)?; // a link stays one
+    if fs::read_to_string(file)? != read {
+        return Err(io::Error::other("it was changed while the rig was in use"));
+    }
+    files::place(file, text)
+}

@@ -1,0 +1,81 @@
+//! A press that is softer than it can be: a load cell that reads too little makes every specimen soft.
+
+use super::guarded::RESPONSE_SHARE;
+use super::state::{ForceLoop, TELL_SIGMAS};
+use super::{Rule, Trip};
+use crate::control::taught::Taught;
+
+/// Share of the declared least stiffness, and of what the presses around have taught, below which a press is too soft. Free edges of a
+/// specimen are softer than its middle by 40 %, and the force relaxes while it is reached.
+const DECLARED_SHARE: f64 = 0.9;
+const TAUGHT_SHARE: f64 = 0.55;
+/// The rise that the declared stiffness must have made by then, as a share of the set force.
+const SHOWN_SHARE: f64 = 0.25;
+/// How often the force at the first look must be there again before a rise is compared.
+const ROSE: f64 = 2.0;
+/// What a way may be off by itself, mm: the read-back and a contact that isn't flat.
+const WAY_MM: f64 = 0.010;
+
+/// How soft a press may be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Softest {
+    /// The least stiffness that the rig declares, N/mm; none: it doesn't.
+    pub declared_n_mm: Option<f64>,
+    /// What the presses around have taught; none: too few were made.
+    pub taught: Option<Taught>,
+}
+
+impl ForceLoop {
+    /// Whether this is the first press of a specimen whose least stiffness is declared: it goes in steps, whatever its strategy.
+    pub(super) fn must_show_stiffness(&self) -> bool {
+        !self.context.expected.touched && self.context.softest.declared_n_mm.is_some()
+    }
+
+    /// Holds the rise from the first look in contact to here against what was declared and taught.
+    pub(super) fn check_softness(&self) -> Result<(), Trip> {
+        let Some(&(from_mm, from_n)) = self.path.first() else { return Ok(()) };
+        if self.level != self.first_loaded() || self.dwelt {
+            return Ok(());
+        }
+        self.check_declared(from_mm, from_n)?;
+        self.check_taught(from_mm, from_n)
+    }
+
+    /// The same for a shot, from the latest that the surface can be.
+    pub(super) fn check_shot_softness(&self) -> Result<(), Trip> {
+        self.check_taught(self.context.expected.last_mm, 0.0)
+    }
+
+    /// At the first press only: what comes after it is compared with what it taught.
+    fn check_declared(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
+        let (Some(least_n_mm), Some((_, level))) = (self.context.softest.declared_n_mm, self.level()) else {
+            return Ok(());
+        };
+        let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
+        let expected_n = least_n_mm * way_mm;
+        if self.context.expected.touched || expected_n < SHOWN_SHARE * level.force_set_n {
+            return Ok(());
+        }
+        let rose_n = self.force_n - from_n;
+        if rose_n + noise_n < DECLARED_SHARE * expected_n {
+            return Err(Trip::new(Rule::SofterThanDeclared, rose_n / way_mm, least_n_mm, "N/mm"));
+        }
+        Ok(())
+    }
+
+    fn check_taught(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
+        let Some(taught) = self.context.softest.taught else { return Ok(()) };
+        let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
+        let (rose_n, expected_n) = (self.force_n - from_n, taught.force_n(from_n, way_mm) - from_n);
+        if rose_n < RESPONSE_SHARE * expected_n {
+            return Ok(()); // that is no answer at all, and told as such
+        }
+        // a force that hasn't risen is compared as if it had: by then the way was long enough for it
+        let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
+        let longest_mm = taught.way_mm((from_n - noise_n).max(0.0), to_n);
+        if TAUGHT_SHARE * way_mm > longest_mm + WAY_MM {
+            return Err(Trip::new(Rule::SofterThanTaught, rose_n / way_mm, TAUGHT_SHARE * expected_n / way_mm, "N/mm"));
+        }
+        Ok(())
+    }
+}

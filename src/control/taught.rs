@@ -1,0 +1,83 @@
+//! How deep the presses so far went for their force: what the next one around them is compared with.
+
+use super::curve::CurveShape;
+use crate::quantity::Place;
+
+/// Presses from which there is something to compare with.
+const PRESSES_LEAST: usize = 4;
+/// Presses that are remembered, and how many of the nearest are compared with.
+const PRESSES_MAX: usize = 2048;
+const NEAREST: usize = 8;
+/// A press is remembered whose force rose by this share of what it came to.
+const ROSE_SHARE: f64 = 0.5;
+
+/// A rise of the force as a press showed it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rise {
+    /// From and to which force, N.
+    pub from_n: f64,
+    pub to_n: f64,
+    /// The way that it took, mm.
+    pub way_mm: f64,
+}
+
+/// The rises that presses have shown.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rises {
+    all: Vec<(Place, Rise)>,
+}
+
+/// What the presses around a place have taught: the softest of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Taught {
+    shape: CurveShape,
+    /// Way over that on the curve.
+    softest: f64,
+}
+
+impl Rises {
+    /// Takes in a rise. Where there is no more room it takes the place of the nearest.
+    pub fn learn(&mut self, place: Place, rise: Rise) {
+        let tells = rise.to_n - rise.from_n >= ROSE_SHARE * rise.to_n && rise.way_mm > 0.0;
+        if !tells {
+            return;
+        }
+        let distance_mm = |at: &Place| at.distance_mm(place);
+        let is_full = self.all.len() >= PRESSES_MAX;
+        let nearest = self.all.iter_mut().min_by(|(a, _), (b, _)| distance_mm(a).total_cmp(&distance_mm(b)));
+        match nearest {
+            Some(near) if is_full => *near = (place, rise),
+            _ => self.all.push((place, rise)),
+        }
+    }
+
+    /// What the presses around a place have taught; none of too few.
+    pub fn around(&self, place: Place, shape: Option<CurveShape>) -> Option<Taught> {
+        let shape = shape?;
+        let mut near: Vec<(f64, usize)> =
+            self.all.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();
+        if near.len() < PRESSES_LEAST {
+            return None;
+        }
+        let count = near.len().min(NEAREST);
+        near.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let softness = |(_, i): &(f64, usize)| {
+            let Rise { from_n, to_n, way_mm } = self.all[*i].1;
+            way_mm / (shape.depth_mm(to_n) - shape.depth_mm(from_n))
+        };
+        let softest = near[..count].iter().map(softness).fold(0.0, f64::max);
+        (softest.is_finite() && softest > 0.0).then_some(Taught { shape, softest })
+    }
+}
+
+impl Taught {
+    /// The longest way that a rise of the force took around there, mm.
+    pub fn way_mm(&self, from_n: f64, to_n: f64) -> f64 {
+        self.softest * (self.shape.depth_mm(to_n) - self.shape.depth_mm(from_n))
+    }
+
+    /// The force that the softest of them met a way below a force, N.
+    pub fn force_n(&self, from_n: f64, way_mm: f64) -> f64 {
+        self.shape.force_n(self.shape.depth_mm(from_n) + way_mm / self.softest)
+    }
+}

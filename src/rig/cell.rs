@@ -1,0 +1,59 @@
+//! The load cell as its rig knows it: its readings adjusted by the gain that a known weight showed, and a word on what its newton
+//! rests on.
+
+use super::spec::LoadCellSpec;
+use crate::device::{DeviceError, Identity, LoadCell};
+use crate::driver::AnyLoadCell;
+use crate::quantity::{ForceReading, WeightCheck};
+use std::time::Duration;
+
+/// What is said of a cell whose gain nothing is known of.
+pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a known weight: what it calls a newton rests on its settings \
+                       alone (`palpate doctor --check-weight-n N`)";
+
+/// A load cell whose readings are divided by the gain that the rig adjusts for.
+pub struct AdjustedCell {
+    driver: AnyLoadCell,
+    divisor: f64,
+    told: Option<String>,
+}
+
+impl AdjustedCell {
+    pub(super) fn new(driver: AnyLoadCell, spec: &LoadCellSpec) -> Self {
+        AdjustedCell { driver, divisor: spec.divisor(), told: told(spec) }
+    }
+}
+
+impl LoadCell for AdjustedCell {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        let mut identity = self.driver.prepare().await?;
+        identity.warnings.extend(self.told.clone());
+        Ok(identity)
+    }
+
+    fn afresh(&mut self) {
+        self.driver.afresh();
+    }
+
+    async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+        let reading = self.driver.read().await?;
+        Ok(ForceReading { force_n: reading.force_n / self.divisor, ..reading })
+    }
+
+    fn conversion(&self) -> Duration {
+        self.driver.conversion()
+    }
+}
+
+/// What a person should know of the cell's gain.
+fn told(spec: &LoadCellSpec) -> Option<String> {
+    match &spec.check {
+        Some(check) if check.adjusted => {
+            let WeightCheck { gain, weight_n, date, .. } = check;
+            Some(format!("its readings are divided by {gain}, the gain that a check with {weight_n} N found on {date}"))
+        }
+        Some(_) => None,
+        None if spec.certificate.is_none() => Some(GAIN_UNKNOWN.to_owned()),
+        None => None,
+    }
+}

@@ -1,0 +1,125 @@
+//! A load cell whose gain is off: what a check with a known weight makes of it, and what notices it without one.
+//!
+//! `PALPATE_BENCH_SEEDS=3 cargo test --release --test control gain -- --nocapture` for calibrations of 625 presses each of three
+//! seeds; by default one of 121.
+
+use crate::support::walks::{BENCHES, bench, end_of, in_parallel, in_virtual_time, plan, walked};
+use palpate::quantity::WeightCheck;
+use palpate::recipe::Phase;
+use palpate::rig::RigSpec;
+use palpate::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
+
+const RECIPE: &str = include_str!("../../recipes/bench.toml");
+const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
+
+const WEIGHT_N: f64 = 0.5;
+
+/// The true force less the set one, 95 % of the windows, N, with a weight that is known within so much.
+const WELL_KNOWN: (f64, f64) = (0.001, 0.004);
+const BADLY_KNOWN: (f64, f64) = (0.005, 0.008);
+
+/// The least stiffness that is declared: a tenth below the softest that a press of these benches shows first, N/mm.
+const STIFFNESS_LEAST_N_MM: f64 = 0.9;
+
+fn seeds() -> Option<u64> {
+    std::env::var("PALPATE_BENCH_SEEDS").ok().map(|seeds| seeds.parse().expect("a number"))
+}
+
+fn recipe() -> String {
+    if seeds().is_some() { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) }
+}
+
+fn with_gain(name: &str, gain: f64) -> RigSpec {
+    let mut spec = bench(name);
+    spec.scene.load_cell.as_mut().expect("a load cell").gain = gain;
+    spec
+}
+
+/// What the doctor finds with a weight that is known within this share of it; its true force follows from the seed.
+fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> Weighed {
+    let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false };
+    let found = in_virtual_time(async {
+        examine(spec, seed, &Cancel::default(), Some(Weighing { weight, ask: &mut |_| {} })).await.expect("a sound rig")
+    });
+    found.weighed.expect("a load cell").expect("a weight that comes and goes")
+}
+
+fn checked(spec: &RigSpec, u_share: f64, seed: u64, adjusted: bool) -> WeightCheck {
+    weighed(spec, u_share, seed).check("2026-05-04", adjusted)
+}
+
+#[test]
+fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_known() {
+    for (name, _) in BENCHES {
+        for (u_share, most_n) in [WELL_KNOWN, BADLY_KNOWN] {
+            let seeds: Vec<u64> = (1..=seeds().unwrap_or(1)).collect();
+            let told = in_parallel(&seeds, |&seed| {
+                let mut spec = with_gain(name, 1.01);
+                let check = checked(&spec, u_share, seed, true);
+                let u = check.standard_uncertainty();
+                assert!((check.gain - 1.01).abs() <= 1.02 * u_share + 4.0 * check.gain_sd, "{name}: {check:?}");
+                spec.load_cell.check = Some(check.clone());
+                let walked = walked(&spec, &plan(&spec, &recipe(), seed));
+                assert!(walked.ending.halt.is_none(), "{name}: {:?}", walked.ending.told());
+                let contacts = walked.ledger.contacts().filter(|contact| contact.levels[0].is_of(Phase::Calibration));
+                let off_n = |set_n: f64, true_n: f64| (true_n - set_n).abs();
+                let mut errors_n: Vec<f64> = contacts
+                    .map(|contact| off_n(contact.levels[0].force_set_n.unwrap(), contact.truth[0].force_true_n))
+                    .collect();
+                errors_n.sort_by(f64::total_cmp);
+                (errors_n[(errors_n.len() as f64 * 0.95).ceil() as usize - 1], errors_n.len(), check.gain, u)
+            });
+            for (seed, (p95_n, presses, gain, u)) in seeds.iter().zip(told) {
+                println!(
+                    "{name}, weight known within {} %, seed {seed}: gain {gain:.5} (u {u:.5}), {presses} presses, true less set \
+                     {:.2} mN (95 %)",
+                    100.0 * u_share,
+                    1e3 * p95_n
+                );
+                assert!(p95_n <= most_n, "{name}, seed {seed}: {p95_n} N");
+            }
+        }
+    }
+}
+
+/// What becomes of a cell of this gain: what noticed it, how many presses were recorded by then, and the true peak force, N.
+fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
+    let walked = walked(spec, &plan(spec, &recipe(), seed));
+    (end_of(&walked.ending), walked.ledger.contacts().count(), walked.truth.force_n)
+}
+
+#[test]
+fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what_does() {
+    // a cell that reads half presses twice as hard as the recipe asks, which no rule can know without the weight
+    println!("| bench | gain | check weight | least stiffness | noticed by | presses | true peak force |");
+    for (name, _) in BENCHES {
+        let limit_n = bench(name).limits.force_n;
+        for gain in [0.5, 0.8, 1.25, -1.0] {
+            for least_n_mm in [None, Some(STIFFNESS_LEAST_N_MM)] {
+                let mut spec = with_gain(name, gain);
+                spec.stiffness_least_n_mm = least_n_mm;
+                let check = checked(&spec, 0.001, 1, false);
+                let verdict = judged(&check, None, None).verdict;
+                assert!(matches!(verdict, Verdict::Fault(_) | Verdict::WrongSign), "{name}, {gain}: {verdict:?}");
+                assert!((check.gain - gain).abs() < 0.003, "{name}: {check:?}");
+                let with = RigSpec {
+                    load_cell: palpate::rig::LoadCellSpec { check: Some(check), ..spec.load_cell.clone() },
+                    ..spec.clone()
+                };
+                let (by, presses, peak_n) = noticed(&with, 1);
+                assert_eq!((by, presses, peak_n), ("gain-off", 0, 0.0), "{name}, {gain}: a run is refused");
+                let (by, presses, peak_n) = noticed(&spec, 1);
+                let least = least_n_mm.map_or("-".to_owned(), |n_mm| format!("{n_mm} N/mm"));
+                println!("| {name} | {gain} | 0.5 N | {least} | doctor, and any run after it: gain-off | 0 | 0.00 N |");
+                println!("| {name} | {gain} | - | {least} | {by} | {presses} | {peak_n:.2} N |");
+                assert!(by == "-" || peak_n <= limit_n, "{name}, {gain}: {peak_n} N");
+                let expected: &[&str] = match (gain, least_n_mm) {
+                    (0.5, Some(_)) => &["softer-than-declared"],
+                    (-1.0, _) => &["wrong-sign"],
+                    _ => &["-"],
+                };
+                assert!(expected.contains(&by), "{name}, {gain}, {least}: {by}");
+            }
+        }
+    }
+}

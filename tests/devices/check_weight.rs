@@ -1,0 +1,165 @@
+//! `palpate doctor --check-weight-n`, and what a run makes of a load cell's certificate and check.
+
+use crate::support::{Bench, SMALL, exchanged, shipped_text};
+
+const DOCTOR: &str = "doctor rig.toml --check-weight-n 0.5 --check-weight-u-n 0.0005";
+const CERTIFICATE: &str = "certificate = { number = \"K-7\", date = \"2026-05-04\", u_n = 0.002 }\n";
+
+/// The shipped rig with a load cell that reads so many percent too much, and more keys of it.
+fn rig(gain_error_percent: f64, more: &str) -> String {
+    let noise = "noise_n = 0.003";
+    let rig = shipped_text("rigs/sim.toml");
+    let rig = exchanged(&rig, noise, &format!("{noise}, gain_error_percent = {gain_error_percent:?}"));
+    exchanged(&rig, "\n[array]\n", &format!("{more}\n[array]\n"))
+}
+
+fn bench(gain_error_percent: f64, more: &str) -> Bench {
+    Bench::with([("rig.toml", rig(gain_error_percent, more).as_str()), ("small.toml", SMALL)])
+}
+
+fn run(bench: &Bench, code: i32) -> String {
+    bench.palpate_ends(code, "run small.toml --rig rig.toml --out run").err
+}
+
+fn words(text: &str) -> String {
+    text.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
+    let bench = bench(0.0, "");
+    let told = bench.palpate_ends(0, DOCTOR);
+    for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take it off (3 of 3)"] {
+        assert!(told.err.contains(asked), "{}", told.err);
+    }
+    assert!(told.out.contains("verified: ") && told.out.contains("nothing to put right"), "{}", told.out);
+    assert!(told.out.ends_with("written: `check` of [load_cell] in rig.toml\n"), "{}", told.out);
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let written = bench.read("rig.toml");
+    let others: Vec<&str> = written.lines().filter(|line| !line.starts_with("check = ")).collect();
+    assert_eq!(others, rig(0.0, "").lines().collect::<Vec<_>>());
+    let err = run(&bench, 0);
+    assert!(!err.contains("warning: load_cell"), "{err}");
+}
+
+#[test]
+fn a_gain_that_is_off_is_refused_until_it_is_adjusted_for_which_is_said_and_recorded() {
+    let bench = bench(1.0, "");
+    let told = bench.palpate_ends(4, DOCTOR);
+    assert!(words(&told.err).contains("its gain is off by +1.0"), "{}", told.err);
+    assert!(words(&told.err).contains("say --adjust"), "{}", told.err);
+    let err = words(&run(&bench, 4));
+    assert!(
+        err.contains("safety trip: gain-off: 1.0") && err.contains("`palpate doctor --check-weight-n N --adjust`"),
+        "{err}"
+    );
+    assert!(!bench.path("run").exists(), "nothing is made of a run that is refused");
+    bench.palpate_ends(4, "doctor rig.toml");
+    bench.palpate_ends(4, "align rig.toml");
+    let told = bench.palpate_ends(0, &format!("{DOCTOR} --adjust"));
+    assert!(told.out.contains("adjusted: readings are divided by 1.0"), "{}", told.out);
+    assert!(bench.read("rig.toml").contains("adjusted = true }"), "{}", bench.read("rig.toml"));
+    let divided = "its readings are divided by 1.0";
+    let err = run(&bench, 0);
+    assert!(err.contains(&format!("warning: load_cell: {divided}")), "{err}");
+    bench.palpate_ends(0, "report run");
+    for file in ["run/manifest.json", "run/report.html"] {
+        assert!(bench.read(file).contains(divided), "{file}");
+    }
+    // a check of the adjusted cell changes nothing
+    let before = bench.read("rig.toml");
+    let told = bench.palpate_ends(0, DOCTOR);
+    assert!(
+        told.out.contains("verified: ") && told.out.ends_with("the rig's `check` stays as it is\n"),
+        "{}",
+        told.out
+    );
+    assert_eq!(bench.read("rig.toml"), before);
+}
+
+#[test]
+fn a_cell_that_changed_since_it_was_adjusted_for_is_told() {
+    let adjusted = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.02, gain_sd = 0.0002, times = 3, date = \
+                    \"2026-05-04\", adjusted = true }\n";
+    let bench = bench(3.0, adjusted);
+    let told = bench.palpate_ends(4, DOCTOR);
+    assert!(told.out.contains("from the 1.02 adjusted for"), "{}", told.out);
+    assert!(words(&run(&bench, 4)).contains("gain-off"));
+}
+
+#[test]
+fn a_fault_is_refused_named_and_kept_so_that_no_run_takes_it_for_good() {
+    for (gain_error_percent, told) in [
+        (-50.0, "it read 0.5"),
+        (25.0, "isn't adjusted for help: is the cell's range in the transmitter the one on its plate"),
+        (-200.0, "its sign is wrong. The weight pressed, and the cell read it negative"),
+        (-89.8028, "it looks as if the cell's unit is the kilogram-force (9.80665 N)"),
+        (-77.519, "it looks as if the cell's unit is the pound-force (4.448 N)"),
+    ] {
+        let bench = bench(gain_error_percent, CERTIFICATE);
+        let err = words(&bench.palpate_ends(4, &format!("{DOCTOR} --adjust")).err);
+        assert!(err.contains(told), "{gain_error_percent}: {err}");
+        assert!(!bench.read("rig.toml").contains("adjusted"), "{gain_error_percent}");
+        assert!(words(&run(&bench, 4)).contains("gain-off"), "{gain_error_percent}");
+    }
+}
+
+#[test]
+fn a_weight_that_hangs_pulls() {
+    let pulled = bench(0.0, "").palpate_ends(0, &format!("{DOCTOR} --pull"));
+    assert!(pulled.err.contains("hang the weight from the tip (0.5 N, 1 of 3)"), "{}", pulled.err);
+    let bench = bench(-200.0, "");
+    let told = bench.palpate_ends(4, &format!("{DOCTOR} --pull --json"));
+    assert!(words(&told.err).contains("The weight pulled, and the cell read it positive"), "{}", told.err);
+    let found = &told.json_lines()[0]["check_weight"];
+    assert_eq!((found["verdict"].as_str(), found["pull"].as_bool()), (Some("wrong-sign"), Some(true)), "{found}");
+    assert!((found["gain"].as_f64().unwrap() + 1.0).abs() < 0.005, "{found}");
+}
+
+#[test]
+fn a_weight_that_nobody_notices_is_waited_for_a_minute() {
+    let bench = bench(-99.0, "");
+    let told = bench.palpate_ends(4, DOCTOR);
+    assert!(words(&told.err).contains("safety trip: no-weight: 0.00"), "{}", told.err);
+    assert_eq!(bench.read("rig.toml"), rig(-99.0, ""));
+}
+
+#[test]
+fn a_weight_is_refused_before_anything_moves() {
+    let bench = bench(0.0, "");
+    for (args, told) in [
+        ("--check-weight-n 2.5", "--check-weight-n is 2.5 N, expected over 0 and at most the rig's force limit of 2 N"),
+        ("--check-weight-n 0", "--check-weight-n is 0 N, expected over 0"),
+        ("--check-weight-n nan", "--check-weight-n is NaN N, expected over 0"),
+        (
+            "--check-weight-n 0.5 --check-weight-u-n 0.02",
+            "--check-weight-u-n is 0.02 N, expected over 0 and at most 0.01 N, 2 % of the weight",
+        ),
+        ("--adjust", "--check-weight-n <N>"),
+        ("--check-weight-n 0.5 --push --pull", "'--push' cannot be used with '--pull'"),
+    ] {
+        let err = words(&bench.palpate_ends(2, &format!("doctor rig.toml {args}")).err);
+        assert!(err.contains(told), "{args}: {err}");
+    }
+}
+
+#[test]
+fn a_simulated_gain_is_not_written_to_a_real_rig() {
+    let esp301 = shipped_text("rigs/esp301.toml");
+    let bench = Bench::with([("rig.toml", esp301.as_str())]);
+    let told = bench.palpate_ends(0, &format!("{DOCTOR} --simulate"));
+    assert!(told.out.ends_with("not written: a real load cell's gain isn't a simulated one's\n"), "{}", told.out);
+    assert_eq!(bench.read("rig.toml"), esp301);
+}
+
+#[test]
+fn a_run_without_certificate_and_check_says_so_and_its_page_too() {
+    let neither = "it has neither a certificate nor a check with a known weight";
+    let plain = bench(0.0, "");
+    let err = run(&plain, 0);
+    assert_eq!(err.matches(neither).count(), 1, "{err}");
+    plain.palpate_ends(0, "report run");
+    assert!(plain.read("run/report.html").contains(neither));
+    let err = run(&bench(0.0, CERTIFICATE), 0);
+    assert!(!err.contains("warning: load_cell"), "{err}");
+}
