@@ -4,7 +4,7 @@
 //! `PALPATE_BENCH_SEEDS=5 cargo test --release --test control bench_ills -- --nocapture` for five calibrations of 625 presses
 //! each; by default one of 121.
 
-use crate::support::walks::{BENCHES, bench, in_parallel, plan, walked};
+use crate::support::walks::{BENCHES, Walked, bench, in_parallel, plan, walked};
 use palpate::dataset::Record;
 use palpate::recipe::Phase;
 use palpate::rig::RigSpec;
@@ -16,9 +16,11 @@ const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
 /// How much worse than the nominal bench (a) may be at 95 %, and the most of (b), N.
 const WORSE_N: f64 = 0.0006;
 const RECORDED_N: f64 = 0.0012;
-/// The same of all ills at once, and the most that a peak may exceed the set force, N.
-const ALL_N: f64 = 0.005;
-const ALL_PEAK_N: f64 = 0.012;
+/// (a) with a drift of 300 mN in one run, 2 to 3 mN in each press: how much worse it may be, N; it was 1.6 mN.
+const DRIFTED_WORSE_N: f64 = 0.002;
+/// (a) of all ills at once, and the most that a peak may exceed the set force, N: 2.7 and 6.6 mN with one seed.
+const ALL_N: f64 = 0.0035;
+const ALL_PEAK_N: f64 = 0.009;
 
 /// An ill by its name.
 type Ill = (&'static str, fn(&mut RigSpec));
@@ -53,7 +55,7 @@ struct Figures {
     peak_n: f64,
 }
 
-fn figures(name: &'static str, told: &str, ill: fn(&mut RigSpec)) -> Figures {
+fn figures(name: &'static str, told: &str, ill: impl Fn(&mut RigSpec)) -> Figures {
     let seeds: Option<u64> = std::env::var("PALPATE_BENCH_SEEDS").ok().map(|seeds| seeds.parse().expect("a number"));
     let recipe = if seeds.is_some() { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) };
     let mut spec = bench(name);
@@ -64,6 +66,10 @@ fn figures(name: &'static str, told: &str, ill: fn(&mut RigSpec)) -> Figures {
         assert!(walked.ending.halt.is_none(), "{name}, {told}: {:?}", walked.ending.told());
         walked
     });
+    figures_of(name, told, &walks)
+}
+
+fn figures_of(name: &str, told: &str, walks: &[Walked]) -> Figures {
     let contacts = walks.iter().flat_map(|walked| walked.ledger.contacts());
     let (mut set, mut recorded, mut peak_n) = (Vec::new(), Vec::new(), f64::NEG_INFINITY);
     for contact in contacts.filter(|contact| contact.levels[0].is_of(Phase::Calibration)) {
@@ -102,27 +108,37 @@ fn a_zero_that_drifts_or_wanders_and_hum_are_counted_off() {
 
 #[test]
 fn all_ills_at_once_are_borne() {
-    for (name, _) in BENCHES {
-        let found = figures(name, "all at once", all);
-        assert!(found.set_p95_n <= ALL_N, "{name}: {} N", found.set_p95_n);
-        assert!(found.peak_n <= ALL_PEAK_N, "{name}: {} N", found.peak_n);
-    }
+    // the benches differ in nothing but the latency of the stage, which is an ill here
+    let (name, _) = BENCHES[0];
+    let found = figures(name, "all at once", all);
+    assert!(found.set_p95_n <= ALL_N, "{} N", found.set_p95_n);
+    assert!(found.recorded_p95_n <= RECORDED_N, "{} N", found.recorded_p95_n);
+    assert!(found.peak_n <= ALL_PEAK_N, "{} N", found.peak_n);
 }
 
-/// A drift of 0.3 N in all: the zero is taken in full on the way, and no run ends by it.
+/// A drift of 0.3 N in all: the zero is taken in full on the way, no run ends by it, and the forces stay right.
 #[test]
 fn a_run_goes_on_through_a_drift_of_300_mn() {
     let recipe = RECIPE.replacen(COARSER.0, COARSER.1, 1);
     for (name, _) in BENCHES {
         for drift_n in [0.3, -0.3] {
             let mut spec = bench(name);
-            let nominal = walked(&spec, &plan(&spec, &recipe, 1));
-            cell(&mut spec).drift_n_s = drift_n / nominal.ending.t_s;
-            let drifted = walked(&spec, &plan(&spec, &recipe, 1));
-            assert!(drifted.ending.halt.is_none(), "{name}, {drift_n} N: {:?}", drifted.ending.told());
+            let nominal = [walked(&spec, &plan(&spec, &recipe, 1))];
+            cell(&mut spec).drift_n_s = drift_n / nominal[0].ending.t_s;
+            let drifted = [walked(&spec, &plan(&spec, &recipe, 1))];
+            let Walked { ending, ledger, .. } = &drifted[0];
+            assert!(ending.halt.is_none(), "{name}, {drift_n} N: {:?}", ending.told());
             let is_zero = |record: &&Record| matches!(record, Record::Zero { .. });
-            let zeros = drifted.ledger.records().iter().filter(is_zero).count();
+            let zeros = ledger.records().iter().filter(is_zero).count();
             assert!(zeros >= 3, "{name}, {drift_n} N: {zeros} zeros");
+            let [nominal, found] =
+                [&nominal, &drifted].map(|walks| figures_of(name, &format!("{drift_n} N in all"), walks));
+            assert!(
+                found.set_p95_n <= nominal.set_p95_n + DRIFTED_WORSE_N,
+                "{name}, {drift_n} N: {} N",
+                found.set_p95_n
+            );
+            assert!(found.recorded_p95_n <= RECORDED_N, "{name}, {drift_n} N: {} N", found.recorded_p95_n);
         }
     }
 }

@@ -24,10 +24,29 @@ struct Bars {
     over_n: f64,
 }
 
+/// On the fast bench, then on the other.
 const MAP_BARS: [Bars; 2] = [
     Bars { p95_n: 0.003, most_n: 0.010, ratio: 1.45, over_n: 0.010 },
     Bars { p95_n: 0.004, most_n: 0.012, ratio: 1.6, over_n: 0.012 },
 ];
+/// The same of a cell with three times the noise. It came to 6.0 and 6.7 mN, 11.5 and 12.1 mN, 13.1 and 12.2 mN over ten seeds.
+const NOISIER_BARS: [Bars; 2] = [
+    Bars { p95_n: 0.0075, most_n: 0.015, ratio: 1.6, over_n: 0.016 },
+    Bars { p95_n: 0.0080, most_n: 0.015, ratio: 1.7, over_n: 0.016 },
+];
+/// Guarded and velocity: every window within the recipe's tolerance of 10 mN, and nothing over the set force. 95 % came to 6.8 and
+/// 6.6 mN, 6.2 and 5.3 mN.
+const GUARDED_BARS: [Bars; 2] = [
+    Bars { p95_n: 0.0075, most_n: 0.010, ratio: 2.8, over_n: 0.0 },
+    Bars { p95_n: 0.0075, most_n: 0.010, ratio: 3.2, over_n: 0.0 },
+];
+const VELOCITY_BARS: [Bars; 2] = [
+    Bars { p95_n: 0.0070, most_n: 0.010, ratio: 3.0, over_n: 0.0 },
+    Bars { p95_n: 0.0065, most_n: 0.010, ratio: 4.1, over_n: 0.0 },
+];
+/// The paper's points, forces of 0.1 to 1 N: 95 % of the windows and the largest over. They came to 3.7 and 14.4 mN.
+const POINTS_P95_N: f64 = 0.005;
+const POINTS_OVER_N: f64 = 0.020;
 
 /// What presses came to.
 struct Figures {
@@ -58,6 +77,18 @@ impl Figures {
         let share = |values: &[f64], share: f64| values[((values.len() as f64 * share).ceil() as usize).max(1) - 1];
         let median_s = share(&times_s, 0.5);
         Figures { p95_n: share(&errors_n, 0.95), most_n: share(&errors_n, 1.0), over_n, median_s, count }
+    }
+
+    /// The bars that are missed, by name; times only where they are asked for.
+    fn missed(&self, bars: &Bars, timed: bool) -> Vec<String> {
+        let Figures { p95_n, most_n, over_n, median_s, .. } = *self;
+        let rules = [
+            (p95_n <= bars.p95_n, "95 % of the windows"),
+            (most_n <= bars.most_n, "the worst window"),
+            (over_n <= bars.over_n, "force over the set one"),
+            (!timed || median_s / BOUND_S <= bars.ratio, "time a press"),
+        ];
+        rules.into_iter().filter(|(holds, _)| !holds).map(|(_, told)| told.to_owned()).collect()
     }
 
     fn print(&self, told: &str) {
@@ -120,7 +151,7 @@ fn seeds(most: u64) -> std::ops::RangeInclusive<u64> {
 #[test]
 fn a_map_trips_for_nothing_and_keeps_its_bars() {
     let mut missed = Vec::new();
-    for ((bench, _), bars) in BENCHES.into_iter().zip(MAP_BARS) {
+    for (((bench, _), bars), noisier_bars) in BENCHES.into_iter().zip(MAP_BARS).zip(NOISIER_BARS) {
         // the first five go on with the paper's points
         let whole = |noise_n, seed| Calibration {
             bench,
@@ -145,13 +176,11 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
             let fits = |job: &Calibration| job.noise_n == noise_n && job.grid == grid && job.points == points;
             jobs.iter().zip(&walks).filter(|(job, _)| fits(job)).map(|(_, walked)| walked).collect()
         };
-        let nominal = Figures::of(&those(NOISE_N, true, true), Phase::Calibration);
+        let all = [those(NOISE_N, true, true), those(NOISE_N, true, false)].concat();
+        let nominal = Figures::of(&all, Phase::Calibration);
         nominal.print(&format!("{bench}, map"));
-        if !THINNED {
-            Figures::of(&those(NOISE_N, true, false), Phase::Calibration)
-                .print(&format!("{bench}, map, five more seeds"));
-        }
-        Figures::of(&those(NOISIER_N, true, false), Phase::Calibration).print(&format!("{bench}, map, 10 mN of noise"));
+        let noisier = Figures::of(&those(NOISIER_N, true, false), Phase::Calibration);
+        noisier.print(&format!("{bench}, map, 10 mN of noise"));
         let after = Figures::of(&those(NOISE_N, true, true), Phase::Test);
         after.print(&format!("{bench}, map, the paper's points after a calibration"));
         let alone = Figures::of(&those(NOISE_N, false, true), Phase::Test);
@@ -161,22 +190,23 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
                 missed.push(format!("{bench}: {told}"));
             }
         };
-        must(nominal.p95_n <= bars.p95_n, "95 % of the windows");
-        must(nominal.most_n <= bars.most_n, "the worst window");
-        must(nominal.over_n <= bars.over_n, "force over the set one");
         // presses farther apart take longer
         must(THINNED || raster.median_s / BOUND_S <= bars.ratio, "time a press");
         for (points, told) in [(after, "points after a calibration"), (alone, "points alone")] {
-            must(points.p95_n < 0.008 && points.over_n <= 0.030, told);
+            must(points.p95_n <= POINTS_P95_N && points.over_n <= POINTS_OVER_N, told);
+        }
+        for (figures, bars, told) in [(nominal, bars, "map"), (noisier, noisier_bars, "10 mN of noise")] {
+            missed.extend(figures.missed(&bars, false).iter().map(|what| format!("{bench}, {told}: {what}")));
         }
     }
     must_be_none(&missed);
 }
 
 #[test]
-fn a_guarded_and_a_velocity_press_trip_for_nothing() {
-    for (bench, _) in BENCHES {
-        for strategy in [Strategy::Guarded, Strategy::Velocity] {
+fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
+    let mut missed = Vec::new();
+    for (nth, (bench, _)) in BENCHES.into_iter().enumerate() {
+        for (strategy, bars) in [(Strategy::Guarded, &GUARDED_BARS[nth]), (Strategy::Velocity, &VELOCITY_BARS[nth])] {
             let whole = |seed| Calibration {
                 bench,
                 noise_n: NOISE_N,
@@ -188,8 +218,10 @@ fn a_guarded_and_a_velocity_press_trip_for_nothing() {
             };
             let walks = in_parallel(&seeds(2).map(whole).collect::<Vec<_>>(), Calibration::walked);
             let figures = Figures::of(&walks.iter().collect::<Vec<_>>(), Phase::Calibration);
-            figures.print(&format!("{bench}, {}", strategy.name()));
-            assert!(strategy != Strategy::Guarded || figures.over_n <= 0.0, "{bench}: {} N over", figures.over_n);
+            let told = format!("{bench}, {}", strategy.name());
+            figures.print(&told);
+            missed.extend(figures.missed(bars, !THINNED).iter().map(|what| format!("{told}: {what}")));
         }
     }
+    must_be_none(&missed);
 }

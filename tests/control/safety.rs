@@ -102,9 +102,13 @@ fn a_noisy_load_cell_doesnt_cost_force() {
         });
         let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
         let walked = bench.walk(None);
-        assert!(walked.ending.unparked.is_none());
+        assert_eq!(walked.ending.status(), Status::Complete, "seed {seed}: {:?}", walked.ending.told());
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
+        // the tolerance, and what a window's mean of 20 readings is known to: 2.5 sd of 4.5 mN
+        let contact = bench.contacts().next().expect("a press");
+        let off_n = contact.truth[0].force_true_n - 1.9;
+        assert!(off_n.abs() <= 0.05 + 0.011, "seed {seed}: off by {off_n} N");
     }
 }
 

@@ -42,6 +42,10 @@ fn every_number_of_a_page_is_that_of_evaluate() {
     assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
     let page = bench.read("all/report.html");
     let shown = numbers(&page);
+    for (key, value, words) in data(&page) {
+        assert!(is_told(value, &words), "{key} is {value}, and a person reads {words}");
+    }
+    is_the_runs_table_1(&bench, &page);
     for (name, solver) in [("pearson", "pearson"), ("best", "best")] {
         let evaluation =
             bench.palpate_ends(0, &format!("evaluate all --json --solver {solver}")).json_lines().remove(0);
@@ -57,6 +61,29 @@ fn every_number_of_a_page_is_that_of_evaluate() {
         }
         let decisive = evaluation["location_error_mm"]["mean"].as_f64().unwrap();
         assert!(page.contains(&format!("{decisive:.3}")), "{decisive}");
+    }
+}
+
+/// Every repeatability (3 sd) and hysteresis of the page's Table 1 is that of the run's `characteristics.csv`.
+fn is_the_runs_table_1(bench: &Bench, page: &str) {
+    let (header, mut rows) = bench.table("all/characteristics.csv");
+    rows.retain(|row| !row[1].is_empty());
+    assert_eq!(rows.len(), 2, "{rows:?}");
+    for (title, column) in [
+        ("Repeatability, loading", "repeatability_loading_percent"),
+        ("Repeatability, unloading", "repeatability_unloading_percent"),
+        ("Hysteresis", "hysteresis_percent"),
+    ] {
+        let column = header.iter().position(|name| name == column).unwrap_or_else(|| panic!("{column} in {header:?}"));
+        let table = page.split(&format!("<strong>{title}</strong>")).nth(1).unwrap().split("</table>").next().unwrap();
+        for row in &rows {
+            let line = table.split("<tr>").find(|line| line.contains(&format!("<th scope=\"row\">{}</th>", row[0])));
+            let line = line.unwrap_or_else(|| panic!("{title}: no unit {} in {table}", row[0]));
+            // the paper's own stands before it
+            let ours = data(line).nth(1).unwrap_or_else(|| panic!("{title}: {line}")).1;
+            // the table has four decimals
+            assert!((ours - row[column].parse::<f64>().unwrap()).abs() < 6e-5, "{title}, unit {}: {ours}", row[0]);
+        }
     }
 }
 
@@ -379,13 +406,28 @@ fn only_what_is_alike_is_joined_and_compared() {
 
 /// What stands in the page's `data` elements that have a key.
 fn numbers(page: &str) -> BTreeMap<String, f64> {
-    let elements = page.split("<data ").skip(1).map(|rest| rest.split('>').next().unwrap());
-    let attribute = |element: &str, name: &str| {
-        let rest = element.split(&format!("{name}=\"")).nth(1).unwrap();
-        rest.split('"').next().unwrap().to_owned()
-    };
-    let pairs = elements.map(|e| (attribute(e, "data-key"), attribute(e, "value").parse().expect("a number")));
-    pairs.filter(|(key, _)| !key.is_empty()).collect()
+    data(page).filter(|(key, ..)| !key.is_empty()).map(|(key, value, _)| (key, value)).collect()
+}
+
+/// The page's `data` elements: key, value, and what a person reads, with the unit behind it.
+fn data(page: &str) -> impl Iterator<Item = (String, f64, String)> {
+    page.split("<data ").skip(1).map(|rest| {
+        let (element, rest) = rest.split_once('>').unwrap();
+        let attribute = |name: &str| {
+            let rest = element.split(&format!("{name}=\"")).nth(1).unwrap();
+            rest.split('"').next().unwrap().to_owned()
+        };
+        let (inner, behind) = rest.split_once("</data>").unwrap();
+        let words = format!("{inner}{}", behind.split('<').next().unwrap());
+        (attribute("data-key"), attribute("value").parse().expect("a number"), words)
+    })
+}
+
+/// Whether what a person reads is the value, rounded; a share is read as %.
+fn is_told(value: f64, words: &str) -> bool {
+    let (number, unit) = words.split_once(' ').unwrap_or((words, ""));
+    let digits = number.split_once('.').map_or(0, |(_, digits)| digits.len());
+    format!("{:.digits$}", if unit.starts_with('%') { 100.0 * value } else { value }) == number
 }
 
 /// The pictures of a page.

@@ -1,18 +1,110 @@
-//! `docs/validation.md` is what the program finds.
+//! `docs/validation.md` is what the program finds, its numbers are those of the runs, and the paper's are the paper's.
 
 use crate::support::{Bench, shipped_text};
+use palpate::dataset::characteristics::UnitCharacteristics;
+use palpate::solver::Evaluation;
+use palpate::study::validation::{SEEDS, Validation, ValidationOutcome, validation};
+
+/// What the paper prints (Sensors 2018, 18, 351), copied from it and not from the program: name, value, digits here, unit.
+const PAPERS: [(&str, &str, usize, &str); 5] = [
+    ("mean location error", "0.460", 3, "mm"),
+    ("location error under 1 mm", "93", 1, "%"),
+    ("mean force error", "0.0430", 4, "N"),
+    ("force error under 0.1 N", "91", 1, "%"),
+    ("both under", "84", 1, "%"),
+];
+
+/// Its Table 1: unit, repeatability loading and unloading, hysteresis.
+const TABLE_1: [[&str; 4]; 9] = [
+    ["1", "1.60", "1.07", "4.11"],
+    ["2", "3.74", "2.78", "2.29"],
+    ["3", "2.19", "2.32", "2.88"],
+    ["4", "0.83", "1.97", "3.08"],
+    ["5", "0.51", "1.44", "3.39"],
+    ["6", "1.02", "1.24", "5.53"],
+    ["7", "0.71", "0.39", "3.99"],
+    ["8", "2.84", "3.23", "4.44"],
+    ["9", "3.97", "4.89", "5.19"],
+];
 
 #[test]
-fn the_page_on_validation_is_what_the_program_writes() {
-    let bench = Bench::new();
-    let told = bench.palpate_ends(0, "study validation --out found");
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
-    let found = bench.read("found/validation.md");
-    let kept = shipped_text("docs/validation.md");
-    for (line, (found, kept)) in found.lines().zip(kept.lines()).enumerate() {
+fn the_page_on_validation_says_what_the_runs_came_to() {
+    let found = validation(SEEDS, 1, &|_, _| {}).expect("the shipped recipe and rig are sound");
+    let page = shipped_text("docs/validation.md");
+    for (line, (found, kept)) in found.markdown().lines().zip(page.lines()).enumerate() {
         assert_eq!(found, kept, "line {}: `palpate study validation` writes it anew", line + 1);
     }
-    assert_eq!(found, kept);
+    assert_eq!(found.markdown(), page);
+    for (name, paper, digits, unit) in PAPERS {
+        let of = |which: fn(&ValidationOutcome) -> &Evaluation| {
+            mean_and_sd(&found.outcomes.iter().map(|outcome| number(name, which(outcome))).collect::<Vec<f64>>())
+        };
+        let [(mean, sd), (best_mean, best_sd)] = [of(|outcome| &outcome.papers), of(|outcome| &outcome.best)];
+        let away = (paper.parse::<f64>().expect("a number") - mean) / sd;
+        let row = format!(
+            "| {name} | {paper} {unit} | {mean:.digits$} ± {sd:.digits$} {unit} | {away:+.1} | \
+             {best_mean:.digits$} ± {best_sd:.digits$} {unit} |"
+        );
+        assert!(page.lines().any(|line| line == row), "the page doesn't say\n{row}");
+    }
+    for [unit, loading, unloading, hysteresis] in TABLE_1 {
+        let of = |part: fn(&UnitCharacteristics) -> Option<f64>| mean_of_unit(&found, unit, part);
+        let row = format!(
+            "| {unit} | {loading} | {:.2} | {unloading} | {:.2} | {hysteresis} | {:.2} |",
+            of(|u| u.repeatability_loading_percent),
+            of(|u| u.repeatability_unloading_percent),
+            of(|u| u.hysteresis_percent)
+        );
+        assert!(page.lines().any(|line| line == row), "the page doesn't say\n{row}");
+    }
+}
+
+#[test]
+fn a_specimen_of_the_study_is_the_run_of_its_seed() {
+    let bench = Bench::with([
+        ("paper.toml", shipped_text("recipes/paper.toml").as_str()),
+        ("rig.toml", &shipped_text("rigs/paper.toml")),
+    ]);
+    let outcome = &validation(1, 3, &|_, _| {}).expect("the shipped recipe and rig are sound").outcomes[0];
+    bench.palpate_ends(0, "run paper.toml --rig rig.toml --seed 3 --out run");
+    for (solver, of_study) in [("pearson", &outcome.papers), ("best", &outcome.best)] {
+        let told = bench.palpate_ends(0, &format!("evaluate run --json --solver {solver}")).json_lines();
+        for (key, expected) in
+            [("location_error_mm", Some(of_study.location_error_mm)), ("force_error_n", of_study.force_error_n)]
+        {
+            let expected = expected.expect("errors");
+            for (part, expected) in [("mean", expected.mean), ("p95", expected.p95), ("max", expected.max)] {
+                let found = told[0][key][part].as_f64().expect("a number");
+                assert!((found - expected).abs() < 1e-12, "{solver}: {key} {part} {found}, in the study {expected}");
+            }
+        }
+    }
+}
+
+/// A number of an evaluation by its name on the page.
+fn number(name: &str, evaluation: &Evaluation) -> f64 {
+    let Evaluation { location_error_mm, force_error_n, within, .. } = evaluation;
+    match name {
+        "mean location error" => location_error_mm.mean,
+        "location error under 1 mm" => 100.0 * within.location_1mm,
+        "mean force error" => force_error_n.expect("forces").mean,
+        "force error under 0.1 N" => 100.0 * within.force_0_1n.expect("forces"),
+        "both under" => 100.0 * within.both.expect("forces"),
+        _ => panic!("{name}"),
+    }
+}
+
+fn mean_and_sd(values: &[f64]) -> (f64, f64) {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+    (mean, (squares / (values.len() as f64 - 1.0)).sqrt())
+}
+
+fn mean_of_unit(found: &Validation, unit: &str, part: fn(&UnitCharacteristics) -> Option<f64>) -> f64 {
+    let index = unit.parse::<usize>().expect("a number") - 1;
+    let values: Vec<f64> = found.outcomes.iter().filter_map(|outcome| part(&outcome.table_1[index])).collect();
+    assert_eq!(values.len(), SEEDS, "unit {unit}");
+    mean_and_sd(&values).0
 }
 
 #[test]
@@ -28,6 +120,7 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
         );
     }
     assert!(rows.iter().any(|row| row["verdict"] == "fails"), "claims are among the rows");
-    bench.palpate_ends(0, "study validation --quick --json --seed 7 --out b");
+    let told = bench.palpate_ends(0, "study validation --quick --seed 7 --out b");
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
 }

@@ -29,6 +29,18 @@ const TABLE_1: [(f64, f64); 9] = [
     (3.97, 5.19),
 ];
 
+/// What 20 seeds come to on average, and its standard error: location error, mm, and force error, N. The seeds stay, so that only
+/// another order of random draws may move a mean, by no more than two of those.
+const LOCATION_MM: (f64, f64) = (0.470, 0.007);
+const FORCE_N: (f64, f64) = (0.0346, 0.0007);
+/// How far from Table 1 repeatabilities may be: the sd of five repeats scatters by 0.36 of itself, so the mean of 20 by 8 %, and the
+/// mean of nine units by 2.7 %; the bars are three and two of those.
+const UNIT_REPEATABILITY: f64 = 0.25;
+const MEAN_REPEATABILITY: f64 = 0.054;
+/// How far from Table 1 a unit's hysteresis may be, %: on average and in any seed. The largest of 180 is 0.12.
+const MEAN_HYSTERESIS_PERCENT: f64 = 0.05;
+const HYSTERESIS_PERCENT: f64 = 0.15;
+
 struct Silent;
 
 impl Listener for Silent {}
@@ -139,16 +151,29 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     let (force_peak_n, depth_peak_mm) = (largest(|o| o.force_peak_n), largest(|o| o.depth_peak_mm));
     let _ = writeln!(told, "mean location error {location_mm:.3} mm, mean force error {force_n:.4} N");
     let _ = writeln!(told, "largest true force {force_peak_n:.4} N, deepest indentation {depth_peak_mm:.3} mm");
-    assert!((0.42..=0.53).contains(&location_mm) && (0.030..=0.050).contains(&force_n));
-    assert!(force_peak_n <= 2.0 && depth_peak_mm <= 1.6);
+    for (found, (expected, standard_error), what) in
+        [(location_mm, LOCATION_MM, "location"), (force_n, FORCE_N, "force")]
+    {
+        assert!((found - expected).abs() <= 2.0 * standard_error, "{what} error {found} instead of {expected}");
+    }
+    // the staircases go to 2 N and never beyond, within the paper's tolerance
+    assert!((1.95..=2.0).contains(&force_peak_n) && (1.4..=1.6).contains(&depth_peak_mm));
 
+    let mut ratios = 0.0;
     for (unit, (repeatability, hysteresis)) in TABLE_1.into_iter().enumerate() {
         let ratio = mean(&|o| o.repeatability_percent[unit]) / repeatability;
-        let error = |o: &Outcome| (o.hysteresis_percent[unit] - hysteresis).abs();
-        let worst = outcomes.iter().map(error).fold(0.0, f64::max);
-        let _ =
-            writeln!(told, "unit {}: repeatability {ratio:.2} of Table 1, hysteresis within {worst:.2} %", unit + 1);
+        let off = |o: &Outcome| o.hysteresis_percent[unit] - hysteresis;
+        let (worst, on_average) = (outcomes.iter().map(|o| off(o).abs()).fold(0.0, f64::max), mean(&off));
+        let _ = writeln!(
+            told,
+            "unit {}: repeatability {ratio:.2} of Table 1, hysteresis off by {on_average:+.3} %, at most {worst:.2} %",
+            unit + 1
+        );
         // five repeats give 0.94 of three true standard deviations on average (c4 of 5)
-        assert!((ratio / 0.94 - 1.0).abs() <= 0.25 && worst <= 0.3, "unit {}", unit + 1);
+        assert!((ratio / 0.94 - 1.0).abs() <= UNIT_REPEATABILITY, "unit {}: {ratio}", unit + 1);
+        assert!(worst <= HYSTERESIS_PERCENT && on_average.abs() <= MEAN_HYSTERESIS_PERCENT, "unit {}", unit + 1);
+        ratios += ratio / 0.94 / TABLE_1.len() as f64;
     }
+    let _ = writeln!(told, "repeatability of all units {ratios:.3} of what is to be expected");
+    assert!((ratios - 1.0).abs() <= MEAN_REPEATABILITY, "{ratios}");
 }

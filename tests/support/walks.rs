@@ -140,9 +140,11 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
     })
 }
 
-/// What ended a walk: the rule that tripped, `device` for an instrument that failed, `-` if the plan is done.
+/// What ended a walk: the rule that tripped, `device` for an instrument that failed, `unparked` if the plan is done and the stage
+/// couldn't be parked, `-` if nobody noticed anything.
 pub fn end_of(ending: &Ending) -> &'static str {
     match &ending.halt {
+        None if ending.unparked.is_some() => "unparked",
         None => "-",
         Some(Halt::Tripped(trip)) => trip.rule.name(),
         Some(Halt::Device(_)) => "device",
