@@ -4,6 +4,7 @@ use super::exit::Failure;
 use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print};
 use crate::control::safe_speed_mm_s;
+use crate::quantity::COVERAGE;
 use crate::recipe::{Entry, Phase, Plan};
 use crate::rig::RigSpec;
 use crate::run::{estimated_s, first_descent};
@@ -58,7 +59,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
     let limits = &rig.limits;
-    let _ = writeln!(text, "  largest force {} N, limit {} N", plan.most_n(), limits.force_n);
+    let _ = writeln!(text, "  largest force {} N, limit {} N{}", plan.most_n(), limits.force_n, distance(plan, rig));
     let _ = writeln!(text, "  depth at most {} mm below the surface as touched", limits.depth_mm);
     let (steps, descent_s) = first_descent(rig);
     let _ = writeln!(
@@ -71,6 +72,17 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
     text
+}
+
+/// What the load cell's stated error makes of the largest force that is set.
+fn distance(plan: &Plan, rig: &RigSpec) -> String {
+    let (set_n, limit_n) = (plan.most_n(), rig.limits.force_n);
+    let Some(u_n) = rig.load_cell.standard_uncertainty_n(set_n) else {
+        return if set_n < limit_n { String::new() } else { ": beyond it by whatever the load cell errs".to_owned() };
+    };
+    let true_n = set_n + COVERAGE * u_n;
+    let beyond = if true_n > limit_n { ", beyond the limit" } else { "" };
+    format!(": by the\n  load cell's stated error up to {true_n:.3} N{beyond}")
 }
 
 /// What the permit bounds every move to, whatever becomes of the host.

@@ -250,7 +250,7 @@ impl RunFolder {
     }
 
     fn write_views(&self) -> Result<(), DatasetError> {
-        write(&self.path, &self.layout, &|| self.contacts())
+        write(&self.path, &self.layout, &|| self.contacts(), &self.known.trips)
     }
 
     /// Says in the manifest what the files are by now.

@@ -3,9 +3,12 @@
 use super::fingerprint::is_plain;
 use super::index::Index;
 use super::journal::JOURNAL;
-use super::{DatasetError, Journal, Manifest, Press, Record, Records, Status, Text};
+use super::{DatasetError, Journal, Manifest, Peaks, Press, Record, Records, Status, Text};
 use crate::recipe::Phase;
 use std::path::Path;
+
+/// Most trips whose truth is kept; no run has gone on after so many.
+const TRIPS_MAX: usize = 10_000;
 
 /// What is known of a journal without reading it again.
 #[derive(Debug, Default)]
@@ -18,6 +21,8 @@ pub(super) struct Known {
     pub records: u64,
     /// How the run ended, where that is the last record.
     pub end: Option<Status>,
+    /// The entry that was under way at each trip, and what really happened in it.
+    pub trips: Vec<(Option<u64>, Peaks)>,
     /// How many outputs each press has; none before the first, where nobody said it.
     channels: Option<usize>,
     /// How many levels of each phase there are, in the order of [`Phase::ALL`].
@@ -66,6 +71,9 @@ impl Known {
                 for (phase, count) in Phase::ALL.into_iter().zip(&mut self.levels) {
                     *count += contact.levels.iter().filter(|press| press.is_of(phase)).count() as u64;
                 }
+            }
+            Record::Trip { press, peaks: Some(peaks), .. } if self.trips.len() < TRIPS_MAX => {
+                self.trips.push((*press, *peaks));
             }
             Record::End(end) => self.end = Some(end.status),
             _ => {}

@@ -49,7 +49,7 @@ pub use ledger::{Ledger, Memory};
 pub use manifest::Manifest;
 pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
 pub use presses::Presses;
-pub use record::{Air, Contact, Left, PressTruth, Record, Retouch};
+pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
 pub use recorded::{Recorded, Texts};
 pub use session::{Durability, End, FORMAT, Loss, Provenance, RigChange, RunFacts, Status, Text};
 pub use table::{parse_table, read_table};

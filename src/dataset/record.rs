@@ -46,6 +46,9 @@ pub enum Record {
         press: Option<u64>,
         /// The rule and its numbers.
         trip: Trip,
+        /// What really happened since the row before, in a simulated run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        peaks: Option<Peaks>,
     },
     /// A person accepted that presses were lost.
     Loss(Loss),
@@ -137,6 +140,15 @@ pub struct PressTruth {
     /// Largest true force since the last row of the press, or since it began, N.
     pub force_peak_n: f64,
     /// Deepest indentation since then, mm.
+    pub depth_peak_mm: f64,
+}
+
+/// The worst that really happened in a press that tripped.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Peaks {
+    /// Largest true force, N.
+    pub force_peak_n: f64,
+    /// Deepest indentation, mm.
     pub depth_peak_mm: f64,
 }
 

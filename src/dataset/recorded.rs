@@ -55,7 +55,7 @@ impl Recorded {
             known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
             match record {
                 Record::Zero { t_s, offset_n, .. } => zeros.push((t_s, offset_n)),
-                Record::Trip { t_s, press, trip } => trips.push((t_s, press, trip)),
+                Record::Trip { t_s, press, trip, .. } => trips.push((t_s, press, trip)),
                 Record::Retouch(retouch) => retouches.push(retouch),
                 Record::Contact(contact) => contacts.push(contact),
                 _ => {}

@@ -124,7 +124,7 @@ fn tables_again(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<
     let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
     std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
     let contacts = || Ok(known.contacts.contacts(Journal::records(&path.join(JOURNAL))?));
-    let made = write(&folder, layout, &contacts).and_then(|()| fingerprints(&folder, &[]));
+    let made = write(&folder, layout, &contacts, &known.trips).and_then(|()| fingerprints(&folder, &[]));
     std::fs::remove_dir_all(&folder).map_err(DatasetError::io("removing", &folder))?;
     made
 }

@@ -3,7 +3,7 @@
 use super::characteristics::{Repeatability, Staircases, characterise};
 use super::files::{self, Draft};
 use super::press::{csv_header, csv_line};
-use super::{Contact, Contacts, DatasetError, Press, PressTruth};
+use super::{Contact, Contacts, DatasetError, Peaks, Press, PressTruth};
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use std::fs;
@@ -30,6 +30,7 @@ pub(super) fn write<'a>(
     folder: &Path,
     layout: &ArrayLayout,
     contacts: &dyn Fn() -> Result<Contacts<'a>, DatasetError>,
+    trips: &[(Option<u64>, Peaks)],
 ) -> Result<(), DatasetError> {
     let mut presses = Table::new(folder, PRESSES)?;
     let mut scene: Option<Table> = None;
@@ -51,6 +52,14 @@ pub(super) fn write<'a>(
             };
             scene.write(&scene_lines(&contact))?;
         }
+    }
+    for (press, Peaks { force_peak_n, depth_peak_mm }) in trips {
+        let scene = match &mut scene {
+            Some(scene) => scene,
+            None => scene.insert(Table::with(folder, SCENE, SCENE_HEADER)?),
+        };
+        let press = press.map_or_else(String::new, |press| press.to_string());
+        scene.write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
     }
     presses.publish()?;
     let staircases = staircases.some();

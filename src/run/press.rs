@@ -258,7 +258,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         all.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect()
     }
 
-    fn truth(&self) -> Option<PressTruth> {
+    /// What really happened since this was last asked, in a simulated run.
+    pub fn truth(&self) -> Option<PressTruth> {
         let truth = self.hand.probe.as_ref()?.take_truth();
         Some(PressTruth {
             force_true_n: truth.force_true_n,

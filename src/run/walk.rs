@@ -6,7 +6,7 @@ use super::past::Past;
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::{Cancel, Halt};
 use crate::control::{Map, Permit, Reaction};
-use crate::dataset::{Air, Contact, End, Ledger, Left, Record, Retouch, Status};
+use crate::dataset::{Air, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
 use crate::device::{Identity, LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
 use crate::recipe::{Entry, Plan};
@@ -102,12 +102,16 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
                 Walker { hand, permit, map, reaction, conditions, pressing, standby, zeroed, full_zero_n, felt };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
             // the stage was stopped before a trip was told; a program that is killed while it parks has tripped all the same
-            note_trip(ledger, &ending, walker.pressing, clock.now_s());
+            let peaks = walker.truth().map(|truth| {
+                let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
+                Peaks { force_peak_n, depth_peak_mm }
+            });
+            note_trip(ledger, &ending, walker.pressing, peaks, clock.now_s());
             ending.unparked = walker.hand.withdraw(walker.park_mm()).await.err();
         }
         Err(halt) => {
             ending.halt = Some(halt);
-            note_trip(ledger, &ending, None, clock.now_s());
+            note_trip(ledger, &ending, None, None, clock.now_s());
         }
     }
     ending.t_s = clock.now_s();
@@ -146,9 +150,9 @@ impl Ending {
 }
 
 /// A trip is recorded. A record that can't be kept any more doesn't hide it.
-fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, t_s: f64) {
+fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks: Option<Peaks>, t_s: f64) {
     if let Some(Halt::Tripped(trip)) = &ending.halt {
-        let _ = ledger.jot(&Record::Trip { t_s, press, trip: trip.clone() });
+        let _ = ledger.jot(&Record::Trip { t_s, press, trip: trip.clone(), peaks });
     }
 }
 

@@ -1,7 +1,7 @@
 //! A record that says one thing: tables that were changed, journals that were cut, and links that were planted.
 
 use crate::support::interrupted::sealed;
-use crate::support::{Bench, SMALL};
+use crate::support::{Bench, LONG, SMALL, shipped_text};
 use palpate::quantity::stream;
 use rand::RngExt;
 use std::fs::{self, File};
@@ -263,4 +263,22 @@ mod links {
             assert!(matches!(told.code, Some(0 | 1)) && !told.err.contains("link"), "{words}: {}", told.err);
         }
     }
+}
+
+#[test]
+fn a_press_that_tripped_has_its_worst_force_in_the_scenes_table() {
+    let rig =
+        shipped_text("rigs/sim.toml") + "\n[[scene.fault]]\nkind = \"hard-contact\"\nfrom_s = 30.0\nvalue = 60.0\n";
+    let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", LONG)]);
+    bench.palpate_ends(4, "run r.toml --rig rig.toml --out run");
+    let (_, rows) = bench.table("run/scene.csv");
+    let tripped = rows.last().expect("rows");
+    assert_eq!((tripped[1].as_str(), tripped[2].as_str()), ("trip", ""), "{tripped:?}");
+    let peak_n: f64 = tripped[3].parse().expect("a force");
+    assert!(peak_n > 0.2 && peak_n <= 2.5, "{peak_n} N");
+    assert!(rows[..rows.len() - 1].iter().all(|row| row[1] != "trip"));
+    bench.palpate_ends(0, "verify run");
+    std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
+    bench.palpate_ends(0, "rebuild run");
+    assert_eq!(bench.table("run/scene.csv").1, rows);
 }

@@ -1,5 +1,5 @@
 //! The guarded press: contact stops a slow approach, then steps from below, each made with a stiffness that can't be too
-//! small: the force never exceeds the one that is set.
+//! small: the force doesn't exceed the one that is set, unless a stage's step makes it.
 
 use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
 use super::{Branch, Command, Rule, Strategy, Trip};
