@@ -6,7 +6,7 @@ use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::{beside, print};
-use crate::control::{Reaction, Trip};
+use crate::control::{Hum, Reaction, Trip};
 use crate::device::Identity;
 use crate::rig::{GAIN_UNKNOWN, RigSpec};
 use crate::run::{CellInAir, Examination, NOISE_SHARE, Weighing, examine};
@@ -37,6 +37,9 @@ const FRESH_SHARE: f64 = 0.7;
 
 /// How far the zero may move either way, as a share of the force limit, in the `air_n` that is proposed.
 const ZERO_MOVES_SHARE: f64 = 0.2;
+
+/// A window as recipes have it, for what hum leaves in it, s.
+const WINDOW_S: f64 = 0.2;
 
 /// A zero over this share of the force limit leaves little of the cell's range.
 const ZERO_SHARE: f64 = 0.5;
@@ -123,6 +126,9 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             1000.0 * zero.sigma_n
         );
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
+        if let Some(hum) = zero.hum {
+            let _ = writeln!(text, "{:<11}{}", "", hum_told(&hum));
+        }
         if spec.load_cell.air_n.is_none() {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
             let _ =
@@ -151,6 +157,20 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         advice => writeln!(text, "\nto put right\n{}", wrapped(advice)),
     };
     text
+}
+
+/// The mains hum, and what means leave of it.
+fn hum_told(hum: &Hum) -> String {
+    let (hz, amplitude_mn) = (hum.hz, 1000.0 * hum.amplitude_n);
+    match hum.whole_s {
+        Some(whole_s) => {
+            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: means take whole periods, {:.0} ms", 1000.0 * whole_s)
+        }
+        None => {
+            let left_mn = 1000.0 * hum.left_n(WINDOW_S);
+            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: too slow a cell, {left_mn:.1} mN stay in a window")
+        }
+    }
 }
 
 /// What the load cell may say in air if what it says now is air: as much either way as the zero of a run may move.

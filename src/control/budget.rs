@@ -4,9 +4,6 @@ use super::press::AirReadings;
 use super::zero::Zero;
 use serde::{Deserialize, Serialize};
 
-/// How far the mains may be from their frequency, as a share of it: what whole periods leave of the hum is that share of it.
-const MAINS_OFF_SHARE: f64 = 0.01;
-
 /// The parts of a force's standard uncertainty, N each. The parts are independent: their squares add up (GUM 5.1.2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
@@ -49,13 +46,7 @@ impl Budget {
         let step_n = zero.step_n / 12f64.sqrt();
         // steps smaller than the noise average out with it
         let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
-        let hum_n = zero.hum.map_or(0.0, |hum| {
-            let left = match hum.whole_s {
-                Some(_) => MAINS_OFF_SHARE,
-                None => (1.0 / (std::f64::consts::PI * hum.hz * seconds)).min(1.0),
-            };
-            hum.amplitude_n * left / 2f64.sqrt()
-        });
+        let hum_n = zero.hum.map_or(0.0, |hum| hum.left_n(seconds));
         let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();
         Budget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
     }

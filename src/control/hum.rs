@@ -13,6 +13,9 @@ const FALSE_ODDS: f64 = 1e-6;
 /// Hum below this part of the noise of one reading changes no mean that is made of several, so it isn't worth its time.
 const SHARE_LEAST: f64 = 0.15;
 
+/// How far the mains may be from their frequency, as a share of it: what whole periods leave of the hum is that share of it.
+const MAINS_OFF_SHARE: f64 = 0.01;
+
 /// Conversions in a period from which on a mean over one period bears that they don't divide it.
 const DENSE: f64 = 8.0;
 
@@ -47,6 +50,15 @@ impl Hum {
         let by_chance_n = (-4.0 * noise * FALSE_ODDS.ln() / n).sqrt();
         let counts = amplitude_n > by_chance_n.max(SHARE_LEAST * noise.sqrt()) && n >= 20.0;
         counts.then(|| Hum { amplitude_n, hz, whole_s: whole_s(hz, conversion_s) })
+    }
+
+    /// What a mean over so long leaves of it, standard deviation, N: of whole periods what the mains' frequency is off by.
+    pub fn left_n(&self, seconds: f64) -> f64 {
+        let left = match self.whole_s {
+            Some(_) => MAINS_OFF_SHARE,
+            None => (1.0 / (std::f64::consts::PI * self.hz * seconds)).min(1.0),
+        };
+        self.amplitude_n * left / 2f64.sqrt()
     }
 
     /// The time of a mean that takes at least `least_s`, s.

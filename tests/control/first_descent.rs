@@ -6,7 +6,7 @@
 use crate::support::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
 use palpate::control::Strategy;
 use palpate::quantity::{Axis, Place, stream};
-use palpate::scene::{Fault, FaultKind, Mounting};
+use palpate::scene::{ContactLaw, Fault, FaultKind, Mounting};
 use rand::RngExt;
 
 /// How far the surface may really be from where the frame says, either way, mm.
@@ -78,4 +78,41 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
         jobs.len()
     );
     must_be_none(&broken.into_iter().flat_map(|(_, broken)| broken).collect::<Vec<_>>());
+}
+
+/// Something in the way that is much harder than the specimen as declared: a clamp, N/mm, and the most that it may bear, N.
+const HARD_N_MM: f64 = 200.0;
+const HARD_MOST_N: f64 = 3.0;
+
+#[test]
+fn something_hard_in_the_way_bears_little_while_host_and_cell_live() {
+    let mut jobs = Vec::new();
+    for (name, _) in BENCHES {
+        jobs.extend(
+            Strategy::ALL.into_iter().flat_map(|strategy| (0..descents()).map(move |nth| (name, strategy, nth))),
+        );
+    }
+    let seen = in_parallel(&jobs, |&(name, strategy, nth)| {
+        let mut rng = stream(nth, 9, name);
+        let off_mm = rng.random_range(-OFF_MM..=-1.0);
+        let mut spec = bench(name);
+        spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
+        spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
+        spec.scene.contact = ContactLaw { linear_n_mm: HARD_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+        let walked = walked_with(&spec, &plan(&spec, &recipe(strategy), nth + 1), Deaths::Tried, &|_| {});
+        (name, walked.truth.force_n, walked.orphaned.force_n, end_of(&walked.ending))
+    });
+    let mut broken = Vec::new();
+    for (name, _) in BENCHES {
+        let of_it = || seen.iter().filter(|(bench, ..)| *bench == name);
+        let alive_n = of_it().map(|(_, alive_n, ..)| *alive_n).fold(0.0, f64::max);
+        let dead_n = of_it().map(|(_, _, dead_n, _)| *dead_n).fold(0.0, f64::max);
+        println!(
+            "{name}, {HARD_N_MM} N/mm in the way: {alive_n:.2} N, had the program died at the worst moment {dead_n:.1} N"
+        );
+        if alive_n > HARD_MOST_N {
+            broken.push(format!("{name}: {alive_n:.2} N"));
+        }
+    }
+    must_be_none(&broken);
 }
