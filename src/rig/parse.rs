@@ -70,6 +70,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     });
     let speed_mm_s = table.number(&stage::speed_mm_s);
     let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
+    let approach_mm_s = table.number(&stage::approach_mm_s);
     let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
     let (driver, link) = driver?;
     Some(StageSpec {
@@ -78,6 +79,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         travel: travel?,
         speed_mm_s: speed_mm_s?,
         acceleration_mm_s2: acceleration_mm_s2?,
+        approach_mm_s: approach_mm_s?,
         settle_s: settle_s?,
     })
 }

@@ -61,6 +61,8 @@ pub struct StageSpec {
     pub speed_mm_s: f64,
     /// Acceleration to be used, mm/s^2.
     pub acceleration_mm_s2: f64,
+    /// Fastest approach until the specimen was touched for the first time, mm/s: something hard in the way bears it.
+    pub approach_mm_s: f64,
     /// How long it moves on after its controller says that it stands, s.
     pub settle_s: f64,
 }

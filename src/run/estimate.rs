@@ -1,6 +1,6 @@
 //! How long a plan takes.
 
-use crate::control::{APPROACH_MOST_MM_S, MotionProfile, Strategy, TOUCH_MOST_N, safe_speed_mm_s};
+use crate::control::{MotionProfile, Strategy, TOUCH_MOST_N, safe_speed_mm_s};
 use crate::recipe::Entry;
 use crate::rig::RigSpec;
 
@@ -28,7 +28,7 @@ pub fn first_descent(spec: &RigSpec) -> (f64, f64) {
     let lag_s = spec.stage.settle_s + spec.load_cell.lag_s;
     let fastest =
         safe_speed_mm_s(TOUCH_MOST_N, limits.stiffness_n_mm, REACTION_S + lag_s, spec.stage.acceleration_mm_s2);
-    let speed_mm_s = fastest.min(APPROACH_MOST_MM_S).min(spec.stage.speed_mm_s);
+    let speed_mm_s = fastest.min(spec.stage.approach_mm_s).min(spec.stage.speed_mm_s);
     (steps, way_mm / speed_mm_s + steps * LOOK_S)
 }
 

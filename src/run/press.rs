@@ -210,6 +210,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 taught: self.map.taught(place),
             },
             clear_mm: first_mm - TRAVEL_CLEARANCE_MM,
+            approach_mm_s: self.conditions.spec.stage.approach_mm_s,
             speed_mm_s: self.hand.usage.speed_mm_s,
             timing: self.hand.timing,
         }

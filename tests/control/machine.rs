@@ -86,6 +86,7 @@ fn draw(rng: &mut Stream, truthful: bool) -> Draw {
         shot,
         softest: Softest { declared_n_mm: None, taught: map.taught(place) },
         clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
+        approach_mm_s: 2.0,
         speed_mm_s: 10f64.powf(rng.random_range(-1.0..1.4)),
         timing: Timing {
             exchange_s: rng.random_range(0.001..0.2),

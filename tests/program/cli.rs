@@ -78,7 +78,7 @@ fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened(
 
     let (header, rows) = bench.table("run/presses.csv");
     let outputs: Vec<String> = (1..=9).map(|unit| format!("out_{unit}")).collect();
-    let before = ["press", "level", "phase", "x_mm", "y_mm", "force_set_n", "force_n", "depth_mm", "t_s"];
+    let before = ["press", "level", "phase", "x_mm", "y_mm", "force_set_n", "force_n", "u_force_n", "depth_mm", "t_s"];
     let agreed: Vec<&str> = before.into_iter().chain(outputs.iter().map(String::as_str)).chain(["flags"]).collect();
     assert_eq!(header[..agreed.len()], agreed[..]);
     let numbered: Vec<String> = rows.iter().map(|row| row[..3].join(" ")).collect();

@@ -31,6 +31,8 @@ pub struct Context {
     pub softest: Softest,
     /// Where to withdraw to, mm: clear of the surface here and on the way on.
     pub clear_mm: f64,
+    /// Fastest approach until the specimen was touched for the first time, mm/s.
+    pub approach_mm_s: f64,
     /// Speed of steps in contact and of motions in air, mm/s.
     pub speed_mm_s: f64,
     /// How fast the rig is.

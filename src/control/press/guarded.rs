@@ -65,7 +65,8 @@ impl ForceLoop {
         let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
         let detect_n = self.context.zero.detect_n();
         let speed = self.context.permit.approach_speed_mm_s(touch_n.max(1.2 * detect_n));
-        self.advance(State::Approaching, target_mm, speed.min(APPROACH_MOST_MM_S).min(self.context.speed_mm_s))
+        let most_mm_s = if self.context.expected.touched { APPROACH_MOST_MM_S } else { self.context.approach_mm_s };
+        self.advance(State::Approaching, target_mm, speed.min(most_mm_s).min(self.context.speed_mm_s))
     }
 
     pub(super) fn touched(&mut self, force_n: f64) -> Result<Command, Trip> {

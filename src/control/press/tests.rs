@@ -65,6 +65,7 @@ impl Bench {
             shot: self.map.shot(self.place, force_set_n, &LIMITS),
             softest: Softest { declared_n_mm: self.least_n_mm, taught: self.map.taught(self.place) },
             clear_mm: -0.5,
+            approach_mm_s: 2.0,
             speed_mm_s: 10.0,
             timing,
         };
