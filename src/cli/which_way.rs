@@ -74,7 +74,8 @@ impl WhichWay for Person {
         }
         let told = format!(
             "\n{identity} at {link} is driven for the first time with this `frame.down`.\n\
-             z now moves {way_mm} mm away from the specimen, or looks for its home there. Watch it.\n"
+             z now moves {way_mm} mm away from the specimen, or looks for its home there. Watch it.\n\
+             If it stands at that end already and can't move, answer no, move it a few mm by hand and begin again.\n"
         );
         tell(&told).map_err(|_| "the terminal is closed: nothing was moved".to_owned())
     }

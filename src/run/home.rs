@@ -2,7 +2,7 @@
 //! is read.
 
 use super::hand::{Gauge, Hand};
-use super::motion::watched;
+use super::motion::{unless_it_rises, watched};
 use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
@@ -86,23 +86,22 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     if let Some(which_way) = spec.which_way().filter(|way| !way.is_known(&identity, spec.frame.down)) {
         which_way.announce(&identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
     }
-    let is_read = load_cell.is_ok();
     hand.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
-    if is_read {
-        hand.set_home_speed(spec).await?;
-        hand.watch_from_rest(spec).await?;
+    if load_cell.is_ok() {
+        let _ = hand.set_home_speed(spec).await; // a cell that doesn't answer any more holds up nothing
     }
+    let reading = Reading::IfItAnswers;
     let z = spec.stage.travel.along(Axis::Z);
     let mut nudges = 0;
     while f64::from(nudges) * NUDGE_MM < z.max - z.min
-        && hand.moves(is_read, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await??
+        && hand.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await??
     {
         nudges += 1;
     }
     if nudges == 0 {
-        hand.moves(is_read, async |stage, usage, reins| stage.home(usage, reins).await).await??;
+        hand.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await??;
         let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
-        hand.moves(is_read, async |stage, usage, reins| {
+        hand.moves(reading, async |stage, usage, reins| {
             let longest = Duration::try_from_secs_f64((z.max - z.min) / usage.home_speed_mm_s).unwrap_or_default();
             let at_mm = stage.position_mm(Axis::Z, reins).await?;
             if (top_mm - at_mm) * usage.away > 0.0 {
@@ -115,6 +114,15 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     }
     let z_mm = hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
     Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
+}
+
+/// How the load cell is read while the stage moves.
+#[derive(Clone, Copy, Debug)]
+enum Reading {
+    /// Every reading passes the watch: a cell that falls silent stops the stage.
+    Watched,
+    /// A rise stops the stage; a cell that doesn't answer holds up nothing.
+    IfItAnswers,
 }
 
 /// Where z was withdrawn to.
@@ -169,14 +177,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             return Ok(Err(error));
         }
         // x and y are homed once nothing touches
-        let is_alone = match self.moves(true, async |stage, usage, reins| stage.home_z(usage, reins).await).await? {
-            Ok(is_alone) => is_alone,
-            Err(error) => return Ok(Err(error)),
-        };
+        let is_alone =
+            match self.moves(Reading::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await? {
+                Ok(is_alone) => is_alone,
+                Err(error) => return Ok(Err(error)),
+            };
         if is_alone {
             self.come_to_the_top(spec, reaction).await?;
         }
-        if let Err(error) = self.moves(true, async |stage, usage, reins| stage.home(usage, reins).await).await? {
+        if let Err(error) =
+            self.moves(Reading::Watched, async |stage, usage, reins| stage.home(usage, reins).await).await?
+        {
             return Ok(Err(error));
         }
         match is_alone {
@@ -202,14 +213,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
         which_way.announce(identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
-        let moved =
-            self.moves(true, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await?;
+        let moved = self
+            .moves(Reading::Watched, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await)
+            .await?;
         match moved {
             Err(error) => return Ok(Err(error)),
             Ok(true) => {}
             // what can't move a little before it is homed is watched while it homes
             Ok(false) => {
-                let homed = self.moves(true, async |stage, usage, reins| stage.home(usage, reins).await).await?;
+                let homed =
+                    self.moves(Reading::Watched, async |stage, usage, reins| stage.home(usage, reins).await).await?;
                 if let Err(error) = homed {
                     return Ok(Err(error));
                 }
@@ -223,11 +236,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(Ok(()))
     }
 
-    /// Moves the stage while the cell is read, if it can be, and leaves it alone some time after a person's word to stop, whatever
-    /// it does.
+    /// Moves the stage while the cell is read, and leaves it alone some time after a person's word to stop, whatever it does.
     async fn moves<T>(
         &mut self,
-        is_read: bool,
+        reading: Reading,
         motion: impl AsyncFnOnce(&mut S, &StageUse, &Reins) -> Result<T, DeviceError>,
     ) -> Result<Result<T, DeviceError>, Halt> {
         let (reins, cancel) = (Reins::default(), self.cell.cancel);
@@ -239,8 +251,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let Hand { stage, cell, usage, .. } = self;
         let due = Cell::new(None); // how long it takes isn't known
         let motion = async { Ok(motion(stage, usage, &reins).await) };
-        let motion =
-            async { if is_read { watched(cell, motion, &reins, &due, |_, _| Steer::On).await } else { motion.await } };
+        let motion = async {
+            match reading {
+                Reading::Watched => watched(cell, motion, &reins, &due, |_, _| Steer::On).await,
+                Reading::IfItAnswers => unless_it_rises(cell, motion, &reins).await,
+            }
+        };
         let moved = tokio::select! {
             biased;
             moved = motion => Some(moved),

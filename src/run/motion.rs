@@ -191,20 +191,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         let speed_mm_s = self.usage.speed_mm_s;
         let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
-        let (reins, over) = (Reins::default(), Notify::new());
+        let reins = Reins::default();
         let Hand { stage, cell, .. } = self;
         let motion = async {
-            let moved = async {
-                stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
-                stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await
-            };
-            let moved = moved.await;
-            over.notify_one();
-            moved
+            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
+            Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await?)
         };
-        let (moved, risen) = tokio::join!(motion, cell.rises(&over, &reins));
-        risen?;
-        let places_mm = moved?;
+        let places_mm = unless_it_rises(cell, motion, &reins).await?;
         sleep(seconds(self.timing.settle_s)).await;
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
@@ -374,6 +367,23 @@ pub(super) async fn watched<C: LoadCell, T>(
     };
     let (moved, watched) = tokio::join!(motion, watch);
     watched?;
+    moved
+}
+
+/// Runs a motion away from the specimen to its end, or to where the force rises. A cell that doesn't answer holds up nothing.
+pub(super) async fn unless_it_rises<C: LoadCell, T>(
+    gauge: &mut Gauge<'_, C>,
+    motion: impl Future<Output = Result<T, Halt>>,
+    reins: &Reins,
+) -> Result<T, Halt> {
+    let over = Notify::new();
+    let motion = async {
+        let moved = motion.await;
+        over.notify_one();
+        moved
+    };
+    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, reins));
+    risen?;
     moved
 }
 

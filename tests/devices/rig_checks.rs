@@ -39,6 +39,15 @@ fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
 }
 
 #[test]
+fn a_load_cell_that_says_nothing_of_use_holds_up_no_withdrawal() {
+    for kind in ["stale", "stuck", "no-sensor"] {
+        let rig = shipped_text("rigs/sim.toml") + &format!("\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = 0.0\n");
+        let told = Bench::with([("rig.toml", rig.as_str())]).palpate_ends(0, "withdraw rig.toml");
+        assert!(told.out.contains("away from the specimen"), "{kind}: {}", told.out);
+    }
+}
+
+#[test]
 fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.3");
     let said = exchanged(&rig, "conversions_hz = 200.0", "conversions_hz = 200.0\nair_n = [-0.1, 0.1]");
