@@ -4,7 +4,7 @@
 //! `PALPATE_DESCENTS=200 cargo test --release --test control first_descent -- --nocapture` for as many surfaces of each strategy.
 
 use crate::support::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
-use palpate::control::{FIRST_APPROACH_MM_S, Strategy};
+use palpate::control::Strategy;
 use palpate::quantity::{Axis, Place, stream};
 use palpate::scene::{ContactLaw, Fault, FaultKind, Mounting};
 use rand::RngExt;
@@ -84,7 +84,7 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
 const HARD_N_MM: f64 = 200.0;
 
 /// Speeds of the first approach, mm/s, the default among them, and the most that the clamp may bear at them while host and cell live, N.
-const SPEEDS: [(f64, f64); 4] = [(2.0, 15.0), (1.0, 8.0), (FIRST_APPROACH_MM_S, 3.0), (0.25, 2.0)];
+const SPEEDS: [(f64, f64); 4] = [(2.0, 15.0), (1.0, 8.0), (0.4, 3.0), (0.25, 2.0)];
 
 #[test]
 fn something_hard_in_the_way_bears_what_the_speed_of_the_approach_makes_of_it() {

@@ -143,9 +143,9 @@ impl ForceLoop {
         EXCHANGES * timing.exchange_s + way.duration_s() + timing.settle_s
     }
 
-    /// How long a look at the force takes, s.
+    /// How long a look at the force takes, s: whole periods of the hum, where there is any.
     fn reading_s(&self) -> f64 {
-        f64::from(self.readings()) * self.context.timing.conversion_s
+        self.context.zero.mean_s(f64::from(self.readings()) * self.context.timing.conversion_s)
     }
 
     fn leave(&mut self, force_n: f64) {
