@@ -158,10 +158,11 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         self.began.elapsed().as_secs_f64()
     }
 
-    /// Reads until a withdrawal is over, and stops it if the force rises: z goes the wrong way. A cell that doesn't answer, or
-    /// gives no number, holds up nothing.
+    /// Reads until a withdrawal is over, and stops it if the force rises above what it was, and above none: z goes the wrong way. A
+    /// cell that reads pushes as pulls comes up to none on the way out. One that doesn't answer, or gives no number, holds up nothing.
     pub async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
+        let none_n = self.watch.zero().offset_n;
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
         let mut risen = Ok(());
         loop {
@@ -184,7 +185,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
             last[RISE_READINGS - 1] = read.force_n;
             lowest_n = lowest_n.min(read.force_n);
             // all of the last ones: a cell that spikes is no reason to stay
-            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n;
+            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
             if risen.is_ok() && rise_n > most_n {
                 risen = Err(Trip::new(Rule::ForceRose, rise_n, most_n, "N"));
                 reins.stop();

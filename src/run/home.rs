@@ -88,7 +88,9 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     }
     hand.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
     if load_cell.is_ok() {
-        let _ = hand.set_home_speed(spec).await; // a cell that doesn't answer any more holds up nothing
+        // a cell that doesn't answer any more holds up nothing
+        let _ = hand.set_home_speed(spec).await;
+        let _ = hand.watch_from_rest(spec).await;
     }
     let reading = Reading::IfItAnswers;
     let z = spec.stage.travel.along(Axis::Z);

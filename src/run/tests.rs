@@ -56,6 +56,8 @@ struct StrawCell {
     began: Instant,
     early_n: f64,
     late_n: f64,
+    /// When that is, s.
+    until_s: f64,
 }
 
 impl LoadCell for StrawCell {
@@ -65,7 +67,7 @@ impl LoadCell for StrawCell {
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
         sleep(Duration::from_millis(1)).await;
         let at_s = self.began.elapsed().as_secs_f64();
-        let force_n = if at_s < 0.2 { self.early_n } else { self.late_n };
+        let force_n = if at_s < self.until_s { self.early_n } else { self.late_n };
         Ok(ForceReading { at_s, force_n, health: Health::default() })
     }
     fn conversion(&self) -> Duration {
@@ -95,7 +97,7 @@ fn hand<'a>(
 ) -> Hand<'a, StrawStage<'a>, StrawCell, StrawArray> {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero::with_noise(0.003);
-    let cell = StrawCell { began: Instant::now(), early_n, late_n };
+    let cell = StrawCell { began: Instant::now(), early_n, late_n, until_s: 0.2 };
     let parts = Instruments {
         stage: StrawStage { told, at_mm: [0.0; 3], takes_s: 0.4 },
         load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
@@ -187,6 +189,23 @@ async fn contact_after_x_and_y_have_begun_stops_them() {
     let departed = hand.depart(away(-0.1), Place::new(5.0, 0.0), &permit(), 0.0).await;
     assert_eq!(rule(departed), Rule::StillTouching);
     assert_eq!(told.borrow().last().map(String::as_str), Some("stop"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() {
+    // pressed and then free, by a cell that reads right and by one that reads pushes as pulls; then into something
+    for (forces_n, rises) in [((1.0, 0.0), false), ((-1.0, 0.0), false), ((0.0, 0.5), true), ((1.0, 1.5), true)] {
+        let (told, cancel) = (RefCell::default(), Cancel::default());
+        let mut hand = hand(&told, &cancel, forces_n);
+        hand.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to say that it stands, and as long to withdraw
+        let withdrawn = hand.withdraw(-0.3).await;
+        if rises {
+            assert_eq!(rule(withdrawn), Rule::ForceRose, "{forces_n:?}");
+            assert_eq!(told.borrow().last().map(String::as_str), Some("stop"), "{forces_n:?}");
+        } else {
+            assert!(withdrawn.is_ok(), "{forces_n:?}: {withdrawn:?}");
+        }
+    }
 }
 
 #[tokio::test(start_paused = true)]
