@@ -2,6 +2,7 @@
 
 use super::press::AirReadings;
 use super::zero::Zero;
+use crate::quantity::round;
 use serde::{Deserialize, Serialize};
 
 /// The parts of a force's standard uncertainty, N each. The parts are independent: their squares add up (GUM 5.1.2).
@@ -60,7 +61,7 @@ impl Budget {
     /// Rounded to 0.1 uN.
     #[must_use]
     pub fn rounded(self) -> Budget {
-        let rounded = |n: f64| (n * 1e7).round() / 1e7;
+        let rounded = |n: f64| round(n, 7);
         let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
         Budget {
             cell_n: cell_n.map(rounded),

@@ -157,9 +157,7 @@ impl Permit {
     /// # Errors
     /// A trip if it has.
     pub fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
-        let most_n = AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s;
-        let holds = moved_n.abs() <= most_n; // asked for what must hold, so that a NaN is refused
-        if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroDrifted, moved_n, most_n, "N")) }
+        moved_no_further(Rule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
     /// What the load cell says in air is the same where z is a little farther away, or nearer: no contact makes a part of it.
@@ -167,9 +165,7 @@ impl Permit {
     /// # Errors
     /// A trip if it isn't.
     pub fn air_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
-        let most_n = FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s;
-        let holds = moved_n.abs() <= most_n;
-        if holds { Ok(()) } else { Err(Trip::new(Rule::ZeroInContact, moved_n, most_n, "N")) }
+        moved_no_further(Rule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
     /// How far z is moved to see whether the air is free, mm: what the declared specimen answers with a small part of the limit.
@@ -215,6 +211,11 @@ impl Permit {
             Err(Trip::new(Rule::NotPermitted, z_mm, from_mm, "mm"))
         }
     }
+}
+
+/// Whether a zero moved no further than it may. Asked for what must hold, so that a NaN is refused.
+fn moved_no_further(rule: Rule, moved_n: f64, most_n: f64) -> Result<(), Trip> {
+    if moved_n.abs() <= most_n { Ok(()) } else { Err(Trip::new(rule, moved_n, most_n, "N")) }
 }
 
 #[cfg(test)]

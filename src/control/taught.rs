@@ -42,13 +42,13 @@ impl Rises {
         if !tells {
             return;
         }
-        let distance_mm = |at: &Place| at.distance_mm(place);
-        let is_full = self.all.len() >= PRESSES_MAX;
-        let nearest = self.all.iter_mut().min_by(|(a, _), (b, _)| distance_mm(a).total_cmp(&distance_mm(b)));
-        match nearest {
-            Some(near) if is_full => *near = (place, rise),
-            _ => self.all.push((place, rise)),
+        if self.all.len() < PRESSES_MAX {
+            self.all.push((place, rise));
+            return;
         }
+        let distance_mm = |at: &Place| at.distance_mm(place);
+        let nearest = self.all.iter_mut().min_by(|(a, _), (b, _)| distance_mm(a).total_cmp(&distance_mm(b)));
+        nearest.into_iter().for_each(|near| *near = (place, rise));
     }
 
     /// What the presses around a place have taught; none of too few.

@@ -49,7 +49,7 @@ impl Watch {
         let within_n =
             Range { min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n), max: limits.force_n + 3.0 * zero.sigma_n };
         let rise_most_n = AWAY_SHARE * limits.force_n + RISE_SIGMAS * zero.sigma_n;
-        Watch { within_n, rise_most_n, ..Watch::of(limits.force_n, zero, [Rule::WrongSign, Rule::OverForce]) }
+        Watch::of(limits, zero, within_n, [Rule::WrongSign, Rule::OverForce], rise_most_n)
     }
 
     /// The rules before there is a zero, of a stage that moves z away: the force doesn't rise above what the cell read at rest,
@@ -59,7 +59,7 @@ impl Watch {
         let rise_n = Watch::rise_n(limits, air_n, acceleration_mm_s2) + RISE_SIGMAS * still.sigma_n;
         let within_n = Range { min: -limits.force_n - rise_n, max: rise_n };
         let still = Zero { frozen_after: None, ..still };
-        Watch { within_n, rise_most_n: rise_n, ..Watch::of(limits.force_n, still, [Rule::ForceFell, Rule::ForceRose]) }
+        Watch::of(limits, still, within_n, [Rule::ForceFell, Rule::ForceRose], rise_n)
     }
 
     /// How far the force may rise by what isn't contact while a stage moves, N.
@@ -68,12 +68,12 @@ impl Watch {
         RISE_SHARE * limits.force_n + JOLT * tool_kg * acceleration_mm_s2 / 1000.0
     }
 
-    fn of(limit_n: f64, zero: Zero, rules: [Rule; 2]) -> Self {
+    fn of(limits: &Limits, zero: Zero, within_n: Range, rules: [Rule; 2], rise_most_n: f64) -> Self {
         Watch {
-            limit_n,
-            within_n: Range { min: f64::NEG_INFINITY, max: f64::INFINITY },
+            limit_n: limits.force_n,
+            within_n,
             rules,
-            rise_most_n: f64::INFINITY,
+            rise_most_n,
             zero,
             recent: std::collections::VecDeque::new(),
             last_code: None,

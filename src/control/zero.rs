@@ -69,30 +69,35 @@ impl Zero {
         let hum = Hum::find(readings, conversion_s);
         let averaged = hum.filter(|hum| hum.whole_s.is_some()).map_or(0.0, |hum| hum.amplitude_n.powi(2) / 2.0);
         let noise_n = (variance - averaged).max(0.0).sqrt();
+        let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
+        codes.sort_by(f64::total_cmp);
         Zero {
             offset_n: mean,
             sigma_n: variance.sqrt(),
             noise_n,
             // hum is shared too, and averaged otherwise
             shared: if hum.is_some() { 0.0 } else { shared(readings, mean) },
-            step_n: step_n(readings),
+            step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),
             hum,
-            frozen_after: frozen_after(readings),
+            frozen_after: frozen_after(&codes),
         }
     }
 
     /// The same cell, its forces counted from newer air.
     #[must_use]
     pub fn counted_from(&self, air: &AirReadings) -> Zero {
-        let offset_sigma_n = self.noise_n / f64::from(air.readings.max(1)).sqrt();
-        Zero { offset_n: air.mean_n, offset_sigma_n, ..*self }
+        Zero { offset_n: air.mean_n, offset_sigma_n: self.sigma_own_n(air.readings), ..*self }
+    }
+
+    /// Standard deviation of the mean of some readings by their own noise, N, each taken for independent of the others.
+    pub fn sigma_own_n(&self, readings: u32) -> f64 {
+        self.noise_n / f64::from(readings.max(1)).sqrt()
     }
 
     /// Standard deviation of the mean of some readings as a force, N: their own noise and the zero's.
     pub fn sigma_mean_n(&self, readings: u32) -> f64 {
-        let own = self.noise_n / f64::from(readings.max(1)).sqrt();
-        own.hypot(self.offset_sigma_n)
+        self.sigma_own_n(readings).hypot(self.offset_sigma_n)
     }
 
     /// Standard deviation of the mean of some readings by their own noise, N, neighbours that share some of it counted as fewer.
@@ -127,10 +132,8 @@ fn shared(readings: &[ForceReading], mean_n: f64) -> f64 {
     if correlation > by_chance { correlation.min(SHARED_MOST) } else { 0.0 }
 }
 
-/// The smallest step between two readings where some are the same, N.
-fn step_n(readings: &[ForceReading]) -> f64 {
-    let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
-    codes.sort_by(f64::total_cmp);
+/// The smallest step between two readings where some are the same, N. `codes` are sorted.
+fn step_n(codes: &[f64]) -> f64 {
     let steps = codes.windows(2).map(|pair| pair[1] - pair[0]);
     if steps.clone().all(|step| step > 0.0) {
         return 0.0;
@@ -140,10 +143,8 @@ fn step_n(readings: &[ForceReading]) -> f64 {
 }
 
 /// How many equal codes in a row are less likely than [`FROZEN_ODDS`], from how often two codes in air agree; doubled, since a
-/// reading can come twice between two conversions.
-fn frozen_after(readings: &[ForceReading]) -> Option<u32> {
-    let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
-    codes.sort_by(f64::total_cmp);
+/// reading can come twice between two conversions. `codes` are sorted.
+fn frozen_after(codes: &[f64]) -> Option<u32> {
     let n = codes.len() as f64;
     let runs = codes.chunk_by(|a, b| a == b).map(|run| (run.len() as f64 / n).powi(2));
     let agree: f64 = runs.sum();

@@ -1,6 +1,7 @@
 //! What a cell of a table can hold: how it is read, written and rounded.
 
 use super::Flag;
+use crate::quantity::round;
 use crate::recipe::Phase;
 use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
@@ -146,16 +147,6 @@ impl Cell for Vec<Flag> {
     fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
         out(Value::Text(&self.iter().map(|flag| flag.name()).collect::<Vec<_>>().join(" ")));
     }
-}
-
-/// To so many decimals.
-pub(crate) fn round(value: f64, decimals: i32) -> f64 {
-    let scale = 10f64.powi(decimals);
-    let rounded = (value * scale).round() / scale;
-    if !rounded.is_finite() {
-        return value; // too large to have decimals
-    }
-    if rounded == 0.0 { 0.0 } else { rounded } // no "-0"
 }
 
 #[cfg(test)]

@@ -34,11 +34,10 @@ pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetE
         Err(_) => {}
     }
     for table in [PRESSES, SCENE] {
-        let missing: BTreeSet<u64> =
-            presses_in(&folder.join(table))?.into_iter().filter(|press| !known.contacts.has(*press)).collect();
         // a press that tripped has a row of its truth alone
         let tripped = |press: &u64| table == SCENE && known.trips.iter().any(|(tripped, _)| *tripped == Some(*press));
-        let missing: BTreeSet<u64> = missing.into_iter().filter(|press| !tripped(press)).collect();
+        let is_missing = |press: &u64| !known.contacts.has(*press) && !tripped(press);
+        let missing: BTreeSet<u64> = presses_in(&folder.join(table))?.into_iter().filter(is_missing).collect();
         if !missing.is_empty() {
             lost.push(format!("{table} holds {} that {JOURNAL} doesn't", stretches(&missing)));
         }

@@ -36,8 +36,8 @@ mod table_error;
 mod verify;
 mod views;
 
+pub(crate) use crate::quantity::round;
 pub use cell::Value;
-pub(crate) use cell::round;
 pub use error::DatasetError;
 pub use fingerprint::Fingerprint;
 pub use flag::Flag;

@@ -1,10 +1,9 @@
 //! The journal's records.
 
-use super::cell::round;
 use super::{End, Loss, Press, Provenance, RunFacts, Text};
 use crate::control::{AirReadings, Budget, Hum, Lesson, Trip};
 use crate::device::Identity;
-use crate::quantity::{Place, any_number};
+use crate::quantity::{Place, any_number, round};
 use serde::{Deserialize, Serialize};
 
 /// One record of the journal. What comes from the clock and the machine stands in [`Provenance`], [`Loss`] and [`End`] alone: all

@@ -46,20 +46,12 @@ pub(super) fn write<'a>(
         }
         staircases.add_contact(&contact, layout);
         if !contact.truth.is_empty() {
-            let scene = match &mut scene {
-                Some(scene) => scene,
-                None => scene.insert(Table::with(folder, SCENE, SCENE_HEADER)?),
-            };
-            scene.write(&scene_lines(&contact))?;
+            opened(&mut scene, folder)?.write(&scene_lines(&contact))?;
         }
     }
     for (press, Peaks { force_peak_n, depth_peak_mm }) in trips {
-        let scene = match &mut scene {
-            Some(scene) => scene,
-            None => scene.insert(Table::with(folder, SCENE, SCENE_HEADER)?),
-        };
         let press = press.map_or_else(String::new, |press| press.to_string());
-        scene.write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
+        opened(&mut scene, folder)?.write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
     }
     presses.publish()?;
     let staircases = staircases.some();
@@ -125,6 +117,14 @@ fn characteristics(staircases: &Staircases) -> String {
 }
 
 const SCENE_HEADER: &str = "press,level,force_true_n,force_peak_n,depth_peak_mm\n";
+
+/// The scene's table, begun with its first row.
+fn opened<'t>(scene: &'t mut Option<Table>, folder: &Path) -> Result<&'t mut Table, DatasetError> {
+    match scene {
+        Some(scene) => Ok(scene),
+        None => Ok(scene.insert(Table::with(folder, SCENE, SCENE_HEADER)?)),
+    }
+}
 
 fn scene_lines(contact: &Contact) -> String {
     let line = |(press, truth): (&Press, &PressTruth)| {

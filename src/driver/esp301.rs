@@ -5,7 +5,7 @@
 
 use super::MOTION_MARGIN;
 use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
-use crate::quantity::{Axis, Range};
+use crate::quantity::{Axis, Range, seconds};
 use crate::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
@@ -388,11 +388,6 @@ impl Stage for Esp301 {
         }
         Ok(complaints)
     }
-}
-
-/// What no clock can wait for is no wait.
-fn seconds(s: f64) -> Duration {
-    Duration::try_from_secs_f64(s).unwrap_or_default()
 }
 
 /// Where z is farthest from the specimen.

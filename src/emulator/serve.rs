@@ -1,6 +1,7 @@
 //! Serves an instrument on a link: requests in, answers out, each in its time.
 
 use super::{Instrument, Owed, Shared};
+use crate::quantity::seconds;
 use crate::scene::Scene;
 use std::future::pending;
 use std::io;
@@ -84,7 +85,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
     }
 
     async fn exchange<S: AsyncWrite + Unpin>(&self, stream: &mut S, request: &[u8]) -> io::Result<()> {
-        let deaf_until = self.origin + duration(lock(self.instrument).deaf_until_s());
+        let deaf_until = self.origin + seconds(lock(self.instrument).deaf_until_s());
         let mut now = Instant::now();
         if deaf_until > now {
             self.pass(stream, deaf_until).await?;
@@ -137,7 +138,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
                 Owed::At(at_s) => {
                     let now = Instant::now();
                     let wait_s = (at_s - (now - self.origin).as_secs_f64()).min(OWED_MOST.as_secs_f64());
-                    return Ok(Some(now + duration(wait_s).max(LEAST_LATENCY)));
+                    return Ok(Some(now + seconds(wait_s).max(LEAST_LATENCY)));
                 }
                 Owed::Ready(reply) => {
                     if self.latency(Instant::now()).is_some() {
@@ -164,7 +165,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         let device = lock(self.instrument).device();
         let now_s = (now - self.origin).as_secs_f64();
         let latency_s = lock(self.scene).latency_s(device, now_s)?;
-        Some(duration(latency_s).max(LEAST_LATENCY))
+        Some(seconds(latency_s).max(LEAST_LATENCY))
     }
 
     fn answer(&self, request: &[u8]) -> Vec<u8> {
@@ -198,11 +199,6 @@ async fn at(instant: Option<Instant>) {
         Some(instant) => sleep_until(instant).await,
         None => pending().await,
     }
-}
-
-/// What no clock can wait for (negative, not finite, beyond the range) is no wait.
-fn duration(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
 
 fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {

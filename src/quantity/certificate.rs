@@ -100,7 +100,7 @@ impl WeightCheck {
         (self.gain - 1.0).abs() <= GAIN_OFF_MOST
     }
 
-    /// Whether the readings can be used: adjusted by a gain that is no fault, or a gain that is 1 as far as check and
+    /// Whether the readings can be used: the gain is no fault and adjusted for, or it is 1 as far as check and
     /// certificate can tell.
     pub fn is_sound(&self, certificate: Option<&Certificate>) -> bool {
         self.is_adjustable() && (self.adjusted || (self.gain - 1.0).abs() <= self.explained(certificate))

@@ -10,6 +10,7 @@ mod certificate;
 mod frame;
 mod layout;
 mod limits;
+mod number;
 mod reading;
 mod stream;
 
@@ -17,6 +18,7 @@ pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StatedError, WeightC
 pub use frame::{Axis, Down, Frame, Place, Position};
 pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};
+pub use number::{round, seconds};
 pub use reading::{ForceReading, Health};
 pub use stream::{Stream, stream};
 

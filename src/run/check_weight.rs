@@ -3,9 +3,9 @@
 
 use super::Halt;
 use super::hand::Gauge;
-use crate::control::{Mean, Rule, Trip, Zero, check_sound, mean_of};
+use crate::control::{Mean, Rule, Trip, Zero, mean_of};
 use crate::device::LoadCell;
-use crate::quantity::{COVERAGE, Certificate, WeightCheck};
+use crate::quantity::{COVERAGE, Certificate, GRAVITY_M_S2, WeightCheck};
 use crate::rig::SceneProbe;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -135,7 +135,7 @@ pub(super) async fn weigh<C: LoadCell>(
         let share = (on.middle_s - before.middle_s) / (after.middle_s - before.middle_s);
         let air_n = before.value + share * (after.value - before.value);
         weighed.gains.push((on.value - air_n) / (sign * weight.weight_n));
-        weighed.noise = (1.5f64.sqrt() * scale.sigma_n(on.readings)) / weight.weight_n;
+        weighed.noise = (1.5f64.sqrt() * scale.zero.sigma_own_n(on.readings)) / weight.weight_n;
         before = after;
     }
     let sd = weighed.gain_sd() / weighed.gain().abs().max(1.0);
@@ -189,7 +189,7 @@ impl Scale {
     }
 
     fn threshold_n(&self, readings: u32, waits: Waits) -> f64 {
-        let noise_n = 2.0 * REST_SIGMAS * self.sigma_n(readings);
+        let noise_n = 2.0 * REST_SIGMAS * self.zero.sigma_own_n(readings);
         match waits {
             Waits::On => noise_n.max(MOVED_SHARE * self.weight_n),
             Waits::Off { read_n } => LEFT_SHARE * read_n.abs(),
@@ -221,21 +221,15 @@ impl Scale {
         let least_s = self.zero.mean_s(least_s);
         let mut read: Vec<(f64, f64)> = Vec::new();
         while read.len() < least || gauge.now_s() - read[0].0 < least_s {
-            gauge.due().await?;
-            let reading = gauge.cell.read().await?;
-            check_sound(&reading)?;
+            let reading = gauge.sound_reading().await?;
             read.push((gauge.now_s(), reading.force_n));
         }
         mean_of(&read, &self.zero).ok_or_else(|| Trip::new(Rule::Stale, 0.0, 1.0, "readings").into())
     }
 
     fn agree(&self, a: &Mean, b: &Mean) -> bool {
-        let noise_n = self.sigma_n(a.readings).hypot(self.sigma_n(b.readings));
+        let noise_n = self.zero.sigma_own_n(a.readings).hypot(self.zero.sigma_own_n(b.readings));
         (a.value - b.value).abs() <= REST_SIGMAS * noise_n + REST_SHARE * self.weight_n
-    }
-
-    fn sigma_n(&self, readings: u32) -> f64 {
-        self.zero.noise_n / f64::from(readings.max(1)).sqrt()
     }
 }
 
@@ -265,9 +259,9 @@ pub enum Verdict {
 
 /// Ratios of a reading to the weight that tell of a wrong unit, and how near a gain must be to one, as a share of it.
 const UNITS: [(f64, &str); 6] = [
-    (1.0 / 9.80665, "the cell's unit is the kilogram-force (9.80665 N), or its range is ten times too large"),
-    (9.80665, "the weight was given in kilograms-force (9.80665 N), or the cell's range is ten times too small"),
-    (1000.0 / 9.80665, "the cell's unit is the gram-force (9.80665 mN)"),
+    (1.0 / GRAVITY_M_S2, "the cell's unit is the kilogram-force (9.80665 N), or its range is ten times too large"),
+    (GRAVITY_M_S2, "the weight was given in kilograms-force (9.80665 N), or the cell's range is ten times too small"),
+    (1000.0 / GRAVITY_M_S2, "the cell's unit is the gram-force (9.80665 mN)"),
     (1.0 / 4.448_221_6, "the cell's unit is the pound-force (4.448 N)"),
     (4.448_221_6, "the weight was given in pounds-force (4.448 N)"),
     (1000.0, "the cell's unit is the millinewton"),

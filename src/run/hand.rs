@@ -114,12 +114,17 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);
         let mut readings = Vec::with_capacity(count);
         for _ in 0..count {
-            self.due().await?;
-            let reading = self.cell.read().await?;
-            check_sound(&reading)?;
-            readings.push(reading);
+            readings.push(self.sound_reading().await?);
         }
         Ok(readings)
+    }
+
+    /// The next reading, a sound one, no force yet.
+    pub async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
+        self.due().await?;
+        let reading = self.cell.read().await?;
+        check_sound(&reading)?;
+        Ok(reading)
     }
 
     /// The next force, N from the zero; every reading passes the trip rules.

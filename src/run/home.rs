@@ -7,7 +7,7 @@ use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::driver::{AnyArray, AnyStage};
-use crate::quantity::Axis;
+use crate::quantity::{Axis, seconds};
 use crate::rig::{AdjustedCell, OpenRig, RigSpec};
 use std::cell::Cell;
 use std::time::Duration;
@@ -55,7 +55,11 @@ pub(super) async fn at_home<'a>(
     let reaction = if load_cell.is_ok() { Some(hand.set_home_speed(spec).await?) } else { None };
     let stage = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await?;
     let stage = match (stage, &reaction) {
-        (Ok(identity), Some(reaction)) => hand.come_home(spec, &identity, reaction).await?.map(|()| identity),
+        (Ok(identity), Some(reaction)) => match hand.come_home(spec, &identity, reaction).await {
+            Ok(()) => Ok(identity),
+            Err(Unmoved::Stage(error)) => Err(error),
+            Err(Unmoved::Halted(halt)) => return Err(halt),
+        },
         (stage, _) => stage,
     };
     Ok(AtHome { hand, stage, load_cell })
@@ -95,16 +99,14 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     let reading = Reading::IfItAnswers;
     let z = spec.stage.travel.along(Axis::Z);
     let mut nudges = 0;
-    while f64::from(nudges) * NUDGE_MM < z.max - z.min
-        && hand.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await??
-    {
+    while f64::from(nudges) * NUDGE_MM < z.max - z.min && hand.nudge_away(reading).await? {
         nudges += 1;
     }
     if nudges == 0 {
-        hand.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await??;
+        hand.home_all(reading).await?;
         let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
         hand.moves(reading, async |stage, usage, reins| {
-            let longest = Duration::try_from_secs_f64((z.max - z.min) / usage.home_speed_mm_s).unwrap_or_default();
+            let longest = seconds((z.max - z.min) / usage.home_speed_mm_s);
             let at_mm = stage.position_mm(Axis::Z, reins).await?;
             if (top_mm - at_mm) * usage.away > 0.0 {
                 stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, reins).await?;
@@ -112,10 +114,33 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
             }
             Ok(())
         })
-        .await??;
+        .await?;
     }
     let z_mm = hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
     Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
+}
+
+/// Why the stage didn't do what it was to.
+enum Unmoved {
+    /// By its own word.
+    Stage(DeviceError),
+    /// By anything else.
+    Halted(Halt),
+}
+
+impl From<Halt> for Unmoved {
+    fn from(halt: Halt) -> Self {
+        Unmoved::Halted(halt)
+    }
+}
+
+impl From<Unmoved> for Halt {
+    fn from(unmoved: Unmoved) -> Self {
+        match unmoved {
+            Unmoved::Stage(error) => error.into(),
+            Unmoved::Halted(halt) => halt,
+        }
+    }
 }
 
 /// How the load cell is read while the stage moves.
@@ -167,36 +192,31 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(reaction)
     }
 
-    /// Homes the stage and takes z to the top. What the stage says against it is handed over.
-    async fn come_home(
-        &mut self,
-        spec: &RigSpec,
-        identity: &Identity,
-        reaction: &Reaction,
-    ) -> Result<Result<(), DeviceError>, Halt> {
+    /// Homes the stage and takes z to the top.
+    async fn come_home(&mut self, spec: &RigSpec, identity: &Identity, reaction: &Reaction) -> Result<(), Unmoved> {
         self.watch_from_rest(spec).await?;
-        if let Err(error) = self.confirm_away(spec, identity).await? {
-            return Ok(Err(error));
-        }
+        self.confirm_away(spec, identity).await?;
         // x and y are homed once nothing touches
         let is_alone =
-            match self.moves(Reading::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await? {
-                Ok(is_alone) => is_alone,
-                Err(error) => return Ok(Err(error)),
-            };
+            self.moves(Reading::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await?;
         if is_alone {
             self.come_to_the_top(spec, reaction).await?;
         }
-        if let Err(error) =
-            self.moves(Reading::Watched, async |stage, usage, reins| stage.home(usage, reins).await).await?
-        {
-            return Ok(Err(error));
-        }
+        self.home_all(Reading::Watched).await?;
         match is_alone {
             true => self.find_itself().await?,
             false => self.come_to_the_top(spec, reaction).await?,
         }
-        Ok(Ok(()))
+        Ok(())
+    }
+
+    async fn home_all(&mut self, reading: Reading) -> Result<(), Unmoved> {
+        self.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await
+    }
+
+    /// Whether z went a little way away from the specimen.
+    async fn nudge_away(&mut self, reading: Reading) -> Result<bool, Unmoved> {
+        self.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await
     }
 
     /// From here on the force is not to rise above what it is now, at rest.
@@ -208,34 +228,21 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// The first time that this stage is driven along z this way, a person sees that it is away from the specimen: no measurement
     /// in air shows it.
-    async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<Result<(), DeviceError>, Halt> {
-        let Some(which_way) = spec.which_way() else { return Ok(Ok(())) };
-        if which_way.is_known(identity, spec.frame.down) {
-            return Ok(Ok(()));
-        }
+    async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+        let down = spec.frame.down;
+        let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
         which_way.announce(identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
-        let moved = self
-            .moves(Reading::Watched, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await)
-            .await?;
-        match moved {
-            Err(error) => return Ok(Err(error)),
-            Ok(true) => {}
+        if !self.nudge_away(Reading::Watched).await? {
             // what can't move a little before it is homed is watched while it homes
-            Ok(false) => {
-                let homed =
-                    self.moves(Reading::Watched, async |stage, usage, reins| stage.home(usage, reins).await).await?;
-                if let Err(error) = homed {
-                    return Ok(Err(error));
-                }
-            }
+            self.home_all(Reading::Watched).await?;
         }
         let cancel = self.cell.cancel;
-        let confirmed = which_way.confirm(identity, spec.frame.down, &|| cancel.asked());
+        let confirmed = which_way.confirm(identity, down, &|| cancel.asked());
         cancel.check()?;
         confirmed.map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
-        Ok(Ok(()))
+        Ok(())
     }
 
     /// Moves the stage while the cell is read, and leaves it alone some time after a person's word to stop, whatever it does.
@@ -243,7 +250,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         &mut self,
         reading: Reading,
         motion: impl AsyncFnOnce(&mut S, &StageUse, &Reins) -> Result<T, DeviceError>,
-    ) -> Result<Result<T, DeviceError>, Halt> {
+    ) -> Result<T, Unmoved> {
         let (reins, cancel) = (Reins::default(), self.cell.cancel);
         let told_to_stop = async {
             cancel.wait().await;
@@ -267,12 +274,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         match moved {
             Some(moved) => {
                 cancel.check()?;
-                moved
+                moved?.map_err(Unmoved::Stage)
             }
             None => {
                 // it may not have come to where it heeds the reins; what becomes of this one can't be told any more
                 let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
-                Err(Halt::Cancelled)
+                Err(Halt::Cancelled.into())
             }
         }
     }

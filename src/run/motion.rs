@@ -5,7 +5,7 @@ use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
 use super::window::OutputMeans;
 use crate::control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
 use crate::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
-use crate::quantity::{Axis, Place, Range};
+use crate::quantity::{Axis, Place, Range, seconds};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -421,11 +421,6 @@ async fn begin_sideways<S: Stage>(
 /// The longer of the two ways, mm.
 fn way_mm(from: Place, to: Place) -> f64 {
     (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
-}
-
-/// What no clock can wait for is no wait.
-fn seconds(s: f64) -> Duration {
-    Duration::try_from_secs_f64(s).unwrap_or(Duration::ZERO)
 }
 
 fn lost(told: String) -> Halt {

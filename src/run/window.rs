@@ -39,7 +39,7 @@ impl OutputMeans {
         }
     }
 
-    /// Takes in reading after reading, no faster than outputs change, while `goes_on` and until `over` is told; none before
+    /// Takes in reading after reading, no faster than outputs change, while `goes_on` and until `over` is notified; none before
     /// `begins`. Every reading passes `check`, with how long it took.
     pub async fn take_while<A: SensorArray>(
         &mut self,

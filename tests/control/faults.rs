@@ -329,7 +329,7 @@ impl Outcome {
         match self.case.kinds[0] {
             // the zero was taken with it
             FaultKind::Noisy | FaultKind::DriftedZero if from_s < self.ready_s => true,
-            // noise is held against the zero's in the air before a press, and a specimen is another from the next contact on
+            // noise is compared with the zero's in the air before a press, and a specimen is another from the next contact on
             FaultKind::Noisy | FaultKind::HardContact => begun_after(2),
             // one contact slips, once: its window was over
             FaultKind::Slip => {
@@ -337,7 +337,7 @@ impl Outcome {
                 let leaves_s = LEAVES_S + spec.limits.depth_mm / spec.stage.speed_mm_s;
                 begun_after(1) || windows_s.iter().any(|at_s| (0.0..leaves_s).contains(&(from_s - at_s)))
             }
-            // a stage that can't be parked is told of, though all was measured
+            // a stage that can't be parked is reported, though all was measured
             FaultKind::StageLost => from_s >= self.virtual_s,
             // slower answers cost time alone
             FaultKind::SlowStage => true,

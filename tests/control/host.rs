@@ -68,7 +68,7 @@ impl Mishap {
         match self {
             // the next look at z tells, and what is missing is asked for again
             Mishap::None | Mishap::CommandIgnored => true,
-            // a stage that can't be parked is told of, though all was measured
+            // a stage that can't be parked is reported, though all was measured
             Mishap::StageCut | Mishap::StageMute => false,
             Mishap::CommandLate | Mishap::AnswerLate => measured || at == HOMES_AT,
             Mishap::CellCut | Mishap::CellLate => measured,

@@ -31,7 +31,7 @@ impl ForceLoop {
         !self.context.expected.touched && self.context.softest.declared_n_mm.is_some()
     }
 
-    /// Holds the rise from the first look in contact to here against what was declared and taught.
+    /// Compares the rise from the first look in contact to here with what was declared and taught.
     pub(super) fn check_softness(&self) -> Result<(), Trip> {
         let Some(&(from_mm, from_n)) = self.path.first() else { return Ok(()) };
         if self.level != self.first_loaded() || self.dwelt {
@@ -68,7 +68,7 @@ impl ForceLoop {
         let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
         let (rose_n, expected_n) = (self.force_n - from_n, taught.force_n(from_n, way_mm) - from_n);
         if rose_n < RESPONSE_SHARE * expected_n {
-            return Ok(()); // that is no answer at all, and told as such
+            return Ok(()); // no answer at all is another rule's
         }
         // a force that hasn't risen is compared as if it had: by then the way was long enough for it
         let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);

@@ -4,7 +4,7 @@ use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblStatus, State};
 use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
-use crate::quantity::Axis;
+use crate::quantity::{Axis, seconds};
 use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
@@ -245,8 +245,7 @@ impl Stage for Grbl {
         if reins.stopped() {
             self.port.send(doing, JOG_CANCEL).await?;
         }
-        self.follow(&[Axis::Z], Duration::try_from_secs_f64(way_mm / usage.home_speed_mm_s).unwrap_or_default(), reins)
-            .await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
         Ok(true)
     }
 
