@@ -2,7 +2,7 @@
 
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
-use crate::control::APPROACH_MOST_MM_S;
+use crate::control::FIRST_APPROACH_MM_S;
 use crate::document::{Bounds, keys, words};
 use crate::quantity::{COVERAGE, Down};
 
@@ -53,7 +53,7 @@ keys! {
         travel_mm: Table(&travel_mm::KEYS), Refused, "how far the axes may go";
         speed_mm_s: Number(SPEED), or(10.0), "the fastest speed to be used; contact is approached more slowly", "10.0";
         acceleration_mm_s2: Number(ACCELERATION), or(100.0), "the acceleration to be used", "100.0";
-        approach_mm_s: Number(SPEED), or(APPROACH_MOST_MM_S),
+        approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
             "the fastest approach until the specimen was touched for the first time", "0.5";
         settle_ms: Number(LATER), or(SETTLE_MS), "how long it moves on after its controller calls a motion done", "10.0";
     }

@@ -158,6 +158,21 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         }
     }
 
+    /// What a rule that was broken at rest, before the first touch, is really about: a noise that has grown looks like a touch that
+    /// comes too early, and hides one from the force that the outputs feel.
+    pub async fn at_first_touch(&mut self, trip: Trip) -> Trip {
+        if !matches!(trip.rule, Rule::SurfaceElsewhere | Rule::OutputsMoved) {
+            return trip;
+        }
+        let mut still = ForcesInAir { open: true, ..ForcesInAir::default() };
+        for _ in 0..LIGHT_READINGS {
+            let Ok(reading) = self.sound_reading().await else { return trip };
+            still.take(Instant::now(), reading.force_n);
+        }
+        let (sigma_n, most_n) = (still.sigma_n(), self.watch.zero().noise_most_n());
+        if sigma_n > most_n { Trip::new(Rule::Noisy, sigma_n, most_n, "N") } else { trip }
+    }
+
     /// The time that the parts of a press are told, s.
     pub fn now_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
@@ -383,7 +398,8 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
             return Ok(());
         }
-        Err(Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit).into())
+        let moved = Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit);
+        Err(self.cell.at_first_touch(moved).await.into())
     }
 
     /// Forces and outputs count from this air.

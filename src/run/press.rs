@@ -158,7 +158,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                     Event::Sampled { force_n }
                 }
                 Command::Done => break,
-                Command::Trip(trip) => return Err(trip.into()),
+                Command::Trip(trip) => return Err(self.hand.cell.at_first_touch(trip).await.into()),
             };
         }
         self.hand.stage.guard(None).await?;

@@ -294,8 +294,8 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         // before the first touch the array tells of it
         FaultKind::NoSensor => &["fallen", "no-response", "no-contact", "outputs-moved"],
         FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
-        // between two looks at a contact its force seems to have gone
-        FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen"],
+        // between two looks at a contact its force seems to have gone; a look in which it strikes is a mean of both signs
+        FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen", "softer-than-taught"],
         FaultKind::Saturated => &["frozen", "no-response"],
         // one that slips before it touches is felt as softer than it can be
         FaultKind::Slip => &["fallen", "no-response", "out-of-reach", "softer-than-taught"],

@@ -4,7 +4,7 @@
 //! `PALPATE_DESCENTS=200 cargo test --release --test control first_descent -- --nocapture` for as many surfaces of each strategy.
 
 use crate::support::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
-use palpate::control::Strategy;
+use palpate::control::{FIRST_APPROACH_MM_S, Strategy};
 use palpate::quantity::{Axis, Place, stream};
 use palpate::scene::{ContactLaw, Fault, FaultKind, Mounting};
 use rand::RngExt;
@@ -15,8 +15,8 @@ const OFF_MM: f64 = 10.0;
 /// Where home is, as far above the surface as the frame has it, mm.
 const HOME_MM: f64 = 12.5;
 
-/// When the load cell may fail, s since the rig was opened: at any time until the surface is met.
-const FAILS_S: f64 = 12.0;
+/// When it may fail, s since the rig was opened: at any time until the surface is met.
+const FAILS_S: f64 = 60.0;
 
 /// How much of a peak a scene may pass over between two looks, N.
 const PEAK_N: f64 = 0.0005;
@@ -34,15 +34,21 @@ fn recipe(strategy: Strategy) -> String {
     )
 }
 
-/// What keeps the cell from telling of the surface.
-const CELLS: [Option<FaultKind>; 4] = [None, Some(FaultKind::Stale), Some(FaultKind::Stuck), Some(FaultKind::NoSensor)];
+/// What fails on the way: nothing, the load cell (silent, frozen, no longer on the indenter), or the link to the stage.
+const FAILS: [Option<FaultKind>; 5] = [
+    None,
+    Some(FaultKind::Stale),
+    Some(FaultKind::Stuck),
+    Some(FaultKind::NoSensor),
+    Some(FaultKind::StageLost),
+];
 
 #[test]
 fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limit() {
     let mut jobs = Vec::new();
     for (name, _) in BENCHES {
         for strategy in Strategy::ALL {
-            for fault in CELLS {
+            for fault in FAILS {
                 jobs.extend((0..descents()).map(|nth| (name, strategy, fault, nth)));
             }
         }
@@ -84,7 +90,7 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
 const HARD_N_MM: f64 = 200.0;
 
 /// Speeds of the first approach, mm/s, the default among them, and the most that the clamp may bear at them while host and cell live, N.
-const SPEEDS: [(f64, f64); 4] = [(2.0, 15.0), (1.0, 8.0), (0.4, 3.0), (0.25, 2.0)];
+const SPEEDS: [(f64, f64); 4] = [(2.0, 15.0), (1.0, 8.0), (FIRST_APPROACH_MM_S, 3.0), (0.25, 2.0)];
 
 #[test]
 fn something_hard_in_the_way_bears_what_the_speed_of_the_approach_makes_of_it() {

@@ -43,6 +43,10 @@ const FIRST_LOOKS_MAX: u32 = 20_000;
 /// Fastest approach, mm/s: what is gained beyond it is lost in braking.
 pub const APPROACH_MOST_MM_S: f64 = 2.0;
 
+/// The same until the specimen was touched for the first time, unless the rig says otherwise, mm/s: something of 200 N/mm in the way
+/// bears less than 3 N while host and load cell live.
+pub const FIRST_APPROACH_MM_S: f64 = 0.4;
+
 impl ForceLoop {
     /// Fast to just above the earliest contact, if that is worth a motion of its own.
     pub(super) fn descend(&mut self) -> Result<Command, Trip> {

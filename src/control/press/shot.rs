@@ -15,6 +15,8 @@ const SHORT_OF_GAP: f64 = 0.05;
 const TRIM_TOLERANCES: f64 = 3.0;
 /// The way of the trim that time is kept for, as a share of the set force.
 const TRIM_SHARE: f64 = 0.03;
+/// The way of a correction before it, the same.
+const CORRECTION_SHARE: f64 = 0.1;
 /// A wait for the last trim that isn't worth another look at the force, s.
 const SHORT_WAIT_S: f64 = 0.005;
 /// The clearance that a shot is reckoned to start from, mm.
@@ -132,7 +134,11 @@ impl ForceLoop {
         let timing = &self.context.timing;
         let whole = MotionProfile::new(START_MM + depth_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
         let shot_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
-        let total_s = shot_s + self.reading_s() + self.trim_s(TRIM_SHARE * force_set_n / stiffness) + self.task.hold_s;
+        let look_and_trim_s = |share| self.reading_s() + self.trim_s(share * force_set_n / stiffness);
+        // where hum makes looks long, a press that needs a correction would be sampled later than one that needs none, and its force
+        // would fade by less: time is kept for the correction
+        let correction_s = self.context.zero.hum.map_or(0.0, |_| look_and_trim_s(CORRECTION_SHARE));
+        let total_s = shot_s + correction_s + look_and_trim_s(TRIM_SHARE) + self.task.hold_s;
         (total_s / GRAIN_S).ceil() * GRAIN_S
     }
 
