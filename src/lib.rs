@@ -23,6 +23,7 @@
 //! | 2 | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |
 //! | 2 | [`solver`] | calibration and reading to contact, and their evaluation |
 //! | 2 | [`wire`] | links: how bytes get there and back; NI's functions as a table |
+//! | 1 | [`acceptance`] | whether a sensor is accepted: a rule, what was measured, the one verdict |
 //! | 1 | [`chart`] | charts as SVG |
 //! | 1 | [`mechanics`] | linear elasticity: what a taxel reads of a load |
 //! | 1 | [`paper`] | what the paper reports |
@@ -38,6 +39,7 @@
 //! watched, averaged, sampled, and on disk before the next press begins. The repository's ARCHITECTURE.md follows the same
 //! press line by line.
 
+pub mod acceptance;
 pub mod chart;
 pub mod cli;
 pub mod control;

@@ -35,6 +35,9 @@ pub struct AlignArgs {
     dry_run: bool,
 }
 
+/// The least uncertainty of the origin that is written, mm.
+const LEAST_MM: f64 = 1e-4;
+
 /// Presses, fits, tells, and writes.
 pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let (text, spec, invented) = args.rig.read()?;
@@ -83,12 +86,14 @@ fn described(found: &Alignment) -> String {
          [frame]\n\
          surface_mm = {{ z = {surface_z_mm:.3}, uncertainty = {uncertainty_mm:.3} }}\n\
          origin_mm = {{ x = {:.3}, y = {:.3} }}\n\
+         u_origin_mm = {:.4}\n\
          rotation_deg = {rotation_deg:.2}\n",
         at.x_mm,
         at.y_mm,
         surface_mm.abs(),
         origin.x_mm,
-        origin.y_mm
+        origin.y_mm,
+        origin_sigma_mm.max(LEAST_MM)
     )
 }
 
@@ -105,10 +110,11 @@ fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlEr
     let surface = table([("z", frame.surface_z_mm), ("uncertainty", frame.uncertainty_mm)]);
     let origin = table([("x", frame.origin.x_mm), ("y", frame.origin.y_mm)]);
     let turned = value(round(frame.rotation_deg, 2));
+    document["frame"]["u_origin_mm"] = value(round(placement.origin_sigma_mm, 4).max(LEAST_MM));
     let known = |sigma: f64, unit: &str| format!("  # aligned, +-{sigma:.3} {unit} (1 sd)");
     for (key, mut new, comment) in [
         ("surface_mm", surface, None),
-        ("origin_mm", origin, Some(known(placement.origin_sigma_mm, "mm"))),
+        ("origin_mm", origin, None),
         ("rotation_deg", turned, Some(known(placement.rotation_sigma_deg, "degrees"))),
     ] {
         if let (Some(comment), Item::Value(new)) = (comment, &mut new) {

@@ -1,13 +1,16 @@
 //! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints how far off the answers
 //! are.
 
-use super::exit::{Failure, accepted};
+use super::exit::Failure;
 use super::method::{load, solvers};
 use super::recorded::{read_presses, read_run};
 use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table, solvers_table};
+use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
+use crate::acceptance::Rule;
+use crate::dataset::Evidence;
 use crate::dataset::characteristics::{Repeatability, Staircases};
-use crate::dataset::evaluate::{Trial, is_to_evaluate};
+use crate::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
@@ -23,15 +26,16 @@ Examples:
   palpate evaluate runs/paper
   palpate evaluate runs/paper --solver pearson --json
   palpate evaluate runs/paper --solver all
-  palpate evaluate --calibration grid.csv --test random.csv
+  palpate evaluate --calibration grid.csv --test random.csv --accept limits.toml
 
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. Where the
 calibration has no force_n, a press counts as long as its row of outputs is,
 beside all others: its proportions are what counts, and of the test only the
 location is evaluated. With --constant-load every press then counts as 1 N.
 
-Exit code: 0 accepted (mean errors under 1 mm and 0.1 N), 1 not accepted, 2 bad
-input. Of all solvers the best decides; it stands last.";
+The verdict is by the acceptance rule: [accept] of the run's recipe, or
+--accept FILE. Without a rule there is none.
+Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
 
 /// Solve the test presses of a run, or of two tables, and print how far off the answers are
 #[derive(Debug, clap::Args)]
@@ -58,6 +62,8 @@ pub struct EvaluateArgs {
     /// What repeatability means in a run's Table 1
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
+    #[command(flatten)]
+    accept: AcceptArgs,
 }
 
 /// A method that has no evaluation, as `--json` prints it.
@@ -67,35 +73,76 @@ struct Failed<'a> {
     error: &'a str,
 }
 
-/// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its Table 1.
+/// Evaluates, judges and prints; the verdict is the exit code. A run that was only characterised prints its characteristics.
 pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
             let (recorded, rig) = read_run(run)?;
-            let (presses, layout) = (recorded.presses(), rig.array.layout);
-            let staircases = Staircases::of_run(&presses, &layout);
-            let table_1 = staircases.map(|staircases| characteristics_table(&staircases, args.repeatability));
-            if let Some(table_1) =
-                table_1.as_ref().filter(|_| !args.json && !presses.presses.iter().any(is_to_evaluate))
-            {
-                print(table_1)?;
-                return Ok(ExitCode::SUCCESS);
-            }
-            evaluate_trial(args, Trial::of_run(&presses, Some(&layout)).map_err(Failure::usage)?, table_1)
+            let (presses, layout) = (recorded.presses(), rig.array.layout.clone());
+            let rule = args.accept.rule_of([&recorded])?;
+            let contacts = recorded.contacts.iter().collect();
+            let evidence =
+                Evidence { presses: &presses, layout: Some(&layout), contacts, u_place_mm: rig.u_place_mm() };
+            let table_1 = Staircases::of_run(&presses, &layout)
+                .map(|staircases| characteristics_table(&staircases, args.repeatability));
+            let trial = Trial::of_run(&presses, Some(&layout));
+            let is_only_characterised = table_1.is_some() && !presses.presses.iter().any(is_to_evaluate);
+            report(args, trial, is_only_characterised, table_1, rule.map(|rule| (rule, evidence)))
         }
         (None, Some(calibration), Some(test)) => {
             let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
-            evaluate_trial(args, Trial::of_tables(&calibration, &test).map_err(Failure::usage)?, None)
+            let evidence = Evidence { presses: &calibration, layout: None, contacts: Vec::new(), u_place_mm: None };
+            let trial = Trial::of_tables(&calibration, &test);
+            report(args, trial, false, None, args.accept.rule()?.map(|rule| (rule, evidence)))
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not
         _ => Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
     }
 }
 
-fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>) -> Result<ExitCode, Failure> {
-    let trial = trial.with_load(load(args.constant_load));
+/// What each solver came to, or why it has no evaluation.
+type Outcomes<'a> = Vec<(&'a str, Result<Evaluation, String>)>;
+
+fn report(
+    args: &EvaluateArgs,
+    trial: Result<Trial<'_>, EvaluateError>,
+    is_only_characterised: bool,
+    table_1: Option<String>,
+    asked: Option<(Rule, Evidence<'_>)>,
+) -> Result<ExitCode, Failure> {
+    let trial = match trial {
+        Err(why) if !is_only_characterised => return Err(Failure::usage(why)),
+        trial => trial.map(|trial| trial.with_load(load(args.constant_load))),
+    };
+    let outcomes = trial.as_ref().map_or_else(|_| Ok(Vec::new()), |trial| outcomes(args, trial))?;
+    let known: Vec<Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.clone().ok()).collect();
+    let judgement = asked.map(|(rule, evidence)| evidence.judge(&rule, &trial, &known));
+    let text = if args.json {
+        let objects = outcomes.iter().map(json).collect::<Result<String, _>>()?;
+        objects + &judgement.as_ref().map(object).transpose()?.unwrap_or_default()
+    } else {
+        let evaluated = match outcomes.as_slice() {
+            [] => None,
+            [(_, Ok(evaluation))] => Some(evaluation_table(std::slice::from_ref(evaluation))),
+            outcomes => Some(solvers_table(outcomes)),
+        };
+        let verdict = match &judgement {
+            Some(judgement) => Some(verdict_table(judgement)),
+            None => (!is_only_characterised).then(|| NO_RULE.to_owned()),
+        };
+        [evaluated, table_1, verdict].into_iter().flatten().collect::<Vec<String>>().join("\n")
+    };
+    print(&text)?;
+    match outcomes.as_slice() {
+        [(solver, Err(reason))] => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),
+        _ => Ok(verdict_code(judgement.as_ref())),
+    }
+}
+
+/// The solvers that were asked for, each evaluated.
+fn outcomes<'a>(args: &'a EvaluateArgs, trial: &Trial<'_>) -> Result<Outcomes<'a>, Failure> {
     let names = if args.solver == ALL { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![args.solver.as_str()] };
-    let mut outcomes: Vec<(&str, Result<Evaluation, String>)> = Vec::new();
+    let mut outcomes = Vec::new();
     for solver in names {
         let outcome = match trial.evaluate_timed(solver) {
             Err(error) if args.solver != ALL || !error.is_of_solver() => return Err(Failure::usage(error)),
@@ -106,26 +153,19 @@ fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>
         };
         outcomes.push((solver, outcome));
     }
-    let text = match outcomes.as_slice() {
-        outcomes if args.json => outcomes.iter().map(json).collect::<Result<String, _>>()?,
-        [(_, Ok(evaluation))] => evaluation_table(std::slice::from_ref(evaluation)),
-        outcomes => solvers_table(outcomes),
-    };
-    let table_1 = table_1.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
-    print(&(text + &table_1))?;
-    match outcomes.pop() {
-        Some((solver, Err(reason))) => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),
-        decisive => Ok(accepted(decisive.and_then(|(_, evaluation)| evaluation.ok()).as_slice())),
-    }
+    Ok(outcomes)
 }
 
 /// One line of `--json`.
 fn json((solver, outcome): &(&str, Result<Evaluation, String>)) -> Result<String, Failure> {
-    let object = match outcome {
-        Ok(evaluation) => serde_json::to_string(evaluation),
-        Err(error) => serde_json::to_string(&Failed { solver, error }),
-    };
-    Ok(object.into_diagnostic().map_err(Failure::usage)? + "\n")
+    match outcome {
+        Ok(evaluation) => object(evaluation),
+        Err(error) => object(&Failed { solver, error }),
+    }
+}
+
+fn object(value: &impl Serialize) -> Result<String, Failure> {
+    Ok(serde_json::to_string(value).into_diagnostic().map_err(Failure::usage)? + "\n")
 }
 
 #[cfg(test)]

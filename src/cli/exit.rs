@@ -3,13 +3,12 @@
 use crate::dataset::{DatasetError, JournalError};
 use crate::document::Problems;
 use crate::run::{Ending, Halt};
-use crate::solver::Evaluation;
 use miette::Report;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
-/// Done, but the errors are larger than accepted.
-const NOT_ACCEPTED: u8 = 1;
+/// Done, but not accepted by the rule, or not decided.
+pub const NOT_ACCEPTED: u8 = 1;
 /// A bad recipe, rig or command line; nothing was moved.
 const USAGE: u8 = 2;
 /// A device failed.
@@ -20,11 +19,6 @@ const TRIP: u8 = 4;
 const RECORD: u8 = 5;
 /// Cancelled by a person, and parked.
 pub const CANCELLED: u8 = 130;
-
-/// The exit code of what was evaluated: by its first solver. What wasn't evaluated is done.
-pub fn accepted(evaluations: &[Evaluation]) -> ExitCode {
-    if evaluations.first().is_none_or(Evaluation::accepted) { ExitCode::SUCCESS } else { ExitCode::from(NOT_ACCEPTED) }
-}
 
 /// Why a subcommand didn't do what it was asked, and the exit code that says so.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! The command line, one file a subcommand; the only room that prints.
 //!
-//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done (and, where evaluated, accepted),
-//! 1 done but not accepted, 2 bad recipe, rig or usage (nothing moved), 3 a device, 4 a safety trip, 5 could not record,
+//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done (and, where a rule was given, accepted),
+//! 1 not accepted by the rule or not decided, 2 bad recipe, rig or usage (nothing moved), 3 a device, 4 a safety trip, 5 could not record,
 //! 130 cancelled (and parked).
 
 mod align;
@@ -12,6 +12,7 @@ mod drivers;
 mod emulate;
 mod evaluate;
 mod exit;
+mod labels;
 mod method;
 mod ports;
 mod progress;
@@ -30,6 +31,7 @@ mod sources;
 mod study;
 mod summary;
 mod tables;
+mod verdict;
 mod verify;
 mod which_way;
 mod withdraw;

@@ -3,7 +3,7 @@
 use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
-use crate::dataset::{Presses, Recorded, Texts, read_table};
+use crate::dataset::{Lookalike, Presses, Recorded, Texts, read_table};
 use crate::rig::RigSpec;
 use std::path::Path;
 
@@ -31,8 +31,20 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
 pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
     let presses = read_table(table).map_err(Failure::usage)?;
     warn_of_table(table)?;
+    for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {
+        tell(&format!(
+            "warning: {}: column `{column}` looks like {looks_like} and isn't used ({read_from} is)\n",
+            table.display()
+        ))?;
+    }
+    if presses.unused.len() > LOOKALIKES_MAX {
+        tell(&format!("warning: and {} more such columns\n", presses.unused.len() - LOOKALIKES_MAX))?;
+    }
     Ok(presses)
 }
+
+/// The most columns that a person is warned of one by one.
+const LOOKALIKES_MAX: usize = 8;
 
 /// Says in a line that a table, named by its path, isn't what the journal beside it says. It is read as it is.
 fn warn_of_table(table: &Path) -> Result<(), Failure> {

@@ -4,9 +4,11 @@ use super::exit::Failure;
 use super::method::solvers;
 use super::recorded::read_run;
 use super::summary::print;
+use super::verdict::{AcceptArgs, rule_of, verdict_code};
+use crate::acceptance::Verdict;
 use crate::dataset::{Recorded, check_run, files};
-use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
-use crate::rig::ArraySpec;
+use crate::report::{Compared, Judged, MARK, ReportError, Subject, ToCompare, comparison, counted, page};
+use crate::rig::RigSpec;
 use crate::solver::{BEST, Evaluation};
 use std::fs;
 use std::io;
@@ -17,11 +19,13 @@ const EXAMPLES: &str = "\
 Examples:
   palpate report runs/paper
   palpate report runs/characterise runs/calibrate runs/test --out A-017.html
+  palpate report runs/calibrate runs/test --same-sensor --accept limits.toml
   palpate report --compare runs/batch-* --out batch.html
 
 Runs of one page are of one sensor, each phase from one of them. The page is one
 file that needs nothing else: it opens without a network and prints.
-Exit code 0 once it is written, whatever it says.";
+Exit code: 0 accepted or no rule, 1 not accepted or not decided; of a comparison
+0 once it is written.";
 
 /// Write a page about a run, or about many of them side by side
 #[derive(Debug, clap::Args)]
@@ -30,50 +34,65 @@ pub struct ReportArgs {
     /// The run folders
     #[arg(required = true)]
     runs: Vec<PathBuf>,
-    /// Hold the runs side by side: sensors of a batch, or one sensor over time
+    /// Compare the runs: sensors of a batch, or one sensor over time
     #[arg(long)]
     compare: bool,
     /// The file to write [default: report.html in the first run's folder, or comparison.html]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Runs without a sensor ID are of the same sensor
+    #[arg(long, conflicts_with = "compare")]
+    same_sensor: bool,
+    #[command(flatten)]
+    accept: AcceptArgs,
     /// The method that stands beside the paper's in a comparison; best costs most
     #[arg(long, value_name = "NAME", default_value = "surrogate", requires = "compare", value_parser = solvers([BEST]))]
     solver: String,
 }
 
-/// Writes the page and says in a line what is in it.
+/// Writes the page and says in a line what is in it. The exit code is the verdict's; that of a comparison is 0.
 pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;
-    let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array));
-    let runs: Vec<(Recorded, ArraySpec)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
-    let (html, told) = if args.compare { compare(runs, &args.solver) } else { one(runs)? };
+    let runs: Vec<(Recorded, RigSpec)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
+    let (html, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
     write(&out, &html)?;
     print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
-    Ok(ExitCode::SUCCESS)
+    Ok(code)
 }
 
-fn one(runs: Vec<(Recorded, ArraySpec)>) -> Result<(String, String), Failure> {
-    let subject = Subject::of(runs).map_err(failure)?;
-    let judged = Judged::of(&subject.presses, &subject.layout);
-    let told = match judged.decisive() {
-        Some(evaluation) => {
-            let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
-            let force = force_error_n.map(|error| format!(" and {:.4} N", error.mean)).unwrap_or_default();
-            let accepted = if evaluation.accepted() { "accepted" } else { "not accepted" };
-            format!("{}: {accepted}, {:.3} mm{force} by {solver}", subject.title(), location_error_mm.mean)
-        }
-        None => format!("{}: not evaluated", subject.title()),
+fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(String, String, ExitCode), Failure> {
+    let rule = args.accept.rule_of(runs.iter().map(|(run, _)| run))?;
+    let subject = Subject::of(runs, args.same_sensor).map_err(failure)?;
+    let judged = Judged::of(&subject, rule.as_ref());
+    let verdict = judged.judgement.as_ref().map_or("no verdict", |judgement| judgement.verdict.told());
+    let errors = judged.decisive().map_or(", not evaluated".to_owned(), |evaluation| {
+        let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
+        let force = force_error_n.map(|error| format!(" and {:.4} N", error.mean)).unwrap_or_default();
+        format!(", {:.3} mm{force} by {solver}", location_error_mm.mean)
+    });
+    let told = format!("{}: {verdict}{errors}", subject.title());
+    Ok((page(&subject, &judged), told, verdict_code(judged.judgement.as_ref())))
+}
+
+fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(String, String, ExitCode), Failure> {
+    let named = args.accept.rule()?;
+    let to_compare = |(run, rig): (Recorded, RigSpec)| {
+        let rule = if named.is_some() { named.clone() } else { rule_of(&run)? };
+        Ok(ToCompare { run, rig, rule })
     };
-    Ok((page(&subject, &judged), told))
-}
-
-fn compare(runs: Vec<(Recorded, ArraySpec)>, solver: &str) -> (String, String) {
-    let runs: Vec<_> = runs.into_iter().map(|(recorded, array)| (recorded, array.layout)).collect();
-    let compared = Compared::all(&runs, solver);
-    let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();
-    (comparison(&compared, solver), format!("{} compared, {accepted} accepted", counted(compared.len(), "run")))
+    let runs: Vec<ToCompare> = runs.into_iter().map(to_compare).collect::<Result<_, Failure>>()?;
+    let compared = Compared::all(&runs, &args.solver);
+    let counted_as = |verdict: Option<Verdict>| compared.iter().filter(|run| run.verdict() == verdict).count();
+    let each = [Some(Verdict::Accepted), Some(Verdict::NotAccepted), Some(Verdict::NotDecided), None];
+    let told: String = each
+        .into_iter()
+        .filter(|verdict| counted_as(*verdict) > 0)
+        .map(|verdict| format!(", {} {}", counted_as(verdict), verdict.map_or("without a rule", Verdict::told)))
+        .collect();
+    let told = format!("{} compared{told}", counted(compared.len(), "run"));
+    Ok((comparison(&compared, &args.solver), told, ExitCode::SUCCESS))
 }
 
 /// A page of ours may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.

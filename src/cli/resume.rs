@@ -75,7 +75,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     }
     let session = Provenance { changes, ..session(args.session.durability) };
     folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
-    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
+    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }
 
 /// The rig to go on with: one that is named, or that of the folder, or what the journal keeps of it.

@@ -1,6 +1,7 @@
 //! `palpate run`.
 
 use super::exit::Failure;
+use super::labels::LabelArgs;
 use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources};
@@ -27,25 +28,13 @@ pub struct RunArgs {
     recipe: PathBuf,
     #[command(flatten)]
     rig: RigArgs,
-    /// Who is pressed: kept with the run
-    #[arg(long, value_name = "ID", value_parser = sensor)]
-    sensor: Option<String>,
+    #[command(flatten)]
+    labels: LabelArgs,
     /// The folder to make; else runs/NAME, runs/NAME-2, ...
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
     session: SessionArgs,
-}
-
-/// The most letters in a sensor's name: it stands in tables and titles.
-const SENSOR_MOST_LETTERS: usize = 200;
-
-/// A name that can be printed wherever it stands.
-fn sensor(name: &str) -> Result<String, String> {
-    let is_fit =
-        !name.trim().is_empty() && name.chars().count() <= SENSOR_MOST_LETTERS && !name.chars().any(char::is_control);
-    let expected = || format!("expected 1 to {SENSOR_MOST_LETTERS} letters, none of which moves a terminal's cursor");
-    is_fit.then(|| name.to_owned()).ok_or_else(expected)
 }
 
 /// Makes the run's folder and walks its plan.
@@ -54,7 +43,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let plan = sources.plan(args.rig.seed)?;
     args.session.check(&sources.rig)?;
     let facts = RunFacts {
-        sensor: args.sensor.clone(),
+        labels: args.labels.labels(),
         strategy: args.rig.strategy,
         presses_max: args.rig.presses_max,
         ..RunFacts::new(&plan, sources.rig.is_simulated())
@@ -63,5 +52,5 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let layout = &sources.rig.array.layout;
     let mut folder =
         RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::dataset)?;
-    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe.solvers, &args.session)
+    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }

@@ -1,13 +1,14 @@
 //! A run carried out: shown, paced and stopped.
 
-use super::exit::{CANCELLED, Failure, accepted};
+use super::exit::{CANCELLED, Failure};
 use super::progress::Progress;
 use super::provenance::now;
 use super::signals::{First, heed};
 use super::summary;
+use super::verdict::verdict_code;
 use super::which_way::ConfirmArgs;
 use crate::dataset::{Durability, RunFolder};
-use crate::recipe::Plan;
+use crate::recipe::{Plan, Recipe};
 use crate::rig::RigSpec;
 use crate::run::{Ending, Halt, Walk, keep_pace, walk};
 use miette::IntoDiagnostic;
@@ -46,7 +47,7 @@ pub fn carry_out(
     plan: &Plan,
     spec: &RigSpec,
     folder: &mut RunFolder,
-    solvers: &[String],
+    recipe: &Recipe,
     args: &SessionArgs,
 ) -> Result<ExitCode, Failure> {
     let virtual_time = spec.is_simulated();
@@ -79,9 +80,9 @@ pub fn carry_out(
     }
     progress.heard()?;
     shown?; // whatever went wrong with the rig is said first
-    let evaluations = summary::evaluations(folder, spec, solvers)?;
-    show(&summary::results(folder, &evaluations)?)?;
-    Ok(accepted(&evaluations))
+    let results = summary::results(folder, spec, recipe)?;
+    show(&summary::told(folder, &results)?)?;
+    Ok(verdict_code(results.judgement.as_ref()))
 }
 
 /// Tasks that are polled between two looks at the timers while others are ready. On a paused clock no timer becomes due meanwhile.

@@ -5,7 +5,7 @@ use super::which_way::ConfirmArgs;
 use crate::control::Strategy;
 use crate::dataset::{Origins, Texts};
 use crate::document::TEXT_MAX_BYTES;
-use crate::recipe::{self, PRESSES_CEILING, Plan, Recipe};
+use crate::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
 use crate::rig::{self, MappedDevice, RigSpec, SIM_RIG};
 use std::fs::File;
 use std::io::{self, Read};
@@ -72,27 +72,26 @@ impl Sources {
     /// Reads a recipe and a rig from their files.
     pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
         let text = read(recipe)?;
-        let understood = recipe::parse(&recipe.display().to_string(), &text).map_err(Failure::usage);
-        Sources::of((understood, text), read_rig(&rig.rig), rig)
+        let beside = |name: &str| bounded(&recipe.with_file_name(name));
+        Sources::of(parse_recipe(recipe, text, &beside), read_rig(&rig.rig), rig)
     }
 
     /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.
     pub fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, rig_text: &str) -> Result<Sources, Failure> {
-        let text = texts.recipe().to_owned();
-        let name = run.join("recipe.toml").display().to_string();
+        let recipe = parse_kept_recipe(run, texts);
         let began = parse_rig(&run.join("rig.toml"), texts.first_rig(), texts)?;
         let full_scale_n = Some(began.limits.force_n);
         let spec = parse_rig(&rig.rig, rig_text, texts);
         let spec = spec.map(|spec| (rig_text.to_owned(), RigSpec { full_scale_n, ..spec }));
-        Sources::of((recipe::parse(&name, &text).map_err(Failure::usage), text), spec, rig)
+        Sources::of(recipe, spec, rig)
     }
 
     fn of(
-        (recipe, recipe_text): (Result<Recipe, Failure>, String),
+        recipe: Result<ReadRecipe, Failure>,
         spec: Result<(String, RigSpec), Failure>,
         rig: &RigArgs,
     ) -> Result<Sources, Failure> {
-        let (recipe, (rig_text, spec)) = match (recipe, spec) {
+        let (ReadRecipe { recipe, text: recipe_text, rule }, (rig_text, spec)) = match (recipe, spec) {
             (Ok(recipe), Ok(spec)) => (recipe, spec),
             (Err(failure), Ok(_)) | (Ok(_), Err(failure)) => return Err(failure),
             (Err(recipe), Err(rig)) => {
@@ -109,15 +108,48 @@ impl Sources {
             None => recipe,
         };
         let spec = as_asked(spec, rig.simulate, rig.seed)?;
-        let maps =
-            [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map).collect();
-        Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, maps } })
+        let maps = [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map);
+        let beside = maps.chain(rule).collect();
+        Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, beside } })
     }
 
     /// The plan, held against the rig.
     pub fn plan(&self, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipe, &self.rig.ground(), seed).map_err(Failure::usage)
     }
+}
+
+/// A recipe as it was read.
+pub struct ReadRecipe {
+    /// The recipe, with its acceptance rule.
+    pub recipe: Recipe,
+    /// Its text.
+    pub text: String,
+    /// The acceptance file that it names: name and text.
+    pub rule: Option<(String, String)>,
+}
+
+/// A recipe's text understood, with the acceptance file that it names; `beside` gives the text of a file that lies beside it.
+fn parse_recipe(path: &Path, text: String, beside: &dyn Fn(&str) -> io::Result<String>) -> Result<ReadRecipe, Failure> {
+    let recipe = recipe::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;
+    let Some(Accept::File(name)) = recipe.accept.clone() else { return Ok(ReadRecipe { recipe, text, rule: None }) };
+    let file = path.with_file_name(&name).display().to_string();
+    let rule_text = beside(&name).map_err(|why| {
+        let help = "the recipe names it in `accept`: it must lie beside the recipe";
+        Failure::usage(miette::miette!(help = help, "{file}: {why}"))
+    })?;
+    let rule = recipe::parse_rule(&file, &rule_text).map_err(Failure::usage)?;
+    Ok(ReadRecipe { recipe: recipe.with_rule(rule), text, rule: Some((name, rule_text)) })
+}
+
+/// The recipe of a run, as its journal keeps it.
+pub fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failure> {
+    parse_recipe(&run.join("recipe.toml"), texts.recipe().to_owned(), &kept(texts))
+}
+
+/// Gives the texts that a run's journal keeps, by name.
+fn kept(texts: &Texts) -> impl Fn(&str) -> io::Result<String> {
+    |name| texts.latest(name).map(str::to_owned).ok_or_else(|| io::ErrorKind::NotFound.into())
 }
 
 /// A rig with emulators where they are asked for; what can't be simulated is told before anything is made.
@@ -142,8 +174,7 @@ pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
 
 /// A rig's text understood, its register maps being those that a run's journal keeps.
 pub fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
-    let kept = |name: &str| texts.latest(name).map(str::to_owned).ok_or_else(|| io::ErrorKind::NotFound.into());
-    rig::parse(&path.display().to_string(), text, &kept).map_err(Failure::usage)
+    rig::parse(&path.display().to_string(), text, &kept(texts)).map_err(Failure::usage)
 }
 
 /// A file that a person wrote, as text.

@@ -2,9 +2,12 @@
 
 use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
+use super::verdict::{NO_RULE, verdict_table};
+use crate::acceptance::Judgement;
 use crate::dataset::characteristics::Repeatability;
 use crate::dataset::evaluate::Trial;
-use crate::dataset::{RunFolder, Status, TABLES};
+use crate::dataset::{Evidence, Recorded, RunFolder, Status, TABLES};
+use crate::recipe::Recipe;
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
 use miette::{IntoDiagnostic, WrapErr};
@@ -58,24 +61,48 @@ pub fn unfinished(folder: &RunFolder) -> String {
     )
 }
 
-/// The run's own evaluation with each solver its recipe names.
-pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Result<Vec<Evaluation>, Failure> {
-    if solvers.is_empty() {
-        return Ok(Vec::new());
-    }
-    let presses = folder.presses().map_err(Failure::dataset)?;
-    let trial = Trial::of_run(&presses, Some(&spec.array.layout)).map_err(Failure::not_accepted)?;
-    solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
+/// What a complete run comes to by its own recipe.
+pub struct Results {
+    /// With each solver that `[evaluate]` names.
+    evaluations: Vec<Evaluation>,
+    /// By the recipe's rule.
+    pub judgement: Option<Judgement>,
 }
 
-/// What a complete run came to: the evaluation beside the paper's, and Table 1.
-pub fn results(folder: &RunFolder, evaluations: &[Evaluation]) -> Result<String, Failure> {
+/// The run evaluated and judged by its own recipe.
+pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Results, Failure> {
+    if recipe.solvers.is_empty() && recipe.rule().is_none() {
+        return Ok(Results { evaluations: Vec::new(), judgement: None });
+    }
+    let recorded = Recorded::read(folder.path()).map_err(Failure::dataset)?;
+    let (presses, layout) = (recorded.presses(), Some(&spec.array.layout));
+    let trial = match Trial::of_run(&presses, layout) {
+        Err(why) if !recipe.solvers.is_empty() => return Err(Failure::not_accepted(why)),
+        trial => trial,
+    };
+    let evaluate = |trial: &Trial<'_>| -> Result<Vec<Evaluation>, Failure> {
+        recipe.solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
+    };
+    let evaluations = trial.as_ref().map_or_else(|_| Ok(Vec::new()), evaluate)?;
+    let contacts = recorded.contacts.iter().collect();
+    let evidence = Evidence { presses: &presses, layout, contacts, u_place_mm: spec.u_place_mm() };
+    let judgement = recipe.rule().map(|rule| evidence.judge(rule, &trial, &evaluations));
+    Ok(Results { evaluations, judgement })
+}
+
+/// What a complete run came to, for a person: evaluation, characteristics and verdict.
+pub fn told(folder: &RunFolder, results: &Results) -> Result<String, Failure> {
     let mut text = String::new();
-    if !evaluations.is_empty() {
-        let _ = write!(text, "\n{}", evaluation_table(evaluations));
+    if !results.evaluations.is_empty() {
+        let _ = write!(text, "\n{}", evaluation_table(&results.evaluations));
     }
     if let Some(staircases) = folder.staircases().map_err(Failure::dataset)? {
         let _ = write!(text, "\n{}", characteristics_table(&staircases, Repeatability::default()));
+    }
+    match &results.judgement {
+        Some(judgement) => _ = write!(text, "\n{}", verdict_table(judgement)),
+        None if results.evaluations.is_empty() => {}
+        None => _ = write!(text, "\n{NO_RULE}"),
     }
     Ok(text)
 }

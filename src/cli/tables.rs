@@ -54,7 +54,6 @@ pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
     if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
         row("time a solve", "", &|e| e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0)));
     }
-    row("accepted", "yes", &|e| if e.accepted() { "yes" } else { "no" }.to_owned());
     text + &footnotes(&evaluations.iter().collect::<Vec<_>>())
 }
 
@@ -113,7 +112,7 @@ fn figures(number: f64) -> String {
 }
 
 /// A paragraph broken at its blanks, lines after the first indented.
-fn filled(text: &str, indent: &str) -> String {
+pub(super) fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
@@ -155,6 +154,14 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
     let mut text = format!(
         "(mean errors under {LOCATION_REFERENCE_MM} mm and, where the force is known, {FORCE_REFERENCE_N} N)\n"
     );
+    if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
+        let _ = writeln!(
+            text,
+            "{} of {} test presses are at places that the calibration pressed too",
+            evaluation.at_calibrated_places,
+            evaluation.points + evaluation.unsolved.len()
+        );
+    }
     // What is flagged is the run's doing and the same for every solver; what has no answer is each one's own.
     if let Some(left_out) = evaluations.first().map(|evaluation| &evaluation.left_out) {
         let (calibration, test) = (left_out.calibration_flagged, left_out.test_flagged);

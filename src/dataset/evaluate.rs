@@ -2,19 +2,24 @@
 
 use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection};
 use super::{Press, Presses};
-use crate::quantity::ArrayLayout;
+use crate::acceptance::Measured;
+use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
 use crate::solver::{
-    Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver, TestPress, Workspace,
-    evaluate,
+    ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver, TestPress,
+    Workspace, evaluate,
 };
 use miette::Diagnostic;
+use std::collections::HashSet;
 use std::hint::black_box;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// How long solves are repeated for to time one of them: long beside a clock's grain, short beside a person's patience.
 const TIMED: Duration = Duration::from_millis(20);
+
+/// Places that are nearer than that are the same, mm.
+const SAME_PLACE_MM: f64 = 0.001;
 
 /// Why there is no evaluation; all of them are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -47,6 +52,12 @@ pub enum EvaluateError {
 }
 
 impl EvaluateError {
+    /// It and its cause, which says what is wrong, in one line.
+    pub fn told(&self) -> String {
+        let cause = std::error::Error::source(self).map(|cause| format!(": {cause}")).unwrap_or_default();
+        format!("{self}{cause}")
+    }
+
     /// Whether it may be this solver's alone: another one could be evaluated.
     pub fn is_of_solver(&self) -> bool {
         matches!(self, EvaluateError::Calibrate(CalibrateError::Fit { .. }) | EvaluateError::Evaluation { .. })
@@ -131,6 +142,35 @@ impl<'a> Trial<'a> {
         self.by(self.force, &self.prepare(self.force, false)?, solver).map(|(evaluation, _)| evaluation)
     }
 
+    /// What an acceptance rule counts of it. Channels that are dead or saturated are those that no method uses.
+    pub fn counted(&self) -> Measured {
+        let bits = |press: &Press| -> Vec<u64> {
+            [press.x_mm, press.y_mm].iter().chain(&press.outputs).map(|value| value.to_bits()).collect()
+        };
+        let calibrated: HashSet<Vec<u64>> = self.calibration.iter().map(bits).collect();
+        Measured {
+            calibration_presses: self.calibration.iter().count(),
+            test_presses: self.test.iter().count(),
+            test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
+            broken_channels: self.prepared().ok().map(|prepared| prepared.broken().len()),
+            flagged_presses: self.calibration.flagged + self.test.flagged,
+            ..Measured::default()
+        }
+    }
+
+    /// Standard uncertainty of the test's forces, their mean, N; none where it isn't known of each.
+    pub fn u_force_n(&self) -> Option<f64> {
+        let all: Option<Vec<f64>> = self.test.iter().map(|press| press.u_force_n).collect();
+        ErrorSummary::of(&all?).map(|summary| summary.mean)
+    }
+
+    /// How many test presses are at places that the calibration has pressed too, to [`SAME_PLACE_MM`].
+    fn at_calibrated_places(&self) -> usize {
+        let grain = |place: Place| [place.x_mm, place.y_mm].map(|mm| (mm / SAME_PLACE_MM).round() as i64);
+        let calibrated: HashSet<[i64; 2]> = self.calibration.iter().map(|press| grain(press.place())).collect();
+        self.test.iter().filter(|press| calibrated.contains(&grain(press.place()))).count()
+    }
+
     /// The calibration, made ready once for all methods.
     fn prepared(&self) -> Result<&Prepared<'a>, EvaluateError> {
         match self.prepared.get() {
@@ -160,6 +200,7 @@ impl<'a> Trial<'a> {
             .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
+        evaluation.at_calibrated_places = self.at_calibrated_places();
         Ok((evaluation, fitted))
     }
 

@@ -30,8 +30,8 @@ pub struct Origins {
     pub recipe: String,
     /// `rig.toml`.
     pub rig: String,
-    /// Register maps of the user's own: file name and text.
-    pub maps: Vec<(String, String)>,
+    /// Files that these name, beside them: register maps and an acceptance rule, each with its name and its text.
+    pub beside: Vec<(String, String)>,
 }
 
 /// A run on disk, held by this program alone. Of its presses it knows the places in the journal, and no more.
@@ -318,7 +318,7 @@ impl Origins {
     /// All texts with the names of their files.
     fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
         let own = [(RECIPE, self.recipe.as_str()), (RIG, self.rig.as_str())];
-        own.into_iter().chain(self.maps.iter().map(|(name, text)| (name.as_str(), text.as_str())))
+        own.into_iter().chain(self.beside.iter().map(|(name, text)| (name.as_str(), text.as_str())))
     }
 }
 

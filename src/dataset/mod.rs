@@ -8,6 +8,7 @@
 //! [`Press`] is one press and the list of its columns. Presses come in through two doors and are the same behind them:
 //! [`Recorded`] reads a run's journal, [`read_table`] a table from outside.
 
+mod acceptance;
 pub mod calibration;
 mod cell;
 pub mod characteristics;
@@ -23,6 +24,7 @@ mod journal;
 mod known;
 mod ledger;
 mod lock;
+mod lookalike;
 mod loss;
 mod manifest;
 mod press;
@@ -37,6 +39,7 @@ mod verify;
 mod views;
 
 pub(crate) use crate::quantity::round;
+pub use acceptance::Evidence;
 pub use cell::Value;
 pub use error::DatasetError;
 pub use fingerprint::Fingerprint;
@@ -46,12 +49,13 @@ pub use index::Contacts;
 pub use journal::{Journal, JournalError, Records};
 pub use known::check_run;
 pub use ledger::{Ledger, Memory};
+pub use lookalike::Lookalike;
 pub use manifest::Manifest;
 pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
 pub use presses::Presses;
 pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
 pub use recorded::{Recorded, Texts};
-pub use session::{Durability, End, FORMAT, Loss, Provenance, RigChange, RunFacts, Status, Text};
+pub use session::{Durability, End, FORMAT, Labels, Loss, Provenance, RigChange, RunFacts, Status, Text};
 pub use table::{parse_table, read_table};
 pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};
 pub use verify::{Verified, verify};

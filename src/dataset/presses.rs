@@ -1,6 +1,6 @@
 //! Presses from either door: a run's journal, or a table from outside.
 
-use super::{Contact, Press};
+use super::{Contact, Lookalike, Press};
 use crate::recipe::Phase;
 
 /// Presses of one array, each with as many outputs as the array has channels.
@@ -12,6 +12,8 @@ pub struct Presses {
     pub channels: usize,
     /// The presses: those of a run in the order of its plan, those of a table in the order of its rows.
     pub presses: Vec<Press>,
+    /// Columns of its table that look like a force, a place or an output and aren't used.
+    pub unused: Vec<Lookalike>,
     /// The line of each in its table, from 1; empty where they come from a journal.
     lines: Vec<u64>,
 }
@@ -27,7 +29,7 @@ impl Presses {
     /// Presses and, where they stand in a table, their lines.
     pub(super) fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
         let channels = presses.first().map_or(0, |press| press.outputs.len());
-        Presses { source: source.to_owned(), channels, presses, lines }
+        Presses { source: source.to_owned(), channels, presses, unused: Vec::new(), lines }
     }
 
     /// Those of one phase, flagged ones left out.

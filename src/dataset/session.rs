@@ -15,9 +15,9 @@ pub struct RunFacts {
     pub format: u32,
     /// The recipe's name.
     pub recipe: String,
-    /// The sensor's ID, if one was given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sensor: Option<String>,
+    /// What was pressed and by whom, as far as a person said.
+    #[serde(flatten)]
+    pub labels: Labels,
     /// Entries of the plan.
     pub presses_planned: u64,
     /// The random seed for places, forces and simulated noise.
@@ -30,6 +30,29 @@ pub struct RunFacts {
     pub presses_max: Option<usize>,
     /// Whether our emulators were at the far ends of the links.
     pub simulated: bool,
+}
+
+/// What a run pressed and who made it, in a person's own words; each is optional.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Labels {
+    /// The sensor's ID, such as its serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
+    /// The design that the sensor is built to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub design: Option<String>,
+    /// The batch that it comes from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub batch: Option<String>,
+    /// How often, or how, it has been mounted: runs of one mounting share the sensor's place on the bench.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<String>,
+    /// Who made the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+    /// Anything else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }
 
 /// How a run ended.
@@ -52,13 +75,29 @@ impl Default for RunFacts {
         RunFacts {
             format: FORMAT,
             recipe: String::new(),
-            sensor: None,
+            labels: Labels::default(),
             presses_planned: 0,
             seed: 0,
             strategy: None,
             presses_max: None,
             simulated: false,
         }
+    }
+}
+
+impl Labels {
+    /// Those that were given, each with its name.
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, &str)> {
+        let Labels { sensor, design, batch, mounting, operator, note } = self;
+        let all = [
+            ("sensor", sensor),
+            ("design", design),
+            ("batch", batch),
+            ("mounting", mounting),
+            ("operator", operator),
+            ("note", note),
+        ];
+        all.into_iter().filter_map(|(name, label)| Some((name, label.as_deref()?)))
     }
 }
 
@@ -91,7 +130,7 @@ pub struct Provenance {
     pub started: String,
     /// What an acknowledged press survives.
     pub durability: Durability,
-    /// The texts it goes by: recipe, rig and register maps. The folder that keeps them adds this.
+    /// The texts it goes by: recipe, rig, and the files that these name. The folder that keeps them adds this.
     #[serde(default)]
     pub texts: Vec<Fingerprint>,
     /// The keys of the rig that differ from those with which the run began.

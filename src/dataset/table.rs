@@ -6,6 +6,7 @@
 //! the run's journal gives. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
 
 use super::header::Header;
+use super::lookalike::lookalikes;
 use super::press::{COLUMNS, Column, OUTPUTS, Presence};
 use super::table_error::{MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
 use super::{Press, Presses};
@@ -57,7 +58,8 @@ pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> 
     if presses.is_empty() {
         return Err(TableError::NoRows { file: file.to_owned() });
     }
-    Ok(Presses::new(file, presses, lines))
+    let unused = if columns.is_of_run { Vec::new() } else { lookalikes(&header) };
+    Ok(Presses { unused, ..Presses::new(file, presses, lines) })
 }
 
 /// The known columns that a table has, each with the places where its cells stand.

@@ -1,4 +1,4 @@
-//! What is known of a load cell's gain: its certificate, and a check with a known weight.
+//! How true instruments are: their certificates, and the check of a load cell with a known weight.
 
 /// Coverage factor of an expanded uncertainty that doesn't state its own: 95 % of a normal distribution.
 pub const COVERAGE: f64 = 2.0;
@@ -41,6 +41,26 @@ pub enum StatedError {
         /// Full scale, N.
         full_scale_n: f64,
     },
+}
+
+/// A stage's calibration certificate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageCertificate {
+    /// Its number.
+    pub number: String,
+    /// When the stage was calibrated, as year-month-day.
+    pub date: String,
+    /// Expanded uncertainty of a place along one axis, mm.
+    pub u_mm: f64,
+    /// Its coverage factor.
+    pub k: f64,
+}
+
+impl StageCertificate {
+    /// Standard uncertainty of a place along one axis, mm.
+    pub fn standard_uncertainty_mm(&self) -> f64 {
+        self.u_mm / self.k
+    }
 }
 
 impl Certificate {

@@ -14,11 +14,11 @@ mod number;
 mod reading;
 mod stream;
 
-pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StatedError, WeightCheck};
+pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
 pub use frame::{Axis, Down, Frame, Place, Position};
 pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};
-pub use number::{round, seconds};
+pub use number::{percentile, round, seconds};
 pub use reading::{ForceReading, Health};
 pub use stream::{Stream, stream};
 

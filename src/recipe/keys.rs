@@ -1,5 +1,6 @@
 //! The keys of a recipe, table by table.
 
+use super::accept::accept as accept_keys;
 use super::{Manner, Order, PRESSES_CEILING, Phase};
 use crate::control::Strategy;
 use crate::document::{Bounds, keys, words};
@@ -31,7 +32,7 @@ pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
 pub(super) const ALL_UNITS: [(&str, ()); 1] = [("all", ())];
 
 /// Every solver's name, and the one that stands for whichever is best.
-const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
+pub(super) const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
     let mut names = [BEST; SOLVERS.len() + 1];
     names.split_at_mut(1).1.copy_from_slice(&SOLVERS);
     names
@@ -44,6 +45,9 @@ keys! {
         press: Table(&press::KEYS), Allowed, "how every press is made, unless a step says otherwise";
         step: Tables(&step::KEYS), Allowed, "what to press, one step after the other; there is at least one";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is done";
+        accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,
+            "the acceptance rule, or the name of a file beside the recipe that has it; without it there is no verdict",
+            "\"accept.toml\"";
     }
 }
 

@@ -3,17 +3,20 @@
 //! A [`Recipe`] is a text understood; a [`Plan`] is the list of presses it comes to on a given rig with a given seed. A plan
 //! can be printed before anything moves, and a recipe that asks for what the rig can't or mustn't do has no plan.
 
+mod accept;
 mod keys;
 mod parse;
 mod plan;
 mod step;
 mod teach;
 
+pub use accept::{Accept, parse_rule};
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::{Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step, UnitChoice};
 pub use teach::Entry;
 
+use crate::acceptance::Rule;
 use crate::control::Strategy;
 use crate::document::Keys;
 
@@ -36,6 +39,8 @@ pub struct Recipe {
     pub steps: Vec<Step>,
     /// Solvers to evaluate the run with when it is done; empty: no evaluation.
     pub solvers: Vec<String>,
+    /// The acceptance rule; none: no verdict.
+    pub accept: Option<Accept>,
     /// Most presses that it may come to.
     pub presses_max: usize,
     pub(super) file: String,
@@ -47,7 +52,21 @@ impl Recipe {
     pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
         let name = name.to_owned();
         let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
-        Recipe { name, steps, solvers: Vec::new(), presses_max: PRESSES_MAX, file, text }
+        Recipe { name, steps, solvers: Vec::new(), accept: None, presses_max: PRESSES_MAX, file, text }
+    }
+
+    /// The acceptance rule, once a file that the recipe names has been read.
+    pub fn rule(&self) -> Option<&Rule> {
+        match &self.accept {
+            Some(Accept::Rule(rule)) => Some(rule),
+            Some(Accept::File(_)) | None => None,
+        }
+    }
+
+    /// The recipe with an acceptance rule.
+    #[must_use]
+    pub fn with_rule(self, rule: Rule) -> Recipe {
+        Recipe { accept: Some(Accept::Rule(rule)), ..self }
     }
 
     /// The recipe with every press made by one strategy, whatever its steps say.

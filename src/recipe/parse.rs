@@ -1,5 +1,6 @@
 //! A recipe's text, read into a [`Recipe`].
 
+use super::accept::{Accept, read_rule};
 use super::keys::{self, evaluate, grid, list, press, random, root, staircase, step};
 use super::{KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::document::{self, Key, Problem, Problems, Table};
@@ -28,6 +29,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         };
         let solvers = table.table(&root::evaluate).and_then(|table| table.words(&evaluate::solvers));
         let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
+        let accept = read_accept(table);
         let tables = table.tables(&root::step);
         if tables.is_empty() {
             table.complain(
@@ -48,8 +50,27 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
             }
         }
         let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
-        Some(Recipe { name, steps: steps?, solvers, presses_max: PRESSES_MAX, file, text })
+        Some(Recipe { name, steps: steps?, solvers, accept: accept?, presses_max: PRESSES_MAX, file, text })
     })
+}
+
+/// The acceptance rule, where there is one; none if it is wrong.
+fn read_accept(table: &Table) -> Option<Option<Accept>> {
+    if !table.has(&root::accept) {
+        return Some(None);
+    }
+    if table.is_text(&root::accept) {
+        let name = table.text(&root::accept)?;
+        if !name.ends_with(".toml") || name.contains(['/', '\\']) || !is_folder_name(name) {
+            let problem =
+                Problem::new(table.span_of(&root::accept), format!("`accept` is {name:?}, no file beside the recipe"));
+            table.complain(problem.help("name a .toml file in the recipe's folder, such as \"accept.toml\""));
+            return None;
+        }
+        return Some(Some(Accept::File(name.to_owned())));
+    }
+    let rule = table.table(&root::accept).and_then(|table| read_rule(&table))?;
+    Some(Some(Accept::Rule(rule)))
 }
 
 fn is_folder_name(name: &str) -> bool {

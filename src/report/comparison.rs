@@ -2,18 +2,30 @@
 
 use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
-use super::judged::{PAPERS, with_cause};
+use super::judged::PAPERS;
 use super::subject::run_name;
+use crate::acceptance::{Judgement, Rule, Verdict};
 use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
-use crate::dataset::evaluate::Trial;
-use crate::dataset::{Manifest, Presses, Recorded};
+use crate::dataset::evaluate::{EvaluateError, Trial};
+use crate::dataset::{Evidence, Manifest, Presses, Recorded};
 use crate::parallel::in_parallel;
-use crate::quantity::{ArrayLayout, Place};
+use crate::quantity::Place;
 use crate::recipe::Phase;
+use crate::rig::RigSpec;
 use crate::solver::{ErrorSummary, Evaluation};
 use maud::{Markup, html};
 use statrs::statistics::Statistics as _;
+
+/// A run to be compared, with its rig and the rule that it is judged by.
+pub struct ToCompare {
+    /// The run.
+    pub run: Recorded,
+    /// Its rig.
+    pub rig: RigSpec,
+    /// The rule; none: no verdict.
+    pub rule: Option<Rule>,
+}
 
 /// One run as it stands beside others.
 pub struct Compared {
@@ -23,6 +35,8 @@ pub struct Compared {
     evaluations: [Option<Evaluation>; 2],
     /// Why there is no evaluation.
     why_not: Option<String>,
+    /// The verdict by its own recipe's rule or by the one that was named; none without a rule.
+    judgement: Option<Judgement>,
     /// Means over the units, %: repeatability loading and unloading (3 sd), hysteresis.
     table_1: [Option<f64>; 3],
     /// Mean output of each unit over the calibration, in its own unit a newton; empty without one.
@@ -36,20 +50,25 @@ const LEAST_PERCENT: f64 = 0.01;
 
 impl Compared {
     /// Evaluates runs, each with the layout of its array, on all processors. `solver` stands beside the paper's method.
-    pub fn all(runs: &[(Recorded, ArrayLayout)], solver: &str) -> Vec<Compared> {
-        in_parallel(runs, |(run, layout)| Compared::of(run, layout, solver))
+    pub fn all(runs: &[ToCompare], solver: &str) -> Vec<Compared> {
+        in_parallel(runs, |run| Compared::of(run, solver))
     }
 
-    fn of(run: &Recorded, layout: &ArrayLayout, solver: &str) -> Compared {
-        let presses = run.presses();
-        let (evaluations, why_not) = match Trial::of_run(&presses, Some(layout)) {
+    fn of(ToCompare { run, rig, rule }: &ToCompare, solver: &str) -> Compared {
+        let (presses, layout) = (run.presses(), &rig.array.layout);
+        let trial = Trial::of_run(&presses, Some(layout));
+        let (evaluations, why_not) = match &trial {
             Ok(trial) => {
                 let answers = [PAPERS, solver].map(|solver| trial.answers(solver));
-                let why_not = answers.iter().find_map(|answers| answers.as_ref().err().map(with_cause));
+                let why_not = answers.iter().find_map(|answers| answers.as_ref().err().map(EvaluateError::told));
                 (answers.map(Result::ok), why_not)
             }
-            Err(why) => ([None, None], Some(with_cause(&why))),
+            Err(why) => ([None, None], Some(why.told())),
         };
+        let known: Vec<Evaluation> = evaluations.iter().flatten().cloned().collect();
+        let contacts = run.contacts.iter().collect();
+        let evidence = Evidence { presses: &presses, layout: Some(layout), contacts, u_place_mm: rig.u_place_mm() };
+        let judgement = rule.as_ref().map(|rule| evidence.judge(rule, &trial, &known));
         let units = Staircases::of_run(&presses, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));
         let mean =
@@ -59,6 +78,7 @@ impl Compared {
             manifest: run.manifest.clone(),
             evaluations,
             why_not,
+            judgement,
             table_1: [
                 mean(|unit| unit.repeatability_loading_percent),
                 mean(|unit| unit.repeatability_unloading_percent),
@@ -69,9 +89,9 @@ impl Compared {
         }
     }
 
-    /// Whether the sensor is good enough by the method that was asked for; none where it wasn't evaluated.
-    pub fn accepted(&self) -> Option<bool> {
-        self.evaluations[1].as_ref().map(Evaluation::accepted)
+    /// The verdict; none without a rule.
+    pub fn verdict(&self) -> Option<Verdict> {
+        self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 
     /// Its place and its name.
@@ -81,7 +101,7 @@ impl Compared {
 
     /// The sensor, where somebody said which; else the run.
     fn told(&self) -> String {
-        self.manifest.facts.sensor.clone().unwrap_or_else(|| self.name.clone())
+        self.manifest.facts.labels.sensor.clone().unwrap_or_else(|| self.name.clone())
     }
 }
 
@@ -123,21 +143,29 @@ pub fn comparison(runs: &[Compared], solver: &str) -> String {
 /// Two tables, since one would be too wide to print.
 fn numbers(runs: &[Compared], solver: &str) -> Markup {
     let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
+    let unaccepted = runs.iter().filter_map(|run| Some((run, run.judgement.as_ref()?)));
+    let unaccepted = unaccepted.filter(|(_, judgement)| judgement.verdict != Verdict::Accepted);
     html! {
         (errors_table(runs, solver))
-        p.note { "Mean errors against the commanded force. Both under: share of the presses under 1 mm and under 0.1 N. Accepted: both means are." }
+        p.note { "Mean errors against the commanded force. Both under: share of the presses under 1 mm and under 0.1 N. Verdict: by the acceptance rule, - where none was given." }
+        @for (run, judgement) in unaccepted { p.note { (run.name) ": " (reasons(judgement)) } }
         @for (run, why) in unevaluated { p.note { (run.name) " isn't evaluated: " (why) } }
         (origins_table(runs))
         p.note { "Repeatability (3 sd) and hysteresis: means over the units, % of the output at the top force." }
     }
 }
 
+/// Why a run isn't accepted.
+fn reasons(judgement: &Judgement) -> String {
+    format!("{}; {}", judgement.verdict.told(), judgement.all_reasons().collect::<Vec<String>>().join("; "))
+}
+
 fn errors_table(runs: &[Compared], solver: &str) -> Markup {
     let of = |name: &str| [format!("{name}: location, mm"), "force, N".to_owned(), "both under".to_owned()];
     let head = ["run", "sensor"].map(words).into_iter().chain([PAPERS, solver].into_iter().flat_map(of).map(words));
-    let head: Vec<Markup> = head.chain([words("accepted")]).collect();
+    let head: Vec<Markup> = head.chain([words("verdict")]).collect();
     let row = |(index, run): (usize, &Compared)| {
-        let mut cells = vec![run.numbered(index), words(run.manifest.facts.sensor.as_deref().unwrap_or("-"))];
+        let mut cells = vec![run.numbered(index), words(run.manifest.facts.labels.sensor.as_deref().unwrap_or("-"))];
         for evaluation in &run.evaluations {
             let key = |evaluation: &Evaluation, what: &str| format!("{}.{}.{what}", index + 1, evaluation.solver);
             let e = evaluation.as_ref();
@@ -146,11 +174,7 @@ fn errors_table(runs: &[Compared], solver: &str) -> Markup {
             let both = e.and_then(|e| Some(percent(&key(e, "within.both"), e.within.both?)));
             cells.extend([location, force, both].map(|cell| cell.unwrap_or_else(none)));
         }
-        cells.push(words(match run.accepted() {
-            Some(true) => "yes",
-            Some(false) => "no",
-            None => "-",
-        }));
+        cells.push(words(run.verdict().map_or("-", Verdict::told)));
         cells
     };
     let mut rows: Vec<Vec<Markup>> = runs.iter().enumerate().map(row).collect();

@@ -23,9 +23,7 @@ fn of_run(run: &Recorded) -> Markup {
         ("time in the run", format!("{:.1} min", manifest.virtual_s / 60.0)),
         ("seed", facts.seed.to_string()),
     ];
-    if let Some(sensor) = &facts.sensor {
-        rows.insert(0, ("sensor", sensor.clone()));
-    }
+    rows.splice(0..0, facts.labels.given().map(|(name, label)| (name, label.to_owned())));
     if let Some(strategy) = facts.strategy {
         rows.push(("strategy", strategy.name().to_owned()));
     }

@@ -1,58 +1,18 @@
 //! Whether the sensor is accepted, and the paper's numbers beside ours.
 
 use super::frame::{none, number, percent, section as framed, table, words};
-use super::subject::run_name;
+use super::verdict;
 use super::{Judged, Subject};
-use crate::dataset::Status;
 use crate::paper;
-use crate::solver::{BEST, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut};
+use crate::solver::{BEST, Coverage, ErrorSummary, Evaluation, LeftOut};
 use maud::{Markup, html};
 
 /// The first thing a reader sees.
 pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
     Some(html! {
-        (verdict(subject, judged))
+        (verdict::section(subject, judged))
         @if !judged.evaluations.is_empty() { (framed("How near it comes", &numbers(&judged.evaluations))) }
     })
-}
-
-fn verdict(subject: &Subject, judged: &Judged) -> Markup {
-    let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
-    let class = match (broken, judged.decisive().map(Evaluation::accepted)) {
-        (Some(_), _) | (None, Some(false)) => "verdict bad",
-        (None, Some(true)) => "verdict good",
-        (None, None) => "verdict",
-    };
-    html! {
-        div class=(class) {
-            @if let Some(run) = broken {
-                strong { (run_name(&run.path)) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
-                    (run.manifest.facts.presses_planned) " presses" }
-                @match (&run.manifest.trip, &run.manifest.failure) {
-                    // of a trip the failure says the same
-                    (Some(trip), _) => p { (trip) }
-                    (None, Some(failure)) => p { (failure) }
-                    (None, None) => {}
-                }
-            }
-            @match judged.decisive() {
-                Some(evaluation) => {
-                    @if broken.is_none() { strong { @if evaluation.accepted() { "Accepted" } @else { "Not accepted" } } }
-                    p {
-                        "Mean errors of "
-                        (number("", evaluation.location_error_mm.mean, 3, " mm"))
-                        @if let Some(error) = evaluation.force_error_n { " and " (number("", error.mean, 4, " N")) }
-                        " by " (evaluation.solver) ", on " (evaluation.points)
-                        " test presses; accepted are less than " (LOCATION_REFERENCE_MM) " mm and " (FORCE_REFERENCE_N) " N."
-                    }
-                }
-                None => {
-                    @if broken.is_none() { strong { "Not evaluated" } }
-                }
-            }
-            @if let Some(why) = &judged.why_not { p { (why) } }
-        }
-    }
 }
 
 type Cell<'a> = &'a dyn Fn(&str, &Evaluation) -> Option<Markup>;
@@ -120,6 +80,9 @@ fn numbers(evaluations: &[Evaluation]) -> Markup {
         p.note {
             "Force errors are against the commanded force, as in the paper; by the load cell both calibration and test are. "
             "Stated sd: what a method says of its own answers; 68.3 and 95.4 % lie within one and two where that is right."
+        }
+        @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
+            p.note { (evaluation.at_calibrated_places) " of the test presses are at places that the calibration pressed too." }
         }
         @if evaluations.iter().any(|evaluation| !evaluation.left_out.is_none()) { (left_out_told(evaluations)) }
     }

@@ -1,57 +1,64 @@
-//! The methods that a page shows.
+//! The methods that a page shows, and its verdict.
 
-use crate::dataset::Presses;
+use super::Subject;
+use crate::acceptance::{Judgement, Rule};
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::parallel::in_parallel;
-use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver};
 
 /// The paper's own method.
 pub const PAPERS: &str = SOLVERS[0];
 
-/// How far off the paper's method and ours are on a sensor's test, as `evaluate` has it.
+/// How far off the methods are on a sensor's test, as `evaluate` has it, and the verdict.
 pub struct Judged {
-    /// The paper's method, then the best, where that is another; empty where there is nothing to evaluate.
+    /// The paper's method, then the rule's or the best, where that is another; empty where there is nothing to evaluate.
     pub evaluations: Vec<Evaluation>,
     /// A method that knows how near it is expected to come.
     pub expecting: Option<Fitted>,
     /// Why there is no evaluation, or not by both.
     pub why_not: Option<String>,
+    /// The verdict; none without a rule.
+    pub judgement: Option<Judgement>,
 }
 
 impl Judged {
-    /// Evaluates a sensor's presses.
-    pub fn of(presses: &Presses, layout: &ArrayLayout) -> Judged {
-        let none =
-            |why: EvaluateError| Judged { evaluations: Vec::new(), expecting: None, why_not: Some(with_cause(&why)) };
-        let trial = match Trial::of_run(presses, Some(layout)) {
-            Ok(trial) => trial,
-            Err(why) => return none(why),
+    /// Evaluates a sensor's presses, and judges them by a rule.
+    pub fn of(subject: &Subject, rule: Option<&Rule>) -> Judged {
+        let trial = Trial::of_run(&subject.presses, Some(&subject.layout));
+        let second = rule.map_or(BEST, |rule| rule.method.as_str());
+        let second = if second == PAPERS { BEST } else { second };
+        let (evaluations, expecting, why_not) = match &trial {
+            Ok(trial) => evaluated(trial, second, subject),
+            Err(why) => (Vec::new(), None, Some(why.told())),
         };
-        let judged = in_parallel(&[BEST, PAPERS], |solver| trial.evaluate_fitted(solver));
-        let why_not = judged.iter().find_map(|judged| judged.as_ref().err().map(with_cause));
-        let mut judged: Vec<(Evaluation, Fitted)> = judged.into_iter().flatten().collect();
-        judged.reverse(); // the one that takes longest began first
-        if judged.iter().all(|(evaluation, _)| evaluation.solver == PAPERS) {
-            judged.truncate(1);
-        }
-        let (evaluations, fitted): (Vec<Evaluation>, Vec<Fitted>) = judged.into_iter().unzip();
-        let calibrated = || presses.presses.iter().filter(|press| press.is_of(Phase::Calibration));
-        let expects = |fitted: &Fitted| calibrated().any(|press| fitted.expected(press.place(), 1.0).is_some());
-        let surrogate = || trial.evaluate_fitted("surrogate").ok().map(|(_, fitted)| fitted);
-        let expecting = fitted.into_iter().find(expects).or_else(surrogate);
-        Judged { evaluations, expecting, why_not }
+        let judgement = rule.map(|rule| subject.evidence().judge(rule, &trial, &evaluations));
+        Judged { evaluations, expecting, why_not, judgement }
     }
 
-    /// The evaluation that decides: the best's.
+    /// The evaluation that the verdict is about; without a rule the best's.
     pub fn decisive(&self) -> Option<&Evaluation> {
-        self.evaluations.last()
+        let by_rule = |judgement: &Judgement| {
+            let method = judgement.method.as_str();
+            self.evaluations.iter().find(|evaluation| evaluation.choice.is_none() && evaluation.solver == method)
+        };
+        self.judgement.as_ref().and_then(by_rule).or(self.evaluations.last())
     }
 }
 
-/// Why there is no evaluation: the cause is what tells, the sentence before it says that it can't be.
-pub fn with_cause(why: &EvaluateError) -> String {
-    let cause = std::error::Error::source(why).map(|cause| format!(": {cause}")).unwrap_or_default();
-    format!("{why}{cause}")
+/// By both methods, and one that expects an error.
+fn evaluated(trial: &Trial<'_>, second: &str, subject: &Subject) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
+    let judged = in_parallel(&[second, PAPERS], |solver| trial.evaluate_fitted(solver));
+    let why_not = judged.iter().find_map(|judged| judged.as_ref().err().map(EvaluateError::told));
+    let mut judged: Vec<(Evaluation, Fitted)> = judged.into_iter().flatten().collect();
+    judged.reverse(); // the one that takes longest began first
+    if judged.len() == 2 && judged.iter().all(|(evaluation, _)| evaluation.solver == PAPERS) {
+        judged.truncate(1); // the best is the paper's: one column
+    }
+    let (evaluations, fitted): (Vec<Evaluation>, Vec<Fitted>) = judged.into_iter().unzip();
+    let calibrated = || subject.presses.presses.iter().filter(|press| press.is_of(Phase::Calibration));
+    let expects = |fitted: &Fitted| calibrated().any(|press| fitted.expected(press.place(), 1.0).is_some());
+    let surrogate = || trial.evaluate_fitted("surrogate").ok().map(|(_, fitted)| fitted);
+    let expecting = fitted.into_iter().find(expects).or_else(surrogate);
+    (evaluations, expecting, why_not)
 }

@@ -15,8 +15,9 @@ mod record;
 mod subject;
 mod table_1;
 mod uncertainty;
+mod verdict;
 
-pub use comparison::{Compared, comparison};
+pub use comparison::{Compared, ToCompare, comparison};
 pub use frame::{MARK, counted};
 pub use judged::Judged;
 pub use subject::{ReportError, Subject};

@@ -1,10 +1,10 @@
 //! What a page is about: a sensor and its runs.
 
 use super::frame::counted;
-use crate::dataset::{DatasetError, Presses, Recorded};
+use crate::dataset::{DatasetError, Evidence, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
-use crate::rig::ArraySpec;
+use crate::rig::{ArraySpec, RigSpec};
 use miette::Diagnostic;
 use std::path::Path;
 use thiserror::Error;
@@ -19,6 +19,8 @@ pub struct Subject {
     pub layout: ArrayLayout,
     /// The unit of the outputs, as the rig says.
     pub unit: String,
+    /// Standard uncertainty of the pressed places, mm, the largest of the runs'; none where one doesn't know it.
+    pub u_place_mm: Option<f64>,
 }
 
 /// Why there is no page.
@@ -44,6 +46,43 @@ pub enum ReportError {
         /// Its units.
         second_units: usize,
     },
+    /// Two runs of one page are of two sensors.
+    #[error("{first} is of the sensor {first_sensor}, {second} of {second_sensor}: a page is about one sensor")]
+    #[diagnostic(help("report them apart; to compare sensors, --compare"))]
+    Sensors {
+        /// A run.
+        first: String,
+        /// Its sensor ID.
+        first_sensor: String,
+        /// Another.
+        second: String,
+        /// Its sensor ID.
+        second_sensor: String,
+    },
+    /// A run that doesn't say which sensor it is of.
+    #[error("{run} has no sensor ID: it may be of another sensor than {other}")]
+    #[diagnostic(help("if they are of one sensor, add --same-sensor; give --sensor ID with the next run"))]
+    Unnamed {
+        /// The run.
+        run: String,
+        /// One that it would stand beside.
+        other: String,
+    },
+    /// Two runs of one page have outputs in two units.
+    #[error(
+        "the outputs of {first} are in {first_unit}, those of {second} in {second_unit}: they aren't of one sensor"
+    )]
+    #[diagnostic(help("report them apart; to compare sensors, --compare"))]
+    Units {
+        /// A run.
+        first: String,
+        /// The unit of its outputs.
+        first_unit: String,
+        /// Another.
+        second: String,
+        /// The unit of its outputs.
+        second_unit: String,
+    },
     /// Two runs of one page both have presses of a phase.
     #[error("{first} and {second} both have {phase} presses: a page takes each phase from one run")]
     #[diagnostic(help("report them apart; to hold runs side by side, --compare"))]
@@ -61,32 +100,68 @@ pub enum ReportError {
 const PHASES: [Phase; 3] = [Phase::Characterisation, Phase::Calibration, Phase::Test];
 
 impl Subject {
-    /// The runs of one sensor, each with its array as the rig says.
+    /// The runs of one sensor, each with its rig. `same_sensor`: runs without a sensor ID are of the sensor too.
     ///
     /// # Errors
     /// No run, or runs that don't make one page.
-    pub fn of(runs: impl IntoIterator<Item = (Recorded, ArraySpec)>) -> Result<Subject, ReportError> {
+    pub fn of(runs: impl IntoIterator<Item = (Recorded, RigSpec)>, same_sensor: bool) -> Result<Subject, ReportError> {
         let mut subject: Option<Subject> = None;
-        for (run, ArraySpec { layout, unit, .. }) in runs {
-            let presses = run.presses();
+        for (run, rig) in runs {
+            let (presses, u_place_mm) = (run.presses(), rig.u_place_mm());
+            let ArraySpec { layout, unit, .. } = rig.array;
             subject = Some(match subject {
-                None => Subject { runs: vec![run], presses, layout, unit },
-                Some(subject) => subject.joined(run, presses, &layout)?,
+                None => Subject { runs: vec![run], presses, layout, unit, u_place_mm },
+                Some(mut subject) => {
+                    if !same_sensor {
+                        subject.check_sensor(&run)?;
+                    }
+                    subject.check_array(&run, &layout, &unit)?;
+                    subject.u_place_mm = subject.u_place_mm.zip(u_place_mm).map(|(a, b)| a.max(b));
+                    subject.joined(run, presses)?
+                }
             });
         }
         subject.ok_or_else(|| DatasetError::NoRun { path: Path::new("").to_owned() }.into())
     }
 
-    fn joined(mut self, run: Recorded, presses: Presses, layout: &ArrayLayout) -> Result<Subject, ReportError> {
-        let first = |runs: &[Recorded]| run_name(&runs[0].path);
-        if self.layout != *layout {
-            return Err(ReportError::Arrays {
-                first: first(&self.runs),
-                first_units: self.layout.len(),
+    /// All that is on record of it, to be judged.
+    pub fn evidence(&self) -> Evidence<'_> {
+        let contacts = self.runs.iter().flat_map(|run| &run.contacts).collect();
+        Evidence { presses: &self.presses, layout: Some(&self.layout), contacts, u_place_mm: self.u_place_mm }
+    }
+
+    /// Whether a run is of the sensor that the runs before are of, as far as they say.
+    fn check_sensor(&self, run: &Recorded) -> Result<(), ReportError> {
+        let sensor = |run: &Recorded| run.manifest.facts.labels.sensor.clone();
+        let first = &self.runs[0];
+        match (sensor(first), sensor(run)) {
+            (Some(first_sensor), Some(second_sensor)) if first_sensor != second_sensor => Err(ReportError::Sensors {
+                first: run_name(&first.path),
+                first_sensor,
                 second: run_name(&run.path),
-                second_units: layout.len(),
-            });
+                second_sensor,
+            }),
+            (Some(_), Some(_)) => Ok(()),
+            (None, _) => Err(ReportError::Unnamed { run: run_name(&first.path), other: run_name(&run.path) }),
+            (_, None) => Err(ReportError::Unnamed { run: run_name(&run.path), other: run_name(&first.path) }),
         }
+    }
+
+    /// Whether a run's array is that of the runs before.
+    fn check_array(&self, run: &Recorded, layout: &ArrayLayout, unit: &str) -> Result<(), ReportError> {
+        let (first, second) = (run_name(&self.runs[0].path), run_name(&run.path));
+        if self.layout != *layout {
+            let (first_units, second_units) = (self.layout.len(), layout.len());
+            return Err(ReportError::Arrays { first, first_units, second, second_units });
+        }
+        if self.unit != unit {
+            let (first_unit, second_unit) = (self.unit.clone(), unit.to_owned());
+            return Err(ReportError::Units { first, first_unit, second, second_unit });
+        }
+        Ok(())
+    }
+
+    fn joined(mut self, run: Recorded, presses: Presses) -> Result<Subject, ReportError> {
         for phase in PHASES {
             let earlier = self.runs.iter().find(|earlier| has(earlier, phase));
             if let Some(earlier) = earlier.filter(|_| has(&run, phase)) {
@@ -101,7 +176,7 @@ impl Subject {
 
     /// What the page is about.
     pub fn title(&self) -> String {
-        let sensor = self.runs.iter().find_map(|run| run.manifest.facts.sensor.as_ref());
+        let sensor = self.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.as_ref());
         let runs: Vec<String> = self.runs.iter().map(|run| run_name(&run.path)).collect();
         sensor.map_or_else(|| runs.join(", "), |sensor| format!("Sensor {sensor}"))
     }

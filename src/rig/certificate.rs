@@ -1,18 +1,25 @@
-//! What a rig says of its load cell's gain: `certificate` and `check` of `[load_cell]`.
+//! What a rig says of how true its instruments are: `certificate` of `[stage]`, `certificate` and `check` of `[load_cell]`.
 
-use super::keys::{certificate, check};
+use super::keys::{certificate, check, stage_certificate};
 use crate::document::{Key, Problem, Table};
-use crate::quantity::{Certificate, GAIN_OFF_MOST, StatedError, WeightCheck};
+use crate::quantity::{Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
 use jiff::civil::Date;
 
 /// Longest number of a certificate, characters.
 const NUMBER_MAX: usize = 64;
 
 pub(super) fn read_certificate(table: &Table) -> Option<Certificate> {
-    let number = table.text(&certificate::number).filter(|number| is_number(number, table));
+    let number = read_number(table, &certificate::number);
     let date = read_date(table, &certificate::date);
     let stated = read_stated(table);
-    Some(Certificate { number: number?.to_owned(), date: date?, stated: stated? })
+    Some(Certificate { number: number?, date: date?, stated: stated? })
+}
+
+pub(super) fn read_stage_certificate(table: &Table) -> Option<StageCertificate> {
+    let number = read_number(table, &stage_certificate::number);
+    let date = read_date(table, &stage_certificate::date);
+    let (u_mm, k) = (table.number(&stage_certificate::u_mm), table.number(&stage_certificate::k));
+    Some(StageCertificate { number: number?, date: date?, u_mm: u_mm?, k: k? })
 }
 
 pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
@@ -73,13 +80,15 @@ fn read_stated(table: &Table) -> Option<StatedError> {
     }
 }
 
-fn is_number(number: &str, table: &Table) -> bool {
-    let is_number = (1..=NUMBER_MAX).contains(&number.chars().count()) && !number.contains(char::is_control);
-    if !is_number {
-        let told = format!("`number` is {number:?}, expected 1 to {NUMBER_MAX} printable characters");
-        table.complain(Problem::new(table.span_of(&certificate::number), told));
+/// A certificate's number.
+fn read_number(table: &Table, key: &Key) -> Option<String> {
+    let number = table.text(key)?;
+    if (1..=NUMBER_MAX).contains(&number.chars().count()) && !number.contains(char::is_control) {
+        return Some(number.to_owned());
     }
-    is_number
+    let told = format!("`{}` is {number:?}, expected 1 to {NUMBER_MAX} printable characters", key.name);
+    table.complain(Problem::new(table.span_of(key), told));
+    None
 }
 
 /// A day as year-month-day.

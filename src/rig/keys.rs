@@ -11,6 +11,7 @@ pub(super) const UNITS_MAX: u64 = 4096;
 pub(super) const OUTPUTS_MAX: usize = 4096;
 
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
+const UNCERTAIN: Bounds = Bounds::above(0.0, 10.0, "mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 /// A slower cell would be called stale between two of its readings.
@@ -56,6 +57,17 @@ keys! {
         approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
             "the fastest approach until the specimen was touched for the first time", "0.5";
         settle_ms: Number(LATER), or(SETTLE_MS), "how long it moves on after its controller calls a motion done", "10.0";
+        certificate: Table(&stage_certificate::KEYS), Allowed, "its calibration certificate";
+    }
+}
+
+keys! {
+    /// `certificate` of `[stage]`.
+    stage_certificate {
+        number: Text, Refused, "its number, 1 to 64 characters", "\"S-2026-0042\"";
+        date: Text, Refused, DATE, "\"2026-05-04\"";
+        u_mm: Number(UNCERTAIN), Refused, "expanded uncertainty of a place along one axis", "0.005";
+        k: Number(within(1.0, 5.0, "")), or(COVERAGE), "coverage factor of the expanded uncertainty", "2.0";
     }
 }
 
@@ -162,6 +174,8 @@ keys! {
         surface_mm: Table(&surface_mm::KEYS), Refused, "where the stage meets the specimen's surface";
         origin_mm: Table(&origin_mm::KEYS), Allowed, "where the middle of the specimen is; without it at (0, 0)";
         rotation_deg: Number(ROTATION), or(0.0), "how far the specimen is turned, from x towards y", "0.0";
+        u_origin_mm: Number(UNCERTAIN), Allowed,
+            "standard uncertainty of either coordinate of the origin, as `palpate align` found it", "0.02";
         down: Word(&words(&DOWN)), Refused, "which way of z leads into the specimen", "\"-z\"";
     }
 }

@@ -1,6 +1,6 @@
 //! A rig's text, read into a [`RigSpec`].
 
-use super::certificate::{read_certificate, read_check};
+use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
 use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
@@ -37,7 +37,9 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             Some(table) => (read_limits(table), read_least(table)),
             None => (None, None),
         };
-        let frame = table.table(&root::frame).and_then(|table| read_frame(&table));
+        let frame = table.table(&root::frame);
+        let u_origin_mm = frame.as_ref().and_then(|table| table.number(&frame::u_origin_mm));
+        let frame = frame.and_then(|table| read_frame(&table));
         let units = array.as_ref().map(|array| array.layout.units().len());
         let scene = match table.table(&root::scene) {
             Some(table) => read_scene(&table, units),
@@ -50,6 +52,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             limits: limits?,
             stiffness_least_n_mm: stiffness_least_n_mm?,
             frame: frame?,
+            u_origin_mm,
             scene: scene?,
             full_scale_n: None,
             which_way: None,
@@ -72,6 +75,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
     let approach_mm_s = table.number(&stage::approach_mm_s);
     let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
+    let certificate = or_wrong(table.table(&stage::certificate), read_stage_certificate);
     let (driver, link) = driver?;
     Some(StageSpec {
         driver,
@@ -81,6 +85,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         acceleration_mm_s2: acceleration_mm_s2?,
         approach_mm_s: approach_mm_s?,
         settle_s: settle_s?,
+        certificate: certificate?,
     })
 }
 

@@ -8,7 +8,9 @@ use crate::driver::daqmx::SharedAcquisition;
 use crate::driver::modbus::Profile;
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::Shared;
-use crate::quantity::{ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, Travel, WeightCheck};
+use crate::quantity::{
+    ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, StageCertificate, Travel, WeightCheck,
+};
 use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
 use crate::wire::{ClaimError, Claims, Connector, Link};
@@ -39,6 +41,8 @@ pub struct RigSpec {
     pub stiffness_least_n_mm: Option<f64>,
     /// Where the specimen is.
     pub frame: Frame,
+    /// Standard uncertainty of either coordinate of its origin, mm; none: it wasn't aligned.
+    pub u_origin_mm: Option<f64>,
     /// What is simulated when links are; the paper's where the file has no `[scene]`.
     pub scene: SceneSpec,
     /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that goes on with a
@@ -65,6 +69,8 @@ pub struct StageSpec {
     pub approach_mm_s: f64,
     /// How long it moves on after its controller says that it stands, s.
     pub settle_s: f64,
+    /// Its calibration certificate.
+    pub certificate: Option<StageCertificate>,
 }
 
 /// The load cell's part of a rig file.
@@ -139,6 +145,13 @@ fn gain_off(check: &WeightCheck, certificate: Option<&Certificate>) -> Trip {
 }
 
 impl RigSpec {
+    /// Standard uncertainty of a pressed place along one axis, mm, in the frame of the array: the stage's and, where `align` found
+    /// the array, that of its origin; otherwise places count from the calibration's own origin. None without a certificate.
+    pub fn u_place_mm(&self) -> Option<f64> {
+        let certificate = self.stage.certificate.as_ref()?;
+        Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
+    }
+
     /// The same rig with our emulators in place of its links.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {

@@ -1,7 +1,7 @@
 //! Solved against true: errors, and how well they were foreseen.
 
 use super::{Choice, Covariance, SolveError, Solver, Verdict, Workspace};
-use crate::quantity::Place;
+use crate::quantity::{Place, percentile};
 use serde::Serialize;
 
 /// The location error below which a contact counts as found, mm (set by the paper: a fingertip resolves 1.6 mm).
@@ -36,6 +36,9 @@ pub struct Evaluation {
     /// `force_error_n` holds against the commanded force.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_error_load_cell_n: Option<ErrorSummary>,
+    /// Test presses at places that the calibration has pressed too; for whoever knows the calibration to fill in.
+    #[serde(skip_serializing_if = "is_none")]
+    pub at_calibrated_places: usize,
     /// Presses that didn't count; stands in the object where there are any.
     #[serde(skip_serializing_if = "LeftOut::is_none")]
     pub left_out: LeftOut,
@@ -212,19 +215,11 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
         ns_per_solve: None,
         choice: None,
         force_error_load_cell_n: None,
+        at_calibrated_places: 0,
         left_out: LeftOut { test_unsolved: unsolved.len(), ..LeftOut::default() },
         presses,
         unsolved,
     })
-}
-
-impl Evaluation {
-    /// Whether the sensor is good enough: mean errors under the paper's reference values; where the test knows no
-    /// force, the location's alone.
-    pub fn accepted(&self) -> bool {
-        let force_is_right = self.force_error_n.is_none_or(|error| error.mean < FORCE_REFERENCE_N);
-        self.location_error_mm.mean < LOCATION_REFERENCE_MM && force_is_right
-    }
 }
 
 impl ErrorSummary {
@@ -325,11 +320,8 @@ impl Stated {
     }
 }
 
-/// The value at rank q (n - 1) of sorted values, interpolated; `sorted` isn't empty and q lies in 0..1.
-fn percentile(sorted: &[f64], q: f64) -> f64 {
-    let rank = q * (sorted.len() - 1) as f64;
-    let (below, above) = (rank.floor() as usize, rank.ceil() as usize);
-    sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
+fn is_none(count: &usize) -> bool {
+    *count == 0
 }
 
 #[cfg(test)]

@@ -63,6 +63,11 @@ impl<'a> Prepared<'a> {
         Ok(Prepared { calibration: calibration.of_units(&kept), layout, setting, broken, units, response })
     }
 
+    /// The units that are dead or saturated, and left out.
+    pub fn broken(&self) -> &[Broken] {
+        &self.broken
+    }
+
     /// Fits the method of that name, as [`fit`](super::fit).
     ///
     /// # Errors

@@ -35,13 +35,8 @@ fn recipe(strategy: Strategy) -> String {
 }
 
 /// What fails on the way: nothing, the load cell (silent, frozen, no longer on the indenter), or the link to the stage.
-const FAILS: [Option<FaultKind>; 5] = [
-    None,
-    Some(FaultKind::Stale),
-    Some(FaultKind::Stuck),
-    Some(FaultKind::NoSensor),
-    Some(FaultKind::StageLost),
-];
+const FAILS: [Option<FaultKind>; 5] =
+    [None, Some(FaultKind::Stale), Some(FaultKind::Stuck), Some(FaultKind::NoSensor), Some(FaultKind::StageLost)];
 
 #[test]
 fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limit() {

@@ -12,12 +12,11 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let found = begun.carried(validation(seeds, args.seed, &begun.told()))?;
     let page = found.markdown();
     begun.end(vec![("validation.md".to_owned(), page)], found.ndjson(), |out| {
-        let accepted = found.outcomes.iter().filter(|outcome| outcome.best.accepted()).count();
         let mean = |of: fn(&crate::study::validation::ValidationOutcome) -> f64| {
             found.outcomes.iter().map(of).sum::<f64>() / found.outcomes.len() as f64
         };
         format!(
-            "{} specimens, {accepted} accepted; mean location error {:.3} mm by the paper's\nmethod (paper: 0.46), {:.3} mm by the best\n\
+            "{} specimens; mean location error {:.3} mm by the paper's\nmethod (paper: 0.46), {:.3} mm by the best\n\
              the page and rows: {}\n",
             found.outcomes.len(),
             mean(|outcome| outcome.papers.location_error_mm.mean),

@@ -1,0 +1,184 @@
+//! One-sided 95 % bounds of figures that a sample shows, and the two-sided intervals beside them.
+//!
+//! | figure | bound | needs |
+//! |---|---|---|
+//! | percentile, share | exact, from order statistics and the binomial distribution (Clopper and Pearson 1934) | 59 presses for a 95th percentile |
+//! | mean | Hall's transformation of Student's t (Hall 1992, J. R. Stat. Soc. B 54, 221), which allows for skewed errors | [`MEAN_PRESSES_LEAST`] |
+//! | standard deviation | chi-squared; assumes normal | 2 |
+//!
+//! `docs/acceptance.md` shows how often each is exceeded, on drawn errors of several shapes.
+
+use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, StudentsT};
+use statrs::statistics::Statistics as _;
+
+/// How often a bound covers the true figure, at least.
+pub const CONFIDENCE: f64 = 0.95;
+
+/// The fewest presses from which a mean is bounded: with fewer, skewed errors exceed the bound too often.
+pub const MEAN_PRESSES_LEAST: usize = 59;
+
+/// The share at which a mean's bound is computed, so that it covers [`CONFIDENCE`] of skewed errors too: errors that are
+/// exponentially distributed take 0.5 % of it away, log-normal ones (sigma 0.8) 1.5 %.
+const MEAN_CONFIDENCE: f64 = 0.96;
+
+/// Which tail of the distribution a bound leaves out.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    Lower,
+    Upper,
+}
+
+/// The upper bound of the mean of a population from a sample; none below [`MEAN_PRESSES_LEAST`] values.
+pub fn mean_upper(values: &[f64]) -> Option<f64> {
+    mean_bound(values, MEAN_CONFIDENCE, Side::Upper)
+}
+
+/// The two-sided 95 % interval of the mean; none below [`MEAN_PRESSES_LEAST`] values.
+pub fn mean_interval(values: &[f64]) -> Option<(f64, f64)> {
+    let each_side = (1.0 + CONFIDENCE) / 2.0;
+    Some((mean_bound(values, each_side, Side::Lower)?, mean_bound(values, each_side, Side::Upper)?))
+}
+
+/// The upper bound of the quantile `share` of a population: the smallest order statistic that is above it in 95 % of samples;
+/// none where even the largest isn't. `sorted` is in ascending order.
+pub fn quantile_upper(sorted: &[f64], share: f64) -> Option<f64> {
+    let n = sorted.len();
+    // the r-th smallest is above the quantile unless r or more values are below it
+    let is_above = |r: &usize| binomial_at_most(r - 1, n, share) >= CONFIDENCE;
+    (1..=n).find(is_above).map(|r| sorted[r - 1])
+}
+
+/// The two-sided 95 % interval of the quantile; none where the sample is too small for one of its ends.
+pub fn quantile_interval(sorted: &[f64], share: f64) -> Option<(f64, f64)> {
+    let (n, tail) = (sorted.len(), (1.0 - CONFIDENCE) / 2.0);
+    let upper = (1..=n).find(|r| binomial_at_most(r - 1, n, share) >= 1.0 - tail)?;
+    let lower = (1..=n).rev().find(|r| binomial_at_most(r - 1, n, share) <= tail)?;
+    Some((sorted[lower - 1], sorted[upper - 1]))
+}
+
+/// The fewest values from which the quantile `share` has an upper bound: 59 for the 95th percentile.
+pub fn quantile_least(share: f64) -> usize {
+    ((1.0 - CONFIDENCE).ln() / share.ln()).ceil() as usize
+}
+
+/// The lower bound of the share of a population that has a property which `count` of `n` have; 0 to 1.
+pub fn share_lower(count: usize, n: usize) -> f64 {
+    if count == 0 {
+        return 0.0;
+    }
+    // n is at least count, so both parameters are positive
+    Beta::new(count as f64, (n - count + 1) as f64).map_or(0.0, |beta| beta.inverse_cdf(1.0 - CONFIDENCE))
+}
+
+/// The upper bound of a standard deviation that was found with so many degrees of freedom, as a multiple of it; assumes normal.
+pub fn sd_upper_factor(freedom: f64) -> Option<f64> {
+    Some((freedom / ChiSquared::new(freedom).ok()?.inverse_cdf(1.0 - CONFIDENCE)).sqrt())
+}
+
+/// The two-sided 95 % interval of a standard deviation, as multiples of it; assumes normal.
+pub fn sd_interval_factors(freedom: f64) -> Option<(f64, f64)> {
+    let (chi_squared, tail) = (ChiSquared::new(freedom).ok()?, (1.0 - CONFIDENCE) / 2.0);
+    let factor = |share| (freedom / chi_squared.inverse_cdf(share)).sqrt();
+    Some((factor(1.0 - tail), factor(tail)))
+}
+
+/// How far the mean of a small sample may be below that of its population, in units of the values, by Student's t: for figures
+/// that scatter normally. None of fewer than two values.
+pub fn normal_mean_upper(values: &[f64]) -> Option<f64> {
+    let n = values.len() as f64;
+    let t = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(CONFIDENCE);
+    Some(values.mean() + t * values.std_dev() / n.sqrt()).filter(|bound| bound.is_finite())
+}
+
+/// Hall's bound: his transformation of (mean - mu)/sd, `w + a w^2 + a^2 w^3 / 3 + a / (2 n)` with a third of the skewness for `a`,
+/// is close to Student's t; it is monotone, and inverted exactly.
+fn mean_bound(values: &[f64], share: f64, side: Side) -> Option<f64> {
+    if values.len() < MEAN_PRESSES_LEAST {
+        return None;
+    }
+    let n = values.len() as f64;
+    let (mean, sd) = (values.mean(), values.std_dev());
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
+    if variance <= 0.0 {
+        return Some(mean);
+    }
+    let skewness = values.iter().map(|value| (value - mean).powi(3)).sum::<f64>() / n / variance.powf(1.5);
+    let t = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(share) / n.sqrt();
+    // an upper bound of the mean is what the lower tail of the statistic leaves
+    let tail = if side == Side::Upper { -t } else { t };
+    let a = skewness / 3.0;
+    let moved = tail - a / (2.0 * n);
+    let w = if a.abs() < 1e-9 { moved } else { ((1.0 + 3.0 * a * moved).cbrt() - 1.0) / a };
+    Some(mean - sd * w)
+}
+
+/// The probability of at most `most` successes in `n` tries.
+fn binomial_at_most(most: usize, n: usize, share: f64) -> f64 {
+    if most >= n {
+        return 1.0;
+    }
+    Beta::new((n - most) as f64, (most + 1) as f64).map_or(1.0, |beta| beta.cdf(1.0 - share))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ranks(n: usize) -> Vec<f64> {
+        (1..=n).map(|rank| rank as f64).collect()
+    }
+
+    /// Ranks from tables of distribution-free tolerance limits (95 % / 95 %): 59: 59, 93: 92, 124: 122; of the median of 20: 15.
+    #[test]
+    fn bounds_of_percentiles_are_the_tables_order_statistics() {
+        assert_eq!(quantile_least(0.95), 59);
+        assert_eq!(quantile_least(0.5), 5);
+        assert_eq!(quantile_upper(&ranks(58), 0.95), None);
+        for (n, rank) in [(59, 59.0), (92, 92.0), (93, 92.0), (124, 122.0)] {
+            assert_eq!(quantile_upper(&ranks(n), 0.95), Some(rank), "{n}");
+        }
+        assert_eq!(quantile_upper(&ranks(20), 0.5), Some(15.0));
+        assert_eq!(quantile_interval(&ranks(20), 0.5), Some((6.0, 15.0)));
+        assert_eq!(quantile_interval(&ranks(59), 0.95), None);
+    }
+
+    /// Clopper and Pearson's one-sided bounds: all of n is 0.05^(1/n); 93 of 100 by the F distribution.
+    #[test]
+    fn bounds_of_shares_are_exact() {
+        assert!((share_lower(59, 59) - 0.05f64.powf(1.0 / 59.0)).abs() < 1e-9);
+        assert!((share_lower(93, 100) - 0.872_3).abs() < 5e-4, "{}", share_lower(93, 100));
+        assert_eq!(share_lower(0, 10), 0.0);
+        assert_eq!(share_lower(0, 0), 0.0);
+    }
+
+    #[test]
+    fn means_are_bounded_as_by_student_where_nothing_is_skewed() {
+        let even: Vec<f64> = ranks(101).iter().map(|rank| rank - 51.0).collect();
+        let sd = even.iter().copied().std_dev();
+        let student = StudentsT::new(0.0, 1.0, 100.0).unwrap().inverse_cdf(0.975) * sd / 101f64.sqrt();
+        let (lower, upper) = mean_interval(&even).unwrap();
+        assert!((upper - student).abs() < 1e-9 && (lower + student).abs() < 1e-9, "{lower} {upper} {student}");
+        assert_eq!(mean_upper(&ranks(58)), None);
+        assert_eq!(mean_upper(&[0.25; 59]), Some(0.25));
+    }
+
+    /// To the right of skewed errors there is more room than to the left.
+    #[test]
+    fn a_tail_widens_the_bound_of_a_mean_on_its_own_side() {
+        let mut values = vec![1.0; 95];
+        values.extend([5.0; 5]);
+        let (lower, upper) = mean_interval(&values).unwrap();
+        let mean = values.iter().copied().mean();
+        assert!(upper - mean > 1.5 * (mean - lower), "{lower} {mean} {upper}");
+    }
+
+    /// Chi-squared tables: 4 degrees of freedom 0.7107 (5 %), 0.4844 (2.5 %), 11.143 (97.5 %).
+    #[test]
+    fn bounds_of_standard_deviations_are_the_tables() {
+        assert!((sd_upper_factor(4.0).unwrap() - (4.0 / 0.710_723f64).sqrt()).abs() < 1e-4);
+        let (lower, upper) = sd_interval_factors(4.0).unwrap();
+        assert!(
+            (lower - (4.0 / 11.143_29f64).sqrt()).abs() < 1e-4 && (upper - (4.0 / 0.484_419f64).sqrt()).abs() < 1e-4
+        );
+    }
+}

@@ -1,0 +1,312 @@
+//! The one verdict: what was measured of a sensor, compared with a rule.
+
+use super::bound::{CONFIDENCE, MEAN_PRESSES_LEAST, mean_upper, quantile_least, quantile_upper, share_lower};
+use super::rule::{Decision, Figure, Limit, Rule};
+use crate::quantity::percentile;
+use serde::Serialize;
+
+/// The percentile that can be limited, as a share.
+const PERCENTILE: f64 = 0.95;
+
+/// One-sided 95 % quantile of the normal distribution: what a standard uncertainty of the truth adds to a bound is multiplied with it.
+const NORMAL_95: f64 = 1.645;
+
+/// Whether a sensor keeps to a rule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Every figure is within its limit; by a guarded rule, its bound is.
+    Accepted,
+    /// A figure exceeds its limit.
+    NotAccepted,
+    /// Neither: too little was measured to decide.
+    NotDecided,
+}
+
+/// What was measured of a sensor, as far as a rule can ask for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Calibration presses that count.
+    pub calibration_presses: usize,
+    /// Test presses that count.
+    pub test_presses: usize,
+    /// Test presses for which the method has no answer.
+    pub test_unsolved: usize,
+    /// Test presses that are calibration presses, to the last digit.
+    pub test_repeats_calibration: usize,
+    /// Location errors, mm; none where nothing was tested.
+    pub location: Option<Errors>,
+    /// Absolute force errors, N; none where no true force is known.
+    pub force: Option<Errors>,
+    /// Figures of single units, the worst of each kind.
+    pub worst: Vec<Worst>,
+    /// Dead or saturated channels; none where nothing was calibrated.
+    pub broken_channels: Option<usize>,
+    /// Flagged presses of calibration and test.
+    pub flagged_presses: usize,
+}
+
+/// Errors of the test presses.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// Their sizes, mm or N, in any order.
+    pub sizes: Vec<f64>,
+    /// Standard uncertainty of the truth that they are measured from and that all of them share, mm or N; none where it isn't known.
+    pub u_truth: Option<f64>,
+}
+
+/// The worst value of a figure that every unit or channel has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Worst {
+    /// The figure.
+    pub figure: Figure,
+    /// Its largest value among the units.
+    pub value: f64,
+    /// The largest of the units' upper bounds; none where one has none.
+    pub upper: Option<f64>,
+    /// From how many readings a unit's value is found.
+    pub n: usize,
+}
+
+/// One limit checked.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// The key that sets the limit.
+    pub figure: &'static str,
+    /// The value; none where it wasn't measured.
+    pub value: Option<f64>,
+    /// Its one-sided 95 % bound, the bench's uncertainty included; of a share the lower one. Only by a guarded rule.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bound: Option<f64>,
+    /// The limit, in the figure's unit.
+    pub limit: f64,
+    /// Of a share: the error that it counts up to, mm or N.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reach: Option<f64>,
+    /// From how many presses or readings.
+    pub n: usize,
+    /// What this limit alone comes to.
+    pub verdict: Verdict,
+    /// Why it isn't accepted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// The figure itself.
+    #[serde(skip)]
+    pub kind: Figure,
+}
+
+/// A verdict with all that it rests on.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Judgement {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// `simple` or `guarded`.
+    pub rule: &'static str,
+    /// The method that found places and forces.
+    pub method: String,
+    /// The file that gave the rule after the run; none where the run's own recipe did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub judged_afterwards_by: Option<String>,
+    /// Calibration and test presses that count.
+    pub calibration_presses: usize,
+    /// Test presses that count.
+    pub test_presses: usize,
+    /// Why there is no decision, whatever the limits.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reasons: Vec<String>,
+    /// Each limit.
+    pub checks: Vec<Check>,
+}
+
+/// Compares what was measured with a rule. The only place that decides.
+pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
+    let checks: Vec<Check> = rule.limits.iter().map(|limit| check(limit, rule.decision, measured)).collect();
+    let reasons = reasons(rule, measured);
+    let is = |verdict: Verdict| checks.iter().any(|check| check.verdict == verdict);
+    let verdict = match () {
+        // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
+        () if measured.test_repeats_calibration > 0 => Verdict::NotDecided,
+        () if is(Verdict::NotAccepted) => Verdict::NotAccepted,
+        () if !reasons.is_empty() || is(Verdict::NotDecided) => Verdict::NotDecided,
+        () => Verdict::Accepted,
+    };
+    Judgement {
+        verdict,
+        rule: rule.decision.word(),
+        method: rule.method.clone(),
+        judged_afterwards_by: rule.afterwards_by.clone(),
+        calibration_presses: measured.calibration_presses,
+        test_presses: measured.test_presses,
+        reasons,
+        checks,
+    }
+}
+
+/// Why nothing can be decided whatever the limits.
+fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
+    let fewer = |what: &str, found: usize, least: usize| {
+        (found < least).then(|| format!("{found} {what} presses count; the rule requires {least}"))
+    };
+    let repeated = measured.test_repeats_calibration;
+    let repeats = (repeated > 0)
+        .then(|| format!("{repeated} of {} test presses are calibration presses, no test", measured.test_presses));
+    let all = [
+        repeats,
+        fewer("calibration", measured.calibration_presses, rule.calibration_presses_least),
+        fewer("test", measured.test_presses, rule.test_presses_least),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+/// A value, its bound or why it has none, and from how many presses or readings.
+struct Found {
+    value: f64,
+    bound: Result<f64, String>,
+    n: usize,
+}
+
+fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
+    let Limit { figure, limit: most, reach } = *limit;
+    let blank = Check {
+        figure: figure.key(),
+        value: None,
+        bound: None,
+        limit: most,
+        reach,
+        n: 0,
+        verdict: Verdict::NotDecided,
+        reason: None,
+        kind: figure,
+    };
+    let Found { value, bound, n } = match found(limit, measured) {
+        Ok(found) => found,
+        Err(reason) => return Check { reason: Some(reason), ..blank },
+    };
+    let keeps = |value: f64| if figure.is_share() { value >= most } else { value <= most };
+    let (verdict, reason) = match (decision, &bound) {
+        _ if !keeps(value) => (Verdict::NotAccepted, Some("exceeds the limit".to_owned())),
+        (Decision::Simple, _) => (Verdict::Accepted, None),
+        (Decision::Guarded, Ok(bound)) if keeps(*bound) => (Verdict::Accepted, None),
+        (Decision::Guarded, Ok(_)) => (Verdict::NotDecided, Some("its bound exceeds the limit".to_owned())),
+        (Decision::Guarded, Err(why)) => (Verdict::NotDecided, Some(why.clone())),
+    };
+    let reason = reason.map(|told| if figure.is_share() { told.replace("exceeds", "is below") } else { told });
+    let bound = bound.ok().filter(|_| decision == Decision::Guarded);
+    Check { value: Some(value), bound, n, verdict, reason, ..blank }
+}
+
+fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
+    let errors_of = |errors: &Option<Errors>, missing: &str| match errors {
+        Some(errors) => of_errors(limit, errors, measured.test_unsolved),
+        None => Err(missing.to_owned()),
+    };
+    match limit.figure {
+        Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
+            errors_of(&measured.location, "no test was evaluated")
+        }
+        Figure::ForceMean | Figure::ForceP95 | Figure::ForceWithin => {
+            errors_of(&measured.force, "no true force is known")
+        }
+        Figure::BrokenChannels => counted(measured.broken_channels, measured.calibration_presses),
+        Figure::FlaggedPresses => {
+            counted(Some(measured.flagged_presses), measured.calibration_presses + measured.test_presses)
+        }
+        figure => {
+            let worst = measured.worst.iter().find(|worst| worst.figure == figure);
+            let Worst { value, upper, n, .. } = *worst.ok_or("it was not measured")?;
+            Ok(Found { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
+        }
+    }
+}
+
+/// A count in this sample: it has no bound but itself.
+fn counted(count: Option<usize>, n: usize) -> Result<Found, String> {
+    let value = count.ok_or("it was not measured")? as f64;
+    Ok(Found { value, bound: Ok(value), n })
+}
+
+fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, String> {
+    let n = errors.sizes.len() + unsolved;
+    let mut sorted = errors.sizes.clone();
+    sorted.sort_by(f64::total_cmp);
+    // a press without an answer is farther off than any limit
+    sorted.extend(std::iter::repeat_n(f64::INFINITY, unsolved));
+    if n == 0 {
+        return Err("no test was evaluated".to_owned());
+    }
+    let truth = errors.u_truth.map(|u| NORMAL_95 * u).ok_or_else(|| unknown_truth(limit.figure));
+    let fewer = |least: usize| format!("{n} test presses; its {:.0} % bound needs {least}", 100.0 * CONFIDENCE);
+    match limit.figure {
+        Figure::LocationMean | Figure::ForceMean => {
+            if unsolved > 0 {
+                return Err(format!("{unsolved} test presses have no answer, so there is no mean"));
+            }
+            let value = sorted.iter().sum::<f64>() / n as f64;
+            let bound = mean_upper(&sorted).ok_or_else(|| fewer(MEAN_PRESSES_LEAST));
+            Ok(Found { value, bound: bound.and_then(|bound| Ok(widened(value, bound, truth?))), n })
+        }
+        Figure::LocationP95 | Figure::ForceP95 => {
+            let value = percentile(&sorted, PERCENTILE);
+            let bound = quantile_upper(&sorted, PERCENTILE).ok_or_else(|| fewer(quantile_least(PERCENTILE)));
+            Ok(Found { value, bound: bound.and_then(|bound| Ok(widened(value, bound, truth?))), n })
+        }
+        _ => {
+            let reach = limit.reach.unwrap_or_default();
+            let count = |reach: f64| sorted.iter().filter(|size| **size <= reach).count();
+            let value = count(reach) as f64 / n as f64;
+            // an error that the truth's own uncertainty could hide doesn't count as within
+            Ok(Found { value, bound: truth.map(|truth| share_lower(count(reach - truth), n)), n })
+        }
+    }
+}
+
+fn unknown_truth(figure: Figure) -> String {
+    match figure {
+        Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
+            "the uncertainty of the places isn't known (`certificate` in [stage] of the rig)".to_owned()
+        }
+        _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig)".to_owned(),
+    }
+}
+
+/// A bound that the scatter of the presses gives, and what the truth may be off by, 95 % each and independent.
+fn widened(value: f64, bound: f64, truth: f64) -> f64 {
+    value + (bound - value).max(0.0).hypot(truth)
+}
+
+impl Judgement {
+    /// Why it isn't accepted: what holds whatever the limits, then each limit that isn't kept.
+    pub fn all_reasons(&self) -> impl Iterator<Item = String> {
+        let of_check = |check: &Check| {
+            let reason = check.reason.as_ref()?;
+            Some(format!("{}: {reason}", check.kind.full_name(check.reach)))
+        };
+        self.reasons.iter().cloned().chain(self.checks.iter().filter_map(of_check))
+    }
+}
+
+impl Check {
+    /// Whether the test decides it.
+    pub fn is_of_test(&self) -> bool {
+        matches!(
+            self.kind,
+            Figure::LocationMean
+                | Figure::LocationP95
+                | Figure::LocationWithin
+                | Figure::ForceMean
+                | Figure::ForceP95
+                | Figure::ForceWithin
+        )
+    }
+}
+
+impl Verdict {
+    /// In words.
+    pub const fn told(self) -> &'static str {
+        match self {
+            Verdict::Accepted => "accepted",
+            Verdict::NotAccepted => "not accepted",
+            Verdict::NotDecided => "not decided",
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! What a sensor must keep to: a rule with its limits.
+
+/// How a figure is compared with its limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Decision {
+    /// The figure itself is within the limit (ILAC-G8: simple acceptance, no guard band).
+    #[default]
+    Simple,
+    /// The figure's one-sided 95 % upper bound is within the limit (ILAC-G8: guarded acceptance; the guard band is the bound less
+    /// the figure).
+    Guarded,
+}
+
+/// An acceptance rule: `[accept]` of a recipe, or a file of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rule {
+    /// How figures are compared with their limits.
+    pub decision: Decision,
+    /// The method that finds places and forces.
+    pub method: String,
+    /// The fewest calibration presses that count.
+    pub calibration_presses_least: usize,
+    /// The fewest test presses that count.
+    pub test_presses_least: usize,
+    /// The limits, at least one, in the order of [`Figure::ALL`].
+    pub limits: Vec<Limit>,
+    /// The file that gave the rule after the run; none: the run's own recipe gave it.
+    pub afterwards_by: Option<String>,
+}
+
+/// A figure and what it must keep to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limit {
+    /// The figure.
+    pub figure: Figure,
+    /// The largest value that is accepted, in the figure's unit; of a share the smallest, 0 to 1.
+    pub limit: f64,
+    /// Of a share: the error that it counts up to, mm or N.
+    pub reach: Option<f64>,
+}
+
+/// What can be limited.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Figure {
+    /// Mean distance between true and found place, mm.
+    LocationMean,
+    /// 95th percentile of the same, mm.
+    LocationP95,
+    /// Share of the test presses that are found within a distance, 0 to 1.
+    LocationWithin,
+    /// Mean absolute force error, N.
+    ForceMean,
+    /// 95th percentile of the same, N.
+    ForceP95,
+    /// Share of the test presses whose force is found within an error, 0 to 1.
+    ForceWithin,
+    /// Largest repeatability of a unit while loading, % of full scale.
+    Repeatability,
+    /// Largest hysteresis of a unit, % of full scale.
+    Hysteresis,
+    /// Largest hysteresis of a unit, % of reading.
+    HysteresisOfReading,
+    /// Largest departure of a unit from its straight line, % of full scale.
+    Linearity,
+    /// Largest zero return of a unit, % of full scale.
+    ZeroReturn,
+    /// Largest noise of a channel in air, % of its largest output in the calibration.
+    Noise,
+    /// Dead or saturated channels.
+    BrokenChannels,
+    /// Flagged presses of calibration and test.
+    FlaggedPresses,
+}
+
+impl Decision {
+    /// Its word in recipes and reports.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Decision::Simple => "simple",
+            Decision::Guarded => "guarded",
+        }
+    }
+}
+
+impl Figure {
+    /// All of them, in the order in which they are reported.
+    pub const ALL: [Figure; 14] = [
+        Figure::LocationMean,
+        Figure::LocationP95,
+        Figure::LocationWithin,
+        Figure::ForceMean,
+        Figure::ForceP95,
+        Figure::ForceWithin,
+        Figure::Repeatability,
+        Figure::Hysteresis,
+        Figure::HysteresisOfReading,
+        Figure::Linearity,
+        Figure::ZeroReturn,
+        Figure::Noise,
+        Figure::BrokenChannels,
+        Figure::FlaggedPresses,
+    ];
+
+    /// The key that limits it.
+    pub const fn key(self) -> &'static str {
+        match self {
+            Figure::LocationMean => "location_mean_mm",
+            Figure::LocationP95 => "location_p95_mm",
+            Figure::LocationWithin => "location_within",
+            Figure::ForceMean => "force_mean_n",
+            Figure::ForceP95 => "force_p95_n",
+            Figure::ForceWithin => "force_within",
+            Figure::Repeatability => "repeatability_percent",
+            Figure::Hysteresis => "hysteresis_percent",
+            Figure::HysteresisOfReading => "hysteresis_of_reading_percent",
+            Figure::Linearity => "linearity_percent",
+            Figure::ZeroReturn => "zero_return_percent",
+            Figure::Noise => "noise_percent",
+            Figure::BrokenChannels => "broken_channels_most",
+            Figure::FlaggedPresses => "flagged_presses_most",
+        }
+    }
+
+    /// Its name, without its unit.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Figure::LocationMean => "location error, mean",
+            Figure::LocationP95 => "location error, 95th percentile",
+            Figure::LocationWithin => "location error, share within",
+            Figure::ForceMean => "force error, mean",
+            Figure::ForceP95 => "force error, 95th percentile",
+            Figure::ForceWithin => "force error, share within",
+            Figure::Repeatability => "repeatability, worst unit",
+            Figure::Hysteresis => "hysteresis, worst unit",
+            Figure::HysteresisOfReading => "hysteresis of reading, worst unit",
+            Figure::Linearity => "linearity, worst unit",
+            Figure::ZeroReturn => "zero return, worst unit",
+            Figure::Noise => "noise, worst channel",
+            Figure::BrokenChannels => "broken channels",
+            Figure::FlaggedPresses => "flagged presses",
+        }
+    }
+
+    /// Its name with the error that a share counts up to.
+    pub fn full_name(self, reach: Option<f64>) -> String {
+        match (self, reach) {
+            (Figure::LocationWithin, Some(mm)) => format!("{} {mm} mm", self.name()),
+            (Figure::ForceWithin, Some(n)) => format!("{} {n} N", self.name()),
+            _ => self.name().to_owned(),
+        }
+    }
+
+    /// The unit of its values as they are shown; shares are shown in percent.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Figure::LocationMean | Figure::LocationP95 => "mm",
+            Figure::ForceMean | Figure::ForceP95 => "N",
+            Figure::BrokenChannels | Figure::FlaggedPresses => "",
+            _ => "%",
+        }
+    }
+
+    /// Digits behind the point as it is shown.
+    pub const fn digits(self) -> usize {
+        match self {
+            Figure::LocationMean | Figure::LocationP95 => 3,
+            Figure::ForceMean | Figure::ForceP95 => 4,
+            Figure::LocationWithin | Figure::ForceWithin => 1,
+            Figure::BrokenChannels | Figure::FlaggedPresses => 0,
+            _ => 2,
+        }
+    }
+
+    /// Whether it is a share, which is limited from below.
+    pub const fn is_share(self) -> bool {
+        matches!(self, Figure::LocationWithin | Figure::ForceWithin)
+    }
+
+    /// A value of it as it is shown, without its unit.
+    pub fn shown(self, value: f64) -> String {
+        let value = if self.is_share() { 100.0 * value } else { value };
+        format!("{value:.*}", self.digits())
+    }
+}

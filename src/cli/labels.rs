@@ -1,0 +1,46 @@
+//! What a person says of a run: the sensor, its design and batch, the mounting, the operator, a note.
+
+use crate::dataset::Labels;
+
+/// The labels of a run, all of them stored in the manifest.
+#[derive(Debug, clap::Args)]
+pub struct LabelArgs {
+    /// Sensor ID
+    #[arg(long, value_name = "ID", value_parser = label)]
+    sensor: Option<String>,
+    /// Design of the sensor
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    design: Option<String>,
+    /// Batch of the sensor
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    batch: Option<String>,
+    /// Mounting of the sensor on the bench: give a new one each time it is mounted
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    mounting: Option<String>,
+    /// Operator
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    operator: Option<String>,
+    /// Note
+    #[arg(long, value_name = "TEXT", value_parser = label)]
+    note: Option<String>,
+}
+
+impl LabelArgs {
+    /// The labels that were given.
+    pub fn labels(&self) -> Labels {
+        let LabelArgs { sensor, design, batch, mounting, operator, note } = self;
+        let [sensor, design, batch, mounting, operator, note] =
+            [sensor, design, batch, mounting, operator, note].map(Clone::clone);
+        Labels { sensor, design, batch, mounting, operator, note }
+    }
+}
+
+/// The most characters of a label: it is shown in tables and titles.
+const LABEL_MOST: usize = 200;
+
+/// A text that can be printed in any place.
+fn label(text: &str) -> Result<String, String> {
+    let is_fit = !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control);
+    let expected = || format!("expected 1 to {LABEL_MOST} printable characters");
+    is_fit.then(|| text.to_owned()).ok_or_else(expected)
+}

@@ -1,0 +1,117 @@
+//! What was measured of a sensor, as an acceptance rule asks for it, and the verdict.
+
+use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use super::evaluate::{EvaluateError, Trial, is_to_evaluate};
+use super::{Contact, Press, Presses};
+use crate::acceptance::bound::sd_upper_factor;
+use crate::acceptance::{Errors, Figure, Judgement, Measured, Rule, Worst, judge};
+use crate::quantity::ArrayLayout;
+use crate::recipe::Phase;
+use crate::solver::{BEST, Evaluation};
+
+/// The share of degrees of freedom that differences of neighbours leave of a standard deviation's (von Neumann et al. 1941).
+const SUCCESSIVE_FREEDOM: f64 = 2.0 / 3.0;
+
+/// All that is on record of a sensor.
+pub struct Evidence<'a> {
+    /// The presses of all its runs.
+    pub presses: &'a Presses,
+    /// Where its units are; none for tables.
+    pub layout: Option<&'a ArrayLayout>,
+    /// The contacts of its runs, in the order they were made; empty for tables.
+    pub contacts: Vec<&'a Contact>,
+    /// Standard uncertainty of the pressed places, mm; none where it isn't known.
+    pub u_place_mm: Option<f64>,
+}
+
+impl Evidence<'_> {
+    /// The verdict by a rule. `trial` is the sensor's calibration and test, `known` what was evaluated of it already.
+    pub fn judge(&self, rule: &Rule, trial: &Result<Trial<'_>, EvaluateError>, known: &[Evaluation]) -> Judgement {
+        let is_by_rule = |evaluation: &&Evaluation| match rule.method.as_str() {
+            BEST => evaluation.choice.is_some(),
+            method => evaluation.choice.is_none() && evaluation.solver == method,
+        };
+        let evaluated = match (trial, known.iter().find(is_by_rule)) {
+            (_, Some(evaluation)) => Ok(evaluation.clone()),
+            (Ok(trial), None) => trial.evaluate(&rule.method).map_err(|why| why.told()),
+            (Err(why), None) => Err(why.told()),
+        };
+        let measured = self.measured(trial.as_ref().ok(), evaluated.as_ref().ok());
+        let judgement = judge(rule, &measured);
+        match evaluated {
+            // a rule that limits neither places nor forces needs no test
+            Err(why) if judgement.checks.iter().any(|check| check.is_of_test() && check.value.is_none()) => {
+                Judgement { reasons: [vec![why], judgement.reasons].concat(), ..judgement }
+            }
+            _ => judgement,
+        }
+    }
+
+    fn measured(&self, trial: Option<&Trial<'_>>, evaluation: Option<&Evaluation>) -> Measured {
+        let mut measured = trial.map(Trial::counted).unwrap_or_else(|| self.counted());
+        if let Some(evaluation) = evaluation {
+            let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();
+            measured.location = Some(Errors { sizes, u_truth: self.u_place_mm });
+            let forces: Option<Vec<f64>> = evaluation.presses.iter().map(|press| press.force_error_n).collect();
+            let u_force_n = trial.and_then(Trial::u_force_n);
+            measured.force =
+                forces.filter(|forces| !forces.is_empty()).map(|sizes| Errors { sizes, u_truth: u_force_n });
+            measured.test_unsolved = evaluation.unsolved.len();
+        }
+        measured.worst.extend(self.layout.map(|layout| self.worst_units(layout)).unwrap_or_default());
+        measured.worst.extend(self.noise());
+        measured
+    }
+
+    /// Presses that count, where no calibration has a test.
+    fn counted(&self) -> Measured {
+        let count = |phase| self.presses.sound(phase).count();
+        let is_flagged = |press: &&Press| press.is_flagged() && is_to_evaluate(press);
+        Measured {
+            calibration_presses: count(Phase::Calibration),
+            test_presses: count(Phase::Test),
+            flagged_presses: self.presses.presses.iter().filter(is_flagged).count(),
+            ..Measured::default()
+        }
+    }
+
+    /// The worst unit's characteristics of each kind.
+    fn worst_units(&self, layout: &ArrayLayout) -> Vec<Worst> {
+        let Some(staircases) = Staircases::of_run(self.presses, layout) else { return Vec::new() };
+        let units = characterise(&staircases, Repeatability::default());
+        KINDS.into_iter().filter_map(|(figure, value, upper)| worst(figure, &units, value, upper)).collect()
+    }
+
+    /// The noisiest channel in air: what its air before a press differs by from the one before, so that drift doesn't count.
+    fn noise(&self) -> Option<Worst> {
+        let airs: Vec<&[f64]> = self.contacts.iter().map(|contact| contact.air_before.outputs.as_slice()).collect();
+        let channels = airs.iter().map(|air| air.len()).min().unwrap_or(0);
+        let changes = airs.len().checked_sub(1).filter(|changes| *changes > 0)?;
+        let percent = |channel: usize| {
+            let calibrated = self.presses.sound(Phase::Calibration);
+            let full_scale = calibrated.map(|press| press.outputs[channel].abs()).fold(0.0, f64::max);
+            let squares: f64 = airs.windows(2).map(|pair| (pair[1][channel] - pair[0][channel]).powi(2)).sum();
+            (full_scale > 0.0).then(|| 100.0 * (squares / (2 * changes) as f64).sqrt() / full_scale)
+        };
+        let value = (0..channels).filter_map(percent).reduce(f64::max)?;
+        let upper = sd_upper_factor(SUCCESSIVE_FREEDOM * changes as f64).map(|factor| factor * value);
+        Some(Worst { figure: Figure::Noise, value, upper, n: airs.len() })
+    }
+}
+
+type Value = fn(&UnitCharacteristics) -> Option<f64>;
+
+/// The characteristics that can be limited: the figure, its value and its upper bound.
+const KINDS: [(Figure, Value, Value); 2] = [
+    (Figure::Repeatability, |unit| unit.repeatability_loading_percent, |_| None),
+    (Figure::Hysteresis, |unit| unit.hysteresis_percent, |_| None),
+];
+
+fn worst(figure: Figure, units: &[UnitCharacteristics], value: Value, upper: Value) -> Option<Worst> {
+    let measured: Vec<&UnitCharacteristics> = units.iter().filter(|unit| value(unit).is_some()).collect();
+    let largest = |of: Value| {
+        let all: Option<Vec<f64>> = measured.iter().map(|unit| of(unit)).collect();
+        all?.into_iter().map(f64::abs).reduce(f64::max)
+    };
+    Some(Worst { figure, value: largest(value)?, upper: largest(upper), n: measured.len() })
+}

@@ -1,0 +1,71 @@
+//! Columns of a table from outside that aren't used though their names look like a force, a place or an output: they are named,
+//! so that nobody believes that they were.
+
+use super::press::{COLUMNS, Presence};
+use super::table_error::quoted;
+use csv::StringRecord;
+
+/// A column that isn't used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lookalike {
+    /// Its name in the table, its first characters if it is long.
+    pub column: String,
+    /// What it looks like.
+    pub looks_like: &'static str,
+    /// The column that holds this.
+    pub read_from: &'static str,
+}
+
+/// Beginnings of the words that name each kind of value, and single letters that do.
+const KINDS: [(&str, &str, &[&str], &[&str]); 3] = [
+    ("a force", "force_n", &["force", "load", "newton"], &["f", "fx", "fy", "fz", "n"]),
+    ("a place", "x_mm, y_mm", &["pos", "place", "location", "coord"], &["x", "y", "px", "py"]),
+    ("an output", "out_1, out_2, ...", &["out", "ch", "adc", "sensor", "signal", "taxel", "volt"], &["v"]),
+];
+
+/// The columns of a header that look like something that is read, and aren't.
+pub(super) fn lookalikes(header: &StringRecord) -> Vec<Lookalike> {
+    let is_read = |name: &str| {
+        let of_any_table = |presence| matches!(presence, Presence::Needed | Presence::Optional);
+        COLUMNS.iter().any(|column| column.name == name && of_any_table(column.presence)) || is_output(name)
+    };
+    let unused = header.iter().filter(|name| !is_read(name));
+    let lookalike = |name: &str| {
+        let (looks_like, read_from, ..) = KINDS.into_iter().find(|(_, _, words, letters)| {
+            let lower = name.to_lowercase();
+            let mut parts = lower.split(|c: char| !c.is_alphabetic()).filter(|part| !part.is_empty());
+            parts.any(|part| letters.contains(&part) || words.iter().any(|word| part.starts_with(word)))
+        })?;
+        Some(Lookalike { column: quoted(name), looks_like, read_from })
+    };
+    unused.filter_map(lookalike).collect()
+}
+
+/// `out_1`, `out_2`, ...
+fn is_output(name: &str) -> bool {
+    name.strip_prefix("out_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_that_look_like_what_is_read_are_named_with_what_they_look_like() {
+        let header = "x_mm,y_mm,force_n,out_1,flags,Fz (N),force,X,pos_y,ch3,Sensor_4,time_s,temperature,note,n";
+        let found = lookalikes(&StringRecord::from(header.split(',').collect::<Vec<_>>()));
+        let found: Vec<(&str, &str)> = found.iter().map(|found| (found.column.as_str(), found.looks_like)).collect();
+        assert_eq!(
+            found,
+            [
+                ("Fz (N)", "a force"),
+                ("force", "a force"),
+                ("X", "a place"),
+                ("pos_y", "a place"),
+                ("ch3", "an output"),
+                ("Sensor_4", "an output"),
+                ("n", "a force"),
+            ]
+        );
+    }
+}
