@@ -310,3 +310,108 @@ impl Verdict {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rule(decision: Decision, limits: &[(Figure, f64, Option<f64>)]) -> Rule {
+        Rule {
+            decision,
+            method: "best".to_owned(),
+            calibration_presses_least: 10,
+            test_presses_least: 2,
+            limits: limits.iter().map(|&(figure, limit, reach)| Limit { figure, limit, reach }).collect(),
+            afterwards_by: None,
+        }
+    }
+
+    /// A hundred errors of 0.01 to 1.00 mm.
+    fn measured() -> Measured {
+        let sizes = (1..=100).map(|rank| 0.01 * f64::from(rank)).collect();
+        Measured {
+            calibration_presses: 100,
+            test_presses: 100,
+            location: Some(Errors { sizes, u_truth: Some(0.0) }),
+            worst: vec![Worst { figure: Figure::Repeatability, value: 2.0, upper: Some(4.0), n: 20 }],
+            broken_channels: Some(0),
+            ..Measured::default()
+        }
+    }
+
+    fn verdict(decision: Decision, limit: (Figure, f64, Option<f64>), measured: &Measured) -> (Verdict, String) {
+        let judgement = judge(&rule(decision, &[limit]), measured);
+        (judgement.verdict, judgement.all_reasons().collect::<Vec<_>>().join("; "))
+    }
+
+    #[test]
+    fn a_figure_its_bound_and_the_limit_decide() {
+        // mean 0.505, its bound 0.555; 95th percentile 0.95, its bound the 99th; 90 within 0.9, at least 83.6 % of all
+        for (limit, verdicts) in [
+            ((Figure::LocationMean, 0.504, None), [Verdict::NotAccepted, Verdict::NotAccepted]),
+            ((Figure::LocationMean, 0.53, None), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::LocationMean, 0.56, None), [Verdict::Accepted, Verdict::Accepted]),
+            ((Figure::LocationP95, 0.95, None), [Verdict::NotAccepted, Verdict::NotAccepted]),
+            ((Figure::LocationP95, 0.98, None), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::LocationP95, 0.991, None), [Verdict::Accepted, Verdict::Accepted]),
+            ((Figure::LocationWithin, 0.91, Some(0.9)), [Verdict::NotAccepted, Verdict::NotAccepted]),
+            ((Figure::LocationWithin, 0.85, Some(0.9)), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::LocationWithin, 0.83, Some(0.9)), [Verdict::Accepted, Verdict::Accepted]),
+            ((Figure::Repeatability, 3.0, None), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::BrokenChannels, 0.0, None), [Verdict::Accepted, Verdict::Accepted]),
+        ] {
+            let found = [Decision::Simple, Decision::Guarded].map(|decision| verdict(decision, limit, &measured()).0);
+            assert_eq!(found, verdicts, "{limit:?}");
+        }
+    }
+
+    #[test]
+    fn what_the_truth_may_be_off_by_widens_each_bound() {
+        let mut measured = measured();
+        let bound = |measured: &Measured, figure, reach| {
+            judge(&rule(Decision::Guarded, &[(figure, 0.5, reach)]), measured).checks[0].bound
+        };
+        let figures = [(Figure::LocationMean, None), (Figure::LocationP95, None), (Figure::LocationWithin, Some(0.9))];
+        let exact = figures.map(|(figure, reach)| bound(&measured, figure, reach).unwrap());
+        measured.location.as_mut().unwrap().u_truth = Some(0.1);
+        let widened = figures.map(|(figure, reach)| bound(&measured, figure, reach).unwrap());
+        let expected = 0.505 + (exact[0] - 0.505).hypot(0.1645);
+        assert!((widened[0] - expected).abs() < 1e-9, "{widened:?}");
+        assert!(widened[1] > exact[1] && widened[2] < exact[2], "{exact:?} {widened:?}");
+        measured.location.as_mut().unwrap().u_truth = None;
+        let (found, why) = verdict(Decision::Guarded, (Figure::LocationMean, 5.0, None), &measured);
+        assert_eq!(found, Verdict::NotDecided);
+        assert_eq!(
+            why,
+            "location error, mean: the uncertainty of the places isn't known (`certificate` in [stage] of the rig)"
+        );
+    }
+
+    #[test]
+    fn too_few_presses_unanswered_ones_and_repeated_ones_decide_nothing() {
+        let limit = (Figure::LocationMean, 5.0, None);
+        let few = Measured { calibration_presses: 9, ..measured() };
+        let told = "9 calibration presses count; the rule requires 10".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &few), (Verdict::NotDecided, told));
+        let unsolved = Measured { test_unsolved: 3, ..measured() };
+        let told = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &unsolved), (Verdict::NotDecided, told));
+        // without an answer they are beyond any distance
+        let within = (Figure::LocationWithin, 0.98, Some(5.0));
+        assert_eq!(verdict(Decision::Simple, within, &unsolved).0, Verdict::NotAccepted);
+        let repeated = Measured { test_repeats_calibration: 100, ..measured() };
+        let told = "100 of 100 test presses are calibration presses, no test".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &repeated), (Verdict::NotDecided, told));
+        let untested = Measured { location: None, ..measured() };
+        assert_eq!(verdict(Decision::Simple, limit, &untested).1, "location error, mean: no test was evaluated");
+    }
+
+    #[test]
+    fn one_limit_that_is_exceeded_outweighs_one_that_is_undecided() {
+        let limits = [(Figure::LocationMean, 0.4, None), (Figure::ForceMean, 0.1, None)];
+        let judgement = judge(&rule(Decision::Simple, &limits), &measured());
+        assert_eq!(judgement.verdict, Verdict::NotAccepted);
+        let reasons: Vec<String> = judgement.all_reasons().collect();
+        assert_eq!(reasons, ["location error, mean: exceeds the limit", "force error, mean: no true force is known"]);
+    }
+}

@@ -4,9 +4,7 @@ use crate::dataset::characteristics::{
     CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, characterise,
 };
 use crate::paper;
-use crate::solver::{
-    BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, Verdicts,
-};
+use crate::solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
 use std::fmt::Write as _;
 
 /// The widest that anything is printed, columns.
@@ -151,9 +149,7 @@ simulated taxels draw one error a contact, for both branches: there, the
 unloading repeatability is not modelled apart\n";
 
 fn footnotes(evaluations: &[&Evaluation]) -> String {
-    let mut text = format!(
-        "(mean errors under {LOCATION_REFERENCE_MM} mm and, where the force is known, {FORCE_REFERENCE_N} N)\n"
-    );
+    let mut text = String::new();
     if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
         let _ = writeln!(
             text,

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What is said where no rule was given.
-pub const NO_RULE: &str = "no verdict: no acceptance rule was given ([accept] of the recipe, or --accept FILE)\n";
+pub const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of the recipe, or --accept FILE)\n";
 
 /// A rule in place of the one that the run's recipe gave.
 #[derive(Debug, clap::Args)]

@@ -59,7 +59,9 @@ pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> 
         return Err(TableError::NoRows { file: file.to_owned() });
     }
     let unused = if columns.is_of_run { Vec::new() } else { lookalikes(&header) };
-    Ok(Presses { unused, ..Presses::new(file, presses, lines) })
+    let mut presses = Presses::new(file, presses, lines);
+    presses.unused = unused;
+    Ok(presses)
 }
 
 /// The known columns that a table has, each with the places where its cells stand.

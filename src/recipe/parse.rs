@@ -5,6 +5,9 @@ use super::keys::{self, evaluate, grid, list, press, random, root, staircase, st
 use super::{KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::document::{self, Key, Problem, Problems, Table};
 
+/// Files of a run folder that an acceptance file would take the place of.
+const RUNS_OWN: [&str; 2] = ["recipe.toml", "rig.toml"];
+
 /// Largest departure from a whole number of spacings that counts as rounding.
 const WHOLE: f64 = 1e-6;
 
@@ -65,6 +68,14 @@ fn read_accept(table: &Table) -> Option<Option<Accept>> {
             let problem =
                 Problem::new(table.span_of(&root::accept), format!("`accept` is {name:?}, no file beside the recipe"));
             table.complain(problem.help("name a .toml file in the recipe's folder, such as \"accept.toml\""));
+            return None;
+        }
+        if RUNS_OWN.contains(&name) {
+            let problem = Problem::new(
+                table.span_of(&root::accept),
+                format!("`accept` is {name:?}: a run keeps its own file of that name"),
+            );
+            table.complain(problem.help("give the acceptance file another name"));
             return None;
         }
         return Some(Some(Accept::File(name.to_owned())));

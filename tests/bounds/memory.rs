@@ -32,7 +32,7 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let home = tempfile::tempdir().unwrap();
     let path = home.path().join("run");
     let layout = ArrayLayout::grid(11, 11, 4.5);
-    let origins = Origins { recipe: String::new(), rig: String::new(), maps: Vec::new() };
+    let origins = Origins { recipe: String::new(), rig: String::new(), beside: Vec::new() };
     let bound = PRESSES as usize * HELD_BYTES_A_PRESS + BUFFERS_BYTES;
 
     let before = HEAP.allocated();

@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod acceptance;
 mod eflesh;
 mod evaluate;
 mod golden;
@@ -10,3 +11,4 @@ mod paper;
 mod skin;
 mod solve;
 mod solvers;
+mod verdict;

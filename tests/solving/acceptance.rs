@@ -1,0 +1,159 @@
+//! How often the guarded rule accepts a sensor that is exactly at a limit, and how often stated intervals cover the truth: on
+//! drawn errors of three shapes, whose figures are known.
+//!
+//! `cargo test --release --test solving acceptance -- --nocapture` prints the shares.
+
+use palpate::acceptance::bound::{mean_interval, quantile_interval, sd_interval_factors};
+use palpate::acceptance::{Decision, Errors, Figure, Limit, Measured, Rule, Verdict, judge};
+use palpate::quantity::stream;
+use rand::RngExt as _;
+use rand::distr::Distribution as _;
+use rand_distr::StandardNormal;
+use statrs::statistics::Statistics as _;
+
+/// Sensors a cell, and test presses of each.
+const SENSORS: u64 = 10_000;
+const PRESSES: [usize; 6] = [5, 10, 25, 59, 100, 500];
+
+/// The most that a guarded rule may accept of sensors at a limit.
+const ACCEPTED_MOST: f64 = 0.06;
+
+/// One error, and the true mean and 95th percentile of its kind, in units of its scale.
+struct Shape {
+    name: &'static str,
+    draw: fn(&mut dyn FnMut() -> f64, f64) -> f64,
+    mean: f64,
+    p95: f64,
+}
+
+/// Normal numbers and a uniform one are given.
+const SHAPES: [Shape; 3] = [
+    // a force error
+    Shape { name: "half-normal", draw: |normal, _| normal().abs(), mean: 0.797_884_560_8, p95: 1.959_963_985 },
+    // a location error: Rayleigh
+    Shape { name: "Rayleigh", draw: |normal, _| normal().hypot(normal()), mean: 1.253_314_137, p95: 2.447_746_831 },
+    // errors with a long tail
+    Shape { name: "exponential", draw: |_, uniform| -(1.0 - uniform).ln(), mean: 1.0, p95: 2.995_732_274 },
+];
+
+fn errors(shape: &Shape, n: usize, sensor: u64) -> Vec<f64> {
+    let mut rng = stream(sensor, n as u64, shape.name);
+    (0..n)
+        .map(|_| {
+            let uniform: f64 = rng.random();
+            (shape.draw)(&mut || StandardNormal.sample(&mut rng), uniform)
+        })
+        .collect()
+}
+
+fn limits(shape: &Shape) -> [(Figure, f64, Option<f64>); 3] {
+    [
+        (Figure::LocationMean, shape.mean, None),
+        (Figure::LocationP95, shape.p95, None),
+        (Figure::LocationWithin, 0.95, Some(shape.p95)),
+    ]
+}
+
+fn verdict(decision: Decision, figure: Figure, limit: f64, reach: Option<f64>, sizes: Vec<f64>) -> Verdict {
+    let rule = Rule {
+        decision,
+        method: "best".to_owned(),
+        calibration_presses_least: 0,
+        test_presses_least: 1,
+        limits: vec![Limit { figure, limit, reach }],
+        afterwards_by: None,
+    };
+    let measured = Measured {
+        test_presses: sizes.len(),
+        location: Some(Errors { sizes, u_truth: Some(0.0) }),
+        ..Measured::default()
+    };
+    judge(&rule, &measured).verdict
+}
+
+#[test]
+fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
+    let mut broken = Vec::new();
+    for shape in &SHAPES {
+        for (figure, limit, reach) in limits(shape) {
+            let mut told = Vec::new();
+            for n in PRESSES {
+                let count = |decision| {
+                    let is_accepted = |sensor: &u64| {
+                        verdict(decision, figure, limit, reach, errors(shape, n, *sensor)) == Verdict::Accepted
+                    };
+                    (0..SENSORS).filter(is_accepted).count() as f64 / SENSORS as f64
+                };
+                let (guarded, simple) = (count(Decision::Guarded), count(Decision::Simple));
+                told.push(format!("n {n}: {:.1} % ({:.0} %)", 100.0 * guarded, 100.0 * simple));
+                if guarded > ACCEPTED_MOST {
+                    broken.push(format!("{}, {}, n {n}: {guarded}", shape.name, figure.name()));
+                }
+            }
+            println!("{}, {}, guarded (simple): {}", shape.name, figure.name(), told.join(", "));
+        }
+    }
+    assert!(broken.is_empty(), "{broken:?}");
+}
+
+/// The price: good sensors that the guarded rule doesn't accept, by how much better than the limit they are.
+#[test]
+fn the_farther_a_sensor_is_from_a_limit_the_more_often_it_is_accepted() {
+    let shape = &SHAPES[1];
+    for (figure, limit, reach) in [limits(shape)[0], limits(shape)[1]] {
+        for n in [59, 100, 500] {
+            let mut before = 0.0;
+            let mut told = Vec::new();
+            for share in [1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5] {
+                let is_accepted = |sensor: &u64| {
+                    let sizes = errors(shape, n, *sensor).into_iter().map(|size| share * size).collect();
+                    verdict(Decision::Guarded, figure, limit, reach, sizes) == Verdict::Accepted
+                };
+                let accepted = (0..2000).filter(is_accepted).count() as f64 / 2000.0;
+                told.push(format!("{share}: {:.0} %", 100.0 * accepted));
+                assert!(accepted >= before - 0.02, "{figure:?}, n {n}, {share}: {accepted} after {before}");
+                before = accepted;
+            }
+            println!("{}, n {n}, accepted by the true figure over its limit: {}", figure.name(), told.join(", "));
+            assert!(before > 0.9, "{figure:?}, n {n}: {before}");
+        }
+    }
+}
+
+#[test]
+fn stated_intervals_cover_the_truth_of_a_thousand_sensors() {
+    let covered = |name: &str, n: usize, covers: &dyn Fn(u64) -> bool| {
+        let share = (0..1000).filter(|sensor| covers(*sensor)).count() as f64 / 1000.0;
+        println!("{name}, n {n}: {:.1} %", 100.0 * share);
+        (share, format!("{name}, n {n}: {share}"))
+    };
+    let mut shares = Vec::new();
+    for shape in &SHAPES {
+        for n in [59, 100, 500] {
+            let within = |(lower, upper): (f64, f64), truth: f64| lower <= truth && truth <= upper;
+            shares.push(covered(&format!("{}, mean", shape.name), n, &|sensor| {
+                within(mean_interval(&errors(shape, n, sensor)).unwrap(), shape.mean)
+            }));
+            if n > 59 {
+                // exact up to the jumps between order statistics: at least 95 %
+                let (share, told) = covered(&format!("{}, 95th percentile", shape.name), n, &|sensor| {
+                    let mut sizes = errors(shape, n, sensor);
+                    sizes.sort_by(f64::total_cmp);
+                    quantile_interval(&sizes, 0.95).is_some_and(|interval| within(interval, shape.p95))
+                });
+                assert!(share >= 0.925, "{told}");
+            }
+        }
+    }
+    for n in [50, 100, 500] {
+        let (lower, upper) = sd_interval_factors((n - 1) as f64).unwrap();
+        shares.push(covered("normal, standard deviation", n, &|sensor| {
+            let mut rng = stream(sensor, n as u64, "sd");
+            let sd = (0..n).map(|_| -> f64 { StandardNormal.sample(&mut rng) }).collect::<Vec<f64>>().std_dev();
+            lower * sd <= 1.0 && 1.0 <= upper * sd
+        }));
+    }
+    let outside: Vec<&String> =
+        shares.iter().filter(|(share, _)| !(0.925..=0.975).contains(share)).map(|(_, told)| told).collect();
+    assert!(outside.is_empty(), "{outside:?}");
+}
