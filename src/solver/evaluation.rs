@@ -380,7 +380,7 @@ mod tests {
                 .to_owned()
                 + r#""force_error_n":null,"within":{"location_1mm":1.0,"force_0_1n":null,"both":null},"#
                 + r#""coverage":null,"verdicts":{"ok":1,"weak-signal":0,"outside-area":0,"#
-                + r#""not-one-contact":0,"channel-fault":0}}"#;
+                + r#""not-one-contact":0,"channel-fault":0},"at_calibrated_places":0}"#;
         assert_eq!(json, expected);
     }
 
