@@ -1,0 +1,300 @@
+//! `certificate.toml`: what a certificate must say and no run knows.
+
+use crate::document::{self, Bounds, Key, Problem, Problems, Table, keys, words};
+use jiff::civil::Date;
+
+const TEMPERATURE: Bounds = Bounds::within(-100.0, 200.0, "degrees Celsius");
+const HUMIDITY: Bounds = Bounds::within(0.0, 100.0, "%");
+/// Most revisions of a certificate.
+const REVISIONS_MAX: u64 = 1000;
+
+/// Where a calibration is performed, as schema 3.2.0 names it.
+const PLACES: [(&str, &str); 5] = [
+    ("laboratory", "laboratory"),
+    ("customer", "customer"),
+    ("laboratory-branch", "laboratoryBranch"),
+    ("customer-branch", "customerBranch"),
+    ("other", "other"),
+];
+
+/// What a laboratory says of itself, its customer and the sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// The certificate's own number, unique.
+    pub identifier: String,
+    /// Its revision, from 1.
+    pub revision: u64,
+    /// The day it is issued, as year-month-day.
+    pub issued: String,
+    /// ISO 639-1, such as `en`.
+    pub language: String,
+    /// ISO 3166-1, such as `DE`.
+    pub country: String,
+    /// Where the calibration was performed, in the schema's word.
+    pub place: &'static str,
+    /// Who calibrated.
+    pub laboratory: Contact,
+    /// The laboratory's accreditation code.
+    pub laboratory_code: Option<String>,
+    /// For whom.
+    pub customer: Contact,
+    /// Who is responsible: name and role.
+    pub responsible: Vec<(String, Option<String>)>,
+    /// What the sensor is called.
+    pub item: String,
+    /// Who made it.
+    pub manufacturer: String,
+    /// Its model.
+    pub model: Option<String>,
+    /// The name of the procedure.
+    pub procedure: String,
+    /// The indenter's geometry, in words.
+    pub indenter: String,
+    /// Air temperature, degrees Celsius: least and most.
+    pub temperature_c: Option<(f64, f64)>,
+    /// Relative humidity, %: least and most.
+    pub humidity_percent: Option<(f64, f64)>,
+}
+
+/// A name with its address.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contact {
+    /// The name.
+    pub name: String,
+    /// Street and number.
+    pub street: Option<String>,
+    /// Postal code.
+    pub post_code: Option<String>,
+    /// City.
+    pub city: String,
+    /// ISO 3166-1, such as `DE`.
+    pub country: String,
+    /// E-mail address.
+    pub e_mail: Option<String>,
+}
+
+keys! {
+    /// The whole file.
+    root {
+        certificate: Table(&certificate::KEYS), Refused, "the certificate itself";
+        laboratory: Table(&laboratory::KEYS), Refused, "who calibrated";
+        customer: Table(&contact::KEYS), Refused, "for whom";
+        responsible: Tables(&responsible::KEYS), Refused, "who is responsible; at least one";
+        item: Table(&item::KEYS), Refused, "the sensor; its serial number is the run's sensor ID";
+        procedure: Table(&procedure::KEYS), Refused, "how it was calibrated";
+        environment: Table(&environment::KEYS), Allowed, "the air around it, as far as it was measured";
+    }
+}
+
+keys! {
+    /// `[certificate]`
+    certificate {
+        identifier: Text, Refused, "its number, unique in the world", "\"LAB-2026-0042\"";
+        revision: Whole(1, REVISIONS_MAX), or_whole(1), "its revision", "1";
+        issued: Text, Refused, "the day it is issued, as year-month-day", "\"2026-05-04\"";
+        language: Text, Refused, "the language it is written in, ISO 639-1", "\"en\"";
+        country: Text, Refused, "the country that it is issued in, ISO 3166-1", "\"DE\"";
+        place: Word(&words(&PLACES)), Refused, "where the calibration was performed", "\"laboratory\"";
+    }
+}
+
+keys! {
+    /// `[customer]`, and the same keys in `[laboratory]`.
+    contact {
+        name: Text, Refused, "the name", "\"Institute of Touch\"";
+        street: Text, Allowed, "street and number", "\"Main Street 1\"";
+        post_code: Text, Allowed, "postal code", "\"12345\"";
+        city: Text, Refused, "the city", "\"Berlin\"";
+        country: Text, Refused, "the country, ISO 3166-1", "\"DE\"";
+        e_mail: Text, Allowed, "e-mail address", "\"touch@example.org\"";
+    }
+}
+
+keys! {
+    /// `[laboratory]`
+    laboratory {
+        code: Text, Allowed, "its accreditation code", "\"D-K-00000\"";
+    }
+    as contact { name, street, post_code, city, country, e_mail }
+}
+
+keys! {
+    /// `[[responsible]]`
+    responsible {
+        name: Text, Refused, "the name of a responsible person", "\"A. Person\"";
+        role: Text, Allowed, "the role", "\"head of laboratory\"";
+    }
+}
+
+keys! {
+    /// `[item]`
+    item {
+        name: Text, Refused, "what it is called", "\"tactile sensor\"";
+        manufacturer: Text, Refused, "who made it", "\"Institute of Touch\"";
+        model: Text, Allowed, "its model", "\"TS-9\"";
+    }
+}
+
+keys! {
+    /// `[procedure]`
+    procedure {
+        name: Text, Refused, "the name of the procedure", "\"LAB-WI-7, revision 2\"";
+        indenter: Text, Refused, "the indenter's geometry", "\"steel hemisphere, radius 2 mm\"";
+    }
+}
+
+keys! {
+    /// `[environment]`
+    environment {
+        temperature_c: Range(TEMPERATURE), Allowed, "air temperature, least and most", "[22.0, 24.0]";
+        humidity_percent: Range(HUMIDITY), Allowed, "relative humidity, least and most", "[40.0, 55.0]";
+    }
+}
+
+/// Reads a certificate file; `file` is its name in messages.
+///
+/// # Errors
+/// Every problem of the text, each at its line.
+pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
+    document::read(file, text, &root::KEYS, |table| {
+        let certificate = table.table(&root::certificate).and_then(|table| read_certificate(&table));
+        let laboratory = table.table(&root::laboratory);
+        let laboratory_code = laboratory.as_ref().and_then(|table| text_of(table, &laboratory::code));
+        let laboratory = laboratory.and_then(|table| read_contact(&table));
+        let customer = table.table(&root::customer).and_then(|table| read_contact(&table));
+        let people = table.tables(&root::responsible);
+        if people.is_empty() && table.has(&root::responsible) {
+            table.complain(Problem::new(table.span_of(&root::responsible), "there is no responsible person"));
+        }
+        let responsible = document::all(people.iter().map(|table| {
+            let (name, role) = (text_of(table, &responsible::name), text_of(table, &responsible::role));
+            Some((name?, role))
+        }));
+        let item = table.table(&root::item).and_then(|table| {
+            let (name, manufacturer) = (text_of(&table, &item::name), text_of(&table, &item::manufacturer));
+            let model = text_of(&table, &item::model);
+            Some((name?, manufacturer?, model))
+        });
+        let procedure = table.table(&root::procedure).and_then(|table| {
+            let (name, indenter) = (text_of(&table, &procedure::name), text_of(&table, &procedure::indenter));
+            Some((name?, indenter?))
+        });
+        let environment = table.table(&root::environment);
+        let range = |key| environment.as_ref().and_then(|table| table.range(key)).map(|range| (range.min, range.max));
+        let (temperature_c, humidity_percent) = (range(&environment::temperature_c), range(&environment::humidity_percent));
+        let (item, manufacturer, model) = item?;
+        let (procedure, indenter) = procedure?;
+        Some(Given {
+            laboratory: laboratory?,
+            laboratory_code,
+            customer: customer?,
+            responsible: responsible?,
+            item,
+            manufacturer,
+            model,
+            procedure,
+            indenter,
+            temperature_c,
+            humidity_percent,
+            ..certificate?
+        })
+    })
+}
+
+/// `[certificate]`; what other tables say is left empty.
+fn read_certificate(table: &Table) -> Option<Given> {
+    let identifier = text_of(table, &certificate::identifier);
+    let revision = table.whole(&certificate::revision);
+    let issued = text_of(table, &certificate::issued).filter(|day| is_day(day, table));
+    let language = code_of(table, &certificate::language, char::is_lowercase, "two small letters, \"en\"");
+    let country = read_country(table, &certificate::country);
+    let place = table.word(&certificate::place, &PLACES);
+    let nobody = Contact {
+        name: String::new(),
+        street: None,
+        post_code: None,
+        city: String::new(),
+        country: String::new(),
+        e_mail: None,
+    };
+    Some(Given {
+        identifier: identifier?,
+        revision: revision?,
+        issued: issued?,
+        language: language?,
+        country: country?,
+        place: place?,
+        laboratory: nobody.clone(),
+        laboratory_code: None,
+        customer: nobody,
+        responsible: Vec::new(),
+        item: String::new(),
+        manufacturer: String::new(),
+        model: None,
+        procedure: String::new(),
+        indenter: String::new(),
+        temperature_c: None,
+        humidity_percent: None,
+    })
+}
+
+fn read_contact(table: &Table) -> Option<Contact> {
+    let [name, street, post_code, city, e_mail] =
+        [contact::name, contact::street, contact::post_code, contact::city, contact::e_mail].map(|key| text_of(table, &key));
+    let country = read_country(table, &contact::country);
+    Some(Contact { name: name?, street, post_code, city: city?, country: country?, e_mail })
+}
+
+fn read_country(table: &Table, key: &Key) -> Option<String> {
+    code_of(table, key, char::is_uppercase, "two capital letters, \"DE\"")
+}
+
+/// A text with something in it, its blanks made single: the schema allows no others.
+fn text_of(table: &Table, key: &Key) -> Option<String> {
+    let text = table.text(key)?;
+    let single = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    if single.is_empty() || single.contains(char::is_control) {
+        table.complain(Problem::new(table.span_of(key), format!("`{}` is {text:?}, expected words", key.name)));
+        return None;
+    }
+    Some(single)
+}
+
+/// A code of two letters.
+fn code_of(table: &Table, key: &Key, is_fit: fn(char) -> bool, expected: &str) -> Option<String> {
+    let code = table.text(key)?;
+    if code.len() == 2 && code.chars().all(|c| c.is_ascii_alphabetic() && is_fit(c)) {
+        return Some(code.to_owned());
+    }
+    table.complain(Problem::new(table.span_of(key), format!("`{}` is {code:?}, expected {expected}", key.name)));
+    None
+}
+
+fn is_day(day: &str, table: &Table) -> bool {
+    let is_day = day.parse::<Date>().is_ok_and(|date| date.to_string() == day);
+    if !is_day {
+        let told = format!("`issued` is {day:?}, expected a day as year-month-day, \"2026-05-04\"");
+        table.complain(Problem::new(table.span_of(&certificate::issued), told));
+    }
+    is_day
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::document::sample::assert_read_is_listed;
+
+    #[test]
+    fn what_is_read_of_a_certificate_file_is_what_is_listed() {
+        assert_read_is_listed(&root::KEYS, |text| drop(parse("certificate.toml", text)));
+    }
+
+    #[test]
+    fn what_is_missing_or_no_code_is_named() {
+        let problems = parse("certificate.toml", "[certificate]\nidentifier = \" \"\ncountry = \"Germany\"\n").unwrap_err();
+        let lines = problems.lines().join("\n");
+        for part in ["`identifier` is \" \", expected words", "`country` is \"Germany\", expected two capital letters", "`laboratory` is missing", "`issued` is missing"] {
+            assert!(lines.contains(part), "{part}: {lines}");
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! A calibration certificate: what one sensor's runs came to, with all that a certificate must say, as HTML that prints on A4 and as
+//! the PTB's Digital Calibration Certificate.
+//!
+//! What a run can't know stands in `certificate.toml` ([`Given`]). The program doesn't sign: the document rests on the journals whose
+//! SHA-256 is on it.
+
+mod given;
+mod html;
+mod results;
+mod xml;
+
+pub use given::{Contact, Given, parse};
+
+use super::{Judged, Subject, subject::run_name};
+use crate::acceptance::{Decision, Judgement};
+use crate::dataset::DatasetError;
+use crate::recipe::Phase;
+use crate::rig::RigSpec;
+use miette::Diagnostic;
+use results::{Results, results};
+use thiserror::Error;
+
+/// What every certificate says of signatures.
+pub const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It rests on the journals whose SHA-256 it \
+                              states; `palpate verify RUN... --certificate FILE` compares them.";
+
+/// A certificate, ready to be written.
+pub struct Certificate<'a> {
+    given: &'a Given,
+    /// The sensor's ID.
+    sensor: String,
+    /// The other labels of the runs, each once.
+    labels: Vec<(&'static str, String)>,
+    /// First and last day of the runs, as year-month-day.
+    began: String,
+    ended: String,
+    /// The program's version, and the commit where that was known.
+    release: String,
+    recipes: Vec<String>,
+    instruments: Vec<Instrument>,
+    results: Vec<Results>,
+    judgement: Option<&'a Judgement>,
+    journals: Vec<JournalHash>,
+    not_measured: Vec<String>,
+    /// Whether a run was made on a simulated rig.
+    simulated: bool,
+}
+
+/// An instrument that measured.
+struct Instrument {
+    role: &'static str,
+    /// What it says it is.
+    identity: String,
+    /// Its own certificate, or that none is known.
+    certificate: String,
+}
+
+/// The journal of a run.
+struct JournalHash {
+    run: String,
+    sha256: String,
+}
+
+/// Why there is no certificate.
+#[derive(Debug, Error, Diagnostic)]
+pub enum CertificateError {
+    /// Nobody said which sensor it is.
+    #[error("{run} has no sensor ID: a certificate needs the sensor's serial number")]
+    #[diagnostic(help("give --sensor ID with the run"))]
+    NoSensor {
+        /// A run.
+        run: String,
+    },
+    /// There is nothing to certify.
+    #[error("{run}: there is neither an evaluated test nor a characterisation: nothing to certify{}", why.as_deref().map(|why| format!(" ({why})")).unwrap_or_default())]
+    Nothing {
+        /// The first run.
+        run: String,
+        /// Why there is no evaluation.
+        why: Option<String>,
+    },
+    /// A journal can't be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Dataset(#[from] DatasetError),
+}
+
+impl<'a> Certificate<'a> {
+    /// The certificate of a sensor.
+    ///
+    /// # Errors
+    /// No sensor ID, nothing measured, or a journal that can't be read.
+    pub fn of(subject: &Subject, judged: &'a Judged, given: &'a Given) -> Result<Certificate<'a>, CertificateError> {
+        let first = || run_name(&subject.runs[0].path);
+        let sensor = subject.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.clone());
+        let sensor = sensor.ok_or_else(|| CertificateError::NoSensor { run: first() })?;
+        let results = results(subject, judged);
+        if results.iter().all(|results| results.rows.is_empty()) {
+            return Err(CertificateError::Nothing { run: first(), why: judged.why_not.clone() });
+        }
+        let mut labels: Vec<(&'static str, String)> = Vec::new();
+        for (name, label) in subject.runs.iter().flat_map(|run| run.manifest.facts.labels.given()) {
+            let label = (name, label.to_owned());
+            if name != "sensor" && !labels.contains(&label) {
+                labels.push(label);
+            }
+        }
+        let journals = subject.runs.iter().map(|run| {
+            Ok(JournalHash { run: run_name(&run.path), sha256: run.journal_sha256()? })
+        });
+        let journals = journals.collect::<Result<Vec<JournalHash>, DatasetError>>()?;
+        let day = |time: &str| time.chars().take("2026-01-01".len()).collect::<String>();
+        let sessions = || subject.runs.iter().flat_map(|run| &run.manifest.sessions);
+        let began = sessions().map(|session| day(&session.started)).min().unwrap_or_default();
+        let ends = subject.runs.iter().filter_map(|run| run.manifest.ended.as_deref().map(day));
+        let ended = ends.chain(sessions().map(|session| day(&session.started))).max().unwrap_or_default();
+        let release = sessions().last().map_or_else(String::new, |session| {
+            let commit = session.commit.as_ref().map(|commit| format!(" ({commit})")).unwrap_or_default();
+            format!("{}{commit}", session.palpate)
+        });
+        Ok(Certificate {
+            given,
+            sensor,
+            labels,
+            began,
+            ended,
+            release,
+            recipes: subject.runs.iter().map(|run| run.manifest.facts.recipe.clone()).collect(),
+            instruments: instruments(subject),
+            judgement: judged.judgement.as_ref(),
+            not_measured: not_measured(subject, judged, given),
+            results,
+            journals,
+            simulated: subject.runs.iter().any(|run| run.manifest.facts.simulated),
+        })
+    }
+
+    /// As a page that prints on A4.
+    pub fn html(&self) -> String {
+        html::document(self)
+    }
+
+    /// As a Digital Calibration Certificate, schema 3.2.0.
+    pub fn xml(&self) -> String {
+        xml::document(self)
+    }
+
+    /// The procedure in a sentence.
+    fn procedure(&self) -> String {
+        let simulated = if self.simulated { " on a simulated rig: it certifies no sensor" } else { "" };
+        format!("{}, recipes {}{simulated}", self.given.procedure, self.recipes.join(", "))
+    }
+
+    /// The decision rule, and what it came to.
+    fn conformity(&self) -> String {
+        let Some(judgement) = self.judgement else {
+            return "No acceptance rule was given: no statement of conformity.".to_owned();
+        };
+        let rule = if judgement.rule == Decision::Guarded.word() {
+            "Guarded acceptance (ILAC-G8): the one-sided 95 % bound of each figure is within its limit; at most 5 % of sensors at a \
+             limit are falsely accepted"
+        } else {
+            "Simple acceptance (ILAC-G8): each figure is within its limit; a sensor at a limit is accepted as often as not"
+        };
+        let reasons: Vec<String> = judgement.all_reasons().collect();
+        let why = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
+        let afterwards = judgement.judged_afterwards_by.as_ref();
+        let afterwards = afterwards.map(|file| format!(", judged afterwards by {file}")).unwrap_or_default();
+        format!("{rule}. Method {}{afterwards}. {}{why}.", judgement.method, judgement.verdict.told())
+    }
+}
+
+/// Stage and load cell with their own certificates, each once.
+fn instruments(subject: &Subject) -> Vec<Instrument> {
+    let mut all: Vec<Instrument> = Vec::new();
+    for (run, rig) in subject.runs.iter().zip(&subject.rigs) {
+        for (role, name) in [("stage", "stage"), ("load_cell", "load cell"), ("array", "converter of the sensor's outputs")] {
+            let device = run.manifest.devices.iter().find(|device| device.role == role);
+            let identity = device.map_or_else(|| "not identified".to_owned(), |device| device.identity.clone());
+            let certificate = certificate_of(role, rig);
+            if !all.iter().any(|known| known.role == name && known.identity == identity && known.certificate == certificate) {
+                all.push(Instrument { role: name, identity, certificate });
+            }
+        }
+    }
+    all
+}
+
+fn certificate_of(role: &str, rig: &RigSpec) -> String {
+    let (cell, stage) = (&rig.load_cell, &rig.stage);
+    let known = match role {
+        "stage" => stage.certificate.as_ref().map(|own| format!("certificate {} of {}", own.number, own.date)),
+        "load_cell" => {
+            let own = cell.certificate.as_ref().map(|own| format!("certificate {} of {}", own.number, own.date));
+            let check = cell.check.as_ref().map(|check| {
+                let adjusted = if check.adjusted { ", adjusted by it" } else { "" };
+                format!("checked with a weight of {} N on {}{adjusted}", check.weight_n, check.date)
+            });
+            let all: Vec<String> = own.into_iter().chain(check).collect();
+            (!all.is_empty()).then(|| all.join("; "))
+        }
+        _ => return "part of the sensor's readings".to_owned(),
+    };
+    known.unwrap_or_else(|| "no certificate known: not traceable".to_owned())
+}
+
+/// What a reader may expect on a certificate and was not measured.
+fn not_measured(subject: &Subject, judged: &Judged, given: &Given) -> Vec<String> {
+    let has = |phase| subject.presses.sound(phase).next().is_some();
+    let missing = [
+        (judged.evaluations.is_empty(), "Errors of location and force: no test was evaluated."),
+        (!has(Phase::Characterisation), "Repeatability, hysteresis, linearity and zero return of the units."),
+        (subject.u_place_mm().is_none(), "The uncertainty of the pressed places: the stage has no certificate."),
+        (subject.u_force_n().is_none(), "The uncertainty of the forces: the load cell has neither certificate nor check."),
+        (given.temperature_c.is_none(), "The air temperature."),
+        (given.humidity_percent.is_none(), "The relative humidity."),
+        (true, "Drift over time, dependence on temperature, reproducibility from mounting to mounting."),
+    ];
+    missing.into_iter().filter(|(is_missing, _)| *is_missing).map(|(_, told)| told.to_owned()).collect()
+}

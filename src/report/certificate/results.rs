@@ -1,0 +1,162 @@
+//! The results of a certificate: each figure with its unit, its uncertainty, and from how many readings.
+
+use crate::acceptance::bound::quantile_interval;
+use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::quantity::{COVERAGE, percentile};
+use crate::report::{Judged, Subject};
+use crate::solver::{Evaluation, PressError};
+use statrs::statistics::Statistics as _;
+
+/// A table of results.
+pub struct Results {
+    /// What is in it.
+    pub title: &'static str,
+    /// How its figures are defined, and what is in their uncertainties.
+    pub method: String,
+    /// The figures.
+    pub rows: Vec<Row>,
+}
+
+/// One result.
+pub struct Row {
+    /// What it is.
+    pub name: String,
+    /// The value, in `unit`.
+    pub value: f64,
+    /// Its unit.
+    pub unit: Unit,
+    /// Digits behind the point.
+    pub digits: usize,
+    /// How well it is known.
+    pub uncertainty: Uncertainty,
+    /// From how many presses or readings.
+    pub n: usize,
+}
+
+/// The units that results have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Millimetre.
+    Millimetre,
+    /// Newton.
+    Newton,
+    /// A hundredth.
+    Percent,
+}
+
+/// How well a result is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Uncertainty {
+    /// Expanded uncertainty, k = 2.
+    Expanded(f64),
+    /// 95 % coverage interval.
+    Interval(f64, f64),
+    /// It isn't stated.
+    NotStated,
+}
+
+impl Unit {
+    /// As a person writes it.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Unit::Millimetre => "mm",
+            Unit::Newton => "N",
+            Unit::Percent => "%",
+        }
+    }
+
+    /// In D-SI.
+    pub const fn d_si(self) -> &'static str {
+        match self {
+            Unit::Millimetre => "\\milli\\metre",
+            Unit::Newton => "\\newton",
+            Unit::Percent => "\\percent",
+        }
+    }
+}
+
+/// What a press is off by.
+type Error = fn(&PressError) -> Option<f64>;
+
+/// All that was measured of a sensor.
+pub fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
+    let test = judged.decisive().map(|evaluation| of_test(subject, evaluation));
+    let units = Staircases::of_run(&subject.presses, &subject.layout).map(|staircases| of_units(&staircases));
+    test.into_iter().chain(units).collect()
+}
+
+/// Errors of location and force.
+fn of_test(subject: &Subject, evaluation: &Evaluation) -> Results {
+    let truths = [subject.u_place_mm(), subject.u_force_n()];
+    let kinds: [(&str, Unit, usize, Error); 2] = [
+        ("location error", Unit::Millimetre, 3, |press| Some(press.location_error_mm)),
+        ("force error", Unit::Newton, 4, |press| press.force_error_n),
+    ];
+    let mut rows = Vec::new();
+    for ((name, unit, digits, error), truth) in kinds.into_iter().zip(truths) {
+        let Some(mut sizes) = evaluation.presses.iter().map(error).collect::<Option<Vec<f64>>>() else { continue };
+        let n = sizes.len();
+        let scatter = if n > 1 { sizes.iter().std_dev() / (n as f64).sqrt() } else { f64::NAN };
+        let expanded = COVERAGE * scatter.hypot(truth.unwrap_or(0.0));
+        let uncertainty =
+            if expanded.is_finite() { Uncertainty::Expanded(expanded) } else { Uncertainty::NotStated };
+        let value = sizes.iter().mean();
+        rows.push(Row { name: format!("{name}, mean"), value, unit, digits, uncertainty, n });
+        sizes.sort_by(f64::total_cmp);
+        let interval = quantile_interval(&sizes, 0.95);
+        let uncertainty = interval.map_or(Uncertainty::NotStated, |(low, high)| Uncertainty::Interval(low, high));
+        let value = percentile(&sizes, 0.95);
+        rows.push(Row { name: format!("{name}, 95th percentile"), value, unit, digits, uncertainty, n });
+    }
+    let included = |what: &str, truth: Option<f64>, unit: &str| match truth {
+        Some(u) => format!("The standard uncertainty of the {what}, {u:.4} {unit}, is included in the means."),
+        None => format!("The uncertainty of the {what} isn't known and not included."),
+    };
+    let method = format!(
+        "Presses of known place and force, solved by the method {}. Intervals of percentiles are order statistics with 95 % coverage. {} {}",
+        evaluation.solver,
+        included("places", truths[0], "mm"),
+        included("forces", truths[1], "N")
+    );
+    Results { title: "Errors of the test", method, rows }
+}
+
+type Value = fn(&UnitCharacteristics) -> Option<f64>;
+
+/// The characteristics that have no interval.
+const PLAIN: [(&str, Value); 4] = [
+    ("hysteresis", |unit| unit.hysteresis_percent),
+    ("hysteresis, % of reading", |unit| unit.hysteresis_of_reading_percent),
+    ("linearity", |unit| unit.linearity_percent),
+    ("zero return", |unit| unit.zero_return_percent),
+];
+
+/// Characteristics of each unit, % of full scale.
+fn of_units(staircases: &Staircases) -> Results {
+    let definition = Repeatability::default();
+    let mut rows = Vec::new();
+    for (unit, readings) in characterise(staircases, definition).into_iter().zip(&staircases.readings) {
+        let row = |name: &str, value, uncertainty| {
+            let name = format!("unit {}, {name}", unit.unit);
+            Row { name, value, unit: Unit::Percent, digits: 2, uncertainty, n: readings.len() }
+        };
+        let repeated = [
+            ("repeatability, loading", unit.repeatability_loading_percent, unit.repeatability_loading_interval_percent),
+            (
+                "repeatability, unloading",
+                unit.repeatability_unloading_percent,
+                unit.repeatability_unloading_interval_percent,
+            ),
+        ];
+        for (name, value, interval) in repeated {
+            let uncertainty = interval.map_or(Uncertainty::NotStated, |(low, high)| Uncertainty::Interval(low, high));
+            rows.extend(value.map(|value| row(name, value, uncertainty)));
+        }
+        rows.extend(PLAIN.iter().filter_map(|(name, of)| Some(row(name, of(&unit)?, Uncertainty::NotStated))));
+    }
+    let method = format!(
+        "Staircases of force on each unit, % of full scale. Repeatability: {}. The other terms are defined in the report.",
+        definition.definition()
+    );
+    Results { title: "Characteristics of each unit", method, rows }
+}
