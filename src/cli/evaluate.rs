@@ -55,7 +55,7 @@ pub struct EvaluateArgs {
     /// Print one JSON object for each solver, a line each, instead of tables
     #[arg(long)]
     json: bool,
-    /// What repeatability means in a run's Table 1
+    /// What repeatability means in the characteristics of a run's units
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
 }
@@ -67,21 +67,21 @@ struct Failed<'a> {
     error: &'a str,
 }
 
-/// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its Table 1.
+/// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its characteristics.
 pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
             let (recorded, rig) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), rig.array.layout);
             let staircases = Staircases::of_run(&presses, &layout);
-            let table_1 = staircases.map(|staircases| characteristics_table(&staircases, args.repeatability));
-            if let Some(table_1) =
-                table_1.as_ref().filter(|_| !args.json && !presses.presses.iter().any(is_to_evaluate))
+            let characteristics = staircases.map(|staircases| characteristics_table(&staircases, args.repeatability));
+            if let Some(characteristics) =
+                characteristics.as_ref().filter(|_| !args.json && !presses.presses.iter().any(is_to_evaluate))
             {
-                print(table_1)?;
+                print(characteristics)?;
                 return Ok(ExitCode::SUCCESS);
             }
-            evaluate_trial(args, Trial::of_run(&presses, Some(&layout)).map_err(Failure::usage)?, table_1)
+            evaluate_trial(args, Trial::of_run(&presses, Some(&layout)).map_err(Failure::usage)?, characteristics)
         }
         (None, Some(calibration), Some(test)) => {
             let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
@@ -92,7 +92,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>) -> Result<ExitCode, Failure> {
+fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, characteristics: Option<String>) -> Result<ExitCode, Failure> {
     let trial = trial.with_load(load(args.constant_load));
     let names = if args.solver == ALL { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![args.solver.as_str()] };
     let mut outcomes: Vec<(&str, Result<Evaluation, String>)> = Vec::new();
@@ -111,8 +111,8 @@ fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>
         [(_, Ok(evaluation))] => evaluation_table(std::slice::from_ref(evaluation)),
         outcomes => solvers_table(outcomes),
     };
-    let table_1 = table_1.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
-    print(&(text + &table_1))?;
+    let characteristics = characteristics.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
+    print(&(text + &characteristics))?;
     match outcomes.pop() {
         Some((solver, Err(reason))) => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),
         decisive => Ok(accepted(decisive.and_then(|(_, evaluation)| evaluation.ok()).as_slice())),

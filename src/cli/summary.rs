@@ -68,7 +68,7 @@ pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Re
     solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
 }
 
-/// What a complete run came to: the evaluation beside the paper's, and Table 1.
+/// What a complete run came to: the evaluation beside the paper's, and the characteristics.
 pub fn results(folder: &RunFolder, evaluations: &[Evaluation]) -> Result<String, Failure> {
     let mut text = String::new();
     if !evaluations.is_empty() {
