@@ -72,22 +72,33 @@ pub fn share_lower(count: usize, n: usize) -> f64 {
 
 /// The upper bound of a standard deviation that was found with so many degrees of freedom, as a multiple of it; assumes normal.
 pub fn sd_upper_factor(freedom: f64) -> Option<f64> {
-    Some((freedom / ChiSquared::new(freedom).ok()?.inverse_cdf(1.0 - CONFIDENCE)).sqrt())
+    Some((freedom / chi_squared_quantile(freedom, 1.0 - CONFIDENCE)?).sqrt())
 }
 
 /// The two-sided 95 % interval of a standard deviation, as multiples of it; assumes normal.
 pub fn sd_interval_factors(freedom: f64) -> Option<(f64, f64)> {
-    let (chi_squared, tail) = (ChiSquared::new(freedom).ok()?, (1.0 - CONFIDENCE) / 2.0);
-    let factor = |share| (freedom / chi_squared.inverse_cdf(share)).sqrt();
-    Some((factor(1.0 - tail), factor(tail)))
+    let tail = (1.0 - CONFIDENCE) / 2.0;
+    let factor = |share| Some((freedom / chi_squared_quantile(freedom, share)?).sqrt());
+    Some((factor(1.0 - tail)?, factor(tail)?))
 }
 
-/// How far the mean of a small sample may be below that of its population, in units of the values, by Student's t: for figures
-/// that scatter normally. None of fewer than two values.
-pub fn normal_mean_upper(values: &[f64]) -> Option<f64> {
-    let n = values.len() as f64;
-    let t = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(CONFIDENCE);
-    Some(values.mean() + t * values.std_dev() / n.sqrt()).filter(|bound| bound.is_finite())
+/// Where the distribution reaches a probability, by bisection: the steps of `inverse_cdf` leave the positive numbers at one degree
+/// of freedom.
+fn chi_squared_quantile(freedom: f64, probability: f64) -> Option<f64> {
+    let chi_squared = ChiSquared::new(freedom).ok()?;
+    let (mut least, mut most) = (0.0, 1.0);
+    while chi_squared.cdf(most) < probability {
+        (least, most) = (most, 2.0 * most);
+    }
+    for _ in 0..100 {
+        let middle = 0.5 * (least + most);
+        if chi_squared.cdf(middle) < probability {
+            least = middle;
+        } else {
+            most = middle;
+        }
+    }
+    Some(most)
 }
 
 /// Hall's bound: his transformation of (mean - mu)/sd, `w + a w^2 + a^2 w^3 / 3 + a / (2 n)` with a third of the skewness for `a`,

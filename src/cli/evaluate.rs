@@ -59,7 +59,7 @@ pub struct EvaluateArgs {
     /// Print one JSON object for each solver, a line each, instead of tables
     #[arg(long)]
     json: bool,
-    /// What repeatability means in a run's Table 1
+    /// What repeatability means in the characteristics of a run's units
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
     #[command(flatten)]
@@ -83,11 +83,11 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let contacts = recorded.contacts.iter().collect();
             let evidence =
                 Evidence { presses: &presses, layout: Some(&layout), contacts, u_place_mm: rig.u_place_mm() };
-            let table_1 = Staircases::of_run(&presses, &layout)
+            let characteristics = Staircases::of_run(&presses, &layout)
                 .map(|staircases| characteristics_table(&staircases, args.repeatability));
             let trial = Trial::of_run(&presses, Some(&layout));
-            let is_only_characterised = table_1.is_some() && !presses.presses.iter().any(is_to_evaluate);
-            report(args, trial, is_only_characterised, table_1, rule.map(|rule| (rule, evidence)))
+            let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
+            report(args, trial, is_only_characterised, characteristics, rule.map(|rule| (rule, evidence)))
         }
         (None, Some(calibration), Some(test)) => {
             let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
@@ -107,7 +107,7 @@ fn report(
     args: &EvaluateArgs,
     trial: Result<Trial<'_>, EvaluateError>,
     is_only_characterised: bool,
-    table_1: Option<String>,
+    characteristics: Option<String>,
     asked: Option<(Rule, Evidence<'_>)>,
 ) -> Result<ExitCode, Failure> {
     let trial = match trial {
@@ -130,7 +130,7 @@ fn report(
             Some(judgement) => Some(verdict_table(judgement)),
             None => (!is_only_characterised).then(|| NO_RULE.to_owned()),
         };
-        [evaluated, table_1, verdict].into_iter().flatten().collect::<Vec<String>>().join("\n")
+        [evaluated, characteristics, verdict].into_iter().flatten().collect::<Vec<String>>().join("\n")
     };
     print(&text)?;
     match outcomes.as_slice() {

@@ -1,8 +1,6 @@
 //! The tables a person reads: the paper's numbers beside ours, in at most 80 columns.
 
-use crate::dataset::characteristics::{
-    CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, characterise,
-};
+use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise, terms};
 use crate::paper;
 use crate::solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
 use std::fmt::Write as _;
@@ -25,22 +23,25 @@ pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
         None => "-".to_owned(),
     };
     let share = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+    let papers = |share: f64| format!("{:.0} %", 100.0 * share);
     row("", "paper", &|e| e.solver.clone());
-    row("points", "100", &|e| e.points.to_string());
-    row("location error, mean", "0.46 mm", &|e| of(Some(e.location_error_mm), |error| error.mean, "mm"));
+    row("points", &paper::POINTS.to_string(), &|e| e.points.to_string());
+    row("location error, mean", &format!("{} mm", paper::LOCATION_ERROR_MM), &|e| {
+        of(Some(e.location_error_mm), |error| error.mean, "mm")
+    });
     row("  median", "", &|e| of(Some(e.location_error_mm), |error| error.median, "mm"));
     row("  95th percentile", "", &|e| of(Some(e.location_error_mm), |error| error.p95, "mm"));
     row("  largest", "", &|e| of(Some(e.location_error_mm), |error| error.max, "mm"));
-    row("force error, mean", "0.043 N", &|e| of(e.force_error_n, |error| error.mean, "N"));
+    row("force error, mean", &format!("{} N", paper::FORCE_ERROR_N), &|e| of(e.force_error_n, |error| error.mean, "N"));
     row("  median", "", &|e| of(e.force_error_n, |error| error.median, "N"));
     row("  95th percentile", "", &|e| of(e.force_error_n, |error| error.p95, "N"));
     row("  largest", "", &|e| of(e.force_error_n, |error| error.max, "N"));
     if evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some()) {
         row("  mean, by the load cell", "", &|e| of(e.force_error_load_cell_n, |error| error.mean, "N"));
     }
-    row("location error under 1 mm", "93 %", &|e| share(Some(e.within.location_1mm)));
-    row("force error under 0.1 N", "91 %", &|e| share(e.within.force_0_1n));
-    row("both", "84 %", &|e| share(e.within.both));
+    row("location error under 1 mm", &papers(paper::WITHIN_1MM), &|e| share(Some(e.within.location_1mm)));
+    row("force error under 0.1 N", &papers(paper::WITHIN_0_1N), &|e| share(e.within.force_0_1n));
+    row("both", &papers(paper::WITHIN_BOTH), &|e| share(e.within.both));
     if evaluations.iter().any(|evaluation| evaluation.coverage.is_some()) {
         let both = |e: &Evaluation, parts: fn(&Coverage) -> [Option<f64>; 2]| {
             let shares = e.coverage.as_ref().map(parts).and_then(|[one, two]| Some((one?, two?)));
@@ -66,7 +67,12 @@ pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String 
     let words = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
     let mut text = format!("{:<22}{:<31}{:>8}{:>12}{:>7}\n", "", "  location error, mm", "force, N", "within, %", "us");
     text += &line("", [&words("mean median p95 largest"), &words("mean"), &words("1mm both")], "solve");
-    text += &line("paper", [&words("0.46 - - -"), &words("0.043"), &words("93.0 84.0")], "-");
+    let papers = [
+        format!("{} - - -", paper::LOCATION_ERROR_MM),
+        paper::FORCE_ERROR_N.to_string(),
+        format!("{:.1} {:.1}", 100.0 * paper::WITHIN_1MM, 100.0 * paper::WITHIN_BOTH),
+    ];
+    text += &line("paper", [&words(&papers[0]), &words(&papers[1]), &words(&papers[2])], "-");
     for (name, outcome) in outcomes {
         let evaluation = match outcome {
             Ok(evaluation) => evaluation,
@@ -114,34 +120,68 @@ pub(super) fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
-/// The paper's Table 1 beside a run's, with the definitions underneath, in at most 80 columns.
+/// The characteristics of each unit beside the paper's, with the definitions underneath, in at most 80 columns.
 pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability) -> String {
     let measured = characterise(staircases, repeatability);
-    let line = |first: &str, columns: [String; 3]| {
-        let [loading, unloading, hysteresis] = columns;
-        format!("{first:<15}{loading:>18}{unloading:>23}{hysteresis:>23}").trim_end().to_owned() + "\n"
-    };
-    let mut text = line("% of", ["repeatability", "repeatability", "hysteresis"].map(str::to_owned));
-    text += &line("full scale", ["loading", "unloading", ""].map(str::to_owned));
-    text += &line("unit", ["paper", "paper", "paper"].map(|paper| format!("{paper}{:>9}", "ours")));
     // The paper has nine units; another array stands alone.
     let is_papers = measured.len() == paper::TABLE_1_PERCENT.len();
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
-    for (index, unit) in measured.iter().enumerate() {
-        let ours = [unit.repeatability_loading_percent, unit.repeatability_unloading_percent, unit.hysteresis_percent];
-        if ours.iter().all(Option::is_none) {
-            continue; // it wasn't measured
-        }
-        let paper = paper::TABLE_1_PERCENT.get(index).filter(|_| is_papers);
-        let cell = |column: usize| format!("{}{:>9}", number(paper.map(|row| row[column])), number(ours[column]));
-        text += &line(&unit.unit.to_string(), [0, 1, 2].map(cell));
+    let papers = |unit: &UnitCharacteristics, column: usize| {
+        number(paper::TABLE_1_PERCENT.get(unit.unit - 1).filter(|_| is_papers).map(|row| row[column]))
+    };
+    let interval = |interval: Option<(f64, f64)>| match interval {
+        Some((least, most)) => format!("{least:.2} to {most:.2}"),
+        None => "-".to_owned(),
+    };
+    let units = || measured.iter().filter(|unit| !unit.is_none());
+
+    let mut text = "Characteristics of each unit, % of full scale\n".to_owned();
+    let widths = [4, 9, 8, 18, 9, 8, 18];
+    text += &format!("{:>39}{:>35}\n", "repeatability, loading", "repeatability, unloading");
+    text +=
+        &line(&widths, ["unit", "paper", "ours", "95 % interval", "paper", "ours", "95 % interval"].map(String::from));
+    for unit in units() {
+        let cells = [
+            unit.unit.to_string(),
+            papers(unit, 0),
+            number(unit.repeatability_loading_percent),
+            interval(unit.repeatability_loading_interval_percent),
+            papers(unit, 1),
+            number(unit.repeatability_unloading_percent),
+            interval(unit.repeatability_unloading_interval_percent),
+        ];
+        text += &line(&widths, cells);
     }
-    let _ = writeln!(text, "\n{}\n{HYSTERESIS_DEFINITION}\n{CORRECTION_DEFINITION}", repeatability.definition());
+    let widths = [4, 9, 8, 18, 15, 15];
+    text += &format!("\n{:>21}{:>18}\n", "hysteresis", "hysteresis,");
+    text += &line(&widths, ["unit", "paper", "ours", "% of reading", "linearity", "zero return"].map(String::from));
+    for unit in units() {
+        let cells = [
+            unit.unit.to_string(),
+            papers(unit, 2),
+            number(unit.hysteresis_percent),
+            number(unit.hysteresis_of_reading_percent),
+            number(unit.linearity_percent),
+            number(unit.zero_return_percent),
+        ];
+        text += &line(&widths, cells);
+    }
+    text.push('\n');
+    let repeats = ("repeatability", repeatability.definition());
+    for (name, definition) in [repeats].into_iter().chain(terms::COMMON.map(|term| (term.name, term.definition))) {
+        text += &filled(&format!("{name}: {definition}"), "  ");
+    }
+    text += &filled(terms::SOURCES, "");
     text.push_str(SHARED_ERROR_NOTE);
     if staircases.left_out > 0 {
         let _ = writeln!(text, "left out: {} flagged levels", staircases.left_out);
     }
     text
+}
+
+/// Cells side by side, each as wide as said.
+fn line<const COLUMNS: usize>(widths: &[usize; COLUMNS], cells: [String; COLUMNS]) -> String {
+    cells.iter().zip(widths).map(|(cell, &width)| format!("{cell:>width$}")).collect::<String>() + "\n"
 }
 
 const SHARED_ERROR_NOTE: &str = "\
@@ -203,6 +243,7 @@ mod tests {
     use crate::control::Branch;
     use crate::dataset::characteristics::HeldLevel;
     use crate::dataset::evaluate::{Trial, tests};
+    use crate::quantity::Place;
     use clap::ValueEnum as _;
 
     fn evaluation(solver: &str) -> Evaluation {
@@ -269,8 +310,20 @@ mod tests {
     #[test]
     fn nothing_printed_is_wider_than_80_columns() {
         let evaluation = evaluation("pearson-lsq");
-        let reading = |force_n| HeldLevel { branch: Branch::Loading, force_set_n: force_n, force_n, output: force_n };
-        let readings = vec![[0.0, 1.0, 2.0].map(reading).to_vec(); 9];
+        let held = |branch, force_n| HeldLevel {
+            place: Place::default(),
+            top_n: 2.0,
+            branch,
+            force_set_n: force_n,
+            force_n,
+            output: force_n,
+        };
+        let up = [0.0, 1.0, 2.0].map(|force_n| held(Branch::Loading, force_n));
+        let down = [1.0, 0.0].map(|force_n| held(Branch::Unloading, force_n));
+        // the widest that a unit may fill: a thousand percent off
+        let wild =
+            [up.as_slice(), &down].concat().into_iter().map(|held| HeldLevel { output: -12.0 * held.output, ..held });
+        let readings = vec![[up.to_vec(), down.to_vec(), wild.collect()].concat(); 9];
         for repeatability in Repeatability::value_variants() {
             let staircases = Staircases { readings: readings.clone(), left_out: 3 };
             let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()])

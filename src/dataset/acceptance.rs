@@ -102,9 +102,16 @@ impl Evidence<'_> {
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 
 /// The characteristics that can be limited: the figure, its value and its upper bound.
-const KINDS: [(Figure, Value, Value); 2] = [
-    (Figure::Repeatability, |unit| unit.repeatability_loading_percent, |_| None),
+const KINDS: [(Figure, Value, Value); 5] = [
+    (
+        Figure::Repeatability,
+        |unit| unit.repeatability_loading_percent,
+        |unit| unit.repeatability_loading_interval_percent.map(|(_, most)| most),
+    ),
     (Figure::Hysteresis, |unit| unit.hysteresis_percent, |_| None),
+    (Figure::HysteresisOfReading, |unit| unit.hysteresis_of_reading_percent, |_| None),
+    (Figure::Linearity, |unit| unit.linearity_percent, |_| None),
+    (Figure::ZeroReturn, |unit| unit.zero_return_percent, |_| None),
 ];
 
 fn worst(figure: Figure, units: &[UnitCharacteristics], value: Value, upper: Value) -> Option<Worst> {

@@ -1,15 +1,15 @@
 //! The tables of a run: views of its journal, each written whole or not at all.
 
-use super::characteristics::{Repeatability, Staircases, characterise};
+use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::files::{self, Draft};
 use super::press::{csv_header, csv_line};
-use super::{Contact, Contacts, DatasetError, Peaks, Press, PressTruth};
+use super::{Contact, Contacts, DatasetError, Peaks, Press, PressTruth, round};
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The table of all presses, that of the true forces of a simulated run, and Table 1.
+/// The table of all presses, that of the true forces of a simulated run, and the characteristics of each unit.
 pub(super) const PRESSES: &str = "presses.csv";
 pub(super) const SCENE: &str = "scene.csv";
 const CHARACTERISTICS: &str = "characteristics.csv";
@@ -106,12 +106,26 @@ fn write_matrix<'a>(
     Ok(())
 }
 
+/// What a column of `characteristics.csv` holds of a unit.
+type Characteristic = fn(&UnitCharacteristics) -> Option<f64>;
+const CHARACTERISTIC_COLUMNS: [(&str, Characteristic); 10] = [
+    ("repeatability_loading_percent", |unit| unit.repeatability_loading_percent),
+    ("repeatability_unloading_percent", |unit| unit.repeatability_unloading_percent),
+    ("hysteresis_percent", |unit| unit.hysteresis_percent),
+    ("hysteresis_of_reading_percent", |unit| unit.hysteresis_of_reading_percent),
+    ("linearity_percent", |unit| unit.linearity_percent),
+    ("zero_return_percent", |unit| unit.zero_return_percent),
+    ("repeatability_loading_least_percent", |unit| Some(unit.repeatability_loading_interval_percent?.0)),
+    ("repeatability_loading_most_percent", |unit| Some(unit.repeatability_loading_interval_percent?.1)),
+    ("repeatability_unloading_least_percent", |unit| Some(unit.repeatability_unloading_interval_percent?.0)),
+    ("repeatability_unloading_most_percent", |unit| Some(unit.repeatability_unloading_interval_percent?.1)),
+];
+
 fn characteristics(staircases: &Staircases) -> String {
-    let mut text = "unit,repeatability_loading_percent,repeatability_unloading_percent,hysteresis_percent\n".to_owned();
-    let cell = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
+    let mut text = format!("unit,{}\n", CHARACTERISTIC_COLUMNS.map(|(name, _)| name).join(","));
+    let cell = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{:.4}", round(value, 4)));
     for unit in characterise(staircases, Repeatability::default()) {
-        let cells = [unit.repeatability_loading_percent, unit.repeatability_unloading_percent, unit.hysteresis_percent];
-        text += &format!("{},{}\n", unit.unit, cells.map(cell).join(","));
+        text += &format!("{},{}\n", unit.unit, CHARACTERISTIC_COLUMNS.map(|(_, of)| cell(of(&unit))).join(","));
     }
     text
 }

@@ -1,10 +1,9 @@
-//! Table 1 as measured, by each definition that the paper may have meant.
+//! The characteristics of each unit, the repeatability by each definition that the paper may have meant.
 
 use super::Subject;
 use super::frame::{none, number, section as framed, table, words};
-use crate::dataset::characteristics::{
-    CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, UnitCharacteristics, characterise,
-};
+use crate::control::Branch;
+use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise, terms};
 use crate::paper;
 use crate::solver::ErrorSummary;
 use maud::{Markup, html};
@@ -14,51 +13,84 @@ const DEFINITIONS: [(Repeatability, &str); 3] =
     [(Repeatability::ThreeSd, "3 sd"), (Repeatability::Range, "range"), (Repeatability::T95, "t95")];
 
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
+type Interval = fn(&UnitCharacteristics) -> Option<(f64, f64)>;
 
-/// Repeatability on both branches and hysteresis of every unit, % of full scale.
+/// A column of ours: what it is called, of which units, the value and where the true one lies.
+struct Column<'a> {
+    name: &'a str,
+    units: &'a [UnitCharacteristics],
+    value: Value,
+    interval: Interval,
+}
+
+/// Repeatability on both branches, hysteresis, linearity and zero return of every unit.
 pub fn section(subject: &Subject) -> Option<Markup> {
     let staircases = Staircases::of_run(&subject.presses, &subject.layout)?;
     let measured = DEFINITIONS.map(|(definition, name)| (characterise(&staircases, definition), name));
     let [(first, _), ..] = &measured;
-    let by_all: Vec<(&[UnitCharacteristics], &str)> =
-        measured.iter().map(|(units, name)| (&units[..], *name)).collect();
-    let hysteresis = [(&first[..], "ours")];
+    let repeats = |value: Value, interval: Interval| -> Vec<Column<'_>> {
+        measured.iter().map(|(units, name)| Column { name, units, value, interval }).collect()
+    };
+    let plain = |name, value: Value| Column { name, units: first, value, interval: |_| None };
+    let loading: Interval = |unit| unit.repeatability_interval_percent(Branch::Loading);
+    let unloading: Interval = |unit| unit.repeatability_interval_percent(Branch::Unloading);
+    let hysteresis =
+        [plain("ours", |unit| unit.hysteresis_percent), plain("of reading", |unit| unit.hysteresis_of_reading_percent)];
+    let others =
+        [plain("linearity", |unit| unit.linearity_percent), plain("zero return", |unit| unit.zero_return_percent)];
     let body = html! {
-        p.note { "% of the output at the top force." }
+        p.note { "% of full scale, but for the hysteresis of the reading. Below each repeatability: its 95 % interval." }
         div.tables {
-            (one("Repeatability, loading", 0, &by_all, |unit| unit.repeatability_loading_percent))
-            (one("Repeatability, unloading", 1, &by_all, |unit| unit.repeatability_unloading_percent))
-            (one("Hysteresis", 2, &hysteresis, |unit| unit.hysteresis_percent))
+            (one("Repeatability, loading", Some(0), &repeats(|unit| unit.repeatability_loading_percent, loading)))
+            (one("Repeatability, unloading", Some(1), &repeats(|unit| unit.repeatability_unloading_percent, unloading)))
+            (one("Hysteresis", Some(2), &hysteresis))
+            (one("Linearity and zero return", None, &others))
         }
-        @for (definition, name) in DEFINITIONS { p.note { strong { (name) } ". " (definition.definition()) "." } }
-        p.note { (HYSTERESIS_DEFINITION) "; " (CORRECTION_DEFINITION) "." }
+        @for (definition, name) in DEFINITIONS { p.note { strong { "Repeatability, " (name) } ": " (definition.definition()) "." } }
+        @for term in terms::COMMON { p.note { strong { (capital(term.name)) } ": " (term.definition) "." } }
+        p.note { (terms::SOURCES) }
         @if staircases.left_out > 0 { p.note { "Left out: " (staircases.left_out) " flagged levels." } }
     };
-    Some(framed("Table 1: repeatability and hysteresis", &body))
+    Some(framed("Characteristics of each unit", &body))
 }
 
-/// One quantity of every unit that was measured: the paper's, then ours by some definitions; their means last.
-fn one(title: &str, column: usize, by: &[(&[UnitCharacteristics], &str)], value: Value) -> Markup {
-    let units = by[0].0.len();
+/// A name at the beginning of a sentence.
+fn capital(name: &str) -> String {
+    let mut letters = name.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// One quantity of every unit that was measured: the paper's, where it has a column of it, then ours; their means last.
+fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
+    let units = columns[0].units.len();
     let is_papers = units == paper::TABLE_1_PERCENT.len();
-    let papers = |unit: usize| is_papers.then(|| paper::TABLE_1_PERCENT[unit][column]);
-    let ours = |unit: usize, (measured, _): &(&[UnitCharacteristics], &str)| value(&measured[unit]);
+    let papers = papers.map(|column| move |unit: usize| is_papers.then(|| paper::TABLE_1_PERCENT[unit][column]));
+    let ours = |unit: usize, column: &Column<'_>| (column.value)(&column.units[unit]);
     let cell = |value: Option<f64>| value.map_or_else(none, |value| number("", value, 2, ""));
-    let told: Vec<usize> = (0..units).filter(|&unit| by.iter().any(|by| ours(unit, by).is_some())).collect();
-    let mut rows: Vec<Vec<Markup>> = told
-        .iter()
-        .map(|&unit| {
-            let cells = by.iter().map(|by| cell(ours(unit, by)));
-            [words(unit + 1), cell(papers(unit))].into_iter().chain(cells).collect()
-        })
-        .collect();
+    let with_interval = |unit: usize, column: &Column<'_>| {
+        let interval = (column.interval)(&column.units[unit]);
+        html! {
+            (cell(ours(unit, column)))
+            @if let Some((least, most)) = interval {
+                br;
+                small { (number("", least, 2, "")) " to " (number("", most, 2, "")) }
+            }
+        }
+    };
+    let told: Vec<usize> =
+        (0..units).filter(|&unit| columns.iter().any(|column| ours(unit, column).is_some())).collect();
+    let row = |&unit: &usize| -> Vec<Markup> {
+        let cells = columns.iter().map(|column| with_interval(unit, column));
+        [words(unit + 1)].into_iter().chain(papers.iter().map(|papers| cell(papers(unit)))).chain(cells).collect()
+    };
+    let mut rows: Vec<Vec<Markup>> = told.iter().map(row).collect();
     let mean_of = |values: &mut dyn Iterator<Item = Option<f64>>| {
         ErrorSummary::of(&values.flatten().collect::<Vec<f64>>()).map(|sum| sum.mean)
     };
-    let means = by.iter().map(|by| cell(mean_of(&mut told.iter().map(|&unit| ours(unit, by)))));
-    rows.push(
-        [words("mean"), cell(mean_of(&mut told.iter().map(|&unit| papers(unit))))].into_iter().chain(means).collect(),
-    );
-    let head: Vec<Markup> = ["unit", "paper"].into_iter().chain(by.iter().map(|(_, name)| *name)).map(words).collect();
+    let papers_mean = papers.iter().map(|papers| cell(mean_of(&mut told.iter().map(|&unit| papers(unit)))));
+    let means = columns.iter().map(|column| cell(mean_of(&mut told.iter().map(|&unit| ours(unit, column)))));
+    rows.push([words("mean")].into_iter().chain(papers_mean).chain(means).collect());
+    let names = papers.iter().map(|_| "paper").chain(columns.iter().map(|column| column.name));
+    let head: Vec<Markup> = ["unit"].into_iter().chain(names).map(words).collect();
     html! { div { strong { (title) } (table(&head, &rows)) } }
 }

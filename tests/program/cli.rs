@@ -101,7 +101,19 @@ fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened(
     assert_eq!(header, ["press", "level", "force_true_n", "force_peak_n", "depth_peak_mm"]);
     assert!(truth.iter().zip(&rows).all(|(truth, row)| truth[..2] == row[..2]), "a row of scene.csv a row");
     let (header, _) = bench.table("run/characteristics.csv");
-    let agreed = ["unit", "repeatability_loading_percent", "repeatability_unloading_percent", "hysteresis_percent"];
+    let agreed = [
+        "unit",
+        "repeatability_loading_percent",
+        "repeatability_unloading_percent",
+        "hysteresis_percent",
+        "hysteresis_of_reading_percent",
+        "linearity_percent",
+        "zero_return_percent",
+        "repeatability_loading_least_percent",
+        "repeatability_loading_most_percent",
+        "repeatability_unloading_least_percent",
+        "repeatability_unloading_most_percent",
+    ];
     assert_eq!(header, agreed);
 }
 

@@ -8,6 +8,7 @@ use crate::support::skips::skipped;
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate::dataset::evaluate::Trial;
 use palpate::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
+use palpate::paper::TABLE_1_PERCENT;
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SIM_RIG};
 use palpate::run::{Cancel, Listener, Walk, estimated_s, walk};
@@ -15,19 +16,6 @@ use palpate::solver::Evaluation;
 use std::io::Write;
 
 const PAPER: &str = include_str!("../../recipes/paper.toml");
-
-/// Loading repeatability and hysteresis of each unit, % of full scale (the paper's Table 1).
-const TABLE_1: [(f64, f64); 9] = [
-    (1.60, 4.11),
-    (3.74, 2.29),
-    (2.19, 2.88),
-    (0.83, 3.08),
-    (0.51, 3.39),
-    (1.02, 5.53),
-    (0.71, 3.99),
-    (2.84, 4.44),
-    (3.97, 5.19),
-];
 
 /// What 20 seeds come to on average, and its standard error: location error, mm, and force error, N. The seeds stay, so that only
 /// another order of random draws may move a mean, by no more than two of those.
@@ -160,7 +148,7 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     assert!((1.95..=2.0).contains(&force_peak_n) && (1.4..=1.6).contains(&depth_peak_mm));
 
     let mut ratios = 0.0;
-    for (unit, (repeatability, hysteresis)) in TABLE_1.into_iter().enumerate() {
+    for (unit, [repeatability, _, hysteresis]) in TABLE_1_PERCENT.into_iter().enumerate() {
         let ratio = mean(&|o| o.repeatability_percent[unit]) / repeatability;
         let off = |o: &Outcome| o.hysteresis_percent[unit] - hysteresis;
         let (worst, on_average) = (outcomes.iter().map(|o| off(o).abs()).fold(0.0, f64::max), mean(&off));
@@ -172,7 +160,7 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
         // five repeats give 0.94 of three true standard deviations on average (c4 of 5)
         assert!((ratio / 0.94 - 1.0).abs() <= UNIT_REPEATABILITY, "unit {}: {ratio}", unit + 1);
         assert!(worst <= HYSTERESIS_PERCENT && on_average.abs() <= MEAN_HYSTERESIS_PERCENT, "unit {}", unit + 1);
-        ratios += ratio / 0.94 / TABLE_1.len() as f64;
+        ratios += ratio / 0.94 / TABLE_1_PERCENT.len() as f64;
     }
     let _ = writeln!(told, "repeatability of all units {ratios:.3} of what is to be expected");
     assert!((ratios - 1.0).abs() <= MEAN_REPEATABILITY, "{ratios}");

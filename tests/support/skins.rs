@@ -1,14 +1,12 @@
 //! The paper's nine units as simulated skins, their noise read in two ways.
 
+use palpate::paper::repeatability_percent;
 use palpate::scene::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelNoise};
-
-/// Loading repeatability of each unit, % of full scale (the paper's Table 1).
-pub const REPEATABILITY_PERCENT: [f64; 9] = [1.60, 3.74, 2.19, 0.83, 0.51, 1.02, 0.71, 2.84, 3.97];
 
 fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
     SkinSpec {
         elastomer: Some(Elastomer::half_space(5.0)),
-        noise: Some(TaxelNoise { repeatability_percent: REPEATABILITY_PERCENT.to_vec(), of, floor }),
+        noise: Some(TaxelNoise { repeatability_percent: repeatability_percent().to_vec(), of, floor }),
         converter: Some(Converter { bits: 16, range: 10.0 }),
         ..SkinSpec::default()
     }

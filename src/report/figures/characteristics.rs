@@ -1,9 +1,9 @@
-//! Figure 8: what each unit reads of the load on it, up and down again, every repeat.
+//! What each unit reads of the load on it, up and down again, every repeat.
 
 use super::WIDTH_PX;
 use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::Branch;
-use crate::dataset::characteristics::{HeldLevel, Staircases};
+use crate::dataset::characteristics::{HeldLevel, Level, Staircases, by_series};
 use crate::report::Subject;
 use crate::report::frame::Drawn;
 use std::collections::BTreeMap;
@@ -37,22 +37,25 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
         let of = |branch: Branch| -> Vec<(f64, f64)> {
             readings.iter().filter(|r| r.branch == branch).map(|r| (r.force_n, r.output)).collect()
         };
+        // a line for each place and top force: their outputs aren't one curve
+        let series = by_series(readings);
+        let lines = [(Branch::Loading, line(LOADING, Line::Solid)), (Branch::Unloading, line(UNLOADING, Line::Dashed))];
+        let curve = |(branch, look): (Branch, Look)| {
+            series.iter().map(move |held| Mark::Curve(look, means(held, branch))).collect::<Vec<Mark>>()
+        };
+        let points = [Mark::Curve(LOADING, of(Branch::Loading)), Mark::Curve(UNLOADING, of(Branch::Unloading))];
+        let title = Mark::Title(subject.layout.name(*unit));
         Panel {
             x: ChartAxis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
             y: ChartAxis::linear(&format!("output, {}", subject.unit), (least - room, most + room)),
-            marks: vec![
-                Mark::Curve(line(LOADING, Line::Solid), means(readings, Branch::Loading)),
-                Mark::Curve(line(UNLOADING, Line::Dashed), means(readings, Branch::Unloading)),
-                Mark::Curve(LOADING, of(Branch::Loading)),
-                Mark::Curve(UNLOADING, of(Branch::Unloading)),
-                Mark::Title(subject.layout.name(*unit)),
-            ],
+            marks: lines.into_iter().flat_map(curve).chain(points).chain([title]).collect(),
         }
     };
     let left_out = pressed.len() - drawn.len();
     let figure = Figure {
         title: "Output of each unit against the load on it".to_owned(),
-        subtitle: "every level of every staircase, and lines through their means; force by the load cell".to_owned(),
+        subtitle: "every level of every staircase, and a line through the means at each place; force by the load cell"
+            .to_owned(),
         height_px: if columns > 3 { 60.0 } else { 104.0 },
         panels: drawn.iter().map(panel).collect(),
         grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
@@ -71,10 +74,9 @@ fn line(look: Look, line: Line) -> Look {
 
 /// The mean force and output of each level of a branch.
 fn means(readings: &[HeldLevel], branch: Branch) -> Vec<(f64, f64)> {
-    let mut levels: BTreeMap<i64, (f64, f64, f64)> = BTreeMap::new();
+    let mut levels: BTreeMap<Level, (f64, f64, f64)> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.branch == branch) {
-        let micronewtons = (1e6 * reading.force_set_n).round() as i64;
-        let (count, force_n, output) = levels.entry(micronewtons).or_default();
+        let (count, force_n, output) = levels.entry(reading.level()).or_default();
         (*count, *force_n, *output) = (*count + 1.0, *force_n + reading.force_n, *output + reading.output);
     }
     levels.into_values().map(|(count, force_n, output)| (force_n / count, output / count)).collect()

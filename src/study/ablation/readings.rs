@@ -158,7 +158,8 @@ impl<'a> Specimen<'a> {
             let unloading = if branch == Branch::Unloading { 1.0 } else { 0.0 };
             self.read(place, true_n, unloading, &mut outputs);
             let force_n = true_n + self.cell_sd_n * normal(&mut self.cell);
-            held.push(HeldLevel { branch, force_set_n, force_n, output: outputs[unit] });
+            let top_n = STEP_N * STEPS as f64;
+            held.push(HeldLevel { place, top_n, branch, force_set_n, force_n, output: outputs[unit] });
         }
         held
     }

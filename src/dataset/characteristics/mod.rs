@@ -1,0 +1,109 @@
+//! The characteristics of each unit from load/unload staircases: repeatability, hysteresis, linearity, zero return.
+//!
+//! The paper gives no definitions for its Table 1. Ours stand in [`terms`], once, and are printed beside the numbers. A recipe may
+//! press several staircases at a place, at several places a unit and up to several forces: those at one place up to one force
+//! repeat each other and make a series. Each is evaluated by itself; a unit has the pooled repeatability of its series, and
+//! the worst of each other quantity.
+
+mod repeatability;
+mod series;
+mod staircases;
+pub mod terms;
+
+pub use repeatability::Repeatability;
+pub use staircases::{HeldLevel, Level, Staircases, by_series};
+
+use crate::control::Branch;
+use repeatability::{Levels, Repeated};
+use series::Series;
+
+/// The characteristics of one unit, % of full scale but where the name says otherwise; none where the readings don't determine
+/// them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UnitCharacteristics {
+    /// The unit, from 1.
+    pub unit: usize,
+    /// How well loading outputs repeat.
+    pub repeatability_loading_percent: Option<f64>,
+    /// Where the true one lies with 95 %.
+    pub repeatability_loading_interval_percent: Option<(f64, f64)>,
+    /// How well unloading outputs repeat.
+    pub repeatability_unloading_percent: Option<f64>,
+    /// Where the true one lies with 95 %.
+    pub repeatability_unloading_interval_percent: Option<(f64, f64)>,
+    /// How far unloading runs from loading.
+    pub hysteresis_percent: Option<f64>,
+    /// How far unloading runs from loading, % of the mean reading at the same force.
+    pub hysteresis_of_reading_percent: Option<f64>,
+    /// How far loading outputs are from a straight line.
+    pub linearity_percent: Option<f64>,
+    /// How far the output in air is from where it was before the load; negative: below it.
+    pub zero_return_percent: Option<f64>,
+}
+
+impl UnitCharacteristics {
+    /// The 95 % interval of the repeatability on a branch.
+    pub fn repeatability_interval_percent(&self, branch: Branch) -> Option<(f64, f64)> {
+        match branch {
+            Branch::Loading => self.repeatability_loading_interval_percent,
+            Branch::Unloading => self.repeatability_unloading_interval_percent,
+        }
+    }
+
+    /// The same where a limit lies inside it: the repeats then don't decide whether the unit keeps that limit.
+    pub fn interval_around(&self, branch: Branch, limit_percent: f64) -> Option<(f64, f64)> {
+        let interval = self.repeatability_interval_percent(branch);
+        interval.filter(|(least, most)| *least < limit_percent && limit_percent < *most)
+    }
+
+    /// Whether nothing was measured of it.
+    pub fn is_none(&self) -> bool {
+        *self == UnitCharacteristics { unit: self.unit, ..UnitCharacteristics::default() }
+    }
+}
+
+/// The characteristics, a row a unit. A repeatability needs two repeats of a level; a hysteresis needs a level between zero and
+/// the top force on both branches; a linearity needs three levels; a zero return needs the air before and after; all need an
+/// output other than 0 at the top force.
+pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Vec<UnitCharacteristics> {
+    let rows = staircases.readings.iter().enumerate();
+    rows.map(|(index, readings)| characterise_unit(index + 1, readings, repeatability)).collect()
+}
+
+fn characterise_unit(unit: usize, readings: &[HeldLevel], repeatability: Repeatability) -> UnitCharacteristics {
+    let series: Vec<Series> = by_series(readings).iter().filter_map(|readings| Series::of(readings)).collect();
+    let Some(full_scale) = full_scale(&series) else {
+        return UnitCharacteristics { unit, ..UnitCharacteristics::default() };
+    };
+    let percent = |value: f64| 100.0 * value / full_scale;
+    let repeats = |branch| {
+        let repeated = repeatability.of(&series.iter().map(|series| series.levels(branch)).collect::<Vec<Levels>>());
+        let value = repeated.map(|Repeated { value, .. }| percent(value));
+        let interval = repeated.and_then(|Repeated { interval, .. }| interval);
+        (value, interval.map(|(least, most)| (percent(least), percent(most))))
+    };
+    let (loading, unloading) = (repeats(Branch::Loading), repeats(Branch::Unloading));
+    let hysteresis = || series.iter().filter_map(Series::hysteresis);
+    let zero_return = series.iter().filter_map(Series::zero_return).max_by(|a, b| a.abs().total_cmp(&b.abs()));
+    UnitCharacteristics {
+        unit,
+        repeatability_loading_percent: loading.0,
+        repeatability_loading_interval_percent: loading.1,
+        repeatability_unloading_percent: unloading.0,
+        repeatability_unloading_interval_percent: unloading.1,
+        hysteresis_percent: hysteresis().map(|(gap, _)| gap).reduce(f64::max).map(percent),
+        hysteresis_of_reading_percent: hysteresis().map(|(_, share)| 100.0 * share).reduce(f64::max),
+        linearity_percent: series.iter().filter_map(Series::deviation).reduce(f64::max).map(percent),
+        zero_return_percent: zero_return.map(percent),
+    }
+}
+
+/// Magnitude of the mean loading output at the largest set force, at the place where it is largest; none where it is 0.
+fn full_scale(series: &[Series]) -> Option<f64> {
+    let (top, _) = series.iter().map(Series::top).max_by_key(|(top, _)| *top)?;
+    let at_top = series.iter().map(Series::top).filter(|(level, _)| *level == top);
+    at_top.map(|(_, output)| output.abs()).reduce(f64::max).filter(|full_scale| *full_scale > 0.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,105 @@
+//! What one series comes to: the staircases up to one force at one place.
+
+use super::HeldLevel;
+use super::repeatability::Levels;
+use super::staircases::Level;
+use crate::control::Branch;
+use std::collections::BTreeMap;
+
+/// The outputs of a series brought to the set force, by level.
+pub struct Series {
+    line: Line,
+    /// By branch.
+    corrected: [BTreeMap<Level, Vec<f64>>; 2],
+    /// The outputs at 0 N by branch, as read: in air there is no force to bring them to.
+    in_air: [Vec<f64>; 2],
+    top: Level,
+    /// Mean loading output at the largest set force that was read.
+    at_top: f64,
+}
+
+/// A straight line through loading outputs against the load cell.
+#[derive(Clone, Copy)]
+struct Line {
+    /// Output units per N.
+    slope: f64,
+    /// Output at 0 N.
+    intercept: f64,
+}
+
+impl Series {
+    /// None where the loading forces don't vary.
+    pub fn of(readings: &[HeldLevel]) -> Option<Series> {
+        let line = Line::through(readings)?;
+        let mut corrected = [BTreeMap::new(), BTreeMap::new()];
+        let mut in_air = [Vec::new(), Vec::new()];
+        for reading in readings {
+            let at_set_force = reading.output + line.slope * (reading.force_set_n - reading.force_n);
+            let outputs: &mut Vec<f64> = corrected[reading.branch as usize].entry(reading.level()).or_default();
+            outputs.push(at_set_force);
+            if reading.level() == 0 {
+                in_air[reading.branch as usize].push(reading.output);
+            }
+        }
+        let (top, at_top) = corrected[Branch::Loading as usize].last_key_value()?;
+        let (top, at_top) = (*top, mean(at_top));
+        Some(Series { line, corrected, in_air, top, at_top })
+    }
+
+    /// The largest set force that was read, and the mean loading output there.
+    pub fn top(&self) -> (Level, f64) {
+        (self.top, self.at_top)
+    }
+
+    /// The outputs of a branch at each level but zero.
+    pub fn levels(&self, branch: Branch) -> Levels {
+        let levels = self.corrected[branch as usize].iter();
+        levels.filter(|(level, _)| **level > 0).map(|(_, outputs)| outputs.clone()).collect()
+    }
+
+    /// Largest distance between the branches' means over the levels between zero and top force, and the largest in shares of
+    /// the mean of both.
+    pub fn hysteresis(&self) -> Option<(f64, f64)> {
+        let [loading, unloading] = &self.corrected;
+        let inner = loading.iter().filter(|(level, _)| **level > 0 && **level < self.top);
+        let both = inner.filter_map(|(level, up)| Some((mean(up), mean(unloading.get(level)?))));
+        let gaps = both.map(|(up, down)| ((down - up).abs(), ((down - up) / (0.5 * (up + down))).abs()));
+        gaps.reduce(|most, gap| (most.0.max(gap.0), most.1.max(gap.1)))
+    }
+
+    /// Largest distance of a level's mean loading output from the line, zero level included; none of fewer than three levels,
+    /// since a line meets two.
+    pub fn deviation(&self) -> Option<f64> {
+        let [loading, _] = &self.corrected;
+        let off = |(level, outputs): (&Level, &Vec<f64>)| (mean(outputs) - self.line.at(*level as f64 / 1e6)).abs();
+        (loading.len() > 2).then(|| loading.iter().map(off).fold(0.0, f64::max))
+    }
+
+    /// Mean output in air after the staircases less that before them.
+    pub fn zero_return(&self) -> Option<f64> {
+        let [before, after] = &self.in_air;
+        (!before.is_empty() && !after.is_empty()).then(|| mean(after) - mean(before))
+    }
+}
+
+impl Line {
+    /// By least squares over all loading readings, with the intercept free; none where the force doesn't vary.
+    fn through(readings: &[HeldLevel]) -> Option<Line> {
+        let loading = || readings.iter().filter(|reading| reading.branch == Branch::Loading);
+        let mean_force = mean(&loading().map(|reading| reading.force_n).collect::<Vec<f64>>());
+        let mean_output = mean(&loading().map(|reading| reading.output).collect::<Vec<f64>>());
+        let deviation = |reading: &HeldLevel| reading.force_n - mean_force;
+        let spread: f64 = loading().map(|reading| deviation(reading).powi(2)).sum();
+        let common: f64 = loading().map(|reading| deviation(reading) * (reading.output - mean_output)).sum();
+        let slope = common / spread;
+        (spread > 0.0).then_some(Line { slope, intercept: mean_output - slope * mean_force })
+    }
+
+    fn at(self, force_n: f64) -> f64 {
+        self.intercept + self.slope * force_n
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}

@@ -1,0 +1,96 @@
+//! The characteristics by name, each defined once: pages and terminal print these sentences.
+
+use super::Repeatability;
+
+/// A quantity and what it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Term {
+    /// Its name.
+    pub name: &'static str,
+    /// How it is computed, and whose term it follows.
+    pub definition: &'static str,
+}
+
+/// What every percentage but the hysteresis of the reading is a part of.
+const FULL_SCALE: Term = Term {
+    name: "full scale",
+    definition: "the mean loading output at the largest set force; of several places, where that is largest",
+};
+
+/// How outputs are made comparable.
+const CORRECTION: Term = Term {
+    name: "correction",
+    definition: "each output above 0 N is first brought to the set force: the slope of the line of linearity times (set \
+        force - load cell) is added",
+};
+
+/// How far unloading runs from loading.
+const HYSTERESIS: Term = Term {
+    name: "hysteresis",
+    definition: "|mean unloading - mean loading output| at a level between zero and top force, the largest over levels and \
+        places, in % of full scale (as hysteresis in IEC 61298-2)",
+};
+
+/// The same beside what is read there.
+const HYSTERESIS_OF_READING: Term = Term {
+    name: "hysteresis, % of reading",
+    definition: "the same difference in % of the mean of both outputs at its level, the largest over levels and places (as \
+        reversibility in ISO 376)",
+};
+
+/// How far the outputs are from a straight line.
+const LINEARITY: Term = Term {
+    name: "linearity",
+    definition: "the largest |mean loading output of a level - straight line|, over levels and places, in % of full scale. \
+        The line is fitted by least squares at each place to the loading outputs against the load cell, 0 N included, and \
+        does not have to pass through zero (the independent linearity of IEC 61298-2, whose line makes the largest deviation \
+        least, is no larger)",
+};
+
+/// What is left of a load.
+const ZERO_RETURN: Term = Term {
+    name: "zero return",
+    definition: "the mean output at the level of 0 N, in air, after the staircases less that before them, as read, in % of \
+        full scale; of several places the largest in magnitude (as zero error in ISO 376)",
+};
+
+/// How well a repeatability is known.
+const INTERVAL: Term = Term {
+    name: "95 % interval",
+    definition: "where the true repeatability lies, by chi-squared; it assumes normal errors. The levels of a staircase share \
+        its contact: n staircases at a place give n - 1 degrees of freedom, places add up by Welch and Satterthwaite. Where \
+        levels also have errors of their own, the interval is wider than it had to be",
+};
+
+/// Every term but the repeatability, in the order they are explained.
+pub const COMMON: [Term; 7] =
+    [INTERVAL, HYSTERESIS, HYSTERESIS_OF_READING, LINEARITY, ZERO_RETURN, FULL_SCALE, CORRECTION];
+
+/// Where the terms come from, and what is not claimed.
+pub const SOURCES: &str = "Terms follow VIM (JCGM 200), IEC 61298-2 and ISO 376 where they are named; conformity to none of \
+    them is claimed.";
+
+impl Repeatability {
+    /// What the repeatability columns hold.
+    pub const fn definition(self) -> &'static str {
+        match self {
+            Repeatability::ThreeSd => {
+                "3 standard deviations (n - 1) of the repeats of a level at a place, pooled over levels but zero and places, \
+                 in % of full scale (as measurement repeatability in VIM 2.21, times 3)"
+            }
+            Repeatability::Range => {
+                "largest less smallest of the repeats of a level at a place, mean over levels but zero and places, in % of \
+                 full scale (as non-repeatability in IEC 61298-2, which takes the largest level)"
+            }
+            Repeatability::T95 => {
+                "Student's t (95 %, two-sided, with the degrees of freedom of the interval; 2.776 for 5 repeats) times the \
+                 standard deviation (n - 1) of the repeats of a level at a place, pooled over levels but zero and places, \
+                 in % of full scale"
+            }
+            Repeatability::WorstLevel => {
+                "3 standard deviations (n - 1) of the repeats, at the level but zero and the place where they are largest, \
+                 in % of full scale; it has no interval, since the largest of several isn't distributed as one of them"
+            }
+        }
+    }
+}
