@@ -8,6 +8,7 @@ use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table, solvers_table};
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{Trial, is_to_evaluate};
+use crate::report::is_beside_paper;
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
@@ -55,7 +56,7 @@ pub struct EvaluateArgs {
     /// Print one JSON object for each solver, a line each, instead of tables
     #[arg(long)]
     json: bool,
-    /// What repeatability means in a run's Table 1
+    /// What repeatability means in the table of a run's units
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
 }
@@ -67,32 +68,41 @@ struct Failed<'a> {
     error: &'a str,
 }
 
-/// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints its Table 1.
+/// Evaluates and prints; accepted or not is the exit code. A run that was only characterised prints repeatability and
+/// hysteresis of its units.
 pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
             let (recorded, rig) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), rig.array.layout);
+            let is_beside_paper = is_beside_paper(&layout, &presses);
             let staircases = Staircases::of_run(&presses, &layout);
-            let table_1 = staircases.map(|staircases| characteristics_table(&staircases, args.repeatability));
-            if let Some(table_1) =
-                table_1.as_ref().filter(|_| !args.json && !presses.presses.iter().any(is_to_evaluate))
+            let characteristics =
+                staircases.map(|found| characteristics_table(&found, args.repeatability, is_beside_paper));
+            if let Some(characteristics) =
+                characteristics.as_ref().filter(|_| !args.json && !presses.presses.iter().any(is_to_evaluate))
             {
-                print(table_1)?;
+                print(characteristics)?;
                 return Ok(ExitCode::SUCCESS);
             }
-            evaluate_trial(args, Trial::of_run(&presses, Some(&layout)).map_err(Failure::usage)?, table_1)
+            let trial = Trial::of_run(&presses, Some(&layout)).map_err(Failure::usage)?;
+            evaluate_trial(args, trial, is_beside_paper, characteristics)
         }
         (None, Some(calibration), Some(test)) => {
             let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
-            evaluate_trial(args, Trial::of_tables(&calibration, &test).map_err(Failure::usage)?, None)
+            evaluate_trial(args, Trial::of_tables(&calibration, &test).map_err(Failure::usage)?, false, None)
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not
         _ => Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
     }
 }
 
-fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>) -> Result<ExitCode, Failure> {
+fn evaluate_trial(
+    args: &EvaluateArgs,
+    trial: Trial<'_>,
+    is_beside_paper: bool,
+    characteristics: Option<String>,
+) -> Result<ExitCode, Failure> {
     let trial = trial.with_load(load(args.constant_load));
     let names = if args.solver == ALL { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![args.solver.as_str()] };
     let mut outcomes: Vec<(&str, Result<Evaluation, String>)> = Vec::new();
@@ -108,11 +118,12 @@ fn evaluate_trial(args: &EvaluateArgs, trial: Trial<'_>, table_1: Option<String>
     }
     let text = match outcomes.as_slice() {
         outcomes if args.json => outcomes.iter().map(json).collect::<Result<String, _>>()?,
-        [(_, Ok(evaluation))] => evaluation_table(std::slice::from_ref(evaluation)),
-        outcomes => solvers_table(outcomes),
+        [(_, Ok(evaluation))] => evaluation_table(std::slice::from_ref(evaluation), is_beside_paper),
+        outcomes => solvers_table(outcomes, is_beside_paper),
     };
-    let table_1 = table_1.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
-    print(&(text + &table_1))?;
+    let characteristics =
+        characteristics.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
+    print(&(text + &characteristics))?;
     match outcomes.pop() {
         Some((solver, Err(reason))) => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),
         decisive => Ok(accepted(decisive.and_then(|(_, evaluation)| evaluation.ok()).as_slice())),

@@ -1,11 +1,12 @@
 //! `palpate report`: writes a page about a sensor's runs, or about many sensors side by side.
 
 use super::exit::Failure;
+use super::figure_files::FigureFiles;
 use super::method::solvers;
 use super::recorded::read_run;
 use super::summary::print;
 use crate::dataset::{Recorded, check_run, files};
-use crate::report::{Compared, Judged, MARK, ReportError, Subject, comparison, counted, page};
+use crate::report::{Compared, Judged, MARK, Page, ReportError, Subject, comparison, counted, page};
 use crate::rig::ArraySpec;
 use crate::solver::{BEST, Evaluation};
 use std::fs;
@@ -18,9 +19,12 @@ Examples:
   palpate report runs/paper
   palpate report runs/characterise runs/calibrate runs/test --out A-017.html
   palpate report --compare runs/batch-* --out batch.html
+  palpate report runs/paper --figures figures
 
 Runs of one page are of one sensor, each phase from one of them. The page is one
-file that needs nothing else: it opens without a network and prints.
+file that needs nothing else: it opens without a network and prints. --figures
+saves each of its figures too, as an SVG file in light colours, and the numbers
+behind it as a CSV file of the same name.
 Exit code 0 once it is written, whatever it says.";
 
 /// Write a page about a run, or about many of them side by side
@@ -36,7 +40,10 @@ pub struct ReportArgs {
     /// The file to write [default: report.html in the first run's folder, or comparison.html]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// The method that stands beside the paper's in a comparison; best costs most
+    /// A folder for the page's figures, each as SVG with its numbers as CSV
+    #[arg(long, value_name = "DIR")]
+    figures: Option<PathBuf>,
+    /// The method that stands beside pearson in a comparison; best costs most
     #[arg(long, value_name = "NAME", default_value = "surrogate", requires = "compare", value_parser = solvers([BEST]))]
     solver: String,
 }
@@ -48,13 +55,18 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     check_free(&out)?;
     let read = |run: &PathBuf| read_run(run).map(|(recorded, rig)| (recorded, rig.array));
     let runs: Vec<(Recorded, ArraySpec)> = args.runs.iter().map(read).collect::<Result<_, Failure>>()?;
-    let (html, told) = if args.compare { compare(runs, &args.solver) } else { one(runs)? };
-    write(&out, &html)?;
-    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
+    let (page, told) = if args.compare { compare(runs, &args.solver) } else { one(runs)? };
+    // before anything is written
+    let files = args.figures.as_deref().map(|folder| FigureFiles::new(folder, &page.figures)).transpose()?;
+    write(&out, &page.html)?;
+    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0))?;
+    if let Some(files) = files {
+        print(&files.write()?)?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 
-fn one(runs: Vec<(Recorded, ArraySpec)>) -> Result<(String, String), Failure> {
+fn one(runs: Vec<(Recorded, ArraySpec)>) -> Result<(Page, String), Failure> {
     let subject = Subject::of(runs).map_err(failure)?;
     let judged = Judged::of(&subject.presses, &subject.layout);
     let told = match judged.decisive() {
@@ -69,7 +81,7 @@ fn one(runs: Vec<(Recorded, ArraySpec)>) -> Result<(String, String), Failure> {
     Ok((page(&subject, &judged), told))
 }
 
-fn compare(runs: Vec<(Recorded, ArraySpec)>, solver: &str) -> (String, String) {
+fn compare(runs: Vec<(Recorded, ArraySpec)>, solver: &str) -> (Page, String) {
     let runs: Vec<_> = runs.into_iter().map(|(recorded, array)| (recorded, array.layout)).collect();
     let compared = Compared::all(&runs, solver);
     let accepted = compared.iter().filter(|run| run.accepted() == Some(true)).count();

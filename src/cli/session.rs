@@ -80,7 +80,7 @@ pub fn carry_out(
     progress.heard()?;
     shown?; // whatever went wrong with the rig is said first
     let evaluations = summary::evaluations(folder, spec, solvers)?;
-    show(&summary::results(folder, &evaluations)?)?;
+    show(&summary::results(folder, spec, &evaluations)?)?;
     Ok(accepted(&evaluations))
 }
 

@@ -5,6 +5,7 @@ use super::tables::{characteristics_table, evaluation_table};
 use crate::dataset::characteristics::Repeatability;
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{RunFolder, Status, TABLES};
+use crate::report::is_beside_paper;
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
 use miette::{IntoDiagnostic, WrapErr};
@@ -68,14 +69,16 @@ pub fn evaluations(folder: &RunFolder, spec: &RigSpec, solvers: &[String]) -> Re
     solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
 }
 
-/// What a complete run came to: the evaluation beside the paper's, and Table 1.
-pub fn results(folder: &RunFolder, evaluations: &[Evaluation]) -> Result<String, Failure> {
+/// What a complete run came to: its evaluation, and repeatability and hysteresis of its units.
+pub fn results(folder: &RunFolder, spec: &RigSpec, evaluations: &[Evaluation]) -> Result<String, Failure> {
     let mut text = String::new();
+    let is_beside_paper = is_beside_paper(&spec.array.layout, &folder.presses().map_err(Failure::dataset)?);
     if !evaluations.is_empty() {
-        let _ = write!(text, "\n{}", evaluation_table(evaluations));
+        let _ = write!(text, "\n{}", evaluation_table(evaluations, is_beside_paper));
     }
     if let Some(staircases) = folder.staircases().map_err(Failure::dataset)? {
-        let _ = write!(text, "\n{}", characteristics_table(&staircases, Repeatability::default()));
+        let table = characteristics_table(&staircases, Repeatability::default(), is_beside_paper);
+        let _ = write!(text, "\n{table}");
     }
     Ok(text)
 }

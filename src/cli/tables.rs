@@ -1,4 +1,5 @@
-//! The tables a person reads: the paper's numbers beside ours, in at most 80 columns.
+//! The tables a person reads, in at most 80 columns. The paper's numbers are in them only where they stand beside ours, see
+//! [`crate::report::is_beside_paper`].
 
 use crate::dataset::characteristics::{
     CORRECTION_DEFINITION, HYSTERESIS_DEFINITION, Repeatability, Staircases, characterise,
@@ -15,12 +16,13 @@ const WIDTH: usize = 80;
 /// A blank at which [`filled`] breaks no line.
 const NO_BREAK: char = '\u{a0}';
 
-/// The paper's results beside those of any number of solvers on the same test, in at most 80 columns for up to three.
-pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
+/// The results of any number of solvers on the same test, the paper's before them or not, in at most 80 columns for up to three.
+pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
     let mut text = String::new();
     let mut row = |label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
         let ours: String = evaluations.iter().map(|evaluation| format!("{:>14}", ours(evaluation))).collect();
-        let _ = writeln!(text, "{}", format!("{label:<27}{paper:>9}{ours}").trim_end());
+        let paper = if is_beside_paper { format!("{paper:>9}") } else { String::new() };
+        let _ = writeln!(text, "{}", format!("{label:<27}{paper}{ours}").trim_end());
     };
     let of = |error: Option<ErrorSummary>, part: fn(&ErrorSummary) -> f64, unit: &str| match error {
         Some(error) => format!("{:.3} {unit}", part(&error)),
@@ -58,8 +60,8 @@ pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
     text + &footnotes(&evaluations.iter().collect::<Vec<_>>())
 }
 
-/// The paper's results above those of every solver on the same test, or why it has none, a line each.
-pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String {
+/// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
+pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_paper: bool) -> String {
     let line = |name: &str, [location, force, within]: [&[String]; 3], time: &str| {
         let cells =
             |cells: &[String], width: usize| cells.iter().map(|cell| format!("{cell:>width$}")).collect::<String>();
@@ -69,7 +71,9 @@ pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String 
     let words = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
     let mut text = format!("{:<22}{:<31}{:>8}{:>12}{:>7}\n", "", "  location error, mm", "force, N", "within, %", "us");
     text += &line("", [&words("mean median p95 largest"), &words("mean"), &words("1mm both")], "solve");
-    text += &line("paper", [&words("0.46 - - -"), &words("0.043"), &words("93.0 84.0")], "-");
+    if is_beside_paper {
+        text += &line("paper", [&words("0.46 - - -"), &words("0.043"), &words("93.0 84.0")], "-");
+    }
     for (name, outcome) in outcomes {
         let evaluation = match outcome {
             Ok(evaluation) => evaluation,
@@ -98,7 +102,7 @@ pub fn chosen(choice: &Choice) -> String {
     };
     let tried: Vec<String> = choice.candidates.iter().filter_map(candidate).collect();
     if tried.is_empty() {
-        return "chosen as the paper's: too few presses to cross-validate on\n".to_owned();
+        return "chosen without cross-validation: too few presses\n".to_owned();
     }
     filled(&format!("chosen by cross-validation on the calibration: {}", tried.join(", ")), "  ")
 }
@@ -117,8 +121,12 @@ fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
-/// The paper's Table 1 beside a run's, with the definitions underneath, in at most 80 columns.
-pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability) -> String {
+/// Repeatability and hysteresis of each unit, after the paper's or not, with the definitions underneath, in at most 80 columns.
+pub fn characteristics_table(
+    staircases: &Staircases,
+    repeatability: Repeatability,
+    is_beside_paper: bool,
+) -> String {
     let measured = characterise(staircases, repeatability);
     let line = |first: &str, columns: [String; 3]| {
         let [loading, unloading, hysteresis] = columns;
@@ -126,17 +134,18 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
     };
     let mut text = line("% of", ["repeatability", "repeatability", "hysteresis"].map(str::to_owned));
     text += &line("full scale", ["loading", "unloading", ""].map(str::to_owned));
-    text += &line("unit", ["paper", "paper", "paper"].map(|paper| format!("{paper}{:>9}", "ours")));
-    // The paper has nine units; another array stands alone.
-    let is_papers = measured.len() == paper::TABLE_1_PERCENT.len();
+    let head = if is_beside_paper { format!("paper{:>9}", "measured") } else { String::new() };
+    text += &line("unit", [&head, &head, &head].map(String::clone));
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     for (index, unit) in measured.iter().enumerate() {
         let ours = [unit.repeatability_loading_percent, unit.repeatability_unloading_percent, unit.hysteresis_percent];
         if ours.iter().all(Option::is_none) {
             continue; // it wasn't measured
         }
-        let paper = paper::TABLE_1_PERCENT.get(index).filter(|_| is_papers);
-        let cell = |column: usize| format!("{}{:>9}", number(paper.map(|row| row[column])), number(ours[column]));
+        let cell = |column: usize| match paper::TABLE_1_PERCENT.get(index).filter(|_| is_beside_paper) {
+            Some(row) => format!("{:.2}{:>9}", row[column], number(ours[column])),
+            None => number(ours[column]),
+        };
         text += &line(&unit.unit.to_string(), [0, 1, 2].map(cell));
     }
     let _ = writeln!(text, "\n{}\n{HYSTERESIS_DEFINITION}\n{CORRECTION_DEFINITION}", repeatability.definition());
@@ -208,7 +217,7 @@ mod tests {
 
     #[test]
     fn what_was_left_out_is_said() {
-        let text = evaluation_table(&[evaluation("pearson")]);
+        let text = evaluation_table(&[evaluation("pearson")], false);
         assert!(
             text.contains("flagged: 1 calibration and 1 test presses\nleft out, unsolved by pearson: 1 test"),
             "{text}"
@@ -218,7 +227,7 @@ mod tests {
     #[test]
     fn without_forces_the_force_column_is_empty() {
         let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
-        assert!(evaluation_table(&[located]).contains("force error, mean            0.043 N             -"));
+        assert!(evaluation_table(&[located.clone()], true).contains("force error, mean            0.043 N             -"));
     }
 
     #[test]
@@ -234,7 +243,7 @@ mod tests {
             candidate("physics", None),
         ];
         let untried = Choice { candidates: candidates[2..].to_vec() };
-        assert_eq!(chosen(&untried), "chosen as the paper's: too few presses to cross-validate on\n");
+        assert_eq!(chosen(&untried), "chosen without cross-validation: too few presses\n");
         let choice = Choice { candidates };
         assert_eq!(
             chosen(&choice),
@@ -242,7 +251,7 @@ mod tests {
         );
         let verdicts = Verdicts { ok: 3, weak_signal: 2, outside_area: 0, not_one_contact: 0, channel_fault: 1 };
         let evaluation = Evaluation { choice: Some(choice), verdicts, ..evaluation("pearson") };
-        let text = evaluation_table(&[evaluation]);
+        let text = evaluation_table(&[evaluation], false);
         assert!(text.contains("\ndoubted by pearson: 2 weak-signal, 1 channel-fault\nchosen by cross-"), "{text}");
     }
 
@@ -257,7 +266,7 @@ mod tests {
             ..evaluation.clone()
         };
         let outcomes = [("pearson", Ok(evaluation)), ("physics", Err("a reason ".repeat(20))), ("best", Ok(far))];
-        let text = solvers_table(&outcomes);
+        let text = solvers_table(&outcomes, true);
         assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         assert!(text.contains("\nbest: gaussian-process   1.0e6   100.0   1.0e4   1.2e5"), "{text}");
         assert_eq!(text.matches("left out, unsolved by").count(), 2, "{text}");
@@ -270,8 +279,8 @@ mod tests {
         let readings = vec![[0.0, 1.0, 2.0].map(reading).to_vec(); 9];
         for repeatability in Repeatability::value_variants() {
             let staircases = Staircases { readings: readings.clone(), left_out: 3 };
-            let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()])
-                + &characteristics_table(&staircases, *repeatability);
+            let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()], true)
+                + &characteristics_table(&staircases, *repeatability, true);
             assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         }
     }

@@ -1,4 +1,4 @@
-//! Table 1 as measured, by each definition that the paper may have meant.
+//! Repeatability and hysteresis of each unit, by each definition that is in use; beside the paper's Table 1 where that stands.
 
 use super::Subject;
 use super::frame::{none, number, section as framed, table, words};
@@ -22,43 +22,45 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     let [(first, _), ..] = &measured;
     let by_all: Vec<(&[UnitCharacteristics], &str)> =
         measured.iter().map(|(units, name)| (&units[..], *name)).collect();
-    let hysteresis = [(&first[..], "ours")];
+    let is_papers = subject.is_beside_paper();
+    let hysteresis = [(&first[..], "measured")];
     let body = html! {
         p.note { "% of the output at the top force." }
         div.tables {
-            (one("Repeatability, loading", 0, &by_all, |unit| unit.repeatability_loading_percent))
-            (one("Repeatability, unloading", 1, &by_all, |unit| unit.repeatability_unloading_percent))
-            (one("Hysteresis", 2, &hysteresis, |unit| unit.hysteresis_percent))
+            (one("Repeatability, loading", is_papers.then_some(0), &by_all, |unit| unit.repeatability_loading_percent))
+            (one("Repeatability, unloading", is_papers.then_some(1), &by_all, |unit| unit.repeatability_unloading_percent))
+            (one("Hysteresis", is_papers.then_some(2), &hysteresis, |unit| unit.hysteresis_percent))
         }
         @for (definition, name) in DEFINITIONS { p.note { strong { (name) } ". " (definition.definition()) "." } }
         p.note { (HYSTERESIS_DEFINITION) "; " (CORRECTION_DEFINITION) "." }
         @if staircases.left_out > 0 { p.note { "Left out: " (staircases.left_out) " flagged levels." } }
     };
-    Some(framed("Table 1: repeatability and hysteresis", &body))
+    Some(framed("Repeatability and hysteresis of each unit", &body))
 }
 
-/// One quantity of every unit that was measured: the paper's, then ours by some definitions; their means last.
-fn one(title: &str, column: usize, by: &[(&[UnitCharacteristics], &str)], value: Value) -> Markup {
+/// One quantity of every unit that was measured by some definitions, after the paper's where its column is named; their means last.
+fn one(title: &str, papers_column: Option<usize>, by: &[(&[UnitCharacteristics], &str)], value: Value) -> Markup {
     let units = by[0].0.len();
-    let is_papers = units == paper::TABLE_1_PERCENT.len();
-    let papers = |unit: usize| is_papers.then(|| paper::TABLE_1_PERCENT[unit][column]);
+    let papers = |unit: usize| Some(paper::TABLE_1_PERCENT.get(unit)?[papers_column?]);
     let ours = |unit: usize, (measured, _): &(&[UnitCharacteristics], &str)| value(&measured[unit]);
     let cell = |value: Option<f64>| value.map_or_else(none, |value| number("", value, 2, ""));
+    let beside = |value: Option<f64>| papers_column.map(|_| cell(value));
     let told: Vec<usize> = (0..units).filter(|&unit| by.iter().any(|by| ours(unit, by).is_some())).collect();
     let mut rows: Vec<Vec<Markup>> = told
         .iter()
         .map(|&unit| {
             let cells = by.iter().map(|by| cell(ours(unit, by)));
-            [words(unit + 1), cell(papers(unit))].into_iter().chain(cells).collect()
+            std::iter::once(words(unit + 1)).chain(beside(papers(unit))).chain(cells).collect()
         })
         .collect();
     let mean_of = |values: &mut dyn Iterator<Item = Option<f64>>| {
         ErrorSummary::of(&values.flatten().collect::<Vec<f64>>()).map(|sum| sum.mean)
     };
     let means = by.iter().map(|by| cell(mean_of(&mut told.iter().map(|&unit| ours(unit, by)))));
-    rows.push(
-        [words("mean"), cell(mean_of(&mut told.iter().map(|&unit| papers(unit))))].into_iter().chain(means).collect(),
-    );
-    let head: Vec<Markup> = ["unit", "paper"].into_iter().chain(by.iter().map(|(_, name)| *name)).map(words).collect();
+    let papers_mean = beside(mean_of(&mut told.iter().map(|&unit| papers(unit))));
+    rows.push(std::iter::once(words("mean")).chain(papers_mean).chain(means).collect());
+    let names = by.iter().map(|(_, name)| *name);
+    let head: Vec<Markup> =
+        std::iter::once("unit").chain(papers_column.map(|_| "paper")).chain(names).map(words).collect();
     html! { div { strong { (title) } (table(&head, &rows)) } }
 }
