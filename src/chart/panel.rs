@@ -130,11 +130,17 @@ impl Panel {
             _ => None,
         });
         let Some(title) = title else { return Vec::new() };
-        let mut lines = wrapped(title, BOLD * SIZE_PX, most_px);
-        if lines.len() > 2 {
-            lines = vec![lines[0].clone(), lines[1..].join(" ")];
-        }
-        lines.iter().map(|line| shortened(line, BOLD * SIZE_PX, most_px)).collect()
+        let size_px = BOLD * SIZE_PX;
+        // a name of two parts is broken between them
+        let lines = match title.split_once(", ") {
+            _ if width_px(title, size_px) <= most_px => vec![title.clone()],
+            Some((first, second)) => vec![format!("{first},"), second.to_owned()],
+            None => {
+                let lines = wrapped(title, size_px, most_px);
+                [&lines[..1], &[lines[1..].join(" ")]].concat()
+            }
+        };
+        lines.iter().map(|line| shortened(line, size_px, most_px)).collect()
     }
 
     /// The name of the axis below.

@@ -165,7 +165,7 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: 
     if is_about_0 {
         marks.push(Mark::Level(0.0, String::new()));
     }
-    let x = ChartAxis::count("press", (0.0, last));
+    let x = ChartAxis::count("press", (0.0, 1.02 * last));
     let y = ChartAxis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
     let panels = vec![Panel { x, y, marks }];
