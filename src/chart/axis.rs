@@ -94,7 +94,11 @@ impl ChartAxis {
                 let ticks: Vec<(f64, String)> =
                     values.filter(within).map(|value| (value, number(value, value))).collect();
                 // a part of a decade can lie between two of these
-                if decades < 0.9 && ticks.len() < FEWEST_TICKS { self.even_ticks(0.0, length_px, taken_px) } else { ticks }
+                if decades < 0.9 && ticks.len() < FEWEST_TICKS {
+                    self.even_ticks(0.0, length_px, taken_px)
+                } else {
+                    ticks
+                }
             }
         }
     }

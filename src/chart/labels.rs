@@ -38,7 +38,7 @@ const DESCENT: f64 = 0.24;
 /// Least distance of two texts along a line, px.
 const APART_PX: f64 = 3.0;
 /// By how much words move, px, and how often at most.
-const STEP_PX: f64 = 13.0;
+const STEP_PX: f64 = 15.0;
 const MOST_STEPS: usize = 10;
 /// How much wider bold letters are.
 pub(super) const BOLD: f64 = 1.12;
@@ -116,7 +116,10 @@ impl Label {
         let _ = match self.is_upright {
             true => {
                 let class = self.class;
-                writeln!(svg, "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\">{told}</text>")
+                writeln!(
+                    svg,
+                    "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\">{told}</text>"
+                )
             }
             false => writeln!(svg, "<text class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\">{told}</text>", self.class),
         };
@@ -182,7 +185,7 @@ mod tests {
         let far = Label::tick((160.0, 52.0), "mid", "8.5");
         let svg = laid_out(&[number, word((50.0, 50.0), "words"), far, title], 200.0);
         assert!(svg.contains("a title") && svg.contains("8.5") && !svg.contains("7.5"), "{svg}");
-        assert!(svg.contains("y=\"50.0\">a title") && svg.contains("y=\"37.0\">words"), "{svg}");
+        assert!(svg.contains("y=\"50.0\">a title") && svg.contains("y=\"35.0\">words"), "{svg}");
     }
 
     #[test]

@@ -315,4 +315,72 @@ mod tests {
         let svg = Figure { height_px: 100.0, panels: vec![panel], ..Figure::default() }.svg();
         assert!(svg.contains("cx=\"72.0\" cy=\"64.0\"") && svg.contains("a &lt; b &amp; c"), "{svg}");
     }
+
+    fn panel(y: &str, marks: Vec<Mark>) -> Panel {
+        Panel { x: ChartAxis::linear("x, mm", (0.0, 10.0)), y: ChartAxis::linear(y, (0.0, 10.0)), marks }
+    }
+
+    #[test]
+    fn a_line_has_a_gap_where_nothing_was_measured() {
+        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: Line::Solid };
+        let points = [1.0, 2.0, f64::NAN, 4.0, 5.0].map(|y| (y, y)).to_vec();
+        let svg =
+            Figure { height_px: 100.0, panels: vec![panel("y", vec![Mark::Curve(look, points)])], ..Figure::default() }
+                .svg();
+        assert_eq!((svg.matches("<polyline").count(), svg.matches("<circle").count()), (2, 4), "{svg}");
+        assert!(!svg.contains("NaN"));
+    }
+
+    #[test]
+    fn a_saved_figure_is_light_and_ours_and_breaks_its_title() {
+        let title = "a title that is much wider than a figure of a page which is as wide as a telephone";
+        let grid = Some(Grid { columns: 1, width_px: 440.0, shared: false });
+        let figure = Figure {
+            title: title.to_owned(),
+            height_px: 100.0,
+            panels: vec![panel("y", Vec::new())],
+            grid,
+            ..Figure::default()
+        };
+        let saved = figure.saved();
+        assert!(saved.contains(SVG_MARK) && saved.contains(".blue{") && !saved.contains("prefers-color-scheme"));
+        assert!(saved.matches("class=\"title\"").count() > 1, "{saved}");
+        assert!(figure.svg().contains("prefers-color-scheme") && !figure.svg().contains(SVG_MARK));
+    }
+
+    #[test]
+    fn wide_numbers_and_long_names_have_room_and_a_legend_is_broken() {
+        let look = Look::markers(Hue::Blue, Shape::Circle);
+        let far = ChartAxis::linear("a quantity with a name that is longer than its panel is high, mN", (0.0, 4e-5));
+        let figure = Figure {
+            height_px: 100.0,
+            panels: vec![Panel { y: far, ..panel("", Vec::new()) }],
+            grid: Some(Grid { columns: 1, width_px: 440.0, shared: false }),
+            legend: vec![(0..4).map(|i| (look, format!("a series of a certain length {i}"))).collect()],
+            ..Figure::default()
+        };
+        let svg = figure.inline();
+        assert!(svg.matches("rotate(-90)").count() > 1, "{svg}");
+        let rows: std::collections::BTreeSet<&str> =
+            svg.split("cy=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        assert_eq!(rows.len(), 4, "one entry has room in a line: {svg}");
+    }
+
+    #[test]
+    fn shared_axes_are_named_once_and_colours_have_a_bar() {
+        let cell = Cell { x: (0.0, 1.0), y: (0.0, 1.0), value: 3.0 };
+        let colours = ChartAxis::linear("output, V", (0.0, 7.0));
+        let cells = || vec![Mark::Cells(colours.clone(), vec![cell]), Mark::Title("unit 1, channel 2".to_owned())];
+        let figure = Figure {
+            height_px: 60.0,
+            panels: (0..15).map(|_| panel("y, mm", cells())).collect(),
+            grid: Some(Grid { columns: 4, width_px: 440.0, shared: true }),
+            ..Figure::default()
+        };
+        let svg = figure.inline();
+        for name in ["x, mm", "y, mm", "output, V"] {
+            assert_eq!(svg.matches(&format!(">{name}<")).count(), 1, "{name}: {svg}");
+        }
+        assert!(svg.contains(">unit 1,<") && svg.contains(">channel 2<") && svg.contains(">6<"), "{svg}");
+    }
 }

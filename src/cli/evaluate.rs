@@ -121,8 +121,7 @@ fn evaluate_trial(
         [(_, Ok(evaluation))] => evaluation_table(std::slice::from_ref(evaluation), is_beside_paper),
         outcomes => solvers_table(outcomes, is_beside_paper),
     };
-    let characteristics =
-        characteristics.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
+    let characteristics = characteristics.filter(|_| !args.json).map(|table| format!("\n{table}")).unwrap_or_default();
     print(&(text + &characteristics))?;
     match outcomes.pop() {
         Some((solver, Err(reason))) => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),

@@ -122,11 +122,7 @@ fn filled(text: &str, indent: &str) -> String {
 }
 
 /// Repeatability and hysteresis of each unit, after the paper's or not, with the definitions underneath, in at most 80 columns.
-pub fn characteristics_table(
-    staircases: &Staircases,
-    repeatability: Repeatability,
-    is_beside_paper: bool,
-) -> String {
+pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability, is_beside_paper: bool) -> String {
     let measured = characterise(staircases, repeatability);
     let line = |first: &str, columns: [String; 3]| {
         let [loading, unloading, hysteresis] = columns;
@@ -227,7 +223,9 @@ mod tests {
     #[test]
     fn without_forces_the_force_column_is_empty() {
         let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
-        assert!(evaluation_table(&[located.clone()], true).contains("force error, mean            0.043 N             -"));
+        assert!(
+            evaluation_table(&[located.clone()], true).contains("force error, mean            0.043 N             -")
+        );
     }
 
     #[test]

@@ -65,3 +65,59 @@ fn is_tested_as_there(presses: &Presses) -> bool {
 fn of(presses: &Presses, phase: Phase) -> impl Iterator<Item = &Press> {
     presses.presses.iter().filter(move |press| press.is_of(phase))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::evaluate::tests as tables;
+
+    /// A run of the paper's protocol.
+    fn papers() -> Presses {
+        let press = |phase, x_mm, y_mm, force_n| Press {
+            phase: Some(phase),
+            x_mm,
+            y_mm,
+            force_set_n: Some(force_n),
+            ..Press::default()
+        };
+        let at = |index: i32| -6.0 + 0.5 * f64::from(index);
+        let calibration = (0..625).map(|i| press(Phase::Calibration, at(i % 25), at(i / 25), 1.0));
+        let test = (0..100).map(|i| press(Phase::Test, 0.1 * f64::from(i) - 5.0, 0.3, 0.1 + 0.009 * f64::from(i)));
+        let mut presses = tables::run(tables::RUN);
+        presses.presses = calibration.chain(test).collect();
+        presses
+    }
+
+    fn is_with(layout: &ArrayLayout, change: impl Fn(&mut Vec<Press>)) -> bool {
+        let mut presses = papers();
+        change(&mut presses.presses);
+        is_beside_paper(layout, &presses)
+    }
+
+    #[test]
+    fn only_the_papers_own_array_and_protocol_are_beside_it() {
+        let papers = ArrayLayout::grid(3, 3, 4.5);
+        assert!(is_with(&papers, |_| {}));
+        assert!(is_with(&papers, |presses| presses.reverse()), "in any order");
+        for other in [
+            ArrayLayout::grid(4, 4, 4.5),
+            ArrayLayout::grid(3, 3, 4.6),
+            ArrayLayout::grid(3, 3, 4.5).with_channels(3),
+            ArrayLayout::grid(1, 9, 4.5),
+        ] {
+            assert!(!is_with(&other, |_| {}), "{other:?}");
+        }
+        assert!(!is_with(&papers, |presses| presses[7].force_set_n = Some(0.9)), "another force");
+        assert!(!is_with(&papers, |presses| presses[7].force_set_n = None), "no force");
+        assert!(!is_with(&papers, |presses| presses[7].x_mm += 0.1), "beside the grid");
+        assert!(!is_with(&papers, |presses| presses[0].x_mm = -6.5), "outside the area");
+        assert!(!is_with(&papers, |presses| presses[1] = presses[0].clone()), "one point twice");
+        assert!(!is_with(&papers, |presses| drop(presses.remove(0))), "a point less");
+        assert!(!is_with(&papers, |presses| drop(presses.pop())), "99 test presses");
+        assert!(!is_with(&papers, |presses| presses.push(presses[700].clone())), "101 test presses");
+        assert!(!is_with(&papers, |presses| presses[700].force_set_n = Some(1.1)), "a strong test press");
+        assert!(!is_with(&papers, |presses| presses[700].y_mm = 6.1), "a test press outside the area");
+        let all_alike = |presses: &mut Vec<Press>| presses[625..].iter_mut().for_each(|p| p.force_set_n = Some(0.5));
+        assert!(!is_with(&papers, all_alike), "one force for all");
+    }
+}

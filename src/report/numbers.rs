@@ -41,7 +41,8 @@ impl Numbers {
     /// What is drawn in a figure: a row for each point, step, bar, column and cell. Columns are called after the axes; those that
     /// say the same in every row (which panel, which series, drawn as what) are left out. Words and lines right across aren't in it.
     pub fn of(figure: &Figure) -> Numbers {
-        let mut marks = Marks { figure, head: ["panel", "series", "drawn_as"].map(str::to_owned).to_vec(), rows: Vec::new() };
+        let mut marks =
+            Marks { figure, head: ["panel", "series", "drawn_as"].map(str::to_owned).to_vec(), rows: Vec::new() };
         figure.panels.iter().for_each(|panel| marks.panel(panel));
         let Marks { head, rows, .. } = marks;
         let whole = |row: Vec<(usize, Value)>| {
@@ -93,7 +94,11 @@ fn told(value: &Value) -> String {
 }
 
 fn quoted(words: &str) -> String {
-    if words.contains([',', '"', '\n', '\r']) { format!("\"{}\"", words.replace('"', "\"\"")) } else { words.to_owned() }
+    if words.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", words.replace('"', "\"\""))
+    } else {
+        words.to_owned()
+    }
 }
 
 /// The table of a figure as it grows.
@@ -229,10 +234,7 @@ mod tests {
             ..Figure::default()
         };
         let csv = Numbers::of(&figure).csv();
-        assert_eq!(
-            csv,
-            "drawn_as,error_mm,share_percent,error_from_mm,error_to_mm\npoint,0.3,1,,\ncolumn,,25,0,0.1\n"
-        );
+        assert_eq!(csv, "drawn_as,error_mm,share_percent,error_from_mm,error_to_mm\npoint,0.3,1,,\ncolumn,,25,0,0.1\n");
         let cells = Figure { panels: vec![panel(vec![Mark::Cells(axis("output, V"), vec![cell])])], ..figure };
         assert_eq!(Numbers::of(&cells).csv(), "error_mm,share_percent,output_v\n0.2,0.5,7\n");
         assert_eq!(quoted("one, \"two\""), "\"one, \"\"two\"\"\"");

@@ -70,12 +70,20 @@ pub fn section(subject: &Subject) -> Option<Section> {
     let drawn = [
         ("press-force-errors", "Force in the window less the set force", "force error, mN", &errors, true),
         ("press-overshoots", "Largest true force less the set force", "overshoot, mN", &overshoots, true),
-        ("press-zero-drift", "Load cell in air after a press, less that before the first", "zero drift, mN", &drifts, true),
+        (
+            "press-zero-drift",
+            "Load cell in air after a press, less that before the first",
+            "zero drift, mN",
+            &drifts,
+            true,
+        ),
         ("press-times", "Time of each press", "time, s", &times, false),
     ];
     let drawn: Vec<Drawn> = drawn
         .into_iter()
-        .filter_map(|(stem, title, label, points, is_about_0)| by_press(title, label, points, is_about_0)?.named(stem).into())
+        .filter_map(|(stem, title, label, points, is_about_0)| {
+            by_press(title, label, points, is_about_0)?.named(stem).into()
+        })
         .collect();
     let before = html! {
         (table(&head.map(words), &rows))

@@ -60,10 +60,7 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     }
     let figure = Figure {
         title: format!("Expected location error at {force_n} N"),
-        subtitle: format!(
-            "by {}, at the median force of the test; mean over the area {mean:.3} mm",
-            solver.name()
-        ),
+        subtitle: format!("by {}, at the median force of the test; mean over the area {mean:.3} mm", solver.name()),
         height_px: axes.height_px(1),
         panels: vec![axes.panel(vec![Mark::Cells(colours, cells)])],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),

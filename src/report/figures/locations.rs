@@ -21,9 +21,7 @@ const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: fal
 pub fn locations(judged: &Judged) -> Option<Section> {
     let shown = || judged.evaluations.iter().flat_map(presses);
     let all = || shown().flat_map(|press| [press.place_true, press.place_solved]);
-    let corner = |of: fn(f64, f64) -> f64| {
-        all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)))
-    };
+    let corner = |of: fn(f64, f64) -> f64| all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)));
     let axes = Axes::around(corner(f64::min)?, corner(f64::max)?, ROOM_MM);
     let drawn = methods(&judged.evaluations).map(|(look, evaluation)| one(look, evaluation, &axes)).collect();
     Section::of_figures("True and predicted places", &html! {}, drawn)
@@ -68,7 +66,6 @@ fn numbers(evaluation: &Evaluation) -> Numbers {
         let number = (press.index + 1) as f64;
         [number, at.x_mm, at.y_mm, found.x_mm, found.y_mm, press.location_error_mm].map(Value::Number).to_vec()
     };
-    let head =
-        ["test_press", "x_true_mm", "y_true_mm", "x_predicted_mm", "y_predicted_mm", "location_error_mm"];
+    let head = ["test_press", "x_true_mm", "y_true_mm", "x_predicted_mm", "y_predicted_mm", "location_error_mm"];
     Numbers::new(&head, presses(evaluation).map(row).collect())
 }
