@@ -17,7 +17,7 @@ mod ramp;
 pub use axis::{ChartAxis, Scale};
 pub use look::{Hue, Line, Look, STYLE, Shape};
 pub use panel::{Anchor, Cell, Mark, Panel, Part};
-pub use ramp::{LEVELS, Ramp};
+pub use ramp::Ramp;
 
 use labels::{Label, SIZE_PX, laid_out};
 use letters::{width_px, wrapped};

@@ -81,7 +81,7 @@ const NAME_LINE: f64 = 28.0;
 /// Height of the numbers beside an axis.
 const LINE_PX: f64 = 14.0;
 /// What a number below an axis takes beyond its width.
-const BESIDE_NUMBER: f64 = 8.0;
+const BESIDE_NUMBER: f64 = 5.0;
 
 /// Where a panel is, px.
 pub(super) struct Area {

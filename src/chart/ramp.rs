@@ -5,7 +5,7 @@
 pub struct Ramp;
 
 /// How many colours there are.
-pub const LEVELS: usize = 16;
+pub(super) const LEVELS: usize = 16;
 
 /// Red, green and blue at even steps.
 const ANCHORS: [[f64; 3]; 5] =

@@ -223,9 +223,7 @@ mod tests {
     #[test]
     fn without_forces_the_force_column_is_empty() {
         let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
-        assert!(
-            evaluation_table(&[located.clone()], true).contains("force error, mean            0.043 N             -")
-        );
+        assert!(evaluation_table(&[located], true).contains("force error, mean            0.043 N             -"));
     }
 
     #[test]

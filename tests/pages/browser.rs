@@ -110,7 +110,8 @@ fn a_page_whose_labels_overlap_is_found_out() {
     let moved =
         exchanged(&page, &format!("{}>unit 1,", places("unit 1,")), &format!("{}>unit 1,", places("channel 1")));
     let found = problems(&moved);
-    assert!(found.iter().any(|problem| problem.starts_with("over each other: \"unit 1,\"")), "{found:?}");
+    let is_of_both = |problem: &String| problem.contains("\"unit 1,\"") && problem.contains("\"channel 1\"");
+    assert!(found.iter().any(|problem| problem.starts_with("over each other") && is_of_both(problem)), "{found:?}");
     let small = exchanged(&page, ".word{font-size:11.5px}", ".word{font-size:8px}");
     let found = problems(&small);
     assert!(found.iter().any(|problem| problem.starts_with("too small, 8")), "{found:?}");

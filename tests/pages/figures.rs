@@ -113,7 +113,7 @@ fn a_file_that_is_not_ours_stays() {
     }
     let bench = bench();
     bench.write("file", "mine");
-    bench.palpate_ends(5, "report all --figures file");
+    bench.palpate_ends(2, "report all --figures file");
     assert_eq!(bench.read("file"), "mine");
 }
 

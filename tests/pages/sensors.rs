@@ -83,7 +83,9 @@ fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
 fn whatever_differs_from_the_papers_protocol_stands_alone() {
     let bench = Bench::new();
     let recipe = shipped_text("recipes/paper.toml");
-    let short = recipe.replace("repeats = 5, rest_s = 300.0", "repeats = 1, rest_s = 0.0");
+    let short = recipe
+        .replace("repeats = 5, rest_s = 300.0", "repeats = 1, rest_s = 0.0")
+        .replace("name = \"paper\"", "name = \"other\"");
     let rig = shipped_text("rigs/sim.toml");
     let wide = rig.replace("pitch_mm = 4.5", "pitch_mm = 4.6");
     for (name, recipe, rig) in [
@@ -93,17 +95,13 @@ fn whatever_differs_from_the_papers_protocol_stands_alone() {
         ("light", short.replace("force_n = [0.1, 1.0]", "force_n = [0.2, 1.2]"), &rig),
         ("pitch", short.clone(), &wide),
     ] {
-        assert!(recipe != short || *rig != rig_of_paper(), "{name} differs in nothing");
+        assert!(recipe != short || *rig != shipped_text("rigs/sim.toml"), "{name} differs in nothing");
         bench.write("recipe.toml", &recipe);
         bench.write("rig.toml", rig);
         let told = bench.palpate(&format!("run recipe.toml --rig rig.toml --out {name}")).out;
         assert!(told.contains("location error, mean") && !told.contains("0.46 mm"), "{name}: {told}");
         bench.palpate_ends(0, &format!("report {name}"));
         let page = bench.read(&format!("{name}/report.html"));
-        assert!(!page.contains(">paper<") && !page.contains("s18020351"), "{name}");
+        assert!(!page.to_lowercase().contains("paper"), "{name}");
     }
-}
-
-fn rig_of_paper() -> String {
-    shipped_text("rigs/sim.toml")
 }

@@ -75,7 +75,7 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         let line = if index == 0 { Line::Solid } else { Line::Dashed };
         let one_in = errors.len().div_ceil(MOST_POINTS).max(1);
         let share = |index: usize| 100.0 * (index + 1) as f64 / count;
-        let is_drawn = |index: &usize| index % one_in == 0 || index + 1 == errors.len();
+        let is_drawn = |index: &usize| index.is_multiple_of(one_in) || index + 1 == errors.len();
         let points = (0..errors.len()).filter(is_drawn).map(|index| (errors[index].min(last), share(index)));
         summed.push(Mark::Steps(Look { shape: None, line, ..*look }, points.collect()));
         legend.push(vec![(Look { shape: Some(Shape::Square), filled: true, line, ..*look }, name(evaluation))]);
