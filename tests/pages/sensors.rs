@@ -100,7 +100,7 @@ fn whatever_differs_from_the_papers_protocol_stands_alone() {
         bench.write("rig.toml", rig);
         let told = bench.palpate(&format!("run recipe.toml --rig rig.toml --out {name}")).out;
         assert!(told.contains("location error, mean") && !told.contains("0.46 mm"), "{name}: {told}");
-        bench.palpate_ends(0, &format!("report {name}"));
+        bench.palpate(&format!("report {name}"));
         let page = bench.read(&format!("{name}/report.html"));
         assert!(!page.to_lowercase().contains("paper"), "{name}");
     }
