@@ -183,6 +183,18 @@ mod tests {
         assert!(upper - mean > 1.5 * (mean - lower), "{lower} {mean} {upper}");
     }
 
+    #[test]
+    fn quantiles_of_chi_squared_are_as_printed() {
+        for (freedom, least, most) in
+            [(1.0, 0.000_982_069, 5.023_886), (2.0, 0.050_635_6, 7.377_759), (40.0, 24.433_039, 59.341_707)]
+        {
+            for (probability, printed) in [(0.025, least), (0.975, most)] {
+                let found = chi_squared_quantile(freedom, probability).unwrap();
+                assert!((found / printed - 1.0).abs() < 1e-6, "{freedom}, {probability}: {found}");
+            }
+        }
+    }
+
     /// Chi-squared tables: 4 degrees of freedom 0.7107 (5 %), 0.4844 (2.5 %), 11.143 (97.5 %).
     #[test]
     fn bounds_of_standard_deviations_are_the_tables() {

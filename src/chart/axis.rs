@@ -32,6 +32,8 @@ const ROOM: f64 = 1.12;
 const NARROWEST: f64 = 1e-12;
 /// The most values that an even axis tells, whatever its range.
 const MOST_TICKS: usize = 100;
+/// With fewer numbers a logarithmic axis of less than a decade can't be read: it has even ones then.
+const FEWEST_TICKS: usize = 3;
 
 impl ChartAxis {
     /// An axis by the logarithm, its range widened to hold all values with a little room; at least as wide as asked for.
@@ -77,20 +79,8 @@ impl ChartAxis {
         match &self.scale {
             Scale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
             Scale::LogAt(ticks) => ticks.clone(),
-            Scale::Linear | Scale::Count if max <= min => Vec::new(),
             Scale::Linear | Scale::Count => {
-                let least = if self.scale == Scale::Count { 1.0 } else { 0.0 };
-                let mut step = round_step((max - min) / 6.0).max(least);
-                loop {
-                    let first = (min / step - 1e-9).ceil() as i64; // -0.6 is three times 0.2 but for rounding
-                    let values = (first..).map(|i| i as f64 * step).take_while(within).take(MOST_TICKS);
-                    let ticks: Vec<(f64, String)> = values.map(|value| (value, number(value, step))).collect();
-                    let widest_px = ticks.iter().map(|(_, told)| taken_px(told)).fold(0.0, f64::max);
-                    if ticks.len() < 2 || length_px * step / (max - min) >= widest_px {
-                        return ticks;
-                    }
-                    step = round_step(1.5 * step);
-                }
+                self.even_ticks(if self.scale == Scale::Count { 1.0 } else { 0.0 }, length_px, taken_px)
             }
             Scale::Log => {
                 let decades = max.log10() - min.log10();
@@ -101,8 +91,35 @@ impl ChartAxis {
                 };
                 let (first, last) = (min.log10().floor() as i32, max.log10().ceil() as i32);
                 let values = (first..=last).flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
-                values.filter(within).map(|value| (value, number(value, value))).collect()
+                let ticks: Vec<(f64, String)> =
+                    values.filter(within).map(|value| (value, number(value, value))).collect();
+                // a part of a decade can lie between two of these
+                if decades < 0.9 && ticks.len() < FEWEST_TICKS {
+                    self.even_ticks(0.0, length_px, taken_px)
+                } else {
+                    ticks
+                }
             }
+        }
+    }
+
+    /// Even values, no nearer than `least`.
+    fn even_ticks(&self, least: f64, length_px: f64, taken_px: impl Fn(&str) -> f64) -> Vec<(f64, String)> {
+        let (min, max) = self.range;
+        if max <= min {
+            return Vec::new();
+        }
+        let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
+        let mut step = round_step((max - min) / 6.0).max(least);
+        loop {
+            let first = (min / step - 1e-9).ceil() as i64; // -0.6 is three times 0.2 but for rounding
+            let values = (first..).map(|i| i as f64 * step).take_while(within).take(MOST_TICKS);
+            let ticks: Vec<(f64, String)> = values.map(|value| (value, number(value, step))).collect();
+            let widest_px = ticks.iter().map(|(_, told)| taken_px(told)).fold(0.0, f64::max);
+            if ticks.len() < 2 || length_px * step / (max - min) >= widest_px {
+                return ticks;
+            }
+            step = round_step(1.5 * step);
         }
     }
 }
@@ -130,6 +147,7 @@ mod tests {
         let told = |axis: ChartAxis| told(&axis, 400.0);
         assert_eq!(told(ChartAxis { range: (0.5, 3.2), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
         assert_eq!(told(ChartAxis { range: (1.0, 900.0), ..ChartAxis::log("", [], (1.0, 1.0)) }), "1 10 100");
+        assert_eq!(told(ChartAxis { range: (0.51, 0.68), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.55 0.6 0.65");
         assert_eq!(told(ChartAxis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
         assert_eq!(told(ChartAxis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
     }

@@ -76,8 +76,11 @@ pub enum Line {
     Dashed,
 }
 
-/// What the classes of all elements mean, in light and in dark.
-pub const STYLE: &str = include_str!("style.css");
+/// What the classes of all elements mean, in light colours.
+pub(super) const LIGHT: &str = include_str!("light.css");
+
+/// The same in light and in dark, as the reader has it.
+pub const STYLE: &str = concat!(include_str!("light.css"), include_str!("dark.css"));
 
 impl Hue {
     /// Its class.

@@ -1,21 +1,28 @@
 //! Charts as SVG, drawn by hand. A plotting library was considered: the common one writes colours into every element, so that
 //! a figure can't follow the reader's light or dark, and it lays text out well only with a font library. This is all a study
 //! or a report needs: axes, curves, markers, columns, cells and words, in colours that also the colour-blind tell apart, and
-//! shapes for print.
+//! shapes for print. No text of a figure is over another.
 //!
-//! A figure stands alone as an SVG file ([`Figure::svg`]), or in a page that has [`STYLE`] and tells title and notes itself
-//! ([`Figure::inline`]).
+//! A figure stands alone as an SVG file that follows the reader's light or dark ([`Figure::svg`]), as one in light colours
+//! ([`Figure::saved`]), or in a page that has [`STYLE`] and prints title and notes itself ([`Figure::inline`]).
 
 mod axis;
+mod bar;
+mod labels;
+mod letters;
 mod look;
+mod panel;
 mod ramp;
 
 pub use axis::{ChartAxis, Scale};
 pub use look::{Hue, Line, Look, STYLE, Shape};
-pub use ramp::{LEVELS, Ramp};
+pub use panel::{Anchor, Cell, Mark, Panel, Part};
+pub use ramp::Ramp;
 
-use look::{write_line, write_marker};
-use std::borrow::Cow;
+use labels::{Label, SIZE_PX, laid_out};
+use letters::{width_px, wrapped};
+use look::{LIGHT, write_line, write_marker};
+use panel::{Area, Words};
 use std::fmt::Write as _;
 
 /// Some panels under one title.
@@ -44,345 +51,248 @@ pub struct Grid {
     pub columns: usize,
     /// Width of the figure, px.
     pub width_px: f64,
-    /// Whether all panels have the same axes: they are told once a row and once a column.
+    /// Whether all panels have the same axes: they are named once, their numbers are beside the first column and below the
+    /// last row.
     pub shared: bool,
 }
 
-/// One pair of axes and what is drawn between them.
-#[derive(Clone, Debug)]
-pub struct Panel {
-    /// To the right.
-    pub x: ChartAxis,
-    /// Upward; rows are counted downward.
-    pub y: ChartAxis,
-    /// In the order they are drawn.
-    pub marks: Vec<Mark>,
-}
-
-/// Something drawn in a panel.
-#[derive(Clone, Debug)]
-pub enum Mark {
-    /// Points, joined by a line or not.
-    Curve(Look, Vec<(f64, f64)>),
-    /// A ring around a point: it stands out.
-    Ring((f64, f64)),
-    /// Strokes from one point to another each.
-    Strokes(Hue, Vec<((f64, f64), (f64, f64))>),
-    /// Columns from 0 up to a y each, from one x to another.
-    Columns(Hue, Vec<((f64, f64), f64)>),
-    /// Rectangles coloured by a share from 0 to 1, see [`Ramp`].
-    Cells(Vec<Cell>),
-    /// What a panel shows, above it.
-    Title(String),
-    /// A line right across at an x, and a word beside it.
-    At(f64, String),
-    /// A line right across at a y, and a word above it.
-    Level(f64, String),
-    /// Words at a point: how far right and down of it, px, and which of their ends is there.
-    Words((f64, f64), (f64, f64), Anchor, String),
-}
-
-/// A rectangle between two values along each axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
-    /// Left and right.
-    pub x: (f64, f64),
-    /// Below and above.
-    pub y: (f64, f64),
-    /// Its place on the ramp of colours, 0 to 1.
-    pub share: f64,
-}
-
-/// Which part of some words is at their point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Anchor {
-    /// Their start.
-    Start,
-    /// Their middle.
-    Middle,
-    /// Their end.
-    End,
-}
+/// In every SVG file of [`Figure::saved`]: a file that has it may be replaced by another.
+pub const SVG_MARK: &str = "<metadata>palpate</metadata>";
 
 const WIDTH: f64 = 900.0;
+/// Left of a panel, px, where the numbers beside its axis have room in it.
 const LEFT: f64 = 72.0;
 const LEFT_OF_ROWS: f64 = 172.0;
 const RIGHT: f64 = 24.0;
 const GAP: f64 = 44.0;
 /// Between the panels of a grid, px: room for the numbers beside them.
 const GAP_OF_GRID: f64 = 50.0;
-/// The same where their axes are told once, px: room for the ends of two axes beside each other.
+/// The same where their axes are shared, px: room for the ends of two axes beside each other.
 pub const SHARED_GAP_PX: f64 = 20.0;
-/// Above the panels of a figure whose page tells its title, and what is cut off below: the page has distances of its own, px.
+/// Above the panels of a figure whose page prints its title, and what is cut off below: the page has distances of its own, px.
 const TOP_INLINE: f64 = 14.0;
 const CUT_INLINE: f64 = 22.0;
 /// A panel's title, px.
 const TITLE_LINE: f64 = 24.0;
 /// How large markers are in a grid.
 const SMALL: f64 = 0.7;
-const TOP: f64 = 64.0;
 const LEGEND_LINE: f64 = 22.0;
-const BELOW_AXIS: f64 = 68.0;
-/// The part of it that an axis' label takes.
-const LABEL_LINE: f64 = 28.0;
 const NOTE_LINE: f64 = 17.0;
-/// Letters in a line of notes.
-const NOTE_LETTERS: usize = 138;
-/// Width of a letter, amply: to know where the next entry of the legend begins, and which numbers have room below an axis.
-const LETTER_PX: f64 = 6.8;
-/// Height of the numbers beside an axis.
-const LINE_PX: f64 = 14.0;
+/// Beside title, legend and notes.
+const MARGIN: f64 = 20.0;
+/// From the start of an entry of the legend to its name, and from its end to the next entry.
+const TO_NAME: f64 = 36.0;
+const TO_NEXT: f64 = 20.0;
+/// From a panel to the numbers of its axis upward, and from those to the axis' name.
+const TO_NUMBERS: f64 = 9.0;
+const TO_LABEL: f64 = 8.0;
+/// From a panel to the name of its axis upward, at least.
+const LEAST_TO_LABEL: f64 = 50.0;
+/// A line of the name of an axis upward.
+const LABEL_LINE: f64 = 15.0;
 
 impl Figure {
     /// The figure as one SVG document.
     pub fn svg(&self) -> String {
-        let notes: Vec<Cow<'_, str>> =
-            self.notes.iter().flat_map(|note| textwrap::wrap(note, self.note_letters())).collect();
-        let (drawn, bottom) = self.drawn(TOP);
-        let (width, height) = (self.width_px(), bottom + NOTE_LINE * notes.len() as f64);
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n<style>\n{STYLE}{ramp}</style>\n\
-             <rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n",
-            title = escaped(&self.title),
-            ramp = if self.has_cells() { Ramp::style() } else { String::new() },
-        );
-        write_text(&mut svg, (20.0, 28.0), "title", &self.title);
-        write_text(&mut svg, (20.0, 48.0), "small", &self.subtitle);
-        svg += &drawn;
-        for (line, note) in notes.iter().enumerate() {
-            write_text(&mut svg, (20.0, bottom + NOTE_LINE * line as f64), "small", note);
-        }
-        svg + "</svg>\n"
+        self.document(STYLE, "")
     }
 
-    /// The figure as an element of a page that has [`STYLE`] and [`Ramp::style`]: title, subtitle and notes are for the page to tell.
-    pub fn inline(&self) -> String {
-        let (drawn, bottom) = self.drawn(TOP_INLINE);
-        let height = bottom - CUT_INLINE;
+    /// The figure as an SVG file to be kept: in light colours, whatever the reader has, and with [`SVG_MARK`].
+    pub fn saved(&self) -> String {
+        self.document(LIGHT, SVG_MARK)
+    }
+
+    fn document(&self, style: &str, mark: &str) -> String {
+        let width = self.width_px();
+        let lines = |text: &str, size: f64| wrapped(text, size, width - 2.0 * MARGIN);
+        let (mut labels, mut y) = (Vec::new(), 0.0);
+        // bold letters are wider
+        for line in lines(&self.title, 19.0) {
+            y += if y == 0.0 { 28.0 } else { 22.0 };
+            labels.push(Label::fixed((MARGIN, y), "title", &line));
+        }
+        for (index, line) in lines(&self.subtitle, 12.0).iter().enumerate() {
+            y += if index == 0 { 20.0 } else { NOTE_LINE };
+            labels.push(Label::fixed((MARGIN, y), "small", line));
+        }
+        let (drawn, bottom) = self.drawn(y + 16.0, &mut labels);
+        let notes: Vec<String> = self.notes.iter().flat_map(|note| lines(note, 12.0)).collect();
+        for (line, note) in notes.iter().enumerate() {
+            labels.push(Label::fixed((MARGIN, bottom + NOTE_LINE * line as f64), "small", note));
+        }
+        let height = bottom + NOTE_LINE * notes.len() as f64;
         format!(
-            "<svg viewBox=\"0 0 {} {height}\" role=\"img\" aria-label=\"{}\">\n{drawn}</svg>\n",
-            self.width_px(),
-            escaped(&self.title)
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"0 0 {width} {height}\" role=\"img\">\n<title>{title}</title>\n{mark}<style>\n{style}{ramp}</style>\n\
+             <rect class=\"sheet\" width=\"{width}\" height=\"{height}\"/>\n{drawn}{texts}</svg>\n",
+            title = escaped(&self.title),
+            ramp = if self.colours().is_some() { Ramp::style() } else { String::new() },
+            texts = laid_out(&labels, width),
         )
     }
 
-    /// Legend and panels below so many px, and where they end.
-    fn drawn(&self, above_px: f64) -> (String, f64) {
+    /// The figure as an element of a page that has [`STYLE`] and [`Ramp::style`]: title, subtitle and notes are for the page to print.
+    pub fn inline(&self) -> String {
+        let mut labels = Vec::new();
+        let (drawn, bottom) = self.drawn(TOP_INLINE, &mut labels);
+        let (width, height) = (self.width_px(), bottom - CUT_INLINE);
+        format!(
+            "<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\">\n{drawn}{}</svg>\n",
+            escaped(&self.title),
+            laid_out(&labels, width)
+        )
+    }
+
+    /// Legend and panels below so many px, without their texts, and where they end.
+    fn drawn(&self, above_px: f64, labels: &mut Vec<Label>) -> (String, f64) {
         let mut svg = String::new();
-        for (line, entries) in self.legend.iter().enumerate() {
-            let (mut x, y) = (20.0, above_px + 8.0 + LEGEND_LINE * line as f64);
+        let legend = self.legend_lines();
+        for (line, entries) in legend.iter().enumerate() {
+            let (mut x, y) = (MARGIN, above_px + 8.0 + LEGEND_LINE * line as f64);
             for (look, name) in entries {
                 write_line(&mut svg, *look, &[(x, y), (x + 28.0, y)]);
                 write_marker(&mut svg, *look, (x + 14.0, y), 1.0);
-                write_text(&mut svg, (x + 36.0, y + 4.5), "", name);
-                x += 36.0 + LETTER_PX * name.chars().count() as f64 + 20.0;
+                labels.push(Label::fixed((x + TO_NAME, y + 4.5), "", name));
+                x += TO_NAME + width_px(name, SIZE_PX) + TO_NEXT;
             }
         }
         let has_rows = self.panels.iter().any(|panel| matches!(panel.y.scale, Scale::Rows(_)));
         let is_shared = self.grid.is_some_and(|grid| grid.shared);
-        let left = if has_rows { LEFT_OF_ROWS } else { LEFT };
+        let names = self.upward_names(has_rows);
+        let left = if has_rows { LEFT_OF_ROWS } else { names.left_px };
         let gap = match self.grid {
             Some(_) if is_shared => SHARED_GAP_PX,
             Some(_) => GAP_OF_GRID,
             None if has_rows => GAP,
-            None => GAP + LEFT,
+            None => GAP + left,
         };
-        let columns = self.grid.map_or(self.panels.len(), |grid| grid.columns).max(1);
+        let columns = self.columns();
         let width = (self.width_px() - left - RIGHT - gap * (columns as f64 - 1.0)) / columns as f64;
-        let mut y = above_px + LEGEND_LINE * self.legend.len() as f64;
+        let mut y = above_px + LEGEND_LINE * legend.len() as f64;
         let rows = self.panels.chunks(columns);
         let last = rows.len().saturating_sub(1);
+        // a title may reach into the gap beside its panel
+        let title_px = width + if is_shared { 0.6 * gap } else { 0.0 };
+        let above_panel_px = self.above_panel_px(title_px);
+        let first_y = y + above_panel_px;
+        let mut last_bottom = first_y;
         for (index, row) in rows.enumerate() {
-            y += self.above_panel_px();
-            // a panel with none below it tells its axis to the right
+            y += above_panel_px;
+            // a panel with none below it has the numbers of its axis to the right
             let has_x = |column: usize| !is_shared || (index + 1) * columns + column >= self.panels.len();
             for (column, panel) in row.iter().enumerate() {
                 let area = Area { x: left + column as f64 * (width + gap), y, width, height: self.height_px };
                 let words = Words {
                     x: has_x(column),
+                    x_label: !is_shared,
                     y: column == 0 || !(has_rows || is_shared),
-                    label: column == 0 || self.grid.is_none() && !has_rows,
+                    title_px,
                     size: if self.grid.is_some() { SMALL } else { 1.0 },
                 };
-                panel.write(&mut svg, &area, &words);
+                panel.write(&mut svg, labels, &area, &words);
+                if !is_shared && !has_rows && (column == 0 || self.grid.is_none()) {
+                    names.write(labels, &panel.y.label, &area);
+                }
             }
+            last_bottom = y + self.height_px;
             let below_px = row.iter().map(Panel::below_px).fold(0.0, f64::max);
             y += self.height_px + if is_shared && index < last { SHARED_GAP_PX } else { below_px };
+        }
+        if let Some(panel) = self.panels.first().filter(|_| is_shared) {
+            let whole =
+                Area { x: left, y: first_y, width: self.width_px() - left - RIGHT, height: last_bottom - first_y };
+            names.write(labels, &panel.y.label, &whole);
+            panel.write_x_label(labels, &whole);
+        }
+        if let Some(axis) = self.colours() {
+            y = bar::write(&mut svg, labels, axis, (left, y - CUT_INLINE), self.width_px() - left - RIGHT);
         }
         (svg, y)
     }
 
-    fn has_cells(&self) -> bool {
-        self.panels.iter().flat_map(|panel| &panel.marks).any(|mark| matches!(mark, Mark::Cells(_)))
+    /// The legend in as many lines as it needs.
+    fn legend_lines(&self) -> Vec<Vec<(Look, &str)>> {
+        let mut lines = Vec::new();
+        for entries in &self.legend {
+            let (mut line, mut x) = (Vec::new(), MARGIN);
+            for (look, name) in entries {
+                let length = TO_NAME + width_px(name, SIZE_PX);
+                if !line.is_empty() && x + length > self.width_px() - MARGIN / 2.0 {
+                    lines.push(std::mem::take(&mut line));
+                    x = MARGIN;
+                }
+                line.push((*look, name.as_str()));
+                x += length + TO_NEXT;
+            }
+            lines.push(line);
+        }
+        lines
+    }
+
+    /// Where the names of the axes upward are, so that they are beside the numbers.
+    fn upward_names(&self, has_rows: bool) -> UpwardNames {
+        let is_shared = self.grid.is_some_and(|grid| grid.shared);
+        let rows = self.panels.len().div_ceil(self.columns()) as f64;
+        let between_px = if is_shared { (rows - 1.0) * (self.height_px + SHARED_GAP_PX) } else { 0.0 };
+        let length_px = self.height_px + between_px + LABEL_LINE;
+        let of_numbers = |panel: &Panel| panel.numbers_upward_px(self.height_px);
+        let numbers_px = if has_rows { 0.0 } else { self.panels.iter().map(of_numbers).fold(0.0, f64::max) };
+        let to_label_px = (TO_NUMBERS + numbers_px + TO_LABEL).max(LEAST_TO_LABEL);
+        let lines = |panel: &Panel| wrapped(&panel.y.label, SIZE_PX, length_px).len() as f64;
+        let lines = self.panels.iter().map(lines).fold(1.0, f64::max);
+        UpwardNames { to_label_px, length_px, left_px: (to_label_px + LABEL_LINE * lines + 4.0).max(LEFT) }
+    }
+
+    fn columns(&self) -> usize {
+        self.grid.map_or(self.panels.len(), |grid| grid.columns).max(1)
+    }
+
+    /// What the colours of its cells mean.
+    fn colours(&self) -> Option<&ChartAxis> {
+        self.panels.iter().flat_map(|panel| &panel.marks).find_map(|mark| match mark {
+            Mark::Cells(axis, _) => Some(axis),
+            _ => None,
+        })
     }
 
     fn width_px(&self) -> f64 {
         self.grid.map_or(WIDTH, |grid| grid.width_px)
     }
 
-    fn note_letters(&self) -> usize {
-        (NOTE_LETTERS as f64 * self.width_px() / WIDTH) as usize
-    }
-
-    /// Room for the panels' own titles.
-    fn above_panel_px(&self) -> f64 {
-        let is_title = |mark: &Mark| matches!(mark, Mark::Title(_));
-        if self.panels.iter().any(|panel| panel.marks.iter().any(is_title)) { TITLE_LINE } else { 0.0 }
+    /// Room for the panels' own titles, which are so wide at most.
+    fn above_panel_px(&self, title_px: f64) -> f64 {
+        let lines = self.panels.iter().map(|panel| panel.title_lines(title_px).len()).max().unwrap_or(0);
+        if lines == 0 { 0.0 } else { TITLE_LINE + LABEL_LINE * (lines - 1) as f64 }
     }
 }
 
-/// Where a panel is, px.
-struct Area {
-    x: f64,
-    y: f64,
-    width: f64,
-    height: f64,
+/// Where the names of the axes upward are.
+struct UpwardNames {
+    /// From a panel to the baseline of a name, px.
+    to_label_px: f64,
+    /// The longest that a line of a name is, px.
+    length_px: f64,
+    /// Room for numbers and name, px.
+    left_px: f64,
 }
 
-/// What is written beside a panel, and how large its markers are.
-struct Words {
-    x: bool,
-    y: bool,
-    /// What the axis upward is.
-    label: bool,
-    size: f64,
-}
-
-impl Panel {
-    /// Room for what stands below it, px.
-    fn below_px(&self) -> f64 {
-        let lines =
-            self.x.ticks(f64::INFINITY, |_| 0.0).iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1);
-        let of_label = if self.x.label.is_empty() { LABEL_LINE } else { 0.0 };
-        BELOW_AXIS + NOTE_LINE * (lines - 1) as f64 - of_label
-    }
-
-    fn write(&self, svg: &mut String, area: &Area, words: &Words) {
-        let (right, bottom) = (area.x + area.width, area.y + area.height);
-        let at = |(x, y): (f64, f64)| {
-            let up = self.y.share(y);
-            let down = if matches!(self.y.scale, Scale::Rows(_)) { up } else { 1.0 - up };
-            (area.x + area.width * self.x.share(x).clamp(0.0, 1.0), area.y + area.height * down.clamp(0.0, 1.0))
-        };
-        for (value, told) in self.y.ticks(area.height, |_| LINE_PX) {
-            let y = at((self.x.range.0, value)).1;
-            match &self.y.scale {
-                Scale::Rows(rows) if (value as usize).is_multiple_of(2) => {
-                    let (x, width, height) = (area.x, area.width, area.height / rows.len() as f64);
-                    let top = y - height / 2.0;
-                    let _ = writeln!(
-                        svg,
-                        "<rect class=\"band\" x=\"{x:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\"/>"
-                    );
-                }
-                Scale::Rows(_) => {}
-                _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
-            }
-            if words.y {
-                write_text(svg, (area.x - 9.0, y + 4.5), "end", &told);
-            }
-        }
-        let mut below_ticks = 0.0;
-        for (value, told) in self.x.ticks(area.width, |told| LETTER_PX * (told.chars().count() + 1) as f64) {
-            let x = at((value, self.y.range.0)).0;
-            write_stroke(svg, "grid", (x, area.y), (x, bottom));
-            for (line, told) in told.lines().enumerate().filter(|_| words.x) {
-                let class = if line == 0 { "mid" } else { "mid small" };
-                write_text(svg, (x, bottom + 18.0 + NOTE_LINE * line as f64), class, told);
-            }
-            below_ticks = NOTE_LINE * (told.lines().count().max(1) - 1) as f64;
-        }
-        let _ = writeln!(
-            svg,
-            "<rect class=\"axis\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
-            area.x, area.y, area.width, area.height
-        );
-        if words.x && !self.x.label.is_empty() {
-            write_text(svg, (area.x + area.width / 2.0, bottom + 38.0 + below_ticks), "mid", &self.x.label);
-        }
-        if words.label && !self.y.label.is_empty() {
-            let (x, y) = (area.x - 50.0, area.y + area.height / 2.0);
-            let told = escaped(&self.y.label);
-            let _ =
-                writeln!(svg, "<text class=\"mid\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\">{told}</text>");
-        }
-        for mark in &self.marks {
-            match mark {
-                Mark::Curve(look, points) => {
-                    let points: Vec<(f64, f64)> = points.iter().map(|point| at(*point)).collect();
-                    write_line(svg, *look, &points);
-                    points.into_iter().for_each(|point| write_marker(svg, *look, point, words.size));
-                }
-                Mark::Ring(point) => {
-                    let (x, y) = at(*point);
-                    let _ = writeln!(svg, "<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"9\"/>");
-                }
-                Mark::Strokes(hue, strokes) => {
-                    let path: String = strokes
-                        .iter()
-                        .map(|(from, to)| (at(*from), at(*to)))
-                        .map(|((x1, y1), (x2, y2))| format!("M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}"))
-                        .collect();
-                    let _ = writeln!(svg, "<path class=\"{} bar\" d=\"{path}\"/>", hue.name());
-                }
-                Mark::Columns(hue, columns) => {
-                    let column = |((from, to), value): &((f64, f64), f64)| {
-                        let ((x1, y1), (x2, y2)) = (at((*from, *value)), at((*to, 0.0)));
-                        format!("M{x1:.1} {y1:.1}H{x2:.1}V{y2:.1}H{x1:.1}z")
-                    };
-                    let path: String = columns.iter().filter(|(_, value)| *value > 0.0).map(column).collect();
-                    let _ = writeln!(svg, "<path class=\"{} column\" d=\"{path}\"/>", hue.name());
-                }
-                Mark::Cells(cells) => write_cells(svg, cells, at),
-                Mark::Title(told) => write_text(svg, (area.x, area.y - 9.0), "head", told),
-                Mark::At(value, told) => {
-                    let x = at((*value, self.y.range.0)).0;
-                    write_stroke(svg, "rule", (x, area.y), (x, bottom));
-                    write_text(svg, (x + 6.0, area.y + 16.0), "word", told);
-                }
-                Mark::Level(value, told) => {
-                    let y = at((self.x.range.0, *value)).1;
-                    write_stroke(svg, "rule", (area.x, y), (right, y));
-                    write_text(svg, (area.x + 6.0, y - 6.0), "word", told);
-                }
-                Mark::Words(point, (right_px, down_px), anchor, told) => {
-                    let (x, y) = at(*point);
-                    let class = match anchor {
-                        Anchor::Start => "word",
-                        Anchor::Middle => "word mid",
-                        Anchor::End => "word end",
-                    };
-                    write_text(svg, (x + right_px, y + down_px), class, told);
-                }
-            }
+impl UpwardNames {
+    fn write(&self, labels: &mut Vec<Label>, name: &str, area: &Area) {
+        let lines = wrapped(name, SIZE_PX, self.length_px);
+        for (line, told) in lines.iter().rev().enumerate() {
+            let at = (area.x - self.to_label_px - LABEL_LINE * line as f64, area.y + area.height / 2.0);
+            labels.push(Label { is_upright: true, ..Label::fixed(at, "mid", told) });
         }
     }
-}
-
-fn write_stroke(svg: &mut String, class: &str, from: (f64, f64), to: (f64, f64)) {
-    let ((x1, y1), (x2, y2)) = (from, to);
-    let _ = writeln!(svg, "<line class=\"{class}\" x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\"/>");
-}
-
-fn write_text(svg: &mut String, (x, y): (f64, f64), class: &str, told: &str) {
-    let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escaped(told));
 }
 
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Cells, those of one colour in one path.
-fn write_cells(svg: &mut String, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
-    let mut paths = vec![String::new(); LEVELS];
-    for Cell { x, y, share } in cells.iter().filter(|cell| cell.share.is_finite()) {
-        let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
-        let _ = write!(paths[Ramp::level(*share)], "M{left:.1} {top:.1}H{right:.1}V{bottom:.1}H{left:.1}z");
-    }
-    for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
-        let _ = writeln!(svg, "<path class=\"{}\" shape-rendering=\"crispEdges\" d=\"{path}\"/>", Ramp::class(level));
-    }
+fn write_stroke(svg: &mut String, class: &str, from: (f64, f64), to: (f64, f64)) {
+    let ((x1, y1), (x2, y2)) = (from, to);
+    let _ = writeln!(svg, "<line class=\"{class}\" x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\"/>");
 }
 
 #[cfg(test)]
@@ -404,5 +314,73 @@ mod tests {
         };
         let svg = Figure { height_px: 100.0, panels: vec![panel], ..Figure::default() }.svg();
         assert!(svg.contains("cx=\"72.0\" cy=\"64.0\"") && svg.contains("a &lt; b &amp; c"), "{svg}");
+    }
+
+    fn panel(y: &str, marks: Vec<Mark>) -> Panel {
+        Panel { x: ChartAxis::linear("x, mm", (0.0, 10.0)), y: ChartAxis::linear(y, (0.0, 10.0)), marks }
+    }
+
+    #[test]
+    fn a_line_has_a_gap_where_nothing_was_measured() {
+        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: Line::Solid };
+        let points = [1.0, 2.0, f64::NAN, 4.0, 5.0].map(|y| (y, y)).to_vec();
+        let svg =
+            Figure { height_px: 100.0, panels: vec![panel("y", vec![Mark::Curve(look, points)])], ..Figure::default() }
+                .svg();
+        assert_eq!((svg.matches("<polyline").count(), svg.matches("<circle").count()), (2, 4), "{svg}");
+        assert!(!svg.contains("NaN"));
+    }
+
+    #[test]
+    fn a_saved_figure_is_light_and_ours_and_breaks_its_title() {
+        let title = "a title that is much wider than a figure of a page which is as wide as a telephone";
+        let grid = Some(Grid { columns: 1, width_px: 440.0, shared: false });
+        let figure = Figure {
+            title: title.to_owned(),
+            height_px: 100.0,
+            panels: vec![panel("y", Vec::new())],
+            grid,
+            ..Figure::default()
+        };
+        let saved = figure.saved();
+        assert!(saved.contains(SVG_MARK) && saved.contains(".blue{") && !saved.contains("prefers-color-scheme"));
+        assert!(saved.matches("class=\"title\"").count() > 1, "{saved}");
+        assert!(figure.svg().contains("prefers-color-scheme") && !figure.svg().contains(SVG_MARK));
+    }
+
+    #[test]
+    fn wide_numbers_and_long_names_have_room_and_a_legend_is_broken() {
+        let look = Look::markers(Hue::Blue, Shape::Circle);
+        let far = ChartAxis::linear("a quantity with a name that is longer than its panel is high, mN", (0.0, 4e-5));
+        let figure = Figure {
+            height_px: 100.0,
+            panels: vec![Panel { y: far, ..panel("", Vec::new()) }],
+            grid: Some(Grid { columns: 1, width_px: 440.0, shared: false }),
+            legend: vec![(0..4).map(|i| (look, format!("a series of a certain length {i}"))).collect()],
+            ..Figure::default()
+        };
+        let svg = figure.inline();
+        assert!(svg.matches("rotate(-90)").count() > 1, "{svg}");
+        let rows: std::collections::BTreeSet<&str> =
+            svg.split("cy=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        assert_eq!(rows.len(), 4, "one entry has room in a line: {svg}");
+    }
+
+    #[test]
+    fn shared_axes_are_named_once_and_colours_have_a_bar() {
+        let cell = Cell { x: (0.0, 1.0), y: (0.0, 1.0), value: 3.0 };
+        let colours = ChartAxis::linear("output, V", (0.0, 7.0));
+        let cells = || vec![Mark::Cells(colours.clone(), vec![cell]), Mark::Title("unit 1, channel 2".to_owned())];
+        let figure = Figure {
+            height_px: 60.0,
+            panels: (0..15).map(|_| panel("y, mm", cells())).collect(),
+            grid: Some(Grid { columns: 4, width_px: 440.0, shared: true }),
+            ..Figure::default()
+        };
+        let svg = figure.inline();
+        for name in ["x, mm", "y, mm", "output, V"] {
+            assert_eq!(svg.matches(&format!(">{name}<")).count(), 1, "{name}: {svg}");
+        }
+        assert!(svg.contains(">unit 1,<") && svg.contains(">channel 2<") && svg.contains(">6<"), "{svg}");
     }
 }

@@ -5,7 +5,7 @@
 pub struct Ramp;
 
 /// How many colours there are.
-pub const LEVELS: usize = 16;
+pub(super) const LEVELS: usize = 16;
 
 /// Red, green and blue at even steps.
 const ANCHORS: [[f64; 3]; 5] =
@@ -24,7 +24,7 @@ impl Ramp {
 
     /// What these classes mean.
     pub fn style() -> String {
-        let rule = |level| format!(".{0}{{fill:{1};background:{1}}}", Ramp::class(level), colour(level));
+        let rule = |level| format!(".{}{{fill:{}}}", Ramp::class(level), colour(level));
         (0..LEVELS).map(rule).collect()
     }
 }

@@ -11,6 +11,7 @@ use crate::acceptance::Rule;
 use crate::dataset::Evidence;
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
+use crate::report::is_beside_paper;
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
@@ -83,17 +84,19 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let contacts = recorded.contacts.iter().collect();
             let evidence =
                 Evidence { presses: &presses, layout: Some(&layout), contacts, u_place_mm: rig.u_place_mm() };
+            let is_beside_paper = is_beside_paper(&layout, &presses);
             let characteristics = Staircases::of_run(&presses, &layout)
-                .map(|staircases| characteristics_table(&staircases, args.repeatability));
+                .map(|staircases| characteristics_table(&staircases, args.repeatability, is_beside_paper));
             let trial = Trial::of_run(&presses, Some(&layout));
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
-            report(args, trial, is_only_characterised, characteristics, rule.map(|rule| (rule, evidence)))
+            let shown = Shown { is_only_characterised, is_beside_paper, characteristics };
+            report(args, trial, shown, rule.map(|rule| (rule, evidence)))
         }
         (None, Some(calibration), Some(test)) => {
             let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
             let evidence = Evidence { presses: &calibration, layout: None, contacts: Vec::new(), u_place_mm: None };
             let trial = Trial::of_tables(&calibration, &test);
-            report(args, trial, false, None, args.accept.rule()?.map(|rule| (rule, evidence)))
+            report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not
         _ => Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
@@ -103,11 +106,19 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
 /// What each solver came to, or why it has no evaluation.
 type Outcomes<'a> = Vec<(&'a str, Result<Evaluation, String>)>;
 
+/// What is printed besides the evaluations.
+#[derive(Default)]
+struct Shown {
+    /// Whether there is neither a calibration nor a test.
+    is_only_characterised: bool,
+    is_beside_paper: bool,
+    characteristics: Option<String>,
+}
+
 fn report(
     args: &EvaluateArgs,
     trial: Result<Trial<'_>, EvaluateError>,
-    is_only_characterised: bool,
-    characteristics: Option<String>,
+    Shown { is_only_characterised, is_beside_paper, characteristics }: Shown,
     asked: Option<(Rule, Evidence<'_>)>,
 ) -> Result<ExitCode, Failure> {
     let trial = match trial {
@@ -123,8 +134,8 @@ fn report(
     } else {
         let evaluated = match outcomes.as_slice() {
             [] => None,
-            [(_, Ok(evaluation))] => Some(evaluation_table(std::slice::from_ref(evaluation))),
-            outcomes => Some(solvers_table(outcomes)),
+            [(_, Ok(evaluation))] => Some(evaluation_table(std::slice::from_ref(evaluation), is_beside_paper)),
+            outcomes => Some(solvers_table(outcomes, is_beside_paper)),
         };
         let verdict = match &judgement {
             Some(judgement) => Some(verdict_table(judgement)),

@@ -12,6 +12,7 @@ mod drivers;
 mod emulate;
 mod evaluate;
 mod exit;
+mod figure_files;
 mod labels;
 mod method;
 mod ports;

@@ -1,13 +1,14 @@
 //! `palpate report`: writes a page about a sensor's runs, or about many sensors side by side.
 
 use super::exit::Failure;
+use super::figure_files::FigureFiles;
 use super::method::solvers;
 use super::recorded::read_run;
 use super::summary::print;
 use super::verdict::{AcceptArgs, rule_of, verdict_code};
 use crate::acceptance::Verdict;
 use crate::dataset::{Recorded, check_run, files};
-use crate::report::{Compared, Judged, MARK, ReportError, Subject, ToCompare, comparison, counted, page};
+use crate::report::{Compared, Judged, MARK, Page, ReportError, Subject, ToCompare, comparison, counted, page};
 use crate::rig::RigSpec;
 use crate::solver::{BEST, Evaluation};
 use std::fs;
@@ -21,9 +22,12 @@ Examples:
   palpate report runs/characterise runs/calibrate runs/test --out A-017.html
   palpate report runs/calibrate runs/test --same-sensor --accept limits.toml
   palpate report --compare runs/batch-* --out batch.html
+  palpate report runs/paper --figures figures
 
 Runs of one page are of one sensor, each phase from one of them. The page is one
-file that needs nothing else: it opens without a network and prints.
+file that needs nothing else: it opens without a network and prints. --figures
+saves each of its figures too, as an SVG file in light colours, and the numbers
+behind it as a CSV file of the same name.
 Exit code: 0 accepted or no rule, 1 not accepted or not decided; of a comparison
 0 once it is written.";
 
@@ -40,12 +44,15 @@ pub struct ReportArgs {
     /// The file to write [default: report.html in the first run's folder, or comparison.html]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// A folder for the page's figures, each as SVG with its numbers as CSV
+    #[arg(long, value_name = "DIR")]
+    figures: Option<PathBuf>,
     /// Runs without a sensor ID are of the same sensor
     #[arg(long, conflicts_with = "compare")]
     same_sensor: bool,
     #[command(flatten)]
     accept: AcceptArgs,
-    /// The method that stands beside the paper's in a comparison; best costs most
+    /// The method that stands beside pearson in a comparison; best costs most
     #[arg(long, value_name = "NAME", default_value = "surrogate", requires = "compare", value_parser = solvers([BEST]))]
     solver: String,
 }
@@ -56,13 +63,18 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;
     let runs: Vec<(Recorded, RigSpec)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
-    let (html, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
-    write(&out, &html)?;
-    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), html.len() as f64 / 1000.0))?;
+    let (page, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
+    // before anything is written
+    let files = args.figures.as_deref().map(|folder| FigureFiles::new(folder, &page.figures)).transpose()?;
+    write(&out, &page.html)?;
+    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0))?;
+    if let Some(files) = files {
+        print(&files.write()?)?;
+    }
     Ok(code)
 }
 
-fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(String, String, ExitCode), Failure> {
+fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, String, ExitCode), Failure> {
     let rule = args.accept.rule_of(runs.iter().map(|(run, _)| run))?;
     let subject = Subject::of(runs, args.same_sensor).map_err(failure)?;
     let judged = Judged::of(&subject, rule.as_ref());
@@ -76,7 +88,7 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(String, Str
     Ok((page(&subject, &judged), told, verdict_code(judged.judgement.as_ref())))
 }
 
-fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(String, String, ExitCode), Failure> {
+fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, String, ExitCode), Failure> {
     let named = args.accept.rule()?;
     let to_compare = |(run, rig): (Recorded, RigSpec)| {
         let rule = if named.is_some() { named.clone() } else { rule_of(&run)? };

@@ -8,6 +8,7 @@ use crate::dataset::characteristics::Repeatability;
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{Evidence, Recorded, RunFolder, Status, TABLES};
 use crate::recipe::Recipe;
+use crate::report::is_beside_paper;
 use crate::rig::RigSpec;
 use crate::solver::Evaluation;
 use miette::{IntoDiagnostic, WrapErr};
@@ -91,13 +92,15 @@ pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Re
 }
 
 /// What a complete run came to, for a person: evaluation, characteristics and verdict.
-pub fn told(folder: &RunFolder, results: &Results) -> Result<String, Failure> {
+pub fn told(folder: &RunFolder, spec: &RigSpec, results: &Results) -> Result<String, Failure> {
     let mut text = String::new();
+    let is_beside_paper = is_beside_paper(&spec.array.layout, &folder.presses().map_err(Failure::dataset)?);
     if !results.evaluations.is_empty() {
-        let _ = write!(text, "\n{}", evaluation_table(&results.evaluations));
+        let _ = write!(text, "\n{}", evaluation_table(&results.evaluations, is_beside_paper));
     }
     if let Some(staircases) = folder.staircases().map_err(Failure::dataset)? {
-        let _ = write!(text, "\n{}", characteristics_table(&staircases, Repeatability::default()));
+        let table = characteristics_table(&staircases, Repeatability::default(), is_beside_paper);
+        let _ = write!(text, "\n{table}");
     }
     match &results.judgement {
         Some(judgement) => _ = write!(text, "\n{}", verdict_table(judgement)),

@@ -1,6 +1,7 @@
-//! The tables a person reads: the paper's numbers beside ours, in at most 80 columns.
+//! The tables a person reads, in at most 80 columns. The paper's numbers are in them only where they stand beside ours, see
+//! [`crate::report::is_beside_paper`].
 
-use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise, terms};
+use crate::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use crate::paper;
 use crate::solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
 use std::fmt::Write as _;
@@ -11,12 +12,13 @@ const WIDTH: usize = 80;
 /// A blank at which [`filled`] breaks no line.
 const NO_BREAK: char = '\u{a0}';
 
-/// The paper's results beside those of any number of solvers on the same test, in at most 80 columns for up to three.
-pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
+/// The results of any number of solvers on the same test, the paper's before them or not, in at most 80 columns for up to three.
+pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
     let mut text = String::new();
     let mut row = |label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
         let ours: String = evaluations.iter().map(|evaluation| format!("{:>14}", ours(evaluation))).collect();
-        let _ = writeln!(text, "{}", format!("{label:<27}{paper:>9}{ours}").trim_end());
+        let paper = if is_beside_paper { format!("{paper:>9}") } else { String::new() };
+        let _ = writeln!(text, "{}", format!("{label:<27}{paper}{ours}").trim_end());
     };
     let of = |error: Option<ErrorSummary>, part: fn(&ErrorSummary) -> f64, unit: &str| match error {
         Some(error) => format!("{:.3} {unit}", part(&error)),
@@ -56,8 +58,8 @@ pub fn evaluation_table(evaluations: &[Evaluation]) -> String {
     text + &footnotes(&evaluations.iter().collect::<Vec<_>>())
 }
 
-/// The paper's results above those of every solver on the same test, or why it has none, a line each.
-pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String {
+/// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
+pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_paper: bool) -> String {
     let line = |name: &str, [location, force, within]: [&[String]; 3], time: &str| {
         let cells =
             |cells: &[String], width: usize| cells.iter().map(|cell| format!("{cell:>width$}")).collect::<String>();
@@ -67,12 +69,14 @@ pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)]) -> String 
     let words = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
     let mut text = format!("{:<22}{:<31}{:>8}{:>12}{:>7}\n", "", "  location error, mm", "force, N", "within, %", "us");
     text += &line("", [&words("mean median p95 largest"), &words("mean"), &words("1mm both")], "solve");
-    let papers = [
-        format!("{} - - -", paper::LOCATION_ERROR_MM),
-        paper::FORCE_ERROR_N.to_string(),
-        format!("{:.1} {:.1}", 100.0 * paper::WITHIN_1MM, 100.0 * paper::WITHIN_BOTH),
-    ];
-    text += &line("paper", [&words(&papers[0]), &words(&papers[1]), &words(&papers[2])], "-");
+    if is_beside_paper {
+        let papers = [
+            format!("{} - - -", paper::LOCATION_ERROR_MM),
+            paper::FORCE_ERROR_N.to_string(),
+            format!("{:.1} {:.1}", 100.0 * paper::WITHIN_1MM, 100.0 * paper::WITHIN_BOTH),
+        ];
+        text += &line("paper", [&words(&papers[0]), &words(&papers[1]), &words(&papers[2])], "-");
+    }
     for (name, outcome) in outcomes {
         let evaluation = match outcome {
             Ok(evaluation) => evaluation,
@@ -101,7 +105,7 @@ pub fn chosen(choice: &Choice) -> String {
     };
     let tried: Vec<String> = choice.candidates.iter().filter_map(candidate).collect();
     if tried.is_empty() {
-        return "chosen as the paper's: too few presses to cross-validate on\n".to_owned();
+        return "chosen without cross-validation: too few presses\n".to_owned();
     }
     filled(&format!("chosen by cross-validation on the calibration: {}", tried.join(", ")), "  ")
 }
@@ -120,51 +124,78 @@ pub(super) fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
-/// The characteristics of each unit beside the paper's, with the definitions underneath, in at most 80 columns.
-pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability) -> String {
+/// The characteristics of each unit, after the paper's where they stand, with the definitions underneath, in at most 80 columns.
+pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability, is_beside_paper: bool) -> String {
     let measured = characterise(staircases, repeatability);
-    // The paper has nine units; another array stands alone.
-    let is_papers = measured.len() == paper::TABLE_1_PERCENT.len();
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
-    let papers = |unit: &UnitCharacteristics, column: usize| {
-        number(paper::TABLE_1_PERCENT.get(unit.unit - 1).filter(|_| is_papers).map(|row| row[column]))
-    };
     let interval = |interval: Option<(f64, f64)>| match interval {
         Some((least, most)) => format!("{least:.2} to {most:.2}"),
         None => "-".to_owned(),
     };
+    // a column of the paper's, where it stands
+    let papers = |head: &str, column: Option<usize>, unit: Option<usize>| {
+        let cell = match (column, unit) {
+            (Some(column), Some(unit)) => number(paper::TABLE_1_PERCENT.get(unit - 1).map(|row| row[column])),
+            _ => head.to_owned(),
+        };
+        is_beside_paper.then_some((9, cell))
+    };
     let units = || measured.iter().filter(|unit| !unit.is_none());
-
+    let plain = |width: usize, cell: String| Some((width, cell));
+    let line = |cells: Vec<Option<(usize, String)>>| {
+        cells.into_iter().flatten().map(|(width, cell)| format!("{cell:>width$}")).collect::<String>() + "\n"
+    };
+    let repeats = |first: String, [loading, unloading]: [(String, String); 2], unit: Option<usize>| {
+        line(vec![
+            plain(4, first),
+            papers("paper", Some(0), unit),
+            plain(8, loading.0),
+            plain(18, loading.1),
+            papers("paper", Some(1), unit),
+            plain(8, unloading.0),
+            plain(18, unloading.1),
+        ])
+    };
+    let others = |first: String, [hysteresis, of_reading, linearity, zero_return]: [String; 4], unit: Option<usize>| {
+        line(vec![
+            plain(4, first),
+            papers("paper", Some(2), unit),
+            plain(8, hysteresis),
+            plain(18, of_reading),
+            plain(15, linearity),
+            plain(15, zero_return),
+        ])
+    };
     let mut text = "Characteristics of each unit, % of full scale\n".to_owned();
-    let widths = [4, 9, 8, 18, 9, 8, 18];
-    text += &format!("{:>39}{:>35}\n", "repeatability, loading", "repeatability, unloading");
-    text +=
-        &line(&widths, ["unit", "paper", "ours", "95 % interval", "paper", "ours", "95 % interval"].map(String::from));
+    text += &line(vec![
+        plain(4, String::new()),
+        papers("", None, None),
+        plain(26, "repeatability, loading".to_owned()),
+        papers("", None, None),
+        plain(26, "repeatability, unloading".to_owned()),
+    ]);
+    let head = || ("ours".to_owned(), "95 % interval".to_owned());
+    text += &repeats("unit".to_owned(), [head(), head()], None);
     for unit in units() {
-        let cells = [
-            unit.unit.to_string(),
-            papers(unit, 0),
-            number(unit.repeatability_loading_percent),
-            interval(unit.repeatability_loading_interval_percent),
-            papers(unit, 1),
-            number(unit.repeatability_unloading_percent),
-            interval(unit.repeatability_unloading_interval_percent),
-        ];
-        text += &line(&widths, cells);
+        let loading =
+            (number(unit.repeatability_loading_percent), interval(unit.repeatability_loading_interval_percent));
+        let unloading =
+            (number(unit.repeatability_unloading_percent), interval(unit.repeatability_unloading_interval_percent));
+        text += &repeats(unit.unit.to_string(), [loading, unloading], Some(unit.unit));
     }
-    let widths = [4, 9, 8, 18, 15, 15];
-    text += &format!("\n{:>21}{:>18}\n", "hysteresis", "hysteresis,");
-    text += &line(&widths, ["unit", "paper", "ours", "% of reading", "linearity", "zero return"].map(String::from));
+    text.push('\n');
+    let width = if is_beside_paper { 21 } else { 12 };
+    text += &format!("{:>width$}{:>18}\n", "hysteresis", "hysteresis,");
+    let heads = ["ours", "% of reading", "linearity", "zero return"].map(str::to_owned);
+    text += &others("unit".to_owned(), heads, None);
     for unit in units() {
         let cells = [
-            unit.unit.to_string(),
-            papers(unit, 2),
-            number(unit.hysteresis_percent),
-            number(unit.hysteresis_of_reading_percent),
-            number(unit.linearity_percent),
-            number(unit.zero_return_percent),
+            unit.hysteresis_percent,
+            unit.hysteresis_of_reading_percent,
+            unit.linearity_percent,
+            unit.zero_return_percent,
         ];
-        text += &line(&widths, cells);
+        text += &others(unit.unit.to_string(), cells.map(number), Some(unit.unit));
     }
     text.push('\n');
     let repeats = ("repeatability", repeatability.definition());
@@ -177,11 +208,6 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
         let _ = writeln!(text, "left out: {} flagged levels", staircases.left_out);
     }
     text
-}
-
-/// Cells side by side, each as wide as said.
-fn line<const COLUMNS: usize>(widths: &[usize; COLUMNS], cells: [String; COLUMNS]) -> String {
-    cells.iter().zip(widths).map(|(cell, &width)| format!("{cell:>width$}")).collect::<String>() + "\n"
 }
 
 const SHARED_ERROR_NOTE: &str = "\
@@ -252,7 +278,7 @@ mod tests {
 
     #[test]
     fn what_was_left_out_is_said() {
-        let text = evaluation_table(&[evaluation("pearson")]);
+        let text = evaluation_table(&[evaluation("pearson")], false);
         assert!(
             text.contains("flagged: 1 calibration and 1 test presses\nleft out, unsolved by pearson: 1 test"),
             "{text}"
@@ -262,7 +288,7 @@ mod tests {
     #[test]
     fn without_forces_the_force_column_is_empty() {
         let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
-        assert!(evaluation_table(&[located]).contains("force error, mean            0.043 N             -"));
+        assert!(evaluation_table(&[located], true).contains("force error, mean            0.043 N             -"));
     }
 
     #[test]
@@ -278,7 +304,7 @@ mod tests {
             candidate("physics", None),
         ];
         let untried = Choice { candidates: candidates[2..].to_vec() };
-        assert_eq!(chosen(&untried), "chosen as the paper's: too few presses to cross-validate on\n");
+        assert_eq!(chosen(&untried), "chosen without cross-validation: too few presses\n");
         let choice = Choice { candidates };
         assert_eq!(
             chosen(&choice),
@@ -286,7 +312,7 @@ mod tests {
         );
         let verdicts = Verdicts { ok: 3, weak_signal: 2, outside_area: 0, not_one_contact: 0, channel_fault: 1 };
         let evaluation = Evaluation { choice: Some(choice), verdicts, ..evaluation("pearson") };
-        let text = evaluation_table(&[evaluation]);
+        let text = evaluation_table(&[evaluation], false);
         assert!(text.contains("\ndoubted by pearson: 2 weak-signal, 1 channel-fault\nchosen by cross-"), "{text}");
     }
 
@@ -301,7 +327,7 @@ mod tests {
             ..evaluation.clone()
         };
         let outcomes = [("pearson", Ok(evaluation)), ("physics", Err("a reason ".repeat(20))), ("best", Ok(far))];
-        let text = solvers_table(&outcomes);
+        let text = solvers_table(&outcomes, true);
         assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         assert!(text.contains("\nbest: gaussian-process   1.0e6   100.0   1.0e4   1.2e5"), "{text}");
         assert_eq!(text.matches("left out, unsolved by").count(), 2, "{text}");
@@ -326,8 +352,8 @@ mod tests {
         let readings = vec![[up.to_vec(), down.to_vec(), wild.collect()].concat(); 9];
         for repeatability in Repeatability::value_variants() {
             let staircases = Staircases { readings: readings.clone(), left_out: 3 };
-            let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()])
-                + &characteristics_table(&staircases, *repeatability);
+            let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()], true)
+                + &characteristics_table(&staircases, *repeatability, true);
             assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         }
     }

@@ -1,11 +1,12 @@
 //! Runs beside one another.
 
 use super::figures::{LOOKS, WIDTH_PX};
-use super::frame::{Drawn, clock, counted, document, figures, none, number, percent, section, table, words};
+use super::frame::{Drawn, Page, Section, clock, counted, none, number, percent, section, table, words};
 use super::judged::PAPERS;
+use super::numbers::{Numbers, Value};
 use super::subject::run_name;
 use crate::acceptance::{Judgement, Rule, Verdict};
-use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel};
+use crate::chart::{Cell, ChartAxis, Figure, Grid, Look, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::dataset::{Evidence, Manifest, Presses, Recorded};
@@ -100,8 +101,25 @@ impl Compared {
     }
 
     /// The sensor, where somebody said which; else the run.
-    fn told(&self) -> String {
-        self.manifest.facts.labels.sensor.clone().unwrap_or_else(|| self.name.clone())
+    fn told(&self) -> &str {
+        self.manifest.facts.labels.sensor.as_deref().unwrap_or(&self.name)
+    }
+
+    /// When it began, as a person writes it; empty where it never did.
+    fn began(&self) -> String {
+        self.manifest.sessions.first().map(|session| clock(&session.started)).unwrap_or_default()
+    }
+
+    /// What it is called beside a figure: the sensor, and below it the day and the minute.
+    fn in_figure(&self) -> String {
+        let minute: String = self.began().chars().take("2026-01-01 00:00".len()).collect();
+        format!("{}\n{minute}", self.told())
+    }
+
+    /// Sensor, run and beginning, as every table of a figure's numbers begins with them.
+    fn origin(&self) -> [Value; 3] {
+        let sensor = self.manifest.facts.labels.sensor.as_deref().map_or(Value::None, Value::from);
+        [sensor, Value::from(self.name.as_str()), Value::from(self.began().as_str())]
     }
 }
 
@@ -127,17 +145,18 @@ fn calibrated(presses: &Presses) -> Vec<(Place, f64)> {
 }
 
 /// A page about many runs, in the order they were named.
-pub fn comparison(runs: &[Compared], solver: &str) -> String {
-    let body = html! {
-        header {
-            h1 { (counted(runs.len(), "run")) " side by side" }
-            p.lede { "In the order they were named: sensors of a batch, or one sensor over time." }
-        }
-        (section("What each came to", &numbers(runs, solver)))
-        (section("Errors", &figures(&errors(runs, solver))))
-        @if let Some(changes) = changes(runs) { (section("How the units differ", &figures(&[changes]))) }
+pub fn comparison(runs: &[Compared], solver: &str) -> Page {
+    let header = html! {
+        h1 { (counted(runs.len(), "run")) " side by side" }
+        p.lede { "In the order they were named: sensors of a batch, or one sensor over time." }
     };
-    document(&counted(runs.len(), "run"), &body)
+    let empty = html! {};
+    let sections = [
+        Some(section("What each came to", &numbers(runs, solver)).into()),
+        Section::of_figures("Errors of each run", &empty, errors(runs, solver)),
+        Section::of_figures("How the units differ", &empty, changes(runs).into_iter().collect()),
+    ];
+    Page::of(&counted(runs.len(), "run"), &header, sections.into_iter().flatten())
 }
 
 /// Two tables, since one would be too wide to print.
@@ -197,10 +216,9 @@ fn origins_table(runs: &[Compared]) -> Markup {
     let head = ["run", "began", "presses", "flagged", "repeatability, loading, %", "unloading, %", "hysteresis, %"];
     let row = |(index, run): (usize, &Compared)| {
         let manifest = &run.manifest;
-        let began = manifest.sessions.first().map(|session| clock(&session.started)).unwrap_or_default();
         let mut cells = vec![
             run.numbered(index),
-            words(began),
+            words(run.began()),
             words(format!("{} of {}", manifest.presses_done, manifest.facts.presses_planned)),
             words(manifest.rows_flagged),
         ];
@@ -222,77 +240,98 @@ fn sd(values: &[f64]) -> Option<f64> {
     Some(values.std_dev()).filter(|sd| sd.is_finite())
 }
 
+/// Height of a run's row in a figure, px: its name and when it began.
+const ROW_PX: f64 = 36.0;
+
+/// A row a run, called by its sensor and when it began.
+fn rows(runs: &[&Compared]) -> (ChartAxis, f64) {
+    (ChartAxis::rows(runs.iter().map(|run| run.in_figure()).collect()), ROW_PX * runs.len() as f64)
+}
+
+/// What a table of a figure's numbers begins with.
+const ORIGIN: [&str; 3] = ["sensor", "run", "began"];
+
+/// The errors of every run, a figure for each of the two.
 fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
-    let of = |title: &str, label: &str, value: fn(&Evaluation) -> Option<(f64, f64)>| {
-        let mut marks = Vec::new();
+    let all: Vec<&Compared> = runs.iter().collect();
+    let (y, height_px) = rows(&all);
+    // a method that is compared with itself is drawn once
+    let methods: Vec<(usize, Look, &str)> = LOOKS
+        .into_iter()
+        .zip([PAPERS, solver])
+        .enumerate()
+        .map(|(method, (look, name))| (method, look, name))
+        .filter(|(method, _, name)| *method == 0 || *name != PAPERS)
+        .collect();
+    let of = |title: &str, label: &str, heads: [&str; 2], value: fn(&Evaluation) -> Option<ErrorSummary>| {
+        let (mut marks, mut numbers) = (Vec::new(), Vec::new());
         let mut most = 0.0f64;
-        for (method, look) in LOOKS.into_iter().enumerate() {
-            let points = runs.iter().enumerate().filter_map(|(index, run)| {
-                let (mean, p95) = value(run.evaluations[method].as_ref()?)?;
-                Some(((index + 1) as f64, mean, p95))
-            });
-            let points: Vec<(f64, f64, f64)> = points.collect();
-            most = points.iter().map(|point| point.2).fold(most, f64::max);
-            // side by side, so that both are seen
-            let shift = if method == 0 { -0.15 } else { 0.15 };
-            let stroke = |(x, mean, p95): &(f64, f64, f64)| ((x + shift, *mean), (x + shift, *p95));
-            marks.push(Mark::Strokes(look.hue, points.iter().map(stroke).collect()));
-            marks.push(Mark::Curve(look, points.iter().map(|(x, mean, _)| (x + shift, *mean)).collect()));
+        for (method, look, name) in &methods {
+            // one above the other, so that both are seen
+            let shift = if methods.len() == 1 { 0.0 } else { 0.3 * *method as f64 - 0.15 };
+            let (mut means, mut strokes) = (Vec::new(), Vec::new());
+            for (index, run) in runs.iter().enumerate() {
+                let Some(error) = run.evaluations[*method].as_ref().and_then(value) else { continue };
+                let at = index as f64 + shift;
+                means.push((error.mean, at));
+                strokes.push(((error.mean, at), (error.p95, at)));
+                most = most.max(error.p95);
+                let told = [Value::from(*name), Value::Number(error.mean), Value::Number(error.p95)];
+                numbers.push(run.origin().into_iter().chain(told).collect());
+            }
+            marks.extend([Mark::Strokes(look.hue, strokes), Mark::Curve(*look, means)]);
         }
-        (most > 0.0).then(|| {
-            Drawn::plain(Figure {
-                title: title.to_owned(),
-                subtitle: "marks: means; strokes: up to the 95th percentile".to_owned(),
-                height_px: 240.0,
-                panels: vec![Panel {
-                    x: ChartAxis::count("run", (0.5, runs.len() as f64 + 0.5)),
-                    y: ChartAxis::linear(label, (0.0, 1.05 * most)),
-                    marks,
-                }],
-                grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-                legend: LOOKS
-                    .into_iter()
-                    .zip([PAPERS, solver])
-                    .map(|(look, name)| vec![(look, name.to_owned())])
-                    .collect(),
-                ..Figure::default()
-            })
-        })
+        let figure = Figure {
+            title: title.to_owned(),
+            subtitle: "marks: means; strokes: up to the 95th percentile".to_owned(),
+            height_px,
+            panels: vec![Panel { x: ChartAxis::linear(label, (0.0, 1.05 * most)), y: y.clone(), marks }],
+            grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+            legend: vec![methods.iter().map(|(_, look, name)| (*look, (*name).to_owned())).collect()],
+            ..Figure::default()
+        };
+        let head = ORIGIN.into_iter().chain(["solver"]).chain(heads).collect::<Vec<_>>();
+        (most > 0.0).then(|| Drawn::plain(figure).with(Numbers::new(&head, numbers)))
     };
-    let location =
-        of("Location error", "location error, mm", |e| Some((e.location_error_mm.mean, e.location_error_mm.p95)));
-    let force = of("Force error", "force error, N", |e| e.force_error_n.map(|error| (error.mean, error.p95)));
-    [location, force].into_iter().flatten().collect()
+    let location = ["location_error_mean_mm", "location_error_p95_mm"];
+    let force = ["force_error_mean_n", "force_error_p95_n"];
+    [
+        of("Location errors", "location error, mm", location, |e| Some(e.location_error_mm)),
+        of("Force errors", "force error, N", force, |e| e.force_error_n),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 /// Each unit's mean output against that of the first run; none where fewer than two runs have the same units.
 fn changes(runs: &[Compared]) -> Option<Drawn> {
     let first = runs.iter().find(|run| !run.gains.is_empty())?;
     let units = first.gains.len();
-    let is_alike = |run: &Compared| run.gains.len() == units && run.calibrated == first.calibrated;
-    let alike: Vec<(usize, &Compared)> = runs.iter().enumerate().filter(|(_, run)| is_alike(run)).collect();
+    let is_alike = |run: &&Compared| run.gains.len() == units && run.calibrated == first.calibrated;
+    let alike: Vec<&Compared> = runs.iter().filter(is_alike).collect();
     (alike.len() > 1).then_some(())?;
     let left_out = runs.len() - alike.len();
     let percent = |run: &Compared, unit: usize| 100.0 * (run.gains[unit] / first.gains[unit] - 1.0);
-    let every =
-        || alike.iter().flat_map(|(_, run)| (0..units).map(|unit| percent(run, unit))).filter(|p| p.is_finite());
+    let every = || alike.iter().flat_map(|run| (0..units).map(|unit| percent(run, unit))).filter(|p| p.is_finite());
     let most = every().map(f64::abs).fold(0.0, f64::max).max(LEAST_PERCENT);
-    let cells = alike.iter().flat_map(|(index, run)| {
-        let at = (index + 1) as f64;
-        (0..units).map(move |unit| {
-            let row = (unit + 1) as f64;
-            let share = 0.5 + 0.5 * percent(run, unit) / most;
-            Cell { x: (at - 0.5, at + 0.5), y: (row - 0.5, row + 0.5), share }
-        })
-    });
+    let (mut cells, mut numbers) = (Vec::new(), Vec::new());
+    for (row, run) in alike.iter().enumerate() {
+        for unit in 0..units {
+            let (at, row, value) = ((unit + 1) as f64, row as f64, percent(run, unit));
+            cells.push(Cell { x: (at - 0.5, at + 0.5), y: (row - 0.5, row + 0.5), value });
+            numbers.push(run.origin().into_iter().chain([at, value].map(Value::Number)).collect());
+        }
+    }
+    let (y, height_px) = rows(&alike);
     let figure = Figure {
         title: "Mean output of each unit".to_owned(),
-        subtitle: format!("over the calibration, a newton, against that of {}", first.told()),
-        height_px: (18.0 * units as f64).clamp(80.0, 400.0),
+        subtitle: format!("over the calibration, for each newton, against that of {}", first.told()),
+        height_px,
         panels: vec![Panel {
-            x: ChartAxis::count("run", (0.5, runs.len() as f64 + 0.5)),
-            y: ChartAxis::count("unit", (0.5, units as f64 + 0.5)),
-            marks: vec![Mark::Cells(cells.collect())],
+            x: ChartAxis::count("output", (0.5, units as f64 + 0.5)),
+            y,
+            marks: vec![Mark::Cells(ChartAxis::linear("change of the mean output, %", (-most, most)), cells)],
         }],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         notes: match left_out {
@@ -304,5 +343,6 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
         },
         ..Figure::default()
     };
-    Some(Drawn { figure, ramp: Some([-most, most].map(|percent| format!("{percent:+.2} %"))) })
+    let head = [&ORIGIN[..], &["output", "change_percent"]].concat();
+    Some(Drawn::plain(figure).named("output-changes").with(Numbers::new(&head, numbers)))
 }

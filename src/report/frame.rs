@@ -1,6 +1,7 @@
 //! What all pages share: the document around them, tables, figures, and numbers as they were computed.
 
-use crate::chart::{Figure, LEVELS, Ramp, STYLE};
+use super::numbers::Numbers;
+use crate::chart::{Figure, Ramp, STYLE};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::fmt::Display;
 
@@ -11,7 +12,7 @@ pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 const PAGE_STYLE: &str = include_str!("page.css");
 
 /// A whole page.
-pub fn document(title: &str, body: &Markup) -> String {
+fn document(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -65,6 +66,12 @@ pub fn table(head: &[Markup], rows: &[Vec<Markup>]) -> Markup {
     }
 }
 
+/// Words at the beginning of a sentence.
+pub fn capital(words: &str) -> String {
+    let mut letters = words.chars();
+    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
+}
+
 /// Words as a cell.
 pub fn words(words: impl Display) -> Markup {
     html! { (words.to_string()) }
@@ -80,12 +87,6 @@ pub fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{ending}")
 }
 
-/// A quantity to two digits behind the point, or as many as the largest of its kind needs.
-pub fn told(value: f64, largest: f64) -> String {
-    let digits = if largest == 0.0 { 2.0 } else { (1.0 - largest.abs().log10().floor()).clamp(2.0, 12.0) };
-    format!("{value:.0$}", digits as usize)
-}
-
 /// A time with its zone to the second, as a person writes it.
 pub fn clock(time: &str) -> String {
     let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();
@@ -98,18 +99,33 @@ pub fn none() -> Markup {
     html! { "-" }
 }
 
-/// A figure with what it shows above it, and what its colours mean below.
+/// A figure of a page, and what it is saved as.
 pub struct Drawn {
-    /// The figure; its title and its subtitle stand above it.
+    /// The stem of its files' names, in kebab-case.
+    pub stem: String,
+    /// The figure; its title and its subtitle stand above it, its notes below.
     pub figure: Figure,
-    /// What the first and the last colour mean.
-    pub ramp: Option<[String; 2]>,
+    /// The numbers behind it.
+    pub numbers: Numbers,
 }
 
 impl Drawn {
-    /// A figure that has no colours for numbers.
+    /// A figure and the numbers that its marks have. It is saved under its title unless it is given another name.
     pub fn plain(figure: Figure) -> Drawn {
-        Drawn { figure, ramp: None }
+        let numbers = Numbers::of(&figure);
+        Drawn { stem: kebab_case(&figure.title), figure, numbers }
+    }
+
+    /// The same under another name.
+    #[must_use]
+    pub fn named(self, stem: &str) -> Drawn {
+        Drawn { stem: kebab_case(stem), ..self }
+    }
+
+    /// The same with other numbers than those of its marks.
+    #[must_use]
+    pub fn with(self, numbers: Numbers) -> Drawn {
+        Drawn { numbers, ..self }
     }
 
     fn markup(&self) -> Markup {
@@ -118,20 +134,74 @@ impl Drawn {
             figure {
                 figcaption { strong { (title) } (subtitle) }
                 (PreEscaped(self.figure.inline()))
-                @if let Some([first, last]) = &self.ramp {
-                    div.ramp {
-                        span { (first) }
-                        span.colours { @for level in 0..LEVELS { i class=(Ramp::class(level)) {} } }
-                        span { (last) }
-                    }
-                }
                 @for note in notes { p.note { (note) } }
             }
         }
     }
 }
 
-/// Figures side by side where there is room.
-pub fn figures(drawn: &[Drawn]) -> Markup {
-    html! { div.figures { @for drawn in drawn { (drawn.markup()) } } }
+/// Small letters and digits, others as hyphens.
+fn kebab_case(words: &str) -> String {
+    let letters = |letter: char| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { ' ' };
+    words.chars().map(letters).collect::<String>().split_whitespace().collect::<Vec<_>>().join("-")
+}
+
+/// A part of a page, and its figures.
+pub struct Section {
+    /// Its heading, texts and figures.
+    pub markup: Markup,
+    /// The figures once more, in their order.
+    pub figures: Vec<Drawn>,
+}
+
+impl Section {
+    /// Figures under a heading, after some words; none without figures.
+    pub fn of_figures(title: &str, before: &Markup, figures: Vec<Drawn>) -> Option<Section> {
+        (!figures.is_empty()).then(|| Section::new(title, before, figures))
+    }
+
+    /// Words and figures under a heading.
+    pub fn new(title: &str, before: &Markup, figures: Vec<Drawn>) -> Section {
+        let body = html! {
+            (before)
+            // side by side where there is room
+            @if !figures.is_empty() { div.figures { @for drawn in &figures { (drawn.markup()) } } }
+        };
+        Section { markup: section(title, &body), figures }
+    }
+}
+
+impl From<Markup> for Section {
+    fn from(markup: Markup) -> Section {
+        Section { markup, figures: Vec::new() }
+    }
+}
+
+/// A page, and its figures.
+pub struct Page {
+    /// One HTML file that needs nothing else.
+    pub html: String,
+    /// In the order in which they are on the page.
+    pub figures: Vec<Drawn>,
+}
+
+impl Page {
+    /// A page of sections below a header.
+    pub fn of(title: &str, header: &Markup, sections: impl IntoIterator<Item = Section>) -> Page {
+        let (markups, figures): (Vec<Markup>, Vec<Vec<Drawn>>) =
+            sections.into_iter().map(|section| (section.markup, section.figures)).unzip();
+        let body = html! { header { (header) } @for markup in markups { (markup) } };
+        Page { html: document(title, &body), figures: figures.into_iter().flatten().collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_is_saved_under_a_name_of_small_letters() {
+        assert_eq!(kebab_case("Error against the force, N (best)"), "error-against-the-force-n-best");
+        assert_eq!(kebab_case("locations-pearson"), "locations-pearson");
+    }
 }

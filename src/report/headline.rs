@@ -1,5 +1,6 @@
-//! Whether the sensor is accepted, and the paper's numbers beside ours.
+//! Whether the sensor is accepted, and its errors; beside the paper's where that stands.
 
+use super::beside_paper::CITATION;
 use super::frame::{none, number, percent, section as framed, table, words};
 use super::verdict;
 use super::{Judged, Subject};
@@ -9,26 +10,31 @@ use maud::{Markup, html};
 
 /// The first thing a reader sees.
 pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
+    let is_beside_paper = subject.is_beside_paper();
     Some(html! {
         (verdict::section(subject, judged))
-        @if !judged.evaluations.is_empty() { (framed("How near it comes", &numbers(&judged.evaluations))) }
+        @if !judged.evaluations.is_empty() {
+            (framed("Errors of the test presses", &numbers(&judged.evaluations, is_beside_paper)))
+        }
+        @if is_beside_paper { p.note { "Paper: " cite { (CITATION) } "." } }
     })
 }
 
 type Cell<'a> = &'a dyn Fn(&str, &Evaluation) -> Option<Markup>;
 
-/// The paper's numbers, then those of each method.
-fn numbers(evaluations: &[Evaluation]) -> Markup {
+/// The numbers of each method, after the paper's where they stand.
+fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
     let name = |evaluation: &Evaluation| match evaluation.choice {
         Some(_) => format!("{BEST}: {}", evaluation.solver),
         None => evaluation.solver.clone(),
     };
-    let head: Vec<Markup> =
-        ["", "paper"].map(words).into_iter().chain(evaluations.iter().map(|e| words(name(e)))).collect();
+    let of_paper = |told: &str| is_beside_paper.then(|| words(told));
+    let names = evaluations.iter().map(|e| words(name(e)));
+    let head: Vec<Markup> = std::iter::once(words("")).chain(of_paper("paper")).chain(names).collect();
     let row = |label: &str, paper: String, cell: Cell<'_>| {
         let key = |evaluation: &Evaluation| if evaluation.choice.is_some() { BEST } else { "pearson" };
         let ours = evaluations.iter().map(|e| cell(key(e), e).unwrap_or_else(none));
-        [words(label), words(paper)].into_iter().chain(ours).collect::<Vec<Markup>>()
+        std::iter::once(words(label)).chain(of_paper(&paper)).chain(ours).collect::<Vec<Markup>>()
     };
     let of_location = |part: Part, name: &'static str| {
         move |key: &str, e: &Evaluation| {
@@ -78,7 +84,8 @@ fn numbers(evaluations: &[Evaluation]) -> Markup {
     html! {
         (table(&head, &rows))
         p.note {
-            "Force errors are against the commanded force, as in the paper; by the load cell both calibration and test are. "
+            "Force errors are against the commanded force" @if is_beside_paper { ", as in the paper" }
+            "; by the load cell both calibration and test are. "
             "Stated sd: what a method says of its own answers; 68.3 and 95.4 % lie within one and two where that is right."
         }
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {

@@ -1,7 +1,7 @@
 //! How the force was controlled: error, overshoot and time of every press.
 
 use super::Subject;
-use super::frame::{Drawn, figures, none, number, section as framed, table, words};
+use super::frame::{Drawn, Section, none, number, table, words};
 use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::dataset::{Contact, Press, Recorded};
 use crate::recipe::Phase;
@@ -28,7 +28,7 @@ const PHASES: [(Phase, Hue, Shape); 3] = [
 const MOST_POINTS: usize = 1000;
 
 /// A row a phase, and every press.
-pub fn section(subject: &Subject) -> Option<Markup> {
+pub fn section(subject: &Subject) -> Option<Section> {
     let (held, times) = (held(&subject.runs), times_s(&subject.runs));
     if held.is_empty() {
         return None;
@@ -66,25 +66,31 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     let errors: Vec<(Phase, f64, f64)> = held.iter().map(|held| (held.phase, held.press, held.error_mn)).collect();
     let overshoots: Vec<(Phase, f64, f64)> =
         held.iter().filter_map(|held| Some((held.phase, held.press, held.over_mn?))).collect();
+    let drifts = drifts(&subject.runs);
     let drawn = [
-        by_press("Force in the window less the set one", "force error, mN", &errors, true),
-        by_press("Largest true force less the set one", "overshoot, mN", &overshoots, true),
-        by_press(
+        ("press-force-errors", "Force in the window less the set force", "force error, mN", &errors, true),
+        ("press-overshoots", "Largest true force less the set force", "overshoot, mN", &overshoots, true),
+        (
+            "press-zero-drift",
             "Load cell in air after a press, less that before the first",
             "zero drift, mN",
-            &drifts(&subject.runs),
+            &drifts,
             true,
         ),
-        by_press("Time a press", "time, s", &times, false),
+        ("press-times", "Time of each press", "time, s", &times, false),
     ];
-    let drawn: Vec<Drawn> = drawn.into_iter().flatten().collect();
-    let body = html! {
+    let drawn: Vec<Drawn> = drawn
+        .into_iter()
+        .filter_map(|(stem, title, label, points, is_about_0)| {
+            by_press(title, label, points, is_about_0)?.named(stem).into()
+        })
+        .collect();
+    let before = html! {
         (table(&head.map(words), &rows))
         p.note { "Error: the load cell's mean in the window less the set force. The largest force is the true one, which only a "
             "simulated run knows; negative: it stayed below. Zero drift: forces count from the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged presses count too." }
-        (figures(&drawn))
     };
-    Some(framed("How the force was controlled", &body))
+    Some(Section::new("Force control", &before, drawn))
 }
 
 fn held(runs: &[Recorded]) -> Vec<Controlled> {
@@ -167,7 +173,7 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: 
     if is_about_0 {
         marks.push(Mark::Level(0.0, String::new()));
     }
-    let x = ChartAxis::count("press", (0.0, last));
+    let x = ChartAxis::count("press", (0.0, 1.02 * last));
     let y = ChartAxis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
     let panels = vec![Panel { x, y, marks }];

@@ -1,5 +1,6 @@
 //! What a page is about: a sensor and its runs.
 
+use super::beside_paper::is_beside_paper;
 use super::frame::counted;
 use crate::dataset::{DatasetError, Evidence, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};
@@ -189,6 +190,11 @@ impl Subject {
             if self.runs.iter().any(|run| run.manifest.facts.simulated) { ", on a simulated rig" } else { "" };
         let (presses, units) = (counted(done as usize, "press"), counted(self.layout.units().len(), "unit"));
         format!("{presses} of the recipe {}, {units}{simulated}.", recipes.join(", "))
+    }
+
+    /// Whether the paper's numbers stand beside its own, see [`is_beside_paper`].
+    pub fn is_beside_paper(&self) -> bool {
+        is_beside_paper(&self.layout, &self.presses)
     }
 
     /// The corners of the area that was calibrated; none without a calibration.

@@ -1,7 +1,7 @@
-//! The characteristics of each unit, the repeatability by each definition that the paper may have meant.
+//! The characteristics of each unit, the repeatability by each definition in use; beside the paper's Table 1 where that stands.
 
 use super::Subject;
-use super::frame::{none, number, section as framed, table, words};
+use super::frame::{capital, none, number, section as framed, table, words};
 use crate::control::Branch;
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise, terms};
 use crate::paper;
@@ -38,12 +38,13 @@ pub fn section(subject: &Subject) -> Option<Markup> {
         [plain("ours", |unit| unit.hysteresis_percent), plain("of reading", |unit| unit.hysteresis_of_reading_percent)];
     let others =
         [plain("linearity", |unit| unit.linearity_percent), plain("zero return", |unit| unit.zero_return_percent)];
+    let papers = |column: usize| subject.is_beside_paper().then_some(column);
     let body = html! {
         p.note { "% of full scale, but for the hysteresis of the reading. Below each repeatability: its 95 % interval." }
         div.tables {
-            (one("Repeatability, loading", Some(0), &repeats(|unit| unit.repeatability_loading_percent, loading)))
-            (one("Repeatability, unloading", Some(1), &repeats(|unit| unit.repeatability_unloading_percent, unloading)))
-            (one("Hysteresis", Some(2), &hysteresis))
+            (one("Repeatability, loading", papers(0), &repeats(|unit| unit.repeatability_loading_percent, loading)))
+            (one("Repeatability, unloading", papers(1), &repeats(|unit| unit.repeatability_unloading_percent, unloading)))
+            (one("Hysteresis", papers(2), &hysteresis))
             (one("Linearity and zero return", None, &others))
         }
         @for (definition, name) in DEFINITIONS { p.note { strong { "Repeatability, " (name) } ": " (definition.definition()) "." } }
@@ -54,17 +55,10 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     Some(framed("Characteristics of each unit", &body))
 }
 
-/// A name at the beginning of a sentence.
-fn capital(name: &str) -> String {
-    let mut letters = name.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
-}
-
-/// One quantity of every unit that was measured: the paper's, where it has a column of it, then ours; their means last.
+/// One quantity of every unit that was measured, after the paper's where its column is named; their means last.
 fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
     let units = columns[0].units.len();
-    let is_papers = units == paper::TABLE_1_PERCENT.len();
-    let papers = papers.map(|column| move |unit: usize| is_papers.then(|| paper::TABLE_1_PERCENT[unit][column]));
+    let papers = papers.map(|column| move |unit: usize| Some(paper::TABLE_1_PERCENT.get(unit)?[column]));
     let ours = |unit: usize, column: &Column<'_>| (column.value)(&column.units[unit]);
     let cell = |value: Option<f64>| value.map_or_else(none, |value| number("", value, 2, ""));
     let with_interval = |unit: usize, column: &Column<'_>| {

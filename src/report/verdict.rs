@@ -1,9 +1,9 @@
 //! The first thing a reader sees: the verdict, with the rule, each limit and what was found.
 
-use super::frame::{none, number, table, words};
+use super::frame::{capital, none, number, percent, table, words};
 use super::subject::run_name;
 use super::{Judged, Subject};
-use crate::acceptance::{Check, Decision, Figure, Judgement, Verdict};
+use crate::acceptance::{Check, Decision, Judgement, Verdict};
 use crate::dataset::Status;
 use maud::{Markup, html};
 
@@ -69,31 +69,21 @@ fn by_rule(judgement: &Judgement) -> Markup {
         cells
     };
     html! {
-        strong { (sentence_case(verdict.told())) }
+        strong { (capital(verdict.told())) }
         p { (meaning) " Judged by the method " (method) ", on " (calibration_presses) " calibration and " (test_presses) " test presses."
             @if let Some(file) = &judgement.judged_afterwards_by { " Judged afterwards by " (file) "." }
         }
         (table(&head, &checks.iter().map(row).collect::<Vec<_>>()))
-        @for reason in judgement.all_reasons() { p.note { (sentence_case(&reason)) "." } }
+        @for reason in judgement.all_reasons() { p.note { (capital(&reason)) "." } }
     }
 }
 
 /// A value of a checked figure with its unit.
 fn value(check: &Check, value: Option<f64>) -> Markup {
-    let unit = match check.kind.unit() {
-        "" => String::new(),
-        unit => format!("\u{a0}{unit}"),
-    };
-    let shown = |value: f64| match check.kind {
-        Figure::LocationWithin | Figure::ForceWithin => {
-            html! { data value=(value) { (check.kind.shown(value)) } (unit) }
-        }
-        kind => number("", value, kind.digits(), &unit),
+    let shown = |value: f64| match (check.kind.is_share(), check.kind.unit()) {
+        (true, _) => percent("", value),
+        (false, "") => number("", value, check.kind.digits(), ""),
+        (false, unit) => number("", value, check.kind.digits(), &format!(" {unit}")),
     };
     value.map_or_else(none, shown)
-}
-
-fn sentence_case(words: &str) -> String {
-    let mut letters = words.chars();
-    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }

@@ -3,6 +3,7 @@
 //!
 //! The screenshots are left in the folder that is printed, for a person to look at.
 
+use crate::sensors::skins;
 use crate::support::skips::skipped;
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 use serde_json::Value;
@@ -38,9 +39,14 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
     bench.write("soft.toml", &soft);
     bench.palpate_ends(4, "run small.toml --rig soft.toml --out tripped");
     bench.palpate_ends(0, "report tripped --out tripped.html");
+    let skins = skins();
+    for skin in ["magnetic", "fifteen"] {
+        skins.palpate_ends(0, &format!("report {skin} --out {skin}.html"));
+        bench.write(&format!("{skin}.html"), &skins.read(&format!("{skin}.html")));
+    }
 
     let mut wrong: Vec<String> = Vec::new();
-    for page in ["paper", "small", "batch", "tripped"] {
+    for page in ["paper", "magnetic", "fifteen", "small", "batch", "tripped"] {
         let path = bench.path(&format!("{page}.html"));
         for width in WIDTHS {
             let seen = browser.look(&path, width);
@@ -48,7 +54,11 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
             assert!(seen.texts > 20, "{page} at {width}: {} texts", seen.texts);
             let found = seen.problems.iter().chain(&seen.console);
             wrong.extend(found.map(|problem| format!("{page} at {width} px: {problem}")));
-            browser.photograph(&path, &format!("{page}-{width}"), (width, seen.height));
+            let [light, dark] = [false, true].map(|is_dark| {
+                let name = format!("{page}-{width}{}", if is_dark { "-dark" } else { "" });
+                browser.photograph(&path, &name, (width, seen.height), is_dark)
+            });
+            assert!(light != dark, "{page} at {width}: dark is as light");
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -79,6 +89,32 @@ fn figures_of_the_studies_have_room_for_their_words() {
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(figures >= 10, "{figures} figures");
+}
+
+/// A page of ours with one label moved onto another, and with one that is too small: both are found.
+#[test]
+fn a_page_whose_labels_overlap_is_found_out() {
+    let Some(browser) = Browser::find() else { return };
+    let bench = skins();
+    bench.palpate_ends(0, "report fifteen --out page.html");
+    let page = bench.read("page.html");
+    let problems = |text: &str| {
+        bench.write("twin.html", text);
+        browser.look(&bench.path("twin.html"), 1280).problems
+    };
+    assert_eq!(problems(&page), Vec::<String>::new());
+    let places = |label: &str| {
+        let (before, _) = page.split_once(&format!(">{label}</text>")).expect("a label");
+        before.rsplit_once("<text ").expect("an element").1.to_owned()
+    };
+    let moved =
+        exchanged(&page, &format!("{}>unit 1,", places("unit 1,")), &format!("{}>unit 1,", places("channel 1")));
+    let found = problems(&moved);
+    let is_of_both = |problem: &String| problem.contains("\"unit 1,\"") && problem.contains("\"channel 1\"");
+    assert!(found.iter().any(|problem| problem.starts_with("over each other") && is_of_both(problem)), "{found:?}");
+    let small = exchanged(&page, ".word{font-size:11.5px}", ".word{font-size:6px}");
+    let found = problems(&small);
+    assert!(found.iter().any(|problem| problem.starts_with("too small, ")), "{found:?}");
 }
 
 /// The look itself sees what it is there for.
@@ -153,7 +189,7 @@ impl Browser {
              <iframe src=\"{name}\" style=\"border:0;width:{width}px;height:2000px\"></iframe></body>"
         );
         fs::write(&framed, frame).expect("a page");
-        let (out, err) = self.run(&framed, (1280, 2000), "--dump-dom".into());
+        let (out, err) = self.run(&framed, (1280, 2000), &["--dump-dom".into()]);
         let looked = out.split("<pre id=\"looked\">").nth(1).and_then(|rest| rest.split("</pre>").next());
         let looked = looked.unwrap_or_else(|| panic!("the page wasn't looked at:\n{err}"));
         let looked = looked.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
@@ -169,19 +205,22 @@ impl Browser {
     }
 
     /// Keeps a picture of a page.
-    fn photograph(&self, page: &Path, name: &str, size: (u32, u64)) {
+    fn photograph(&self, page: &Path, name: &str, size: (u32, u64), is_dark: bool) -> Vec<u8> {
         let picture = self.album.join(format!("{name}.png"));
         let mut word = OsString::from("--screenshot=");
         word.push(&picture);
-        self.run(page, size, word);
+        let scheme =
+            if is_dark { "--blink-settings=preferredColorScheme=0" } else { "--blink-settings=preferredColorScheme=1" };
+        self.run(page, size, &[scheme.into(), word]);
         let bytes = fs::read(&picture).expect("a screenshot");
         let side =
             |at: usize| bytes.get(at..at + 4).map(|four| u32::from_be_bytes(four.try_into().expect("four bytes")));
         assert!(bytes.starts_with(b"\x89PNG") && side(16) == Some(size.0), "{name}: {} bytes", bytes.len());
         assert!(bytes.len() > 10_000, "{name}: hardly anything is in a picture of {} bytes", bytes.len());
+        bytes
     }
 
-    fn run(&self, page: &Path, (width, height): (u32, u64), what: OsString) -> (String, String) {
+    fn run(&self, page: &Path, (width, height): (u32, u64), what: &[OsString]) -> (String, String) {
         let profile = tempfile::tempdir().expect("a folder");
         let mut command = Command::new(&self.program);
         let words = [
@@ -194,7 +233,7 @@ impl Browser {
         ];
         command.args(words).args(["--enable-logging=stderr", "--v=0"]).stdin(Stdio::null());
         command.arg(format!("--user-data-dir={}", profile.path().display()));
-        command.arg(format!("--window-size={width},{height}")).arg(what).arg(format!("file://{}", page.display()));
+        command.arg(format!("--window-size={width},{height}")).args(what).arg(format!("file://{}", page.display()));
         let output = command.output().expect("the browser starts");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         (text(&output.stdout), text(&output.stderr))

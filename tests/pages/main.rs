@@ -6,6 +6,8 @@ mod support;
 mod ablation;
 mod browser;
 mod curves;
+mod figures;
 mod report;
+mod sensors;
 mod study;
 mod validation;

@@ -182,19 +182,6 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_as_printed() {
-        for (freedom, least, most) in
-            [(1.0, 0.000_982_069, 5.023_886), (2.0, 0.050_635_6, 7.377_759), (40.0, 24.433_039, 59.341_707)]
-        {
-            let chi_squared = ChiSquared::new(freedom).unwrap();
-            for (probability, printed) in [(0.025, least), (0.975, most)] {
-                let found = quantile(&chi_squared, probability);
-                assert!((found / printed - 1.0).abs() < 1e-6, "{freedom}, {probability}: {found}");
-            }
-        }
-    }
-
-    #[test]
     fn c4_is_as_printed() {
         for (repeats, printed) in [(2.0, 0.7979), (3.0, 0.8862), (5.0, 0.9400), (10.0, 0.9727)] {
             assert!((c4(repeats - 1.0) - printed).abs() < 5e-5, "{repeats}");

@@ -1,13 +1,13 @@
-//! Figure 10, how errors are distributed, and what they depend on: the force, and how near the edge of the area it was.
+//! How the errors are distributed, and what they depend on: the force, and how near the edge of the area it was.
 
 use super::{WIDTH_PX, methods, name};
-use crate::chart::{Anchor, ChartAxis, Figure, Grid, Line, Look, Mark, Panel};
+use crate::chart::{Anchor, ChartAxis, Figure, Grid, Line, Look, Mark, Panel, Part, Shape};
 use crate::quantity::Place;
 use crate::recipe::Phase;
-use crate::report::frame::{Drawn, figures, section};
+use crate::report::frame::{Drawn, Section, capital};
 use crate::report::{Judged, Subject};
 use crate::solver::{Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, PressError};
-use maud::Markup;
+use maud::html;
 
 /// One of the two errors of a press.
 #[derive(Clone, Copy)]
@@ -45,10 +45,10 @@ const PARTS: usize = 6;
 /// The fewest presses that make a mean.
 const FEWEST: usize = 3;
 
-/// Histograms of both errors with the cumulative share.
-pub fn distributions(judged: &Judged) -> Option<Markup> {
+/// A histogram of each error, and below it the cumulative share.
+pub fn distributions(judged: &Judged) -> Option<Section> {
     let drawn: Vec<Drawn> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
-    (!drawn.is_empty()).then(|| section("Figure 10: how large the errors are", &figures(&drawn)))
+    Section::of_figures("Distribution of the errors", &html! {}, drawn)
 }
 
 fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
@@ -64,54 +64,57 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
     let width = *kind.widths.iter().find(fits).unwrap_or(&kind.widths[5]);
     let columns = ((largest / width).ceil() as usize).clamp(4, MOST_COLUMNS);
     let last = columns as f64 * width;
-    let mut marks = Vec::new();
-    let mut legend = Vec::new();
-    for (look, evaluation, errors) in &all {
+    let (mut counted, mut summed, mut legend) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, (look, evaluation, errors)) in all.iter().enumerate() {
         let count = errors.len() as f64;
         let mut heights = vec![0.0; columns];
         errors.iter().for_each(|error| heights[((error / width) as usize).min(columns - 1)] += 100.0 / count);
         let at = |column: usize| (column as f64 * width, (column + 1) as f64 * width);
-        marks.push(Mark::Columns(look.hue, heights.iter().enumerate().map(|(i, h)| (at(i), *h)).collect()));
-        let cumulative =
-            Look { shape: None, line: if legend.is_empty() { Line::Solid } else { Line::Dashed }, ..*look };
+        let heights = heights.iter().enumerate().map(|(i, h)| (at(i), *h)).collect();
+        counted.push(Mark::Columns(look.hue, Part { index, of: all.len() }, heights));
+        let line = if index == 0 { Line::Solid } else { Line::Dashed };
         let one_in = errors.len().div_ceil(MOST_POINTS).max(1);
-        // it rises at each error, not on the way there
-        let share = |count_up_to: usize| 100.0 * count_up_to as f64 / count;
-        let risen = errors.iter().map(|error| error.min(last)).enumerate().step_by(one_in);
-        let risen = risen.flat_map(|(i, error)| [(error, share(i)), (error, share(i + 1))]);
-        let whole = [(0.0, 0.0)].into_iter().chain(risen).chain([(last, 100.0)]);
-        marks.push(Mark::Curve(cumulative, whole.collect()));
-        legend.push(vec![(cumulative, name(evaluation))]);
+        let share = |index: usize| 100.0 * (index + 1) as f64 / count;
+        let is_drawn = |index: &usize| index.is_multiple_of(one_in) || index + 1 == errors.len();
+        let points = (0..errors.len()).filter(is_drawn).map(|index| (errors[index].min(last), share(index)));
+        summed.push(Mark::Steps(Look { shape: None, line, ..*look }, points.collect()));
+        legend.push(vec![(Look { shape: Some(Shape::Square), filled: true, line, ..*look }, name(evaluation))]);
     }
     let (reference, told) = kind.reference;
     if reference < last {
-        marks.push(Mark::At(reference, String::new()));
-        // the lines run above, the columns below
-        marks.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, told.to_owned()));
+        counted.push(Mark::At(reference, told.to_owned()));
+        summed.push(Mark::At(reference, String::new()));
+        summed.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, told.to_owned()));
     }
     let notes = if largest > last {
-        vec![format!("The last column holds all beyond it, up to {largest:.1} {}.", unit(kind))]
+        vec![format!("The last column holds all errors beyond it, up to {largest:.1} {}.", unit(kind))]
     } else {
         Vec::new()
     };
+    let highest = counted.iter().filter_map(|mark| match mark {
+        Mark::Columns(_, _, columns) => columns.iter().map(|(_, height)| *height).reduce(f64::max),
+        _ => None,
+    });
+    let most = 1.1 * highest.fold(0.0, f64::max);
+    let panel = |label: &str, most: f64, marks| Panel {
+        x: ChartAxis::linear(kind.label, (0.0, last)),
+        y: ChartAxis::linear(label, (0.0, most)),
+        marks,
+    };
     let figure = Figure {
-        title: capital(kind.name),
-        subtitle: format!("columns: share of the presses in each {width} {}; lines: share up to there", unit(kind)),
-        height_px: 260.0,
-        panels: vec![Panel {
-            x: ChartAxis::linear(kind.label, (0.0, last)),
-            y: ChartAxis::linear("share of the presses, %", (0.0, 100.0)),
-            marks,
-        }],
+        title: format!("{}s", capital(kind.name)),
+        subtitle: format!("above: share of the presses in each {width} {}; below: share up to an error", unit(kind)),
+        height_px: 170.0,
+        panels: vec![panel("share of the presses, %", most, counted), panel("cumulative share, %", 100.0, summed)],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         legend,
         notes,
     };
-    Some(Drawn::plain(figure))
+    Some(Drawn::plain(figure).named(&format!("{}s", kind.name)))
 }
 
 /// Both errors against the force, and against the distance from the edge.
-pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Markup> {
+pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Section> {
     let (least, most) = subject.area()?;
     let edge_mm = |place: Place| {
         let x = (place.x_mm - least.x_mm).min(most.x_mm - place.x_mm);
@@ -121,7 +124,7 @@ pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let forces: Vec<f64> = sound.map(|press| press.force_set_n.unwrap_or_default()).collect();
     let force_n = |press: &PressError| forces.get(press.index).copied().unwrap_or(0.0);
     let to_edge = |press: &PressError| edge_mm(press.place_true);
-    let dependence = |title: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {
+    let dependence = |title: &str, stem: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {
         let is_negative =
             judged.evaluations.iter().flat_map(|evaluation| &evaluation.presses).any(|press| of(press) < 0.0);
         let outside = if is_negative { "; negative: outside it" } else { "" };
@@ -130,23 +133,30 @@ pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Markup> {
         let legend = methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: Line::Solid, ..look }, name(e))]);
         let figure = Figure {
             title: title.to_owned(),
-            subtitle: format!("a mark a press; lines: means over parts of the axis{outside}"),
+            subtitle: format!(
+                "a mark for each press; bars: means over parts of the axis with {FEWEST} presses or more{outside}"
+            ),
             height_px: 200.0,
             panels,
             grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
             legend: legend.collect(),
             ..Figure::default()
         };
-        (!figure.panels.is_empty()).then(|| Drawn::plain(figure))
+        (!figure.panels.is_empty()).then(|| Drawn::plain(figure).named(stem))
     };
     let drawn: Vec<Drawn> = [
-        dependence("Error against the force", "force, N", &force_n),
-        dependence("Error against the distance from the edge", "distance from the edge of the area, mm", &to_edge),
+        dependence("Errors against the force", "errors-against-force", "force, N", &force_n),
+        dependence(
+            "Errors against the distance from the edge",
+            "errors-against-edge",
+            "distance from the edge of the area, mm",
+            &to_edge,
+        ),
     ]
     .into_iter()
     .flatten()
     .collect();
-    (!drawn.is_empty()).then(|| section("What the errors depend on", &figures(&drawn)))
+    Section::of_figures("Errors against the force and against the distance from the edge", &html! {}, drawn)
 }
 
 fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judged) -> Option<Panel> {
@@ -165,14 +175,15 @@ fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judg
         marks.push(Mark::Curve(*look, points.iter().step_by(one_in).copied().collect()));
     }
     for (look, points) in &all {
+        // a bar over each part: nothing is drawn across one without presses
         let mean = |part: usize| {
-            let of_it = || points.iter().filter(move |point| ((point.0 - first) / width) as usize == part);
-            let count = of_it().count();
-            let middle = first + (part as f64 + 0.5) * width;
-            (count >= FEWEST).then(|| (middle, of_it().map(|point| point.1).sum::<f64>() / count as f64))
+            let of_it = || points.iter().filter(move |point| part_of(point.0, first, width) == part);
+            let (count, sum) = (of_it().count(), of_it().map(|point| point.1).sum::<f64>());
+            let edge = |part: usize| first + part as f64 * width;
+            let mean = sum / count as f64;
+            (count >= FEWEST).then(|| ((edge(part), mean), (edge(part + 1), mean)))
         };
-        let means = (0..PARTS).filter_map(mean).collect();
-        marks.push(Mark::Curve(Look { shape: None, line: Line::Solid, ..*look }, means));
+        marks.push(Mark::Strokes(look.hue, (0..PARTS).filter_map(mean).collect()));
     }
     Some(Panel {
         x: ChartAxis::linear(label, (first, 1.03 * last)),
@@ -181,11 +192,11 @@ fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judg
     })
 }
 
-fn unit(kind: Kind) -> &'static str {
-    kind.label.rsplit(' ').next().unwrap_or_default()
+/// In which part of an axis a value is; the last holds its own end.
+fn part_of(value: f64, first: f64, width: f64) -> usize {
+    (((value - first) / width) as usize).min(PARTS - 1)
 }
 
-fn capital(words: &str) -> String {
-    let mut letters = words.chars();
-    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
+fn unit(kind: Kind) -> &'static str {
+    kind.label.rsplit(' ').next().unwrap_or_default()
 }

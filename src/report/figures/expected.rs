@@ -2,21 +2,23 @@
 
 use super::WIDTH_PX;
 use super::map::Axes;
-use crate::chart::{Cell, Figure, Grid, Mark};
+use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Scale};
 use crate::quantity::Place;
 use crate::recipe::Phase;
-use crate::report::frame::{Drawn, figures, section};
+use crate::report::frame::{Drawn, Section};
 use crate::report::{Judged, Subject};
 use crate::solver::{Fitted, Solver};
-use maud::Markup;
+use maud::html;
 
 /// Places along each side of the area.
 const SIDE: usize = 25;
+/// The least that the largest error is over the smallest: the axis of the colours has a length.
+const LEAST_RATIO: f64 = 1.01;
 /// The largest error over the least beyond which all look alike: a corner can be worse than the middle without end.
 const MOST_RATIO: f64 = 100.0;
 
 /// A map of the expected location error.
-pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
+pub fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let (least, most) = subject.area()?;
     let solver: &Fitted = judged.expecting.as_ref()?;
     let mut forces: Vec<f64> = subject.presses.sound(Phase::Test).filter_map(|press| press.force_set_n).collect();
@@ -29,8 +31,12 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
         .filter_map(|place| Some((place, solver.expected(place, force_n)?.mean_distance_mm())))
         .collect();
     let best = errors.iter().map(|(_, mm)| *mm).reduce(f64::min).filter(|mm| *mm > 0.0)?;
-    let worst = errors.iter().map(|(_, mm)| *mm).fold(best, f64::max).min(MOST_RATIO * best);
-    let decades = (worst / best).ln().max(f64::MIN_POSITIVE);
+    let largest = errors.iter().map(|(_, mm)| *mm).fold(best, f64::max);
+    let colours = ChartAxis {
+        label: "expected location error, mm".to_owned(),
+        scale: Scale::Log,
+        range: (best, largest.clamp(LEAST_RATIO * best, MOST_RATIO * best)),
+    };
     let half = |least_mm: f64, most_mm: f64| 0.5 * (most_mm - least_mm) / SIDE as f64;
     let (half_x, half_y) = (half(least.x_mm, most.x_mm), half(least.y_mm, most.y_mm));
     // a line of places has cells too
@@ -38,28 +44,29 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let cell = |(Place { x_mm, y_mm }, mm): &(Place, f64)| Cell {
         x: (x_mm - half_x, x_mm + half_x),
         y: (y_mm - half_y, y_mm + half_y),
-        share: (mm / best).ln() / decades,
+        value: *mm,
     };
     let cells = errors.iter().map(cell).collect();
     let is_line = least.x_mm >= most.x_mm || least.y_mm >= most.y_mm;
     let axes = Axes::around(least, most, if is_line { half_x } else { 0.0 });
     let mean = errors.iter().map(|(_, mm)| mm).sum::<f64>() / errors.len() as f64;
+    let mut notes = vec![
+        "The bound of Cramér and Rao on the map that was fitted to the calibration, that map's own error included: as far as \
+         map and noise are known by it, an unbiased method comes no nearer."
+            .to_owned(),
+    ];
+    if largest > MOST_RATIO * best {
+        notes.push(format!("The last colour is for all errors beyond it, up to {largest:.3} mm."));
+    }
     let figure = Figure {
         title: format!("Expected location error at {force_n} N"),
-        subtitle: format!(
-            "by {}, at the median force of the test; mean over the area {mean:.3} mm; colours by the logarithm",
-            solver.name()
-        ),
+        subtitle: format!("by {}, at the median force of the test; mean over the area {mean:.3} mm", solver.name()),
         height_px: axes.height_px(1),
-        panels: vec![axes.panel(vec![Mark::Cells(cells)])],
+        panels: vec![axes.panel(vec![Mark::Cells(colours, cells)])],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        notes: vec![
-            "The bound of Cramér and Rao on the map that was fitted to the calibration, that map's own error included: as far as \
-             map and noise are known by it, an unbiased method comes no nearer."
-                .to_owned(),
-        ],
+        notes,
         ..Figure::default()
     };
-    let ramp = Some([best, worst].map(|mm| format!("{mm:.3} mm")));
-    Some(section("What can be expected", &figures(&[Drawn { figure, ramp }])))
+    let drawn = vec![Drawn::plain(figure).named("expected-location-error")];
+    Section::of_figures("Expected location error", &html! {}, drawn)
 }

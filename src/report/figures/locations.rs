@@ -1,48 +1,71 @@
-//! Figure 9: where it was pressed, and where each method found it.
+//! Where it was pressed, and where each method found it.
 
 use super::map::Axes;
-use super::{WIDTH_PX, methods, name};
-use crate::chart::{Figure, Grid, Line, Look, Mark, Shape};
+use super::{WIDTH_PX, methods, name, stem};
+use crate::chart::{Figure, Grid, Hue, Line, Look, Mark, Shape};
 use crate::quantity::Place;
 use crate::report::Judged;
-use crate::report::frame::{Drawn, figures, section};
-use crate::solver::Evaluation;
-use maud::Markup;
+use crate::report::frame::{Drawn, Section};
+use crate::report::numbers::{Numbers, Value};
+use crate::solver::{Evaluation, PressError};
+use maud::html;
 
 /// The most test presses that are drawn: of more, one in so many.
 const MOST_PRESSES: usize = 500;
+/// Beyond the outermost places, mm.
+const ROOM_MM: f64 = 0.5;
+/// A true place, by whichever method it is to be found.
+const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: Line::None };
 
-/// A map a method.
-pub fn locations(judged: &Judged) -> Option<Markup> {
-    let drawn: Vec<Drawn> = methods(&judged.evaluations).map(|(look, evaluation)| one(look, evaluation)).collect();
-    (!drawn.is_empty()).then(|| section("Figure 9: true and predicted places", &figures(&drawn)))
+/// A map a method, all over the same area.
+pub fn locations(judged: &Judged) -> Option<Section> {
+    let shown = || judged.evaluations.iter().flat_map(presses);
+    let all = || shown().flat_map(|press| [press.place_true, press.place_solved]);
+    let corner = |of: fn(f64, f64) -> f64| all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)));
+    let axes = Axes::around(corner(f64::min)?, corner(f64::max)?, ROOM_MM);
+    let drawn = methods(&judged.evaluations).map(|(look, evaluation)| one(look, evaluation, &axes)).collect();
+    Section::of_figures("True and predicted places", &html! {}, drawn)
 }
 
-fn one(look: Look, evaluation: &Evaluation) -> Drawn {
-    let one_in = evaluation.presses.len().div_ceil(MOST_PRESSES).max(1);
-    let pairs: Vec<(Place, Place)> =
-        evaluation.presses.iter().step_by(one_in).map(|press| (press.place_true, press.place_solved)).collect();
+/// How many presses there are to one that is drawn.
+fn one_in(evaluation: &Evaluation) -> usize {
+    evaluation.presses.len().div_ceil(MOST_PRESSES).max(1)
+}
+
+/// The presses that are drawn.
+fn presses(evaluation: &Evaluation) -> impl Iterator<Item = &PressError> {
+    evaluation.presses.iter().step_by(one_in(evaluation))
+}
+
+fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> Drawn {
     let mm = |place: Place| (place.x_mm, place.y_mm);
-    let all = || pairs.iter().flat_map(|(place, solved)| [*place, *solved]);
-    let least = |of: fn(Place) -> f64| all().map(of).fold(f64::MAX, f64::min);
-    let most = |of: fn(Place) -> f64| all().map(of).fold(f64::MIN, f64::max);
-    let (x, y) = (|place: Place| place.x_mm, |place: Place| place.y_mm);
-    let axes = Axes::around(Place::new(least(x), least(y)), Place::new(most(x), most(y)), 0.5);
     let predicted = Look { shape: Some(Shape::Cross), line: Line::None, ..look };
     let marks = vec![
-        Mark::Strokes(look.hue, pairs.iter().map(|(place, solved)| (mm(*place), mm(*solved))).collect()),
-        Mark::Curve(look, pairs.iter().map(|(place, _)| mm(*place)).collect()),
-        Mark::Curve(predicted, pairs.iter().map(|(_, solved)| mm(*solved)).collect()),
+        Mark::Strokes(look.hue, presses(evaluation).map(|p| (mm(p.place_true), mm(p.place_solved))).collect()),
+        Mark::Curve(TRUE, presses(evaluation).map(|press| mm(press.place_true)).collect()),
+        Mark::Curve(predicted, presses(evaluation).map(|press| mm(press.place_solved)).collect()),
     ];
-    let notes = if one_in > 1 { vec![format!("one press in {one_in} is drawn")] } else { Vec::new() };
+    let one_in = one_in(evaluation);
+    let notes = if one_in > 1 { vec![format!("One press in {one_in} is drawn.")] } else { Vec::new() };
     let figure = Figure {
-        title: name(evaluation),
+        title: format!("Places by {}", name(evaluation)),
         subtitle: format!("{} test presses, each true place joined to the predicted one", evaluation.points),
         height_px: axes.height_px(1),
         panels: vec![axes.panel(marks)],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        legend: vec![vec![(look, "true".to_owned()), (predicted, "predicted".to_owned())]],
+        legend: vec![vec![(TRUE, "true".to_owned()), (predicted, "predicted".to_owned())]],
         notes,
     };
-    Drawn::plain(figure)
+    Drawn::plain(figure).named(&format!("locations-{}", stem(evaluation))).with(numbers(evaluation))
+}
+
+/// A row a press that is drawn; the number is that of the test press, from 1.
+fn numbers(evaluation: &Evaluation) -> Numbers {
+    let row = |press: &PressError| {
+        let (at, found) = (press.place_true, press.place_solved);
+        let number = (press.index + 1) as f64;
+        [number, at.x_mm, at.y_mm, found.x_mm, found.y_mm, press.location_error_mm].map(Value::Number).to_vec()
+    };
+    let head = ["test_press", "x_true_mm", "y_true_mm", "x_predicted_mm", "y_predicted_mm", "location_error_mm"];
+    Numbers::new(&head, presses(evaluation).map(row).collect())
 }

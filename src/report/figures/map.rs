@@ -6,7 +6,7 @@ use crate::dataset::Press;
 use crate::quantity::Place;
 use crate::recipe::Phase;
 use crate::report::Subject;
-use crate::report::frame::{Drawn, counted, told};
+use crate::report::frame::{Drawn, counted};
 
 /// The most units that are drawn: of more, the first.
 const MOST_UNITS: usize = 16;
@@ -23,29 +23,27 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let load = Load::of(&presses);
     let outputs = || drawn.iter().flat_map(|row| row.outputs[..units].iter().map(|output| load.share(row, *output)));
     let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
-    let columns = (units as f64).sqrt().ceil().max(1.0) as usize;
+    // the channels of a unit are beside each other
+    let channels = subject.layout.units().map(|unit| unit.len()).max().unwrap_or(1);
+    let columns = if channels > 1 { channels.min(4) } else { (units as f64).sqrt().ceil().max(1.0) as usize };
     let half_mm = half_cell_mm(&places);
     let axes = Axes::around(least, most, half_mm);
+    let colours = ChartAxis::linear(&load.label(&subject.unit), (quietest, loudest));
     let panel = |unit: usize| {
-        let share = |output: f64| (output - quietest) / (loudest - quietest).max(f64::MIN_POSITIVE);
-        let cells =
-            drawn.iter().map(|row| cell(row.place(), half_mm, share(load.share(row, row.outputs[unit])))).collect();
-        axes.panel(vec![Mark::Cells(cells), Mark::Title(subject.layout.name(unit))])
+        let cells = drawn.iter().map(|row| cell(row.place(), half_mm, load.share(row, row.outputs[unit]))).collect();
+        axes.panel(vec![Mark::Cells(colours.clone(), cells), Mark::Title(subject.layout.name(unit))])
     };
     let left_out = subject.presses.channels - units;
     let figure = Figure {
         title: load.title(),
-        subtitle: format!("{}; one scale for all units", load.told(presses.len())),
+        subtitle: format!("{}; one scale for all", load.told(presses.len())),
         height_px: axes.height_px(columns),
         panels: (0..units).map(panel).collect(),
         grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
-        notes: if left_out > 0 { vec![format!("{left_out} more units aren't drawn")] } else { Vec::new() },
+        notes: if left_out > 0 { vec![format!("{left_out} more outputs are not drawn.")] } else { Vec::new() },
         ..Figure::default()
     };
-    let largest = loudest.abs().max(quietest.abs());
-    let ramp =
-        Some([quietest, loudest].map(|output| format!("{} {}", told(output, largest), load.unit(&subject.unit))));
-    Some(Drawn { figure, ramp })
+    Some(Drawn::plain(figure))
 }
 
 /// What the presses of a calibration were loaded with, N.
@@ -53,7 +51,7 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
 enum Load {
     /// All with one force.
     One(f64),
-    /// With forces from one to another: what is read of them is told a newton.
+    /// With forces from one to another: outputs are divided by them.
     Many(f64, f64),
 }
 
@@ -74,17 +72,18 @@ impl Load {
         }
     }
 
-    fn unit(self, of_outputs: &str) -> String {
+    /// What is drawn, with its unit.
+    fn label(self, unit: &str) -> String {
         match self {
-            Load::One(_) => of_outputs.to_owned(),
-            Load::Many(..) => format!("{of_outputs}/N"),
+            Load::One(_) => format!("output, {unit}"),
+            Load::Many(..) => format!("output over force, {unit}/N"),
         }
     }
 
     fn title(self) -> String {
         match self {
-            Load::One(force_n) => format!("What each unit reads of {force_n} N"),
-            Load::Many(..) => "What each unit reads of the load, a newton".to_owned(),
+            Load::One(force_n) => format!("Output of each unit for {force_n} N at each place"),
+            Load::Many(..) => "Output of each unit over the force, at each place".to_owned(),
         }
     }
 
@@ -135,8 +134,8 @@ impl Axes {
 }
 
 /// A cell around a place.
-pub fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, share: f64) -> Cell {
-    Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), share }
+pub fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> Cell {
+    Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), value }
 }
 
 /// Half the side of a cell, mm: on a grid one that meets its neighbours, for places anywhere that of their mean area.

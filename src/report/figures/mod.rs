@@ -1,4 +1,4 @@
-//! The paper's figures as measured, and those it lacks: each part draws one of them, or none where there is nothing to draw.
+//! The figures of a sensor: each part draws some of them, or none where there is nothing to draw.
 
 mod characteristics;
 mod errors;
@@ -13,19 +13,20 @@ pub use locations::locations;
 pub use size::{SQUARE_PX, WIDTH_PX};
 
 use super::Subject;
-use super::frame::{figures, section};
+use super::frame::{Drawn, Section};
 use crate::chart::{Hue, Line, Look, Shape};
 use crate::solver::Evaluation;
-use maud::Markup;
+use maud::html;
 
 /// What each unit reads: of a load on it, up and down, and of the calibration's at every place.
-pub fn units(subject: &Subject) -> Option<Markup> {
-    let drawn: Vec<_> =
-        [characteristics::characteristics(subject), map::matrix(subject)].into_iter().flatten().collect();
-    (!drawn.is_empty()).then(|| section("Figure 8 and the calibration matrix: what each unit reads", &figures(&drawn)))
+pub fn units(subject: &Subject) -> Option<Section> {
+    let of_load = characteristics::characteristics(subject).map(|drawn| drawn.named("output-against-load"));
+    let of_place = map::matrix(subject).map(|drawn| drawn.named("output-by-place"));
+    let drawn: Vec<Drawn> = [of_load, of_place].into_iter().flatten().collect();
+    Section::of_figures("Output of each unit, by load and by place", &html! {}, drawn)
 }
 
-/// How the methods look, the paper's first.
+/// How the methods look: the one of the calibration point of the highest correlation, then the best.
 pub const LOOKS: [Look; 2] = [
     Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None },
     Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None },
@@ -40,4 +41,9 @@ fn methods(evaluations: &[Evaluation]) -> impl Iterator<Item = (Look, &Evaluatio
 fn name(evaluation: &Evaluation) -> String {
     let best = if evaluation.choice.is_some() { " (best)" } else { "" };
     format!("{}{best}", evaluation.solver)
+}
+
+/// The same for a file's name: that of the best doesn't depend on which it is.
+fn stem(evaluation: &Evaluation) -> &str {
+    if evaluation.choice.is_some() { "best" } else { &evaluation.solver }
 }

@@ -1,0 +1,217 @@
+//! The texts of a figure, laid out so that none is over another: by rank, then in the order they came.
+//!
+//! What a figure is about always stands ([`Rank::Fixed`]: whoever writes it sees that it has room). A number of an axis is
+//! left out where its place is taken: the line across stays. Words beside a mark move up or down to the next free place, with
+//! a line to their mark; without a free place they are left out.
+
+use super::escaped;
+use super::letters::width_px;
+use std::fmt::Write as _;
+
+/// What gives way to what.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Rank {
+    /// It stands where it is.
+    Fixed,
+    /// A number beside an axis.
+    Tick,
+    /// Words beside a mark, and where that is, px.
+    Word((f64, f64)),
+}
+
+/// A text at a point, px.
+#[derive(Clone, Debug)]
+pub(super) struct Label {
+    /// Its baseline, at its start, middle or end as the class says.
+    pub at: (f64, f64),
+    /// How it looks: words of the style sheet.
+    pub class: &'static str,
+    pub text: String,
+    pub rank: Rank,
+    /// Whether it runs upward.
+    pub is_upright: bool,
+}
+
+/// How high letters are over their baseline and how far they go below it, as shares of their size.
+const ASCENT: f64 = 0.9;
+const DESCENT: f64 = 0.24;
+/// Least distance of two texts along a line, px.
+const APART_PX: f64 = 3.0;
+/// By how much words move, px, and how often at most.
+const STEP_PX: f64 = 15.0;
+const MOST_STEPS: usize = 10;
+/// How much wider bold letters are.
+pub(super) const BOLD: f64 = 1.12;
+
+/// A rectangle, px.
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    left: f64,
+    right: f64,
+    top: f64,
+    bottom: f64,
+}
+
+impl Frame {
+    fn meets(&self, other: &Frame) -> bool {
+        self.left < other.right + APART_PX
+            && other.left < self.right + APART_PX
+            && self.top < other.bottom
+            && other.top < self.bottom
+    }
+}
+
+impl Label {
+    /// A text that stands where it is.
+    pub fn fixed(at: (f64, f64), class: &'static str, text: &str) -> Label {
+        Label { at, class, text: text.to_owned(), rank: Rank::Fixed, is_upright: false }
+    }
+
+    /// A number beside an axis.
+    pub fn tick(at: (f64, f64), class: &'static str, text: &str) -> Label {
+        Label { rank: Rank::Tick, ..Label::fixed(at, class, text) }
+    }
+
+    /// Size of its letters, px, as the style sheet has it.
+    fn size_px(&self) -> f64 {
+        let has = |word: &str| self.class.split(' ').any(|class| class == word);
+        if has("title") {
+            17.0
+        } else if has("small") {
+            12.0
+        } else if has("word") {
+            11.5
+        } else {
+            SIZE_PX
+        }
+    }
+
+    fn frame(&self) -> Frame {
+        let has = |word: &str| self.class.split(' ').any(|class| class == word);
+        let size = self.size_px();
+        let length = width_px(&self.text, size) * if has("title") || has("head") { BOLD } else { 1.0 };
+        let start = if has("mid") { -length / 2.0 } else { -length * f64::from(u8::from(has("end"))) };
+        let (x, y) = self.at;
+        if self.is_upright {
+            let (left, right) = (x - ASCENT * size, x + DESCENT * size);
+            return Frame { left, right, top: y - start - length, bottom: y - start };
+        }
+        Frame { left: x + start, right: x + start + length, top: y - ASCENT * size, bottom: y + DESCENT * size }
+    }
+
+    /// The same text, farther right and down by so many px.
+    fn moved(&self, (right, down): (f64, f64)) -> Label {
+        Label { at: (self.at.0 + right, self.at.1 + down), ..self.clone() }
+    }
+
+    /// The same text, moved so far sideways that it doesn't leave the figure.
+    fn within(&self, width: f64) -> Label {
+        let Frame { left, right, .. } = self.frame();
+        let too_far_right = (right - width + 1.0).max(0.0);
+        self.moved(((1.0 - left).max(0.0) - if left < 1.0 { 0.0 } else { too_far_right }, 0.0))
+    }
+
+    fn write(&self, svg: &mut String) {
+        let ((x, y), told) = (self.at, escaped(&self.text));
+        let _ = match self.is_upright {
+            true => {
+                let class = self.class;
+                writeln!(
+                    svg,
+                    "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\">{told}</text>"
+                )
+            }
+            false => writeln!(svg, "<text class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\">{told}</text>", self.class),
+        };
+    }
+}
+
+/// Size of letters without a size of their own, px.
+pub(super) const SIZE_PX: f64 = 13.0;
+
+/// All texts of a figure of that width as SVG.
+pub(super) fn laid_out(labels: &[Label], width: f64) -> String {
+    let (mut svg, mut taken) = (String::new(), Vec::<Frame>::new());
+    let of = |is: fn(&Rank) -> bool| labels.iter().filter(move |label| is(&label.rank) && !label.text.is_empty());
+    for label in of(|rank| matches!(rank, Rank::Fixed)) {
+        let label = label.within(width);
+        taken.push(label.frame());
+        label.write(&mut svg);
+    }
+    for label in of(|rank| matches!(rank, Rank::Tick)) {
+        let label = label.within(width);
+        if taken.iter().all(|other| !other.meets(&label.frame())) {
+            taken.push(label.frame());
+            label.write(&mut svg);
+        }
+    }
+    for label in of(|rank| matches!(rank, Rank::Word(_))) {
+        let downs = (1..=MOST_STEPS).flat_map(|step| [-(step as f64), step as f64]).map(|steps| steps * STEP_PX);
+        let places = std::iter::once(0.0).chain(downs).map(|down| label.moved((0.0, down)).within(width));
+        let is_free = |label: &Label| {
+            let frame = label.frame();
+            frame.top >= 0.0 && taken.iter().all(|other| !other.meets(&frame))
+        };
+        let Some(free) = places.into_iter().find(is_free) else { continue };
+        if let Rank::Word(mark) = label.rank
+            && (free.at.1 - label.at.1).abs() > 1.5 * STEP_PX
+        {
+            lead(&mut svg, mark, free.frame());
+        }
+        taken.push(free.frame());
+        free.write(&mut svg);
+    }
+    svg
+}
+
+/// A line from a mark to the nearest side of words.
+fn lead(svg: &mut String, (x, y): (f64, f64), words: Frame) {
+    let (to_x, to_y) = (x.clamp(words.left, words.right), y.clamp(words.top, words.bottom));
+    let _ = writeln!(svg, "<line class=\"lead\" x1=\"{x:.1}\" y1=\"{y:.1}\" x2=\"{to_x:.1}\" y2=\"{to_y:.1}\"/>");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn word(at: (f64, f64), text: &str) -> Label {
+        Label { rank: Rank::Word(at), ..Label::fixed(at, "word", text) }
+    }
+
+    #[test]
+    fn a_number_gives_way_and_words_move() {
+        let title = Label::fixed((50.0, 50.0), "mid", "a title");
+        let number = Label::tick((60.0, 52.0), "mid", "7.5");
+        let far = Label::tick((160.0, 52.0), "mid", "8.5");
+        let svg = laid_out(&[number, word((50.0, 50.0), "words"), far, title], 200.0);
+        assert!(svg.contains("a title") && svg.contains("8.5") && !svg.contains("7.5"), "{svg}");
+        assert!(svg.contains("y=\"50.0\">a title") && svg.contains("y=\"35.0\">words"), "{svg}");
+    }
+
+    #[test]
+    fn many_words_at_one_place_are_apart_or_left_out() {
+        let words: Vec<Label> = (0..40).map(|_| word((50.0, 60.0), "words")).collect();
+        let svg = laid_out(&words, 200.0);
+        let mut heights: Vec<f64> =
+            svg.split("y=\"").skip(1).filter_map(|rest| rest.split('"').next()?.parse().ok()).collect();
+        heights.sort_by(f64::total_cmp);
+        assert!(heights.len() > 5 && heights.windows(2).all(|pair| pair[1] - pair[0] > 12.0), "{heights:?}");
+        assert!(svg.contains("class=\"lead\""));
+    }
+
+    #[test]
+    fn what_would_leave_the_figure_is_moved_in() {
+        for (at, class) in [((198.0, 20.0), "mid"), ((2.0, 20.0), "mid"), ((3.0, 20.0), "end")] {
+            let Frame { left, right, .. } = Label::fixed(at, class, "long words").within(200.0).frame();
+            assert!(left >= 1.0 - 1e-9 && right <= 199.0 + 1e-9, "{left} {right}");
+        }
+    }
+
+    #[test]
+    fn an_upright_text_takes_its_length_upward() {
+        let label = Label { is_upright: true, ..Label::fixed((20.0, 100.0), "mid", "upright") };
+        let frame = label.frame();
+        assert!(frame.bottom - frame.top > 40.0 && frame.right - frame.left < 16.0, "{frame:?}");
+        assert!(((frame.bottom + frame.top) / 2.0 - 100.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,294 @@
+//! One pair of axes and what is drawn between them.
+
+use super::axis::{ChartAxis, Scale};
+use super::labels::{BOLD, Label, Rank, SIZE_PX};
+use super::letters::{shortened, width_px, wrapped};
+use super::look::{Hue, Look, write_line, write_marker};
+use super::ramp::{LEVELS, Ramp};
+use super::{LABEL_LINE, LEFT_OF_ROWS, NOTE_LINE, TO_NUMBERS, write_stroke};
+use std::fmt::Write as _;
+
+/// One pair of axes and what is drawn between them.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    /// To the right.
+    pub x: ChartAxis,
+    /// Upward; rows are counted downward.
+    pub y: ChartAxis,
+    /// In the order they are drawn.
+    pub marks: Vec<Mark>,
+}
+
+/// Something drawn in a panel.
+#[derive(Clone, Debug)]
+pub enum Mark {
+    /// Points, joined by a line or not; a line has a gap where a point isn't finite.
+    Curve(Look, Vec<(f64, f64)>),
+    /// A value that rises from 0 at each point to the point's, and stays there until the next.
+    Steps(Look, Vec<(f64, f64)>),
+    /// A ring around a point: it stands out.
+    Ring((f64, f64)),
+    /// Strokes from one point to another each.
+    Strokes(Hue, Vec<((f64, f64), (f64, f64))>),
+    /// Columns from 0 up to a y each, from one x to another, and which of so many parts of that width they take.
+    Columns(Hue, Part, Vec<((f64, f64), f64)>),
+    /// Rectangles coloured by a value on an axis of its own, see [`Ramp`]; a figure has one such axis.
+    Cells(ChartAxis, Vec<Cell>),
+    /// What a panel shows, above it.
+    Title(String),
+    /// A line right across at an x, and a word beside it.
+    At(f64, String),
+    /// A line right across at a y, and a word above it.
+    Level(f64, String),
+    /// Words at a point: how far right and down of it, px, and which of their ends is there.
+    Words((f64, f64), (f64, f64), Anchor, String),
+}
+
+/// One of some equal parts of a width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Which, from 0.
+    pub index: usize,
+    /// How many there are.
+    pub of: usize,
+}
+
+/// A rectangle between two values along each axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// Left and right.
+    pub x: (f64, f64),
+    /// Below and above.
+    pub y: (f64, f64),
+    /// What its colour means.
+    pub value: f64,
+}
+
+/// Which part of some words is at their point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Anchor {
+    /// Their start.
+    Start,
+    /// Their middle.
+    Middle,
+    /// Their end.
+    End,
+}
+
+/// Below a panel, px, and the part of that which the axis' name takes.
+const BELOW_AXIS: f64 = 68.0;
+const NAME_LINE: f64 = 28.0;
+/// Height of the numbers beside an axis.
+const LINE_PX: f64 = 14.0;
+/// What a number below an axis takes beyond its width.
+const BESIDE_NUMBER: f64 = 5.0;
+
+/// Where a panel is, px.
+pub(super) struct Area {
+    pub x: f64,
+    pub y: f64,
+    pub width: f64,
+    pub height: f64,
+}
+
+/// What is written beside a panel, and how large its markers are.
+pub(super) struct Words {
+    /// The numbers below it.
+    pub x: bool,
+    /// The name of the axis below it.
+    pub x_label: bool,
+    /// The numbers beside it.
+    pub y: bool,
+    /// The widest that its title is, px.
+    pub title_px: f64,
+    pub size: f64,
+}
+
+impl Panel {
+    /// Room for what stands below it, px.
+    pub(super) fn below_px(&self) -> f64 {
+        let of_label = if self.x.label.is_empty() { NAME_LINE } else { 0.0 };
+        BELOW_AXIS + NOTE_LINE * self.more_lines_below() as f64 - of_label
+    }
+
+    /// Lines of the numbers below it beyond the first.
+    fn more_lines_below(&self) -> usize {
+        let ticks = self.x.ticks(f64::INFINITY, |_| 0.0);
+        ticks.iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1) - 1
+    }
+
+    /// The widest number beside it, px, where it is so high.
+    pub(super) fn numbers_upward_px(&self, height_px: f64) -> f64 {
+        let ticks = self.y.ticks(height_px, |_| LINE_PX);
+        ticks.iter().map(|(_, told)| width_px(told, SIZE_PX)).fold(0.0, f64::max)
+    }
+
+    /// Its title in one line or two, each shortened to fit.
+    pub(super) fn title_lines(&self, most_px: f64) -> Vec<String> {
+        let title = self.marks.iter().find_map(|mark| match mark {
+            Mark::Title(title) => Some(title),
+            _ => None,
+        });
+        let Some(title) = title else { return Vec::new() };
+        let size_px = BOLD * SIZE_PX;
+        // a name of two parts is broken between them
+        let lines = match title.split_once(", ") {
+            _ if width_px(title, size_px) <= most_px => vec![title.clone()],
+            Some((first, second)) => vec![format!("{first},"), second.to_owned()],
+            None => {
+                let lines = wrapped(title, size_px, most_px);
+                [&lines[..1], &[lines[1..].join(" ")]].concat()
+            }
+        };
+        lines.iter().map(|line| shortened(line, size_px, most_px)).collect()
+    }
+
+    /// The name of the axis below.
+    pub(super) fn write_x_label(&self, labels: &mut Vec<Label>, area: &Area) {
+        let below_ticks = NOTE_LINE * self.more_lines_below() as f64;
+        let at = (area.x + area.width / 2.0, area.y + area.height + 38.0 + below_ticks);
+        labels.push(Label::fixed(at, "mid", &self.x.label));
+    }
+
+    /// Draws it; its texts are laid out later, with those of all panels.
+    pub(super) fn write(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, words: &Words) {
+        self.write_axes(svg, labels, area, words);
+        for (line, told) in self.title_lines(words.title_px).iter().rev().enumerate() {
+            labels.push(Label::fixed((area.x, area.y - 9.0 - LABEL_LINE * line as f64), "head", told));
+        }
+        for mark in &self.marks {
+            self.write_mark(svg, labels, area, mark, words.size);
+        }
+    }
+
+    /// Where a point is, px: on the edge where it is outside.
+    fn at(&self, area: &Area, (x, y): (f64, f64)) -> (f64, f64) {
+        let up = self.y.share(y);
+        let down = if matches!(self.y.scale, Scale::Rows(_)) { up } else { 1.0 - up };
+        (area.x + area.width * self.x.share(x).clamp(0.0, 1.0), area.y + area.height * down.clamp(0.0, 1.0))
+    }
+
+    fn write_axes(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, words: &Words) {
+        let (right, bottom) = (area.x + area.width, area.y + area.height);
+        for (value, told) in self.y.ticks(area.height, |_| LINE_PX) {
+            let y = self.at(area, (self.x.range.0, value)).1;
+            match &self.y.scale {
+                Scale::Rows(rows) if (value as usize).is_multiple_of(2) => {
+                    let (x, width, height) = (area.x, area.width, area.height / rows.len() as f64);
+                    let top = y - height / 2.0;
+                    let _ = writeln!(
+                        svg,
+                        "<rect class=\"band\" x=\"{x:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\"/>"
+                    );
+                }
+                Scale::Rows(_) => {}
+                _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
+            }
+            let lines: Vec<&str> = told.lines().filter(|_| words.y).collect();
+            let first_y = y + 4.5 - LINE_PX / 2.0 * (lines.len().max(1) - 1) as f64;
+            for (line, told) in lines.into_iter().enumerate() {
+                let (class, size) = if line == 0 { ("end", SIZE_PX) } else { ("end small", 12.0) };
+                let at = (area.x - TO_NUMBERS, first_y + LINE_PX * line as f64);
+                labels.push(Label::tick(at, class, &shortened(told, size, LEFT_OF_ROWS - TO_NUMBERS - 3.0)));
+            }
+        }
+        for (value, told) in self.x.ticks(area.width, |told| width_px(told, SIZE_PX) + BESIDE_NUMBER) {
+            let x = self.at(area, (value, self.y.range.0)).0;
+            write_stroke(svg, "grid", (x, area.y), (x, bottom));
+            for (line, told) in told.lines().enumerate().filter(|_| words.x) {
+                let class = if line == 0 { "mid" } else { "mid small" };
+                labels.push(Label::tick((x, bottom + 18.0 + NOTE_LINE * line as f64), class, told));
+            }
+        }
+        let _ = writeln!(
+            svg,
+            "<rect class=\"axis\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
+            area.x, area.y, area.width, area.height
+        );
+        if words.x && words.x_label {
+            self.write_x_label(labels, area);
+        }
+    }
+
+    fn write_mark(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, mark: &Mark, size: f64) {
+        let at = |point: (f64, f64)| self.at(area, point);
+        let mut word = |mark: (f64, f64), (right, down): (f64, f64), class: &'static str, told: &str| {
+            let label = Label::fixed((mark.0 + right, mark.1 + down), class, told);
+            labels.push(Label { rank: Rank::Word(mark), ..label });
+        };
+        match mark {
+            Mark::Curve(look, points) => {
+                for joined in points.split(|(x, y)| !(x.is_finite() && y.is_finite())) {
+                    let joined: Vec<(f64, f64)> = joined.iter().map(|point| at(*point)).collect();
+                    write_line(svg, *look, &joined);
+                    joined.into_iter().for_each(|point| write_marker(svg, *look, point, size));
+                }
+            }
+            Mark::Steps(look, points) => {
+                let mut reached = 0.0;
+                let mut corners = vec![(self.x.range.0, reached)];
+                for (x, y) in points {
+                    corners.extend([(*x, reached), (*x, *y)]);
+                    reached = *y;
+                }
+                corners.push((self.x.range.1, reached));
+                write_line(svg, *look, &corners.into_iter().map(at).collect::<Vec<_>>());
+            }
+            Mark::Ring(point) => {
+                let (x, y) = at(*point);
+                let _ = writeln!(svg, "<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"9\"/>");
+            }
+            Mark::Strokes(hue, strokes) => {
+                let path: String = strokes
+                    .iter()
+                    .map(|(from, to)| (at(*from), at(*to)))
+                    .map(|((x1, y1), (x2, y2))| format!("M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}"))
+                    .collect();
+                let _ = writeln!(svg, "<path class=\"{} bar\" d=\"{path}\"/>", hue.name());
+            }
+            Mark::Columns(hue, part, columns) => {
+                let column = |((from, to), value): &((f64, f64), f64)| {
+                    let ((x1, y1), (x2, y2)) = (at((*from, *value)), at((*to, 0.0)));
+                    let width = (x2 - x1) / part.of.max(1) as f64;
+                    let (left, right) = (x1 + width * part.index as f64, x1 + width * (part.index + 1) as f64);
+                    format!("M{left:.1} {y1:.1}H{right:.1}V{y2:.1}H{left:.1}z")
+                };
+                let path: String = columns.iter().filter(|(_, value)| *value > 0.0).map(column).collect();
+                let _ = writeln!(svg, "<path class=\"{} column\" d=\"{path}\"/>", hue.name());
+            }
+            Mark::Cells(axis, cells) => write_cells(svg, axis, cells, at),
+            Mark::Title(_) => {} // above the panel
+            Mark::At(value, told) => {
+                let x = at((*value, self.y.range.0)).0;
+                write_stroke(svg, "rule", (x, area.y), (x, area.y + area.height));
+                word((x, area.y), (6.0, 16.0), "word", told);
+            }
+            Mark::Level(value, told) => {
+                let y = at((self.x.range.0, *value)).1;
+                write_stroke(svg, "rule", (area.x, y), (area.x + area.width, y));
+                word((area.x, y), (6.0, -6.0), "word", told);
+            }
+            Mark::Words(point, moved_px, anchor, told) => {
+                let class = match anchor {
+                    Anchor::Start => "word",
+                    Anchor::Middle => "word mid",
+                    Anchor::End => "word end",
+                };
+                word(at(*point), *moved_px, class, told);
+            }
+        }
+    }
+}
+
+/// Cells, those of one colour in one path.
+fn write_cells(svg: &mut String, axis: &ChartAxis, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
+    let mut paths = vec![String::new(); LEVELS];
+    for Cell { x, y, value } in cells.iter().filter(|cell| cell.value.is_finite()) {
+        let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
+        let level = Ramp::level(axis.share(*value));
+        let _ = write!(paths[level], "M{left:.1} {top:.1}H{right:.1}V{bottom:.1}H{left:.1}z");
+    }
+    for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
+        let _ = writeln!(svg, "<path class=\"{}\" shape-rendering=\"crispEdges\" d=\"{path}\"/>", Ramp::class(level));
+    }
+}

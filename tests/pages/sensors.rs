@@ -1,0 +1,107 @@
+//! Pages of sensors of every kind: a magnetic skin, one of 15 outputs, and the paper's own array. Only the last has the paper's
+//! numbers beside it, on its page and where `evaluate` and `run` print.
+
+use crate::support::printed::is_narrow;
+use crate::support::{Bench, shipped, shipped_text};
+
+/// A magnetic skin of 4 x 4 outputs, and one of five chips with three axes each, both in microtesla.
+pub const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
+pub const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
+
+/// A recipe with everything, for either skin.
+pub const SKIN: &str = r#"
+name = "skin"
+
+[[step]]
+phase = "characterisation"
+units = "all"
+staircase = { to_n = 2.0, step_n = 0.5, repeats = 3 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], spacing_mm = 1.0 }
+force_n = 1.5
+
+[[step]]
+phase = "test"
+random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2.0] }
+"#;
+
+/// A bench with a run of both skins.
+pub fn skins() -> Bench {
+    let bench = Bench::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
+    for skin in ["magnetic", "fifteen"] {
+        bench.palpate_ends(0, &format!("run skin.toml --rig {skin}.toml --out {skin}"));
+    }
+    bench
+}
+
+#[test]
+fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
+    let bench = skins();
+    for (skin, outputs) in [("magnetic", 16), ("fifteen", 15)] {
+        bench.palpate_ends(0, &format!("report {skin} --figures {skin}-figures"));
+        let page = bench.read(&format!("{skin}/report.html"));
+        for word in ["paper", "Sensors 2018", "Table 1", "Figure 8", "Figure 9", "Figure 10"] {
+            assert!(!page.to_lowercase().contains(&word.to_lowercase()), "{skin}: {word}");
+        }
+        assert!(page.contains(">output, µT<"), "{skin}");
+        for volt in [" V<", ", V<", "V/N", " V;", " V,"] {
+            assert!(!page.contains(volt), "{skin}: {volt}");
+        }
+        let table = bench.read(&format!("{skin}-figures/output-by-place.csv"));
+        assert!(table.starts_with("panel,x_mm,y_mm,output_ut\n"), "{}", &table[..60]);
+        assert_eq!(table.lines().count(), 1 + 361 * outputs, "{skin}");
+        for solver in ["best", "all"] {
+            let told = bench.palpate_ends(0, &format!("evaluate {skin} --solver {solver}")).out;
+            assert!(!told.contains("paper") && !told.contains("0.46 ") && !told.contains("Table 1"), "{told}");
+            is_narrow(&told);
+        }
+    }
+}
+
+#[test]
+fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
+    let bench = Bench::new();
+    let told = bench.palpate_ends(0, &format!("run {} --out whole", shipped("recipes/paper.toml").display())).out;
+    assert!(told.contains("location error, mean         0.46 mm"), "{told}");
+    bench.palpate_ends(0, "report whole");
+    let page = bench.read("whole/report.html");
+    for cited in
+        ["Liu, W.; Gu, C.; Zeng, R.; Yu, P.; Fu, X.", "A Novel Inverse Solution of Contact Force", "Sensors 2018"]
+    {
+        assert!(page.contains(cited), "{cited}");
+    }
+    assert!(page.contains("doi:10.3390/s18020351") && page.contains("<th scope=\"col\">paper</th>"));
+    assert_eq!(page.matches("<th scope=\"col\">paper</th>").count(), 4, "errors, two repeatabilities, hysteresis");
+    let told = bench.palpate_ends(0, "evaluate whole --solver all").out;
+    assert!(told.contains("\npaper "), "{told}");
+}
+
+/// The same array by nearly the same protocol, and another array by the same.
+#[test]
+fn whatever_differs_from_the_papers_protocol_stands_alone() {
+    let bench = Bench::new();
+    let recipe = shipped_text("recipes/paper.toml");
+    let short = recipe
+        .replace("repeats = 5, rest_s = 300.0", "repeats = 1, rest_s = 0.0")
+        .replace("name = \"paper\"", "name = \"other\"");
+    let rig = shipped_text("rigs/sim.toml");
+    let wide = rig.replace("pitch_mm = 4.5", "pitch_mm = 4.6");
+    for (name, recipe, rig) in [
+        ("force", short.replace("force_n = 1.0", "force_n = 0.9"), &rig),
+        ("grid", short.replace("spacing_mm = 0.5", "spacing_mm = 0.6"), &rig),
+        ("count", short.replace("count = 100", "count = 99"), &rig),
+        ("light", short.replace("force_n = [0.1, 1.0]", "force_n = [0.2, 1.2]"), &rig),
+        ("pitch", short.clone(), &wide),
+    ] {
+        assert!(recipe != short || *rig != shipped_text("rigs/sim.toml"), "{name} differs in nothing");
+        bench.write("recipe.toml", &recipe);
+        bench.write("rig.toml", rig);
+        let told = bench.palpate(&format!("run recipe.toml --rig rig.toml --out {name}")).out;
+        assert!(told.contains("location error, mean") && !told.contains("0.46 mm"), "{name}: {told}");
+        bench.palpate(&format!("report {name}"));
+        let page = bench.read(&format!("{name}/report.html"));
+        assert!(!page.to_lowercase().contains("paper"), "{name}");
+    }
+}
