@@ -17,13 +17,13 @@
 //! | 3 | [`recipe`] | a recipe understood, and the plan it comes to |
 //! | 3 | [`driver`] | one module per instrument family: a role over a link |
 //! | 3 | [`emulator`] | one per wire protocol: bytes in, scene, bytes out; never sees a driver |
+//! | 2 | [`acceptance`] | whether a sensor is accepted: a rule, what was measured, the one verdict |
 //! | 2 | [`control`] | the force loop, pure: the press and its three strategies, its permits, its trips, the learned map |
 //! | 2 | [`device`] | the roles as traits: stage, load cell, array |
 //! | 2 | [`document`] | TOML read with every problem kept, each at its line |
 //! | 2 | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |
 //! | 2 | [`solver`] | calibration and reading to contact, and their evaluation |
 //! | 2 | [`wire`] | links: how bytes get there and back; NI's functions as a table |
-//! | 1 | [`acceptance`] | whether a sensor is accepted: a rule, what was measured, the one verdict |
 //! | 1 | [`chart`] | charts as SVG |
 //! | 1 | [`mechanics`] | linear elasticity: what a taxel reads of a load |
 //! | 1 | [`paper`] | what the paper reports |

@@ -214,11 +214,7 @@ fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
         figure => {
             let worst = measured.worst.iter().find(|worst| worst.figure == figure);
             let Worst { value, upper, n, .. } = *worst.ok_or("it was not measured")?;
-            Ok(Found {
-                value,
-                bound: upper.ok_or_else(|| "it has no bound here: limit it by a simple rule, or repeat it".to_owned()),
-                n,
-            })
+            Ok(Found { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
         }
     }
 }

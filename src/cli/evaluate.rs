@@ -27,7 +27,7 @@ Examples:
   palpate evaluate runs/paper
   palpate evaluate runs/paper --solver pearson --json
   palpate evaluate runs/paper --solver all
-  palpate evaluate --calibration grid.csv --test random.csv --accept limits.toml
+  palpate evaluate --calibration grid.csv --test random.csv --accept data/example/accept.toml
 
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. Where the
 calibration has no force_n, a press counts as long as its row of outputs is,

@@ -5,6 +5,7 @@
 //! 130 cancelled (and parked).
 
 mod align;
+mod certificate;
 mod check;
 mod check_weight;
 mod doctor;
@@ -71,6 +72,7 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     Solve(solve::SolveArgs),
     Report(report::ReportArgs),
+    Certificate(certificate::CertificateArgs),
     Study(study::StudyArgs),
     Doctor(doctor::DoctorArgs),
     Align(align::AlignArgs),
@@ -96,6 +98,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Solve(args) => solve::solve(args),
         Command::Report(args) => report::report(args),
+        Command::Certificate(args) => certificate::certificate(args),
         Command::Study(args) => study::study(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Align(args) => align::align_rig(args),

@@ -20,7 +20,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate report runs/paper
   palpate report runs/characterise runs/calibrate runs/test --out A-017.html
-  palpate report runs/calibrate runs/test --same-sensor --accept limits.toml
+  palpate report runs/calibrate runs/test --same-sensor --accept data/example/accept.toml
   palpate report --compare runs/batch-* --out batch.html
   palpate report runs/paper --figures figures
 
@@ -108,7 +108,7 @@ fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, S
 }
 
 /// A page of ours may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.
-fn check_free(out: &Path) -> Result<(), Failure> {
+pub(super) fn check_free(out: &Path) -> Result<(), Failure> {
     let is_ours = || {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
         is_file && fs::read_to_string(out).is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK))
@@ -132,7 +132,7 @@ fn check_free(out: &Path) -> Result<(), Failure> {
 const BEGINNING: &str = "<!DOCTYPE html>";
 
 /// Puts the page in its place, whole or not at all.
-fn write(out: &Path, html: &str) -> Result<(), Failure> {
+pub(super) fn write(out: &Path, html: &str) -> Result<(), Failure> {
     put(out, html).map_err(|why| {
         let help = "no page was written; choose another --out, or make room and set the permissions right";
         Failure::unwritten(miette::miette!(help = help, "writing the page {}: {why}", out.display()))
@@ -151,7 +151,7 @@ fn is_in_run(out: &Path) -> bool {
     out.parent().is_some_and(|folder| check_run(folder).is_ok())
 }
 
-fn failure(error: ReportError) -> Failure {
+pub(super) fn failure(error: ReportError) -> Failure {
     match error {
         ReportError::Dataset(error) => Failure::dataset(error),
         other => Failure::usage(other),

@@ -2,14 +2,16 @@
 
 use super::exit::Failure;
 use super::recorded::rig_of;
+use super::sources::read;
 use super::summary;
-use crate::dataset::{DatasetError, JournalError, Loss, Texts, verify};
-use std::path::PathBuf;
+use crate::dataset::{DatasetError, JournalError, Loss, Recorded, Texts, verify};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
   palpate verify runs/paper
+  palpate verify runs/calibrate --certificate A-017.xml
 
 Exit code 1 where something isn't as it was written.";
 
@@ -19,6 +21,9 @@ Exit code 1 where something isn't as it was written.";
 pub struct VerifyArgs {
     /// The run folder
     run: PathBuf,
+    /// Also compare the journal with the SHA-256 on this certificate
+    #[arg(long, value_name = "FILE")]
+    certificate: Option<PathBuf>,
 }
 
 /// Reports what isn't as it was written.
@@ -40,9 +45,31 @@ pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
         let losses = |loss: &Loss| format!("{}: presses were lost, accepted {}\n", args.run.display(), loss.accepted);
         let losses: String = verified.losses.iter().map(losses).collect();
         summary::print(&format!("{}: {whole}{state}\n{losses}", args.run.display()))?;
+        if let Some(certificate) = &args.certificate {
+            check_certificate(&args.run, certificate)?;
+        }
         return Ok(ExitCode::SUCCESS);
     }
     let help = "`palpate rebuild` regenerates tables and manifest; restore a damaged journal from a copy";
     let problems = verified.problems.join("\n");
     Err(Failure::not_accepted(miette::miette!(help = help, "{}: {whole}, but\n{problems}", args.run.display())))
+}
+
+/// Whether a certificate rests on the journal of this run as it is.
+fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
+    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
+    let sha256 = recorded.journal_sha256().map_err(Failure::dataset)?;
+    let is_hash = |word: &&str| word.len() == sha256.len() && word.chars().all(|c| c.is_ascii_hexdigit());
+    let text = read(certificate)?;
+    let stated: Vec<&str> = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(is_hash).collect();
+    let file = certificate.display();
+    if stated.is_empty() {
+        return Err(Failure::usage(miette::miette!("{file} states no SHA-256 of a journal: is it a certificate?")));
+    }
+    if !stated.contains(&sha256.as_str()) {
+        let help = "the run was gone on with or changed after the certificate, or it is another run's";
+        let told = format!("{file} doesn't rest on the journal of {}", run.display());
+        return Err(Failure::not_accepted(miette::miette!(help = help, "{told}: its SHA-256 is {sha256}")));
+    }
+    summary::print(&format!("{file} rests on this journal, SHA-256 {sha256}\n"))
 }

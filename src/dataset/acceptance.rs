@@ -108,10 +108,14 @@ const KINDS: [(Figure, Value, Value); 5] = [
         |unit| unit.repeatability_loading_percent,
         |unit| unit.repeatability_loading_interval_percent.map(|(_, most)| most),
     ),
-    (Figure::Hysteresis, |unit| unit.hysteresis_percent, |_| None),
-    (Figure::HysteresisOfReading, |unit| unit.hysteresis_of_reading_percent, |_| None),
-    (Figure::Linearity, |unit| unit.linearity_percent, |_| None),
-    (Figure::ZeroReturn, |unit| unit.zero_return_percent, |_| None),
+    (Figure::Hysteresis, |unit| unit.hysteresis_percent, |unit| Some(unit.hysteresis_known?.upper)),
+    (
+        Figure::HysteresisOfReading,
+        |unit| unit.hysteresis_of_reading_percent,
+        |unit| Some(unit.hysteresis_of_reading_known?.upper),
+    ),
+    (Figure::Linearity, |unit| unit.linearity_percent, |unit| Some(unit.linearity_known?.upper)),
+    (Figure::ZeroReturn, |unit| unit.zero_return_percent, |unit| Some(unit.zero_return_known?.upper)),
 ];
 
 fn worst(figure: Figure, units: &[UnitCharacteristics], value: Value, upper: Value) -> Option<Worst> {

@@ -4,7 +4,7 @@ use super::journal::JOURNAL;
 use super::known::{Known, check_run};
 use super::press::{csv_header, csv_line};
 use super::views::PRESSES;
-use super::{Contact, DatasetError, Journal, Manifest, Presses, Record, Retouch, Text, files};
+use super::{Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
 use crate::control::Trip;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -69,6 +69,15 @@ impl Recorded {
     /// The presses, in the order of the plan.
     pub fn presses(&self) -> Presses {
         Presses::of_contacts(&self.path.display().to_string(), &self.contacts)
+    }
+
+    /// SHA-256 of its journal as it is on the disk, in hexadecimal.
+    ///
+    /// # Errors
+    /// It can't be read.
+    pub fn journal_sha256(&self) -> Result<String, DatasetError> {
+        let read = Fingerprint::of_file(&self.path, JOURNAL);
+        read.map(|fingerprint| fingerprint.sha256).map_err(DatasetError::io("reading", self.path.join(JOURNAL)))
     }
 
     /// What the files for people say other than the journal, in a line each; none of these files was read. The table of a run that

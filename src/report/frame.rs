@@ -12,7 +12,7 @@ pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 const PAGE_STYLE: &str = include_str!("page.css");
 
 /// A whole page.
-fn document(title: &str, body: &Markup) -> String {
+pub fn document(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {

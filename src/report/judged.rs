@@ -18,6 +18,8 @@ pub struct Judged {
     pub expecting: Option<Fitted>,
     /// Why there is no evaluation, or not by both.
     pub why_not: Option<String>,
+    /// Standard uncertainty of the test's forces, N; none where it isn't known.
+    pub u_force_n: Option<f64>,
     /// The verdict; none without a rule.
     pub judgement: Option<Judgement>,
 }
@@ -33,7 +35,8 @@ impl Judged {
             Err(why) => (Vec::new(), None, Some(why.told())),
         };
         let judgement = rule.map(|rule| subject.evidence().judge(rule, &trial, &evaluations));
-        Judged { evaluations, expecting, why_not, judgement }
+        let u_force_n = trial.as_ref().ok().and_then(Trial::u_force_n);
+        Judged { evaluations, expecting, why_not, u_force_n, judgement }
     }
 
     /// The evaluation that the verdict is about; without a rule the best's.

@@ -7,6 +7,7 @@
 //! ([`is_beside_paper`]).
 
 mod beside_paper;
+pub mod certificate;
 mod comparison;
 mod facts;
 mod figures;

@@ -20,8 +20,8 @@ pub struct Subject {
     pub layout: ArrayLayout,
     /// The unit of the outputs, as the rig says.
     pub unit: String,
-    /// Standard uncertainty of the pressed places, mm, the largest of the runs'; none where one doesn't know it.
-    pub u_place_mm: Option<f64>,
+    /// The rig of each run.
+    pub rigs: Vec<RigSpec>,
 }
 
 /// Why there is no page.
@@ -108,17 +108,18 @@ impl Subject {
     pub fn of(runs: impl IntoIterator<Item = (Recorded, RigSpec)>, same_sensor: bool) -> Result<Subject, ReportError> {
         let mut subject: Option<Subject> = None;
         for (run, rig) in runs {
-            let (presses, u_place_mm) = (run.presses(), rig.u_place_mm());
-            let ArraySpec { layout, unit, .. } = rig.array;
+            let presses = run.presses();
             subject = Some(match subject {
-                None => Subject { runs: vec![run], presses, layout, unit, u_place_mm },
-                Some(mut subject) => {
+                None => {
+                    let ArraySpec { layout, unit, .. } = rig.array.clone();
+                    Subject { runs: vec![run], presses, layout, unit, rigs: vec![rig] }
+                }
+                Some(subject) => {
                     if !same_sensor {
                         subject.check_sensor(&run)?;
                     }
-                    subject.check_array(&run, &layout, &unit)?;
-                    subject.u_place_mm = subject.u_place_mm.zip(u_place_mm).map(|(a, b)| a.max(b));
-                    subject.joined(run, presses)?
+                    subject.check_array(&run, &rig.array)?;
+                    subject.joined(run, rig, presses)?
                 }
             });
         }
@@ -128,7 +129,13 @@ impl Subject {
     /// All that is on record of it, to be judged.
     pub fn evidence(&self) -> Evidence<'_> {
         let contacts = self.runs.iter().flat_map(|run| &run.contacts).collect();
-        Evidence { presses: &self.presses, layout: Some(&self.layout), contacts, u_place_mm: self.u_place_mm }
+        Evidence { presses: &self.presses, layout: Some(&self.layout), contacts, u_place_mm: self.u_place_mm() }
+    }
+
+    /// Standard uncertainty of the pressed places, mm, the largest of the runs'; none where one doesn't know it.
+    pub fn u_place_mm(&self) -> Option<f64> {
+        let all: Option<Vec<f64>> = self.rigs.iter().map(RigSpec::u_place_mm).collect();
+        all?.into_iter().reduce(f64::max)
     }
 
     /// Whether a run is of the sensor that the runs before are of, as far as they say.
@@ -149,20 +156,20 @@ impl Subject {
     }
 
     /// Whether a run's array is that of the runs before.
-    fn check_array(&self, run: &Recorded, layout: &ArrayLayout, unit: &str) -> Result<(), ReportError> {
+    fn check_array(&self, run: &Recorded, ArraySpec { layout, unit, .. }: &ArraySpec) -> Result<(), ReportError> {
         let (first, second) = (run_name(&self.runs[0].path), run_name(&run.path));
         if self.layout != *layout {
             let (first_units, second_units) = (self.layout.len(), layout.len());
             return Err(ReportError::Arrays { first, first_units, second, second_units });
         }
-        if self.unit != unit {
-            let (first_unit, second_unit) = (self.unit.clone(), unit.to_owned());
+        if self.unit != *unit {
+            let (first_unit, second_unit) = (self.unit.clone(), unit.clone());
             return Err(ReportError::Units { first, first_unit, second, second_unit });
         }
         Ok(())
     }
 
-    fn joined(mut self, run: Recorded, presses: Presses) -> Result<Subject, ReportError> {
+    fn joined(mut self, run: Recorded, rig: RigSpec, presses: Presses) -> Result<Subject, ReportError> {
         for phase in PHASES {
             let earlier = self.runs.iter().find(|earlier| has(earlier, phase));
             if let Some(earlier) = earlier.filter(|_| has(&run, phase)) {
@@ -172,6 +179,7 @@ impl Subject {
         }
         self.presses.join(presses);
         self.runs.push(run);
+        self.rigs.push(rig);
         Ok(self)
     }
 

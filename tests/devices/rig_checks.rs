@@ -108,9 +108,10 @@ fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
     assert!((numbers(&of("rotation_deg"))[0] - 3.0).abs() < 1.5, "{}", of("rotation_deg"));
     // down is -z; the specimen's own plane is up to 0.07 mm off in its middle
     assert!((numbers(&of("surface_mm"))[0] + 0.1).abs() < 0.08, "{}", of("surface_mm"));
-    assert!(of("origin_mm").contains("# aligned, +-"), "{written}");
+    assert!((1e-4..0.15).contains(&numbers(&of("u_origin_mm"))[0]), "{}", of("u_origin_mm"));
+    assert!(of("rotation_deg").contains("# aligned, +-"), "{written}");
     let others = |text: &str| -> Vec<String> {
-        let own = ["surface_mm", "origin_mm", "rotation_deg"];
+        let own = ["surface_mm", "origin_mm", "u_origin_mm", "rotation_deg"];
         text.lines().filter(|line| !own.iter().any(|key| line.starts_with(key))).map(str::to_owned).collect()
     };
     assert_eq!(others(&written), others(&rig));

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// The floors from the ground up. A room may import those of the floors below its own.
 const FLOORS: [&[&str]; 7] = [
     &["chart", "mechanics", "paper", "parallel", "quantity"],
-    &["control", "device", "document", "scene", "solver", "wire"],
+    &["acceptance", "control", "device", "document", "scene", "solver", "wire"],
     &["driver", "emulator", "recipe"],
     &["dataset", "rig"],
     &["run"],

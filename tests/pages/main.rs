@@ -5,6 +5,7 @@ mod support;
 
 mod ablation;
 mod browser;
+mod certificate;
 mod curves;
 mod figures;
 mod report;

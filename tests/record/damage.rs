@@ -268,7 +268,7 @@ mod links {
 #[test]
 fn a_press_that_tripped_has_its_worst_force_in_the_scenes_table() {
     let rig =
-        shipped_text("rigs/sim.toml") + "\n[[scene.fault]]\nkind = \"hard-contact\"\nfrom_s = 30.0\nvalue = 60.0\n";
+        shipped_text("rigs/sim.toml") + "\n[[scene.fault]]\nkind = \"hard-contact\"\nfrom_s = 55.0\nvalue = 60.0\n";
     let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", LONG)]);
     bench.palpate_ends(4, "run r.toml --rig rig.toml --out run");
     let (_, rows) = bench.table("run/scene.csv");

@@ -5,15 +5,18 @@
 //! repeat each other and make a series. Each is evaluated by itself; a unit has the pooled repeatability of its series, and
 //! the worst of each other quantity.
 
+mod estimate;
 mod repeatability;
 mod series;
 mod staircases;
 pub mod terms;
 
+pub use estimate::Known;
 pub use repeatability::Repeatability;
 pub use staircases::{HeldLevel, Level, Staircases, by_series};
 
 use crate::control::Branch;
+use estimate::Estimate;
 use repeatability::{Levels, Repeated};
 use series::Series;
 
@@ -33,12 +36,20 @@ pub struct UnitCharacteristics {
     pub repeatability_unloading_interval_percent: Option<(f64, f64)>,
     /// How far unloading runs from loading.
     pub hysteresis_percent: Option<f64>,
+    /// How well that is known, %.
+    pub hysteresis_known: Option<Known>,
     /// How far unloading runs from loading, % of the mean reading at the same force.
     pub hysteresis_of_reading_percent: Option<f64>,
+    /// How well that is known, %.
+    pub hysteresis_of_reading_known: Option<Known>,
     /// How far loading outputs are from a straight line.
     pub linearity_percent: Option<f64>,
+    /// How well that is known, %.
+    pub linearity_known: Option<Known>,
     /// How far the output in air is from where it was before the load; negative: below it.
     pub zero_return_percent: Option<f64>,
+    /// How well that is known, %.
+    pub zero_return_known: Option<Known>,
 }
 
 impl UnitCharacteristics {
@@ -83,18 +94,29 @@ fn characterise_unit(unit: usize, readings: &[HeldLevel], repeatability: Repeata
         (value, interval.map(|(least, most)| (percent(least), percent(most))))
     };
     let (loading, unloading) = (repeats(Branch::Loading), repeats(Branch::Unloading));
-    let hysteresis = || series.iter().filter_map(Series::hysteresis);
-    let zero_return = series.iter().filter_map(Series::zero_return).max_by(|a, b| a.abs().total_cmp(&b.abs()));
+    let worst = |estimates: &mut dyn Iterator<Item = Estimate>| estimates.reduce(Estimate::worse);
+    let gaps = || series.iter().filter_map(Series::hysteresis);
+    let of_full_scale = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.scaled(100.0 / full_scale));
+    let hysteresis = of_full_scale(worst(&mut gaps().map(|(gap, _)| gap)));
+    let of_reading = worst(&mut gaps().map(|(_, share)| share)).map(|share| share.scaled(100.0));
+    let linearity = of_full_scale(worst(&mut series.iter().filter_map(Series::deviation)));
+    let zero_return = of_full_scale(worst(&mut series.iter().filter_map(Series::zero_return)));
+    let value = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.value);
+    let known = |estimate: Option<Estimate>| estimate.and_then(|estimate| estimate.known);
     UnitCharacteristics {
         unit,
         repeatability_loading_percent: loading.0,
         repeatability_loading_interval_percent: loading.1,
         repeatability_unloading_percent: unloading.0,
         repeatability_unloading_interval_percent: unloading.1,
-        hysteresis_percent: hysteresis().map(|(gap, _)| gap).reduce(f64::max).map(percent),
-        hysteresis_of_reading_percent: hysteresis().map(|(_, share)| 100.0 * share).reduce(f64::max),
-        linearity_percent: series.iter().filter_map(Series::deviation).reduce(f64::max).map(percent),
-        zero_return_percent: zero_return.map(percent),
+        hysteresis_percent: value(hysteresis),
+        hysteresis_known: known(hysteresis),
+        hysteresis_of_reading_percent: value(of_reading),
+        hysteresis_of_reading_known: known(of_reading),
+        linearity_percent: value(linearity),
+        linearity_known: known(linearity),
+        zero_return_percent: value(zero_return),
+        zero_return_known: known(zero_return),
     }
 }
 

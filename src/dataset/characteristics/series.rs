@@ -1,6 +1,7 @@
 //! What one series comes to: the staircases up to one force at one place.
 
 use super::HeldLevel;
+use super::estimate::Estimate;
 use super::repeatability::Levels;
 use super::staircases::Level;
 use crate::control::Branch;
@@ -57,28 +58,33 @@ impl Series {
         levels.filter(|(level, _)| **level > 0).map(|(_, outputs)| outputs.clone()).collect()
     }
 
-    /// Largest distance between the branches' means over the levels between zero and top force, and the largest in shares of
-    /// the mean of both.
-    pub fn hysteresis(&self) -> Option<(f64, f64)> {
+    /// Largest distance between the branches over the levels between zero and top force, and the largest in shares of the mean
+    /// of both.
+    pub fn hysteresis(&self) -> Option<(Estimate, Estimate)> {
         let [loading, unloading] = &self.corrected;
         let inner = loading.iter().filter(|(level, _)| **level > 0 && **level < self.top);
-        let both = inner.filter_map(|(level, up)| Some((mean(up), mean(unloading.get(level)?))));
-        let gaps = both.map(|(up, down)| ((down - up).abs(), ((down - up) / (0.5 * (up + down))).abs()));
-        gaps.reduce(|most, gap| (most.0.max(gap.0), most.1.max(gap.1)))
+        let gaps = inner.filter_map(|(level, up)| {
+            let down = unloading.get(level)?;
+            let gap = Estimate::of_difference(up, down)?.magnitude();
+            Some((gap, gap.scaled(1.0 / (0.5 * (mean(up) + mean(down))).abs())))
+        });
+        gaps.reduce(|worst, gap| (worst.0.worse(gap.0), worst.1.worse(gap.1)))
     }
 
     /// Largest distance of a level's mean loading output from the line, zero level included; none of fewer than three levels,
     /// since a line meets two.
-    pub fn deviation(&self) -> Option<f64> {
+    pub fn deviation(&self) -> Option<Estimate> {
         let [loading, _] = &self.corrected;
-        let off = |(level, outputs): (&Level, &Vec<f64>)| (mean(outputs) - self.line.at(*level as f64 / 1e6)).abs();
-        (loading.len() > 2).then(|| loading.iter().map(off).fold(0.0, f64::max))
+        let off = |(level, outputs): (&Level, &Vec<f64>)| {
+            Some(Estimate::of(outputs)?.less(self.line.at(*level as f64 / 1e6)).magnitude())
+        };
+        if loading.len() > 2 { loading.iter().filter_map(off).reduce(Estimate::worse) } else { None }
     }
 
     /// Mean output in air after the staircases less that before them.
-    pub fn zero_return(&self) -> Option<f64> {
+    pub fn zero_return(&self) -> Option<Estimate> {
         let [before, after] = &self.in_air;
-        (!before.is_empty() && !after.is_empty()).then(|| mean(after) - mean(before))
+        if before.is_empty() || after.is_empty() { None } else { Estimate::of_difference(before, after) }
     }
 }
 

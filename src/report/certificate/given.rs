@@ -181,7 +181,8 @@ pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
         });
         let environment = table.table(&root::environment);
         let range = |key| environment.as_ref().and_then(|table| table.range(key)).map(|range| (range.min, range.max));
-        let (temperature_c, humidity_percent) = (range(&environment::temperature_c), range(&environment::humidity_percent));
+        let (temperature_c, humidity_percent) =
+            (range(&environment::temperature_c), range(&environment::humidity_percent));
         let (item, manufacturer, model) = item?;
         let (procedure, indenter) = procedure?;
         Some(Given {
@@ -240,7 +241,8 @@ fn read_certificate(table: &Table) -> Option<Given> {
 
 fn read_contact(table: &Table) -> Option<Contact> {
     let [name, street, post_code, city, e_mail] =
-        [contact::name, contact::street, contact::post_code, contact::city, contact::e_mail].map(|key| text_of(table, &key));
+        [contact::name, contact::street, contact::post_code, contact::city, contact::e_mail]
+            .map(|key| text_of(table, &key));
     let country = read_country(table, &contact::country);
     Some(Contact { name: name?, street, post_code, city: city?, country: country?, e_mail })
 }
@@ -291,9 +293,15 @@ mod tests {
 
     #[test]
     fn what_is_missing_or_no_code_is_named() {
-        let problems = parse("certificate.toml", "[certificate]\nidentifier = \" \"\ncountry = \"Germany\"\n").unwrap_err();
+        let problems =
+            parse("certificate.toml", "[certificate]\nidentifier = \" \"\ncountry = \"Germany\"\n").unwrap_err();
         let lines = problems.lines().join("\n");
-        for part in ["`identifier` is \" \", expected words", "`country` is \"Germany\", expected two capital letters", "`laboratory` is missing", "`issued` is missing"] {
+        for part in [
+            "`identifier` is \" \", expected words",
+            "`country` is \"Germany\", expected two capital letters",
+            "`laboratory` is missing",
+            "`issued` is missing",
+        ] {
             assert!(lines.contains(part), "{part}: {lines}");
         }
     }

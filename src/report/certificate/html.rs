@@ -69,9 +69,8 @@ fn calibration(certificate: &Certificate<'_>) -> Vec<(&'static str, String)> {
 }
 
 fn instruments(certificate: &Certificate<'_>) -> Markup {
-    let row = |Instrument { role, identity, certificate }: &Instrument| {
-        [words(role), words(identity), words(certificate)]
-    };
+    let row =
+        |Instrument { role, identity, certificate }: &Instrument| [words(role), words(identity), words(certificate)];
     let rows: Vec<[Markup; 3]> = certificate.instruments.iter().map(row).collect();
     html! {
         div.wide {
@@ -111,7 +110,10 @@ fn conformity(certificate: &Certificate<'_>) -> Markup {
     let limits = certificate.judgement.map(|judgement| {
         let row = |check: &crate::acceptance::Check| {
             let shown = |value: Option<f64>| {
-                value.map_or_else(|| "-".to_owned(), |value| format!("{} {}", check.kind.shown(value), check.kind.unit()))
+                value.map_or_else(
+                    || "-".to_owned(),
+                    |value| format!("{} {}", check.kind.shown(value), check.kind.unit()),
+                )
             };
             let name = check.kind.full_name(check.reach);
             [name, shown(check.value), shown(check.bound), shown(Some(check.limit)), check.verdict.told().to_owned()]

@@ -105,9 +105,8 @@ impl<'a> Certificate<'a> {
                 labels.push(label);
             }
         }
-        let journals = subject.runs.iter().map(|run| {
-            Ok(JournalHash { run: run_name(&run.path), sha256: run.journal_sha256()? })
-        });
+        let journals =
+            subject.runs.iter().map(|run| Ok(JournalHash { run: run_name(&run.path), sha256: run.journal_sha256()? }));
         let journals = journals.collect::<Result<Vec<JournalHash>, DatasetError>>()?;
         let day = |time: &str| time.chars().take("2026-01-01".len()).collect::<String>();
         let sessions = || subject.runs.iter().flat_map(|run| &run.manifest.sessions);
@@ -133,6 +132,13 @@ impl<'a> Certificate<'a> {
             journals,
             simulated: subject.runs.iter().any(|run| run.manifest.facts.simulated),
         })
+    }
+
+    /// What it comes to, in a line.
+    pub fn told(&self) -> String {
+        let verdict = self.judgement.map_or("no statement of conformity", |judgement| judgement.verdict.told());
+        let rows: usize = self.results.iter().map(|results| results.rows.len()).sum();
+        format!("certificate {} of sensor {}: {verdict}, {rows} results", self.given.identifier, self.sensor)
     }
 
     /// As a page that prints on A4.
@@ -174,11 +180,16 @@ impl<'a> Certificate<'a> {
 fn instruments(subject: &Subject) -> Vec<Instrument> {
     let mut all: Vec<Instrument> = Vec::new();
     for (run, rig) in subject.runs.iter().zip(&subject.rigs) {
-        for (role, name) in [("stage", "stage"), ("load_cell", "load cell"), ("array", "converter of the sensor's outputs")] {
+        for (role, name) in
+            [("stage", "stage"), ("load_cell", "load cell"), ("array", "converter of the sensor's outputs")]
+        {
             let device = run.manifest.devices.iter().find(|device| device.role == role);
             let identity = device.map_or_else(|| "not identified".to_owned(), |device| device.identity.clone());
             let certificate = certificate_of(role, rig);
-            if !all.iter().any(|known| known.role == name && known.identity == identity && known.certificate == certificate) {
+            if !all
+                .iter()
+                .any(|known| known.role == name && known.identity == identity && known.certificate == certificate)
+            {
                 all.push(Instrument { role: name, identity, certificate });
             }
         }
@@ -211,7 +222,7 @@ fn not_measured(subject: &Subject, judged: &Judged, given: &Given) -> Vec<String
         (judged.evaluations.is_empty(), "Errors of location and force: no test was evaluated."),
         (!has(Phase::Characterisation), "Repeatability, hysteresis, linearity and zero return of the units."),
         (subject.u_place_mm().is_none(), "The uncertainty of the pressed places: the stage has no certificate."),
-        (subject.u_force_n().is_none(), "The uncertainty of the forces: the load cell has neither certificate nor check."),
+        (judged.u_force_n.is_none(), "The uncertainty of the forces: the load cell has neither certificate nor check."),
         (given.temperature_c.is_none(), "The air temperature."),
         (given.humidity_percent.is_none(), "The relative humidity."),
         (true, "Drift over time, dependence on temperature, reproducibility from mounting to mounting."),

@@ -1,7 +1,7 @@
 //! The results of a certificate: each figure with its unit, its uncertainty, and from how many readings.
 
 use crate::acceptance::bound::quantile_interval;
-use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::dataset::characteristics::{Known, Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::quantity::{COVERAGE, percentile};
 use crate::report::{Judged, Subject};
 use crate::solver::{Evaluation, PressError};
@@ -80,14 +80,14 @@ type Error = fn(&PressError) -> Option<f64>;
 
 /// All that was measured of a sensor.
 pub fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
-    let test = judged.decisive().map(|evaluation| of_test(subject, evaluation));
+    let test = judged.decisive().map(|evaluation| of_test(subject, judged, evaluation));
     let units = Staircases::of_run(&subject.presses, &subject.layout).map(|staircases| of_units(&staircases));
     test.into_iter().chain(units).collect()
 }
 
 /// Errors of location and force.
-fn of_test(subject: &Subject, evaluation: &Evaluation) -> Results {
-    let truths = [subject.u_place_mm(), subject.u_force_n()];
+fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Results {
+    let truths = [subject.u_place_mm(), judged.u_force_n];
     let kinds: [(&str, Unit, usize, Error); 2] = [
         ("location error", Unit::Millimetre, 3, |press| Some(press.location_error_mm)),
         ("force error", Unit::Newton, 4, |press| press.force_error_n),
@@ -98,8 +98,7 @@ fn of_test(subject: &Subject, evaluation: &Evaluation) -> Results {
         let n = sizes.len();
         let scatter = if n > 1 { sizes.iter().std_dev() / (n as f64).sqrt() } else { f64::NAN };
         let expanded = COVERAGE * scatter.hypot(truth.unwrap_or(0.0));
-        let uncertainty =
-            if expanded.is_finite() { Uncertainty::Expanded(expanded) } else { Uncertainty::NotStated };
+        let uncertainty = if expanded.is_finite() { Uncertainty::Expanded(expanded) } else { Uncertainty::NotStated };
         let value = sizes.iter().mean();
         rows.push(Row { name: format!("{name}, mean"), value, unit, digits, uncertainty, n });
         sizes.sort_by(f64::total_cmp);
@@ -123,12 +122,12 @@ fn of_test(subject: &Subject, evaluation: &Evaluation) -> Results {
 
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 
-/// The characteristics that have no interval.
-const PLAIN: [(&str, Value); 4] = [
-    ("hysteresis", |unit| unit.hysteresis_percent),
-    ("hysteresis, % of reading", |unit| unit.hysteresis_of_reading_percent),
-    ("linearity", |unit| unit.linearity_percent),
-    ("zero return", |unit| unit.zero_return_percent),
+/// The characteristics but repeatability: the name, the value, and how well it is known.
+const OTHERS: [(&str, Value, fn(&UnitCharacteristics) -> Option<Known>); 4] = [
+    ("hysteresis", |unit| unit.hysteresis_percent, |unit| unit.hysteresis_known),
+    ("hysteresis, % of reading", |unit| unit.hysteresis_of_reading_percent, |unit| unit.hysteresis_of_reading_known),
+    ("linearity", |unit| unit.linearity_percent, |unit| unit.linearity_known),
+    ("zero return", |unit| unit.zero_return_percent, |unit| unit.zero_return_known),
 ];
 
 /// Characteristics of each unit, % of full scale.
@@ -152,10 +151,15 @@ fn of_units(staircases: &Staircases) -> Results {
             let uncertainty = interval.map_or(Uncertainty::NotStated, |(low, high)| Uncertainty::Interval(low, high));
             rows.extend(value.map(|value| row(name, value, uncertainty)));
         }
-        rows.extend(PLAIN.iter().filter_map(|(name, of)| Some(row(name, of(&unit)?, Uncertainty::NotStated))));
+        for (name, value, known) in OTHERS {
+            let uncertainty =
+                known(&unit).map_or(Uncertainty::NotStated, |known| Uncertainty::Expanded(COVERAGE * known.u));
+            rows.extend(value(&unit).map(|value| row(name, value, uncertainty)));
+        }
     }
     let method = format!(
-        "Staircases of force on each unit, % of full scale. Repeatability: {}. The other terms are defined in the report.",
+        "Staircases of force on each unit, % of full scale. Repeatability: {}. Uncertainties of the others are by the \
+         scatter of the repeats alone. The other terms are defined in the report.",
         definition.definition()
     );
     Results { title: "Characteristics of each unit", method, rows }

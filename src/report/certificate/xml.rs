@@ -14,7 +14,8 @@ const SI: &str = "https://ptb.de/si";
 pub fn document(certificate: &Certificate<'_>) -> String {
     let mut xml = Xml::default();
     xml.text.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
-    let root = format!("dcc:digitalCalibrationCertificate schemaVersion=\"3.2.0\" xmlns:dcc=\"{DCC}\" xmlns:si=\"{SI}\"");
+    let root =
+        format!("dcc:digitalCalibrationCertificate schemaVersion=\"3.2.0\" xmlns:dcc=\"{DCC}\" xmlns:si=\"{SI}\"");
     xml.within(&root, |xml| {
         xml.within("dcc:administrativeData", |xml| administrative(xml, certificate));
         xml.within("dcc:measurementResults", |xml| {

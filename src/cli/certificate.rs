@@ -1,0 +1,85 @@
+//! `palpate certificate`: writes the calibration certificate of a sensor, as a page and as a Digital Calibration Certificate.
+
+use super::exit::Failure;
+use super::recorded::read_run;
+use super::report::{check_free, failure, write};
+use super::sources::read;
+use super::summary::print;
+use super::verdict::AcceptArgs;
+use crate::dataset::files;
+use crate::report::certificate::{Certificate, parse};
+use crate::report::{Judged, Subject};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate certificate runs/paper --with data/example/certificate.toml
+  palpate certificate runs/calibrate runs/test --with data/example/certificate.toml --out A-017
+  palpate verify runs/paper --certificate runs/paper/certificate.xml
+
+Writes OUT.html, which prints on A4, and OUT.xml, a Digital Calibration
+Certificate of the PTB (schema 3.2.0, units in D-SI). It isn't signed: the SHA-256
+of the journals is on it. Exit code 0 once both are written, 2 where
+certificate.toml lacks something that a certificate must say.";
+
+/// Write the calibration certificate of a sensor
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct CertificateArgs {
+    /// The run folders of the sensor
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// What no run knows: laboratory, customer, item, procedure
+    #[arg(long, value_name = "FILE")]
+    with: PathBuf,
+    /// Where to write, without an ending [default: certificate in the first run's folder]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Runs without a sensor ID are of the same sensor
+    #[arg(long)]
+    same_sensor: bool,
+    #[command(flatten)]
+    accept: AcceptArgs,
+}
+
+/// Writes both documents, or neither.
+pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
+    let out = args.out.clone().unwrap_or_else(|| args.runs[0].join("certificate"));
+    let (html, xml) = (with_ending(&out, "html"), with_ending(&out, "xml"));
+    check_free(&html)?;
+    check_free_xml(&xml)?;
+    let given = parse(&args.with.display().to_string(), &read(&args.with)?).map_err(Failure::usage)?;
+    let runs = args.runs.iter().map(|run| read_run(run)).collect::<Result<Vec<_>, Failure>>()?;
+    let rule = args.accept.rule_of(runs.iter().map(|(run, _)| run))?;
+    let subject = Subject::of(runs, args.same_sensor).map_err(failure)?;
+    let judged = Judged::of(&subject, rule.as_ref());
+    let certificate = Certificate::of(&subject, &judged, &given).map_err(Failure::usage)?;
+    write(&html, &certificate.html())?;
+    write(&xml, &certificate.xml())?;
+    print(&format!("{}\n{}\n{}\n", certificate.told(), html.display(), xml.display()))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn with_ending(out: &Path, ending: &str) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(format!(".{ending}"));
+    name.into()
+}
+
+/// A certificate of ours may be replaced; nothing else is.
+fn check_free_xml(xml: &Path) -> Result<(), Failure> {
+    if xml.symlink_metadata().is_err() {
+        return Ok(());
+    }
+    let is_ours =
+        files::read_text(xml, MOST_BYTES).is_ok_and(|text| text.contains("<dcc:content>palpate</dcc:content>"));
+    if is_ours {
+        return Ok(());
+    }
+    let help = "choose another --out: only a certificate that palpate wrote is replaced";
+    Err(Failure::usage(miette::miette!(help = help, "{} is there already", xml.display())))
+}
+
+/// The largest certificate that is looked at, bytes.
+const MOST_BYTES: u64 = 64 << 20;

@@ -1,0 +1,102 @@
+//! A value with what the scatter of its repeats says of it.
+
+use crate::acceptance::bound::CONFIDENCE;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::statistics::Statistics as _;
+
+/// How well a characteristic is known by its repeats, in the unit of the value. Assumes that repeats scatter normally.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// Standard uncertainty of the value.
+    pub u: f64,
+    /// One-sided 95 % upper bound of its magnitude, by Student's t; of several levels and places the largest of theirs.
+    pub upper: f64,
+}
+
+/// A mean of repeats; how well it is known needs two.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Estimate {
+    pub value: f64,
+    pub known: Option<Known>,
+}
+
+impl Estimate {
+    /// The mean of repeats; none of none.
+    pub fn of(repeats: &[f64]) -> Option<Estimate> {
+        let n = repeats.len() as f64;
+        let value = if repeats.is_empty() { return None } else { repeats.mean() };
+        let known = StudentsT::new(0.0, 1.0, n - 1.0).ok().filter(|_| n > 1.0).map(|student| {
+            let u = repeats.std_dev() / n.sqrt();
+            Known { u, upper: value.abs() + student.inverse_cdf(CONFIDENCE) * u }
+        });
+        Some(Estimate { value, known })
+    }
+
+    /// The mean of what two lists of repeats differ by: each from its own where they belong together, else mean from mean, whose
+    /// uncertainty then isn't known.
+    pub fn of_difference(before: &[f64], after: &[f64]) -> Option<Estimate> {
+        if before.len() == after.len() {
+            let differences: Vec<f64> = before.iter().zip(after).map(|(before, after)| after - before).collect();
+            return Estimate::of(&differences);
+        }
+        let (before, after) = (Estimate::of(before)?, Estimate::of(after)?);
+        Some(Estimate { value: after.value - before.value, known: None })
+    }
+
+    pub fn less(self, other: f64) -> Estimate {
+        let (value, moved) = (self.value - other, (self.value - other).abs() - self.value.abs());
+        Estimate { value, known: self.known.map(|known| Known { upper: known.upper + moved, ..known }) }
+    }
+
+    pub fn magnitude(self) -> Estimate {
+        Estimate { value: self.value.abs(), ..self }
+    }
+
+    /// In another unit, `factor` of it to one.
+    pub fn scaled(self, factor: f64) -> Estimate {
+        let size = factor.abs();
+        let known = self.known.map(|known| Known { u: size * known.u, upper: size * known.upper });
+        Estimate { value: factor * self.value, known }
+    }
+
+    /// The larger in magnitude of two, bounded by the larger of their bounds.
+    pub fn worse(self, other: Estimate) -> Estimate {
+        let worst = if other.value.abs() > self.value.abs() { other } else { self };
+        let known = self.known.zip(other.known).zip(worst.known);
+        let known = known.map(|((a, b), worst)| Known { upper: a.upper.max(b.upper), ..worst });
+        Estimate { known, ..worst }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_is_known_by_its_repeats() {
+        let estimate = Estimate::of(&[1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
+        let Known { u, upper } = estimate.known.unwrap();
+        assert!((estimate.value - 3.0).abs() < 1e-12 && (u - 0.5f64.sqrt()).abs() < 1e-12);
+        assert!((upper - (3.0 + 2.131_847 * u)).abs() < 1e-5, "{upper}"); // t of 4 degrees of freedom, 95 %
+        assert_eq!(Estimate::of(&[7.0]), Some(Estimate { value: 7.0, known: None }));
+        assert_eq!(Estimate::of(&[]), None);
+    }
+
+    #[test]
+    fn what_repeats_share_is_no_uncertainty_of_their_difference() {
+        let (before, after) = ([1.0, 2.0, 4.0], [1.1, 2.1, 4.1]);
+        let estimate = Estimate::of_difference(&before, &after).unwrap();
+        assert!((estimate.value - 0.1).abs() < 1e-12 && estimate.known.unwrap().u < 1e-12, "{estimate:?}");
+        assert_eq!(Estimate::of_difference(&before[..2], &after).unwrap().known, None);
+    }
+
+    #[test]
+    fn the_worse_of_two_has_the_larger_bound() {
+        let (sure, unsure) = (Estimate::of(&[-3.0, -3.0]).unwrap(), Estimate::of(&[0.0, 4.0]).unwrap());
+        let worse = sure.worse(unsure);
+        assert_eq!(worse.value, -3.0);
+        assert_eq!(worse.known.unwrap(), Known { u: 0.0, upper: unsure.known.unwrap().upper });
+        let half = worse.scaled(-0.5);
+        assert_eq!((half.value, half.known.unwrap().u), (1.5, 0.0));
+    }
+}
