@@ -121,9 +121,10 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
 }
 
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
+type IsKnown = fn(&UnitCharacteristics) -> Option<Known>;
 
 /// The characteristics but repeatability: the name, the value, and how well it is known.
-const OTHERS: [(&str, Value, fn(&UnitCharacteristics) -> Option<Known>); 4] = [
+const OTHERS: [(&str, Value, IsKnown); 4] = [
     ("hysteresis", |unit| unit.hysteresis_percent, |unit| unit.hysteresis_known),
     ("hysteresis, % of reading", |unit| unit.hysteresis_of_reading_percent, |unit| unit.hysteresis_of_reading_known),
     ("linearity", |unit| unit.linearity_percent, |unit| unit.linearity_known),
