@@ -90,6 +90,9 @@ pub struct Check {
     /// Why it isn't accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// What a reader should know of a figure that is accepted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
     /// The figure itself.
     #[serde(skip)]
     pub kind: Figure,
@@ -176,6 +179,7 @@ fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
         n: 0,
         verdict: Verdict::NotDecided,
         reason: None,
+        warning: None,
         kind: figure,
     };
     let Found { value, bound, n } = match found(limit, measured) {
@@ -191,8 +195,14 @@ fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
         (Decision::Guarded, Err(why)) => (Verdict::NotDecided, Some(why.clone())),
     };
     let reason = reason.map(|told| if figure.is_share() { told.replace("exceeds", "is below") } else { told });
+    // few repeats leave a unit's figure open: with five a repeatability scatters by a third
+    let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == Verdict::Accepted;
+    let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
+        let (bound, unit) = (figure.shown(*bound), figure.unit());
+        format!("within the limit, but {n} readings leave it open up to {bound} {unit}")
+    });
     let bound = bound.ok().filter(|_| decision == Decision::Guarded);
-    Check { value: Some(value), bound, n, verdict, reason, ..blank }
+    Check { value: Some(value), bound, n, verdict, reason, warning, ..blank }
 }
 
 fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
@@ -275,10 +285,11 @@ fn widened(value: f64, bound: f64, truth: f64) -> f64 {
 }
 
 impl Judgement {
-    /// Why it isn't accepted: what holds whatever the limits, then each limit that isn't kept.
+    /// Why it isn't accepted: what holds whatever the limits, then each limit that isn't kept; and what is doubtful of those that
+    /// are.
     pub fn all_reasons(&self) -> impl Iterator<Item = String> {
         let of_check = |check: &Check| {
-            let reason = check.reason.as_ref()?;
+            let reason = check.reason.as_ref().or(check.warning.as_ref())?;
             Some(format!("{}: {reason}", check.kind.full_name(check.reach)))
         };
         self.reasons.iter().cloned().chain(self.checks.iter().filter_map(of_check))
@@ -363,6 +374,14 @@ mod tests {
             let found = [Decision::Simple, Decision::Guarded].map(|decision| verdict(decision, limit, &measured()).0);
             assert_eq!(found, verdicts, "{limit:?}");
         }
+    }
+
+    #[test]
+    fn a_simple_rule_warns_where_the_repeats_leave_a_units_figure_open() {
+        let judgement = judge(&rule(Decision::Simple, &[(Figure::Repeatability, 3.0, None)]), &measured());
+        assert_eq!(judgement.verdict, Verdict::Accepted);
+        let told: Vec<String> = judgement.all_reasons().collect();
+        assert_eq!(told, ["repeatability, worst unit: within the limit, but 20 readings leave it open up to 4.00 %"]);
     }
 
     #[test]

@@ -176,6 +176,18 @@ impl Figure {
         matches!(self, Figure::LocationWithin | Figure::ForceWithin)
     }
 
+    /// Whether it is the worst of the units' characteristics.
+    pub const fn is_of_units(self) -> bool {
+        matches!(
+            self,
+            Figure::Repeatability
+                | Figure::Hysteresis
+                | Figure::HysteresisOfReading
+                | Figure::Linearity
+                | Figure::ZeroReturn
+        )
+    }
+
     /// A value of it as it is shown, without its unit.
     pub fn shown(self, value: f64) -> String {
         let value = if self.is_share() { 100.0 * value } else { value };

@@ -3,6 +3,7 @@
 use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
 use super::problem::{Collector, Problem};
 use crate::quantity::{Place, Range};
+use jiff::civil::Date;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -126,6 +127,17 @@ impl<'d> Table<'d> {
             Some(value) => self.text_of(key, value),
             None => key.default().and_then(Value::word),
         }
+    }
+
+    /// A day as year-month-day.
+    pub fn day(&self, key: &Key) -> Option<&'d str> {
+        let text = self.text(key)?;
+        if text.parse::<Date>().is_ok_and(|date| date.to_string() == text) {
+            return Some(text);
+        }
+        let told = format!("`{}` is {text:?}, expected a day as year-month-day, \"2026-05-04\"", key.name);
+        self.complain(Problem::new(self.span_of(key), told));
+        None
     }
 
     /// A list of strings.

@@ -61,12 +61,6 @@ impl UnitCharacteristics {
         }
     }
 
-    /// The same where a limit lies inside it: the repeats then don't decide whether the unit keeps that limit.
-    pub fn interval_around(&self, branch: Branch, limit_percent: f64) -> Option<(f64, f64)> {
-        let interval = self.repeatability_interval_percent(branch);
-        interval.filter(|(least, most)| *least < limit_percent && limit_percent < *most)
-    }
-
     /// Whether nothing was measured of it.
     pub fn is_none(&self) -> bool {
         *self == UnitCharacteristics { unit: self.unit, ..UnitCharacteristics::default() }

@@ -79,6 +79,9 @@ fn administrative(xml: &mut Xml, certificate: &Certificate<'_>) {
         for journal in &certificate.journals {
             statement(xml, "Record", &format!("journal.log of {}: SHA-256 {}", journal.run, journal.sha256));
         }
+        for (name, label) in certificate.labels.iter().filter(|(name, _)| !matches!(*name, "design" | "batch")) {
+            statement(xml, name, label);
+        }
         for told in &certificate.not_measured {
             statement(xml, "Not measured", told);
         }
