@@ -34,6 +34,14 @@ pub struct Measured {
     pub test_unsolved: usize,
     /// Test presses that are calibration presses, to the last digit.
     pub test_repeats_calibration: usize,
+    /// Test presses that are another test press, to the last digit.
+    pub test_repeats_itself: usize,
+    /// Test presses at places that the calibration has pressed too.
+    pub at_calibrated_places: usize,
+    /// Whether the method was told that every contact presses as hard as the calibration did.
+    pub constant_load: bool,
+    /// The run that isn't complete, in words.
+    pub incomplete: Option<String>,
     /// Location errors, mm; none where nothing was tested.
     pub location: Option<Errors>,
     /// Absolute force errors, N; none where no true force is known.
@@ -66,6 +74,8 @@ pub struct Worst {
     pub upper: Option<f64>,
     /// From how many readings a unit's value is found.
     pub n: usize,
+    /// How many units or channels have no value.
+    pub missing: usize,
 }
 
 /// One limit checked.
@@ -117,6 +127,9 @@ pub struct Judgement {
     /// Why there is no decision, whatever the limits.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub reasons: Vec<String>,
+    /// What a reader should know of the presses that count.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Each limit.
     pub checks: Vec<Check>,
 }
@@ -141,8 +154,21 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
         calibration_presses: measured.calibration_presses,
         test_presses: measured.test_presses,
         reasons,
+        notes: notes(measured),
         checks,
     }
+}
+
+/// What a reader should know of the presses that count, whatever the verdict.
+fn notes(measured: &Measured) -> Vec<String> {
+    let Measured { at_calibrated_places: at, flagged_presses: flagged, test_presses, .. } = measured;
+    let all = [
+        (*at > 0)
+            .then(|| format!("{at} of {test_presses} test presses are at places that the calibration pressed too")),
+        (*flagged > 0).then(|| format!("{flagged} flagged presses are left out")),
+        measured.constant_load.then(|| "every contact was taken to press as hard as the calibration did".to_owned()),
+    ];
+    all.into_iter().flatten().collect()
 }
 
 /// Why nothing can be decided whatever the limits.
@@ -150,13 +176,19 @@ fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
     let fewer = |what: &str, found: usize, least: usize| {
         (found < least).then(|| format!("{found} {what} presses count; the rule requires {least}"))
     };
-    let repeated = measured.test_repeats_calibration;
+    // a rule that limits neither places nor forces needs no presses for them
+    let is_of_test = rule.limits.iter().any(|limit| limit.figure.is_of_test());
+    let (repeated, twice) = (measured.test_repeats_calibration, measured.test_repeats_itself);
+    let twice = (twice > 0)
+        .then(|| format!("{twice} of {} test presses repeat another one to the last digit", measured.test_presses));
     let repeats = (repeated > 0)
         .then(|| format!("{repeated} of {} test presses are calibration presses, no test", measured.test_presses));
     let all = [
+        measured.incomplete.clone(),
         repeats,
-        fewer("calibration", measured.calibration_presses, rule.calibration_presses_least),
-        fewer("test", measured.test_presses, rule.test_presses_least),
+        twice,
+        fewer("calibration", measured.calibration_presses, rule.calibration_presses_least).filter(|_| is_of_test),
+        fewer("test", measured.test_presses, rule.test_presses_least).filter(|_| is_of_test),
     ];
     all.into_iter().flatten().collect()
 }
@@ -223,7 +255,11 @@ fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
         }
         figure => {
             let worst = measured.worst.iter().find(|worst| worst.figure == figure);
-            let Worst { value, upper, n, .. } = *worst.ok_or("it was not measured")?;
+            let Worst { value, upper, n, missing, .. } = *worst.ok_or("it was not measured")?;
+            if missing > 0 {
+                let noun = if figure == Figure::Noise { "channels" } else { "units" };
+                return Err(format!("{missing} {noun} have no value: not measured, or without an output"));
+            }
             Ok(Found { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
         }
     }
@@ -296,21 +332,6 @@ impl Judgement {
     }
 }
 
-impl Check {
-    /// Whether the test decides it.
-    pub fn is_of_test(&self) -> bool {
-        matches!(
-            self.kind,
-            Figure::LocationMean
-                | Figure::LocationP95
-                | Figure::LocationWithin
-                | Figure::ForceMean
-                | Figure::ForceP95
-                | Figure::ForceWithin
-        )
-    }
-}
-
 impl Verdict {
     /// In words.
     pub const fn told(self) -> &'static str {
@@ -344,7 +365,7 @@ mod tests {
             calibration_presses: 100,
             test_presses: 100,
             location: Some(Errors { sizes, u_truth: Some(0.0) }),
-            worst: vec![Worst { figure: Figure::Repeatability, value: 2.0, upper: Some(4.0), n: 20 }],
+            worst: vec![Worst { figure: Figure::Repeatability, value: 2.0, upper: Some(4.0), n: 20, missing: 0 }],
             broken_channels: Some(0),
             ..Measured::default()
         }
@@ -418,6 +439,14 @@ mod tests {
         // without an answer they are beyond any distance
         let within = (Figure::LocationWithin, 0.98, Some(5.0));
         assert_eq!(verdict(Decision::Simple, within, &unsolved).0, Verdict::NotAccepted);
+        let twice = Measured { test_repeats_itself: 99, ..measured() };
+        let told = "99 of 100 test presses repeat another one to the last digit".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &twice), (Verdict::NotDecided, told));
+        let stopped = Measured { incomplete: Some("run is stopped: 90 of 100 presses".to_owned()), ..measured() };
+        assert_eq!(verdict(Decision::Simple, limit, &stopped).0, Verdict::NotDecided);
+        let mut unmeasured = measured();
+        unmeasured.worst[0].missing = 1;
+        assert_eq!(verdict(Decision::Simple, (Figure::Repeatability, 5.0, None), &unmeasured).0, Verdict::NotDecided);
         let repeated = Measured { test_repeats_calibration: 100, ..measured() };
         let told = "100 of 100 test presses are calibration presses, no test".to_owned();
         assert_eq!(verdict(Decision::Simple, limit, &repeated), (Verdict::NotDecided, told));

@@ -176,6 +176,19 @@ impl Figure {
         matches!(self, Figure::LocationWithin | Figure::ForceWithin)
     }
 
+    /// Whether the test decides it.
+    pub const fn is_of_test(self) -> bool {
+        matches!(
+            self,
+            Figure::LocationMean
+                | Figure::LocationP95
+                | Figure::LocationWithin
+                | Figure::ForceMean
+                | Figure::ForceP95
+                | Figure::ForceWithin
+        )
+    }
+
     /// Whether it is the worst of the units' characteristics.
     pub const fn is_of_units(self) -> bool {
         matches!(

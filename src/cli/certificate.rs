@@ -43,11 +43,11 @@ pub struct CertificateArgs {
     accept: AcceptArgs,
 }
 
-/// Writes both documents, or neither.
+/// Writes both documents.
 pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     let out = args.out.clone().unwrap_or_else(|| args.runs[0].join("certificate"));
     let (html, xml) = (with_ending(&out, "html"), with_ending(&out, "xml"));
-    check_free(&html)?;
+    check_free(&html, true)?;
     check_free_xml(&xml)?;
     let given = parse(&args.with.display().to_string(), &read(&args.with)?).map_err(Failure::usage)?;
     let runs = args.runs.iter().map(|run| read_run(run)).collect::<Result<Vec<_>, Failure>>()?;
@@ -55,8 +55,9 @@ pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     let subject = Subject::of(runs, args.same_sensor).map_err(failure)?;
     let judged = Judged::of(&subject, rule.as_ref());
     let certificate = Certificate::of(&subject, &judged, &given).map_err(Failure::usage)?;
-    write(&html, &certificate.html())?;
+    // the one that programs read first: the page says the same
     write(&xml, &certificate.xml())?;
+    write(&html, &certificate.html())?;
     print(&format!("{}\n{}\n{}\n", certificate.told(), html.display(), xml.display()))?;
     Ok(ExitCode::SUCCESS)
 }

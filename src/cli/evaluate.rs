@@ -81,9 +81,8 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let (recorded, rig) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), rig.array.layout.clone());
             let rule = args.accept.rule_of([&recorded])?;
-            let contacts = recorded.contacts.iter().collect();
-            let evidence =
-                Evidence { presses: &presses, layout: Some(&layout), contacts, u_place_mm: rig.u_place_mm() };
+            let (runs, u_place_mm) = (vec![&recorded], rig.u_place_mm());
+            let evidence = Evidence { presses: &presses, layout: Some(&layout), runs, u_place_mm };
             let is_beside_paper = is_beside_paper(&layout, &presses);
             let characteristics = Staircases::of_run(&presses, &layout)
                 .map(|staircases| characteristics_table(&staircases, args.repeatability, is_beside_paper));
@@ -94,7 +93,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
         }
         (None, Some(calibration), Some(test)) => {
             let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
-            let evidence = Evidence { presses: &calibration, layout: None, contacts: Vec::new(), u_place_mm: None };
+            let evidence = Evidence { presses: &calibration, layout: None, runs: Vec::new(), u_place_mm: None };
             let trial = Trial::of_tables(&calibration, &test);
             report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))
         }
@@ -122,7 +121,8 @@ fn report(
     asked: Option<(Rule, Evidence<'_>)>,
 ) -> Result<ExitCode, Failure> {
     let trial = match trial {
-        Err(why) if !is_only_characterised => return Err(Failure::usage(why)),
+        // with a rule the verdict says what is missing
+        Err(why) if !is_only_characterised && asked.is_none() => return Err(Failure::usage(why)),
         trial => trial.map(|trial| trial.with_load(load(args.constant_load))),
     };
     let outcomes = trial.as_ref().map_or_else(|_| Ok(Vec::new()), |trial| outcomes(args, trial))?;

@@ -61,7 +61,7 @@ pub struct ReportArgs {
 pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
-    check_free(&out)?;
+    check_free(&out, false)?;
     let runs: Vec<(Recorded, RigSpec)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
     let (page, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
     // before anything is written
@@ -107,11 +107,14 @@ fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, S
     Ok((comparison(&compared, &args.solver), told, ExitCode::SUCCESS))
 }
 
-/// A page of ours may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.
-pub(super) fn check_free(out: &Path) -> Result<(), Failure> {
+/// A page of ours of the same kind may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.
+pub(super) fn check_free(out: &Path, certificate: bool) -> Result<(), Failure> {
     let is_ours = || {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
-        is_file && fs::read_to_string(out).is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK))
+        is_file
+            && fs::read_to_string(out).is_ok_and(|text| {
+                text.starts_with(BEGINNING) && text.contains(MARK) && text.contains(CERTIFICATE) == certificate
+            })
     };
     // in a run folder a link is somebody's trap; elsewhere it is a person's wish
     if let Err(why) = if is_in_run(out) { files::check_replaceable(out) } else { Ok(()) } {
@@ -127,6 +130,9 @@ pub(super) fn check_free(out: &Path) -> Result<(), Failure> {
     }
     Ok(())
 }
+
+/// What a certificate has and a report hasn't: neither replaces the other.
+const CERTIFICATE: &str = "<title>Calibration certificate ";
 
 /// How every page begins.
 const BEGINNING: &str = "<!DOCTYPE html>";

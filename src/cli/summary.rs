@@ -85,8 +85,7 @@ pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Re
         recipe.solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
     };
     let evaluations = trial.as_ref().map_or_else(|_| Ok(Vec::new()), evaluate)?;
-    let contacts = recorded.contacts.iter().collect();
-    let evidence = Evidence { presses: &presses, layout, contacts, u_place_mm: spec.u_place_mm() };
+    let evidence = Evidence { presses: &presses, layout, runs: vec![&recorded], u_place_mm: spec.u_place_mm() };
     let judgement = recipe.rule().map(|rule| evidence.judge(rule, &trial, &evaluations));
     Ok(Results { evaluations, judgement })
 }

@@ -97,6 +97,9 @@ pub fn verdict_table(judgement: &Judgement) -> String {
         let (found, limit) = (shown(check.value), check.kind.shown(check.limit));
         let _ = writeln!(text, "{:<41}{found:>9}{bound:>11}{limit:>9}{:>6}", named(check), check.n);
     }
+    for note in &judgement.notes {
+        text += &filled(&format!("  {note}"), "    ");
+    }
     for reason in judgement.all_reasons() {
         text += &filled(&format!("  {reason}"), "    ");
     }

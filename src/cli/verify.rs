@@ -59,9 +59,12 @@ pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
 fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
     let recorded = Recorded::read(run).map_err(Failure::dataset)?;
     let sha256 = recorded.journal_sha256().map_err(Failure::dataset)?;
-    let is_hash = |word: &&str| word.len() == sha256.len() && word.chars().all(|c| c.is_ascii_hexdigit());
     let text = read(certificate)?;
-    let stated: Vec<&str> = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(is_hash).collect();
+    let stated = [("SHA-256 ", "</dcc:content>"), ("<code>", "</code>")].map(|(before, after)| {
+        let is_hash = |word: &&str| word.len() == sha256.len() && word.chars().all(|c| c.is_ascii_hexdigit());
+        text.split(before).skip(1).filter_map(|rest| rest.split(after).next()).filter(is_hash).collect::<Vec<&str>>()
+    });
+    let stated = stated.concat();
     let file = certificate.display();
     if stated.is_empty() {
         return Err(Failure::usage(miette::miette!("{file} states no SHA-256 of a journal: is it a certificate?")));
@@ -71,5 +74,11 @@ fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
         let told = format!("{file} doesn't rest on the journal of {}", run.display());
         return Err(Failure::not_accepted(miette::miette!(help = help, "{told}: its SHA-256 is {sha256}")));
     }
-    summary::print(&format!("{file} rests on this journal, SHA-256 {sha256}\n"))
+    let others = match stated.len() - 1 {
+        0 => String::new(),
+        others => format!(", and of {others} others"),
+    };
+    summary::print(&format!(
+        "{file} states the SHA-256 of this journal{others}\n  {sha256}; nothing else on it was checked\n"
+    ))
 }

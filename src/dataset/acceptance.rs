@@ -2,7 +2,7 @@
 
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::evaluate::{EvaluateError, Trial, is_to_evaluate};
-use super::{Contact, Press, Presses};
+use super::{Manifest, Press, Presses, Recorded, Status};
 use crate::acceptance::bound::sd_upper_factor;
 use crate::acceptance::{Errors, Figure, Judgement, Measured, Rule, Worst, judge};
 use crate::quantity::ArrayLayout;
@@ -18,8 +18,8 @@ pub struct Evidence<'a> {
     pub presses: &'a Presses,
     /// Where its units are; none for tables.
     pub layout: Option<&'a ArrayLayout>,
-    /// The contacts of its runs, in the order they were made; empty for tables.
-    pub contacts: Vec<&'a Contact>,
+    /// Its runs; none for tables.
+    pub runs: Vec<&'a Recorded>,
     /// Standard uncertainty of the pressed places, mm; none where it isn't known.
     pub u_place_mm: Option<f64>,
 }
@@ -40,7 +40,7 @@ impl Evidence<'_> {
         let judgement = judge(rule, &measured);
         match evaluated {
             // a rule that limits neither places nor forces needs no test
-            Err(why) if judgement.checks.iter().any(|check| check.is_of_test() && check.value.is_none()) => {
+            Err(why) if judgement.checks.iter().any(|check| check.kind.is_of_test() && check.value.is_none()) => {
                 Judgement { reasons: [vec![why], judgement.reasons].concat(), ..judgement }
             }
             _ => judgement,
@@ -49,6 +49,7 @@ impl Evidence<'_> {
 
     fn measured(&self, trial: Option<&Trial<'_>>, evaluation: Option<&Evaluation>) -> Measured {
         let mut measured = trial.map(Trial::counted).unwrap_or_else(|| self.counted());
+        measured.incomplete = self.incomplete();
         if let Some(evaluation) = evaluation {
             let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();
             measured.location = Some(Errors { sizes, u_truth: self.u_place_mm });
@@ -79,23 +80,42 @@ impl Evidence<'_> {
     fn worst_units(&self, layout: &ArrayLayout) -> Vec<Worst> {
         let Some(staircases) = Staircases::of_run(self.presses, layout) else { return Vec::new() };
         let units = characterise(&staircases, Repeatability::default());
-        KINDS.into_iter().filter_map(|(figure, value, upper)| worst(figure, &units, value, upper)).collect()
+        let n = staircases.readings.iter().map(Vec::len).filter(|count| *count > 0).min().unwrap_or(0);
+        KINDS.into_iter().filter_map(|(figure, value, upper)| worst(figure, &units, n, value, upper)).collect()
     }
 
-    /// The noisiest channel in air: what its air before a press differs by from the one before, so that drift doesn't count.
+    /// The runs that didn't come to their end: what they lack might have changed the verdict.
+    fn incomplete(&self) -> Option<String> {
+        let run = self.runs.iter().find(|run| run.manifest.status != Status::Complete)?;
+        let Manifest { status, facts, presses_done, .. } = &run.manifest;
+        let name = run.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        Some(format!("{name} is {}: {presses_done} of {} presses", status.name(), facts.presses_planned))
+    }
+
+    /// The noisiest channel in air: what its air before a press differs by from the one before in the same run, so that drift
+    /// doesn't count.
     fn noise(&self) -> Option<Worst> {
-        let airs: Vec<&[f64]> = self.contacts.iter().map(|contact| contact.air_before.outputs.as_slice()).collect();
-        let channels = airs.iter().map(|air| air.len()).min().unwrap_or(0);
-        let changes = airs.len().checked_sub(1).filter(|changes| *changes > 0)?;
+        let airs = |run: &'_ &Recorded| -> Vec<Vec<f64>> {
+            run.contacts.iter().map(|contact| contact.air_before.outputs.clone()).collect()
+        };
+        let runs: Vec<Vec<Vec<f64>>> = self.runs.iter().map(airs).collect();
+        let channels = runs.iter().flatten().map(Vec::len).min().unwrap_or(0);
+        let changes = runs.iter().map(|airs| airs.len().saturating_sub(1)).sum::<usize>();
         let percent = |channel: usize| {
             let calibrated = self.presses.sound(Phase::Calibration);
             let full_scale = calibrated.map(|press| press.outputs[channel].abs()).fold(0.0, f64::max);
-            let squares: f64 = airs.windows(2).map(|pair| (pair[1][channel] - pair[0][channel]).powi(2)).sum();
+            let pairs = runs.iter().flat_map(|airs| airs.windows(2));
+            let squares: f64 = pairs.map(|pair| (pair[1][channel] - pair[0][channel]).powi(2)).sum();
             (full_scale > 0.0).then(|| 100.0 * (squares / (2 * changes) as f64).sqrt() / full_scale)
         };
-        let value = (0..channels).filter_map(percent).reduce(f64::max)?;
+        if changes == 0 {
+            return None;
+        }
+        let all: Vec<Option<f64>> = (0..channels).map(percent).collect();
+        let value = all.iter().copied().flatten().reduce(f64::max)?;
         let upper = sd_upper_factor(SUCCESSIVE_FREEDOM * changes as f64).map(|factor| factor * value);
-        Some(Worst { figure: Figure::Noise, value, upper, n: airs.len() })
+        let missing = all.iter().filter(|value| value.is_none()).count();
+        Some(Worst { figure: Figure::Noise, value, upper, n: changes + 1, missing })
     }
 }
 
@@ -118,11 +138,11 @@ const KINDS: [(Figure, Value, Value); 5] = [
     (Figure::ZeroReturn, |unit| unit.zero_return_percent, |unit| Some(unit.zero_return_known?.upper)),
 ];
 
-fn worst(figure: Figure, units: &[UnitCharacteristics], value: Value, upper: Value) -> Option<Worst> {
+fn worst(figure: Figure, units: &[UnitCharacteristics], n: usize, value: Value, upper: Value) -> Option<Worst> {
     let measured: Vec<&UnitCharacteristics> = units.iter().filter(|unit| value(unit).is_some()).collect();
     let largest = |of: Value| {
         let all: Option<Vec<f64>> = measured.iter().map(|unit| of(unit)).collect();
         all?.into_iter().map(f64::abs).reduce(f64::max)
     };
-    Some(Worst { figure, value: largest(value)?, upper: largest(upper), n: measured.len() })
+    Some(Worst { figure, value: largest(value)?, upper: largest(upper), n, missing: units.len() - measured.len() })
 }

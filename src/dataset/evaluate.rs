@@ -148,9 +148,14 @@ impl<'a> Trial<'a> {
             [press.x_mm, press.y_mm].iter().chain(&press.outputs).map(|value| value.to_bits()).collect()
         };
         let calibrated: HashSet<Vec<u64>> = self.calibration.iter().map(bits).collect();
+        let tested: HashSet<(Vec<u64>, Option<u64>)> =
+            self.test.iter().map(|press| (bits(press), press.force_n.map(f64::to_bits))).collect();
         Measured {
             calibration_presses: self.calibration.iter().count(),
             test_presses: self.test.iter().count(),
+            test_repeats_itself: self.test.iter().count() - tested.len(),
+            at_calibrated_places: self.at_calibrated_places(),
+            constant_load: matches!(self.load, ForceKnown::Constant),
             test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
             broken_channels: self.prepared().ok().map(|prepared| prepared.broken().len()),
             flagged_presses: self.calibration.flagged + self.test.flagged,
@@ -161,6 +166,7 @@ impl<'a> Trial<'a> {
     /// Standard uncertainty of the test's forces, their mean, N; none where it isn't known of each.
     pub fn u_force_n(&self) -> Option<f64> {
         let all: Option<Vec<f64>> = self.test.iter().map(|press| press.u_force_n).collect();
+        let all = all.filter(|all| all.iter().all(|u_n| u_n.is_finite() && *u_n >= 0.0));
         ErrorSummary::of(&all?).map(|summary| summary.mean)
     }
 

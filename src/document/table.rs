@@ -7,6 +7,9 @@ use jiff::civil::Date;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+/// The earliest year of a day: no instrument's certificate is older.
+const YEAR_LEAST: i16 = 1900;
+
 /// Where a value stands in its text, bytes.
 pub type Span = std::ops::Range<usize>;
 
@@ -132,7 +135,7 @@ impl<'d> Table<'d> {
     /// A day as year-month-day.
     pub fn day(&self, key: &Key) -> Option<&'d str> {
         let text = self.text(key)?;
-        if text.parse::<Date>().is_ok_and(|date| date.to_string() == text) {
+        if text.parse::<Date>().is_ok_and(|date| date.to_string() == text && date.year() >= YEAR_LEAST) {
             return Some(text);
         }
         let told = format!("`{}` is {text:?}, expected a day as year-month-day, \"2026-05-04\"", key.name);

@@ -67,8 +67,8 @@ impl Compared {
             Err(why) => ([None, None], Some(why.told())),
         };
         let known: Vec<Evaluation> = evaluations.iter().flatten().cloned().collect();
-        let contacts = run.contacts.iter().collect();
-        let evidence = Evidence { presses: &presses, layout: Some(layout), contacts, u_place_mm: rig.u_place_mm() };
+        let evidence =
+            Evidence { presses: &presses, layout: Some(layout), runs: vec![run], u_place_mm: rig.u_place_mm() };
         let judgement = rule.as_ref().map(|rule| evidence.judge(rule, &trial, &known));
         let units = Staircases::of_run(&presses, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));

@@ -41,11 +41,10 @@ impl Judged {
 
     /// The evaluation that the verdict is about; without a rule the best's.
     pub fn decisive(&self) -> Option<&Evaluation> {
-        let by_rule = |judgement: &Judgement| {
-            let method = judgement.method.as_str();
-            self.evaluations.iter().find(|evaluation| evaluation.choice.is_none() && evaluation.solver == method)
-        };
-        self.judgement.as_ref().and_then(by_rule).or(self.evaluations.last())
+        match self.judgement.as_ref().map(|judgement| judgement.method.as_str()) {
+            None | Some(BEST) => self.evaluations.last(),
+            Some(method) => self.evaluations.iter().find(|evaluation| evaluation.solver == method),
+        }
     }
 }
 

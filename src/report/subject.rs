@@ -2,7 +2,7 @@
 
 use super::beside_paper::is_beside_paper;
 use super::frame::counted;
-use crate::dataset::{DatasetError, Evidence, Presses, Recorded};
+use crate::dataset::{DatasetError, Evidence, Labels, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
 use crate::rig::{ArraySpec, RigSpec};
@@ -47,18 +47,20 @@ pub enum ReportError {
         /// Its units.
         second_units: usize,
     },
-    /// Two runs of one page are of two sensors.
-    #[error("{first} is of the sensor {first_sensor}, {second} of {second_sensor}: a page is about one sensor")]
+    /// Two runs of one page are of two sensors, designs or batches.
+    #[error("{first} is of the {label} {of_first}, {second} of {of_second}: a page is about one sensor")]
     #[diagnostic(help("report them apart; to compare sensors, --compare"))]
     Sensors {
+        /// What differs.
+        label: &'static str,
         /// A run.
         first: String,
-        /// Its sensor ID.
-        first_sensor: String,
+        /// Its label.
+        of_first: String,
         /// Another.
         second: String,
-        /// Its sensor ID.
-        second_sensor: String,
+        /// Its label.
+        of_second: String,
     },
     /// A run that doesn't say which sensor it is of.
     #[error("{run} has no sensor ID: it may be of another sensor than {other}")]
@@ -115,9 +117,7 @@ impl Subject {
                     Subject { runs: vec![run], presses, layout, unit, rigs: vec![rig] }
                 }
                 Some(subject) => {
-                    if !same_sensor {
-                        subject.check_sensor(&run)?;
-                    }
+                    subject.check_sensor(&run, same_sensor)?;
                     subject.check_array(&run, &rig.array)?;
                     subject.joined(run, rig, presses)?
                 }
@@ -128,8 +128,8 @@ impl Subject {
 
     /// All that is on record of it, to be judged.
     pub fn evidence(&self) -> Evidence<'_> {
-        let contacts = self.runs.iter().flat_map(|run| &run.contacts).collect();
-        Evidence { presses: &self.presses, layout: Some(&self.layout), contacts, u_place_mm: self.u_place_mm() }
+        let runs = self.runs.iter().collect();
+        Evidence { presses: &self.presses, layout: Some(&self.layout), runs, u_place_mm: self.u_place_mm() }
     }
 
     /// Standard uncertainty of the pressed places, mm, the largest of the runs'; none where one doesn't know it.
@@ -138,21 +138,31 @@ impl Subject {
         all?.into_iter().reduce(f64::max)
     }
 
-    /// Whether a run is of the sensor that the runs before are of, as far as they say.
-    fn check_sensor(&self, run: &Recorded) -> Result<(), ReportError> {
-        let sensor = |run: &Recorded| run.manifest.facts.labels.sensor.clone();
-        let first = &self.runs[0];
-        match (sensor(first), sensor(run)) {
-            (Some(first_sensor), Some(second_sensor)) if first_sensor != second_sensor => Err(ReportError::Sensors {
-                first: run_name(&first.path),
-                first_sensor,
-                second: run_name(&run.path),
-                second_sensor,
-            }),
-            (Some(_), Some(_)) => Ok(()),
-            (None, _) => Err(ReportError::Unnamed { run: run_name(&first.path), other: run_name(&run.path) }),
-            (_, None) => Err(ReportError::Unnamed { run: run_name(&run.path), other: run_name(&first.path) }),
+    /// Whether a run is of the sensor that the runs before are of, as far as they say; `same_sensor` speaks for those that don't.
+    fn check_sensor(&self, run: &Recorded, same_sensor: bool) -> Result<(), ReportError> {
+        let labels = |run: &Recorded| {
+            let Labels { sensor, design, batch, .. } = run.manifest.facts.labels.clone();
+            [("sensor", sensor), ("design", design), ("batch", batch)]
+        };
+        let second = run_name(&run.path);
+        for earlier in &self.runs {
+            let first = run_name(&earlier.path);
+            for ((label, of_first), (_, of_second)) in labels(earlier).into_iter().zip(labels(run)) {
+                match (of_first, of_second) {
+                    (Some(of_first), Some(of_second)) if of_first != of_second => {
+                        return Err(ReportError::Sensors { label, first, of_first, second, of_second });
+                    }
+                    (None, _) if label == "sensor" && !same_sensor => {
+                        return Err(ReportError::Unnamed { run: first, other: second });
+                    }
+                    (_, None) if label == "sensor" && !same_sensor => {
+                        return Err(ReportError::Unnamed { run: second, other: first });
+                    }
+                    _ => {}
+                }
+            }
         }
+        Ok(())
     }
 
     /// Whether a run's array is that of the runs before.

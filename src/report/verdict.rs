@@ -54,10 +54,10 @@ fn by_rule(judgement: &Judgement) -> Markup {
     let is_guarded = judgement.rule == Decision::Guarded.word();
     let meaning = match verdict {
         _ if is_guarded => {
-            "Guarded rule: the one-sided 95 % bound of each figure must be within its limit, so that at most 5 % of \
-                            sensors at a limit are accepted."
+            "Guarded rule: the one-sided 95 % bound of each figure must be within its limit, so that about 5 % of \
+                            sensors at a limit are accepted at most."
         }
-        _ => "Simple rule: each figure must be within its limit; a sensor at a limit is accepted as often as not.",
+        _ => "Simple rule: each figure must be within its limit; about half of the sensors at a limit are accepted.",
     };
     let mut head = vec![words(""), words("found")];
     head.extend(is_guarded.then(|| words("95 % bound")));
@@ -74,6 +74,7 @@ fn by_rule(judgement: &Judgement) -> Markup {
             @if let Some(file) = &judgement.judged_afterwards_by { " Judged afterwards by " (file) "." }
         }
         (table(&head, &checks.iter().map(row).collect::<Vec<_>>()))
+        @for note in &judgement.notes { p.note { (capital(note)) "." } }
         @for reason in judgement.all_reasons() { p.note { (capital(&reason)) "." } }
     }
 }

@@ -11,9 +11,10 @@ mod xml;
 
 pub use given::{Contact, Given, parse};
 
+use super::frame::capital;
 use super::{Judged, Subject, subject::run_name};
-use crate::acceptance::{Decision, Judgement};
-use crate::dataset::DatasetError;
+use crate::acceptance::{Check, Decision, Judgement};
+use crate::dataset::{DatasetError, Status};
 use crate::recipe::Phase;
 use crate::rig::RigSpec;
 use miette::Diagnostic;
@@ -22,7 +23,7 @@ use thiserror::Error;
 
 /// What every certificate says of signatures.
 pub const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It rests on the journals whose SHA-256 it \
-                              states; `palpate verify RUN... --certificate FILE` compares them.";
+                              states; `palpate verify RUN --certificate FILE` compares them.";
 
 /// A certificate, ready to be written.
 pub struct Certificate<'a> {
@@ -34,8 +35,8 @@ pub struct Certificate<'a> {
     /// First and last day of the runs, as year-month-day.
     began: String,
     ended: String,
-    /// The program's version, and the commit where that was known.
-    release: String,
+    /// The version of the program that wrote it.
+    release: &'static str,
     recipes: Vec<String>,
     instruments: Vec<Instrument>,
     results: Vec<Results>,
@@ -71,6 +72,15 @@ pub enum CertificateError {
         /// A run.
         run: String,
     },
+    /// A run that isn't complete may still change.
+    #[error("{run} is {status}: a certificate needs complete runs")]
+    #[diagnostic(help("`palpate resume` goes on with it"))]
+    Incomplete {
+        /// The run.
+        run: String,
+        /// How it ended, or that it is under way.
+        status: &'static str,
+    },
     /// There is nothing to certify.
     #[error("{run}: there is neither an evaluated test nor a characterisation: nothing to certify{}", why.as_deref().map(|why| format!(" ({why})")).unwrap_or_default())]
     Nothing {
@@ -94,6 +104,10 @@ impl<'a> Certificate<'a> {
         let first = || run_name(&subject.runs[0].path);
         let sensor = subject.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.clone());
         let sensor = sensor.ok_or_else(|| CertificateError::NoSensor { run: first() })?;
+        if let Some(run) = subject.runs.iter().find(|run| run.manifest.status != Status::Complete) {
+            let (run, status) = (run_name(&run.path), run.manifest.status.name());
+            return Err(CertificateError::Incomplete { run, status });
+        }
         let results = results(subject, judged);
         if results.iter().all(|results| results.rows.is_empty()) {
             return Err(CertificateError::Nothing { run: first(), why: judged.why_not.clone() });
@@ -113,17 +127,13 @@ impl<'a> Certificate<'a> {
         let began = sessions().map(|session| day(&session.started)).min().unwrap_or_default();
         let ends = subject.runs.iter().filter_map(|run| run.manifest.ended.as_deref().map(day));
         let ended = ends.chain(sessions().map(|session| day(&session.started))).max().unwrap_or_default();
-        let release = sessions().last().map_or_else(String::new, |session| {
-            let commit = session.commit.as_ref().map(|commit| format!(" ({commit})")).unwrap_or_default();
-            format!("{}{commit}", session.palpate)
-        });
         Ok(Certificate {
             given,
             sensor,
             labels,
             began,
             ended,
-            release,
+            release: env!("CARGO_PKG_VERSION"),
             recipes: subject.runs.iter().map(|run| run.manifest.facts.recipe.clone()).collect(),
             instruments: instruments(subject),
             judgement: judged.judgement.as_ref(),
@@ -163,17 +173,28 @@ impl<'a> Certificate<'a> {
             return "No acceptance rule was given: no statement of conformity.".to_owned();
         };
         let rule = if judgement.rule == Decision::Guarded.word() {
-            "Guarded acceptance (ILAC-G8): the one-sided 95 % bound of each figure is within its limit; at most 5 % of sensors at a \
-             limit are falsely accepted"
+            "Guarded acceptance (ILAC-G8): the one-sided 95 % bound of each figure is within its limit; about 5 % of sensors at a \
+             limit are falsely accepted at most"
         } else {
-            "Simple acceptance (ILAC-G8): each figure is within its limit; a sensor at a limit is accepted as often as not"
+            "Simple acceptance (ILAC-G8): each figure is within its limit; about half of the sensors at a limit are accepted"
         };
         let reasons: Vec<String> = judgement.all_reasons().collect();
         let why = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
+        let limits: Vec<String> = judgement.checks.iter().map(limit).collect();
+        let notes: String = judgement.notes.iter().map(|note| format!(" {}.", capital(note))).collect();
         let afterwards = judgement.judged_afterwards_by.as_ref();
         let afterwards = afterwards.map(|file| format!(", judged afterwards by {file}")).unwrap_or_default();
-        format!("{rule}. Method {}{afterwards}. {}{why}.", judgement.method, judgement.verdict.told())
+        let (method, verdict) = (&judgement.method, judgement.verdict.told());
+        format!("{rule}. Method {method}{afterwards}. Limits: {}.{notes} Result: {verdict}{why}.", limits.join("; "))
     }
+}
+
+/// A limit with what was found.
+fn limit(check: &Check) -> String {
+    let shown = |value: Option<f64>| value.map_or("-".to_owned(), |value| check.kind.shown(value));
+    let bound = check.bound.map(|bound| format!(", bound {}", check.kind.shown(bound))).unwrap_or_default();
+    let (name, found, limit) = (check.kind.full_name(check.reach), shown(check.value), shown(Some(check.limit)));
+    format!("{name} {found}{bound}, limit {limit} {}", check.kind.unit()).trim_end().to_owned()
 }
 
 /// Stage and load cell with their own certificates, each once.

@@ -75,6 +75,9 @@ fn administrative(xml: &mut Xml, certificate: &Certificate<'_>) {
     });
     xml.within("dcc:customer", |xml| contact(xml, &given.customer));
     xml.within("dcc:statements", |xml| {
+        if certificate.simulated {
+            statement(xml, "Simulated", "The runs were made on a simulated rig: this document certifies no sensor.");
+        }
         statement(xml, "Signature", NOT_SIGNED);
         for journal in &certificate.journals {
             statement(xml, "Record", &format!("journal.log of {}: SHA-256 {}", journal.run, journal.sha256));
@@ -189,7 +192,7 @@ fn quantity(xml: &mut Xml, row: &Row) {
 fn software(xml: &mut Xml, certificate: &Certificate<'_>) {
     xml.within("dcc:software", |xml| {
         xml.named("dcc:name", "palpate");
-        xml.leaf("dcc:release", &certificate.release);
+        xml.leaf("dcc:release", certificate.release);
         xml.leaf("dcc:type", "application");
     });
 }
@@ -230,6 +233,11 @@ fn decimal(value: f64) -> String {
     format!("{value}")
 }
 
+/// Whether XML 1.0 has the character.
+fn is_of_xml(c: char) -> bool {
+    !matches!(c, '\u{0}'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}')
+}
+
 /// A document as it is written, indented.
 #[derive(Default)]
 struct Xml {
@@ -251,7 +259,8 @@ impl Xml {
 
     /// An element that holds text. Blanks are single and not at the ends: the schema allows no others.
     fn leaf(&mut self, name: &str, text: &str) {
-        let single = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        let fit: String = text.chars().map(|c| if is_of_xml(c) { c } else { char::REPLACEMENT_CHARACTER }).collect();
+        let single = fit.split_whitespace().collect::<Vec<_>>().join(" ");
         let escaped = single.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let _ = writeln!(self.text, "{}<{name}>{escaped}</{name}>", "  ".repeat(self.depth));
     }
