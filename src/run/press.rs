@@ -22,10 +22,18 @@ const STICKS_N: f64 = 0.010;
 const STICKS_SIGMAS: f64 = 5.0;
 const FARTHER_MM: f64 = 0.5;
 
+/// How old the air may be while the first descent goes on, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
+const AIR_FRESH_S: f64 = 1.0;
+/// The fastest that a zero drifts, N/s, and sd of a mean: what is more may be a touch that is too light to count as one.
+const DRIFT_N_S: f64 = 0.001;
+const DRIFT_SIGMAS: f64 = 4.0;
+
 /// A contact that is over.
 pub(super) struct Pressed {
     levels: Vec<Held>,
     air: Air,
+    /// When that air was read, by the press' clock, s.
+    air_s: f64,
     pub touched_mm: Option<f64>,
     lesson: Option<Lesson>,
 }
@@ -65,9 +73,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
         let after = self.air_after(&pressed.air).await?;
         self.hand.cell.watch.pause();
-        let Pressed { levels: mut held, air: before, touched_mm, lesson } = pressed;
+        let Pressed { levels: mut held, air: before, air_s, touched_mm, lesson } = pressed;
         let moved = ZeroMoved {
-            from_s: -before.force.age_s,
+            from_s: air_s,
             to_s: self.hand.cell.now_s() - after.force.age_s,
             by_n: after.force.mean_n - before.force.mean_n,
         };
@@ -121,7 +129,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         if let Some(probe) = &self.hand.probe {
             probe.begin_press(number);
         }
-        let air = self.air().await?;
+        let mut air = self.air().await?;
+        let mut air_s = -air.force.age_s;
         let first_mm = self.first_mm(place, next);
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
         self.hand.count_from(&air);
@@ -139,6 +148,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 Command::Move(granted) => {
                     if press.is_first_descent() {
                         self.hand.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
+                        self.freshen(&mut air, &mut air_s).await?;
                     }
                     self.hand.move_z(granted, Some(&mut press)).await?;
                     Event::Moved { z_mm: self.hand.z_mm }
@@ -166,7 +176,27 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
             last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
         }
-        Ok(Pressed { levels, air, touched_mm: press.touched_mm(), lesson: press.lesson() })
+        Ok(Pressed { levels, air, air_s, touched_mm: press.touched_mm(), lesson: press.lesson() })
+    }
+
+    /// Before the first touch the air is read again on the way, or a zero that drifts would look like a touch. What moved by more
+    /// than a drift may be one: then the older air counts.
+    async fn freshen(&mut self, air: &mut Air, air_s: &mut f64) -> Result<(), Halt> {
+        let age_s = self.hand.cell.now_s() - *air_s;
+        if age_s < AIR_FRESH_S {
+            return Ok(());
+        }
+        self.hand.cell.settle().await?;
+        self.hand.open_air();
+        let newer = self.hand.close_air().await?;
+        let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(newer.force.readings);
+        let moved_n = (newer.force.mean_n - air.force.mean_n).abs();
+        if moved_n <= DRIFT_N_S * age_s + DRIFT_SIGMAS * sigma_n {
+            *air_s = self.hand.cell.now_s() - newer.force.age_s;
+            self.hand.count_from(&newer);
+            *air = newer;
+        }
+        Ok(())
     }
 
     /// Goes to a place in the clear.

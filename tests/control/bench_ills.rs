@@ -6,6 +6,7 @@
 
 use crate::support::walks::{BENCHES, Walked, bench, in_parallel, plan, walked};
 use palpate::dataset::Record;
+use palpate::quantity::Axis;
 use palpate::recipe::Phase;
 use palpate::rig::RigSpec;
 use palpate::scene::{LoadCell, Servo, Wave};
@@ -139,6 +140,35 @@ fn a_run_goes_on_through_a_drift_of_300_mn() {
                 found.set_p95_n
             );
             assert!(found.recorded_p95_n <= RECORDED_N, "{name}, {drift_n} N: {} N", found.recorded_p95_n);
+        }
+    }
+}
+
+/// Where home is above the surface, mm: the first descent from there takes half a minute, in which a zero moves by 15 mN.
+const HOME_MM: f64 = 12.5;
+
+#[test]
+fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
+    let recipe = "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0], [1.0, 0.0]] }\nforce_n = 1.0\n";
+    let ills: [(&str, fn(&mut RigSpec)); 4] = [
+        ("+30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
+        ("-30 mN/min", |spec| cell(spec).drift_n_s = -0.030 / 60.0),
+        ("+50 mN/min", |spec| cell(spec).drift_n_s = 0.050 / 60.0),
+        ("5 mN in 25 s", |spec| cell(spec).wander = Some(Wave { amplitude: 0.005, period_s: 25.0 })),
+    ];
+    for (name, _) in BENCHES {
+        for (told, ill) in ills {
+            let mut spec = bench(name);
+            spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
+            ill(&mut spec);
+            for seed in 1..=5 {
+                let Walked { ending, ledger, .. } = &walked(&spec, &plan(&spec, recipe, seed));
+                assert!(ending.halt.is_none(), "{name}, {told}, seed {seed}: {:?}", ending.told());
+                for contact in ledger.contacts() {
+                    let off_n = contact.truth[0].force_true_n - contact.levels[0].force_n.unwrap();
+                    assert!(off_n.abs() <= 0.003, "{name}, {told}, seed {seed}: {off_n} N");
+                }
+            }
         }
     }
 }
