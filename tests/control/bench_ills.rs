@@ -150,7 +150,7 @@ const HOME_MM: f64 = 12.5;
 #[test]
 fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
     let recipe = "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0], [1.0, 0.0]] }\nforce_n = 1.0\n";
-    let ills: [(&str, fn(&mut RigSpec)); 4] = [
+    let ills: [Ill; 4] = [
         ("+30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
         ("-30 mN/min", |spec| cell(spec).drift_n_s = -0.030 / 60.0),
         ("+50 mN/min", |spec| cell(spec).drift_n_s = 0.050 / 60.0),

@@ -181,6 +181,7 @@ fn runs_of_different_sensors_or_units_make_no_page_and_unnamed_ones_only_on_dema
     let refused = |runs: &str| bench.palpate_ends(2, &format!("report {runs} --out page.html")).running();
     let told = refused("b c");
     assert!(told.contains("b is of the sensor B, c of C: a page is about one sensor"), "{told}");
+    assert!(refused("b c --same-sensor").contains("b is of the sensor B, c of C"), "it speaks for unnamed runs only");
     let told = refused("b unnamed");
     assert!(told.contains("unnamed has no sensor ID") && told.contains("--same-sensor"), "{told}");
     assert!(refused("unnamed-too unnamed").contains("unnamed-too has no sensor ID"));
@@ -195,4 +196,24 @@ fn runs_of_different_sensors_or_units_make_no_page_and_unnamed_ones_only_on_dema
     assert_eq!(labels, ["C", "D-1", "7", "2", "K", "first"].map(Value::from));
     bench.palpate_ends(0, "report c");
     assert!(bench.read("c/report.html").contains("D-1"));
+}
+
+#[test]
+fn a_run_that_tripped_is_not_decided_and_not_certified() {
+    let accept = "\n[accept]\nmethod = \"surrogate\"\nlocation_mean_mm = 5.0\n";
+    let rig = shipped_text("rigs/sim.toml") + "\n[[scene.fault]]\nkind = \"stuck\"\nfrom_s = 230.0\n";
+    let bench = Bench::with([
+        ("r.toml", recipe(&[CALIBRATE, &test(60), accept]).as_str()),
+        ("rig.toml", rig.as_str()),
+        ("c.toml", &shipped_text("data/example/certificate.toml")),
+    ]);
+    bench.palpate_ends(4, "run r.toml --rig rig.toml --out run --sensor A");
+    let verdict = judged(&bench, 1, "run");
+    assert_eq!(verdict["verdict"], "not-decided", "{verdict}");
+    assert!(verdict["test_presses"].as_u64() > Some(0), "{verdict}");
+    assert!(verdict["reasons"][0].as_str().unwrap().starts_with("run is tripped: "), "{verdict}");
+    assert!(bench.palpate_ends(1, "report run").out.starts_with("Sensor A: not decided, "));
+    let told = bench.palpate_ends(2, "certificate run --with c.toml").running();
+    assert!(told.contains("run is tripped: a certificate needs complete runs"), "{told}");
+    assert!(!bench.has("run/certificate.xml"));
 }
