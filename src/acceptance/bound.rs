@@ -8,6 +8,7 @@
 //!
 //! `docs/acceptance.md` shows how often each is exceeded, on drawn errors of several shapes.
 
+use crate::quantity::COVERAGE;
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, StudentsT};
 use statrs::statistics::Statistics as _;
 
@@ -101,6 +102,12 @@ fn chi_squared_quantile(freedom: f64, probability: f64) -> Option<f64> {
     Some(most)
 }
 
+/// The coverage factor that 95 % need with so many degrees of freedom, by Student's t; never less than 2 (JCGM 100, G.3).
+pub fn coverage_factor(freedom: f64) -> f64 {
+    let student = StudentsT::new(0.0, 1.0, freedom).ok();
+    student.map_or(COVERAGE, |student| student.inverse_cdf((1.0 + CONFIDENCE) / 2.0).max(COVERAGE))
+}
+
 /// Hall's bound: his transformation of (mean - mu)/sd, `w + a w^2 + a^2 w^3 / 3 + a / (2 n)` with a third of the skewness for `a`,
 /// is close to Student's t; it is monotone, and inverted exactly.
 fn mean_bound(values: &[f64], share: f64, side: Side) -> Option<f64> {
@@ -160,6 +167,13 @@ mod tests {
         assert!((share_lower(93, 100) - 0.872_3).abs() < 5e-4, "{}", share_lower(93, 100));
         assert_eq!(share_lower(0, 10), 0.0);
         assert_eq!(share_lower(0, 0), 0.0);
+    }
+
+    #[test]
+    fn few_degrees_of_freedom_need_a_larger_coverage_factor() {
+        for (freedom, printed) in [(1.0, 12.706), (4.0, 2.776), (30.0, 2.042), (1000.0, 2.0)] {
+            assert!((coverage_factor(freedom) - printed).abs() < 5e-4, "{freedom}");
+        }
     }
 
     #[test]

@@ -230,7 +230,7 @@ fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
     // few repeats leave a unit's figure open: with five a repeatability scatters by a third
     let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == Verdict::Accepted;
     let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
-        let (bound, unit) = (figure.shown(*bound), figure.unit());
+        let (bound, unit) = (figure.shown(*bound, figure.digits()), figure.unit());
         format!("within the limit, but {n} readings leave it open up to {bound} {unit}")
     });
     let bound = bound.ok().filter(|_| decision == Decision::Guarded);
@@ -332,6 +332,22 @@ impl Judgement {
     }
 }
 
+impl Check {
+    /// A value of the figure without its unit, with as many digits as tell what was found from the limit.
+    pub fn shown(&self, value: Option<f64>) -> String {
+        let Some(value) = value else { return "-".to_owned() };
+        let tells = |digits: &usize| {
+            let found = self.value.filter(|found| *found != self.limit);
+            found.is_none_or(|found| self.kind.shown(found, *digits) != self.kind.shown(self.limit, *digits))
+        };
+        let digits = (self.kind.digits()..DIGITS_MOST).find(tells).unwrap_or(DIGITS_MOST);
+        self.kind.shown(value, digits)
+    }
+}
+
+/// The most digits behind the point of a value.
+const DIGITS_MOST: usize = 9;
+
 impl Verdict {
     /// In words.
     pub const fn told(self) -> &'static str {
@@ -403,6 +419,18 @@ mod tests {
         assert_eq!(judgement.verdict, Verdict::Accepted);
         let told: Vec<String> = judgement.all_reasons().collect();
         assert_eq!(told, ["repeatability, worst unit: within the limit, but 20 readings leave it open up to 4.00 %"]);
+    }
+
+    #[test]
+    fn what_was_found_is_told_from_the_limit_however_near_they_are() {
+        let shown = |limit| {
+            let check =
+                judge(&rule(Decision::Simple, &[(Figure::LocationMean, limit, None)]), &measured()).checks[0].clone();
+            [check.shown(check.value), check.shown(Some(limit)), check.shown(None)]
+        };
+        assert_eq!(shown(1.0), ["0.505", "1.000", "-"]);
+        assert_eq!(shown(0.504_96), ["0.50500", "0.50496", "-"]);
+        assert_eq!(shown(1e30)[1], "1.0e30");
     }
 
     #[test]

@@ -201,9 +201,12 @@ impl Figure {
         )
     }
 
-    /// A value of it as it is shown, without its unit.
-    pub fn shown(self, value: f64) -> String {
+    /// A value of it with so many digits behind the point, without its unit; a share in percent.
+    pub fn shown(self, value: f64, digits: usize) -> String {
         let value = if self.is_share() { 100.0 * value } else { value };
-        format!("{value:.*}", self.digits())
+        if value.abs() < LARGE { format!("{value:.digits$}") } else { format!("{value:.1e}") }
     }
 }
+
+/// From here on a value is shown with an exponent.
+const LARGE: f64 = 1e5;

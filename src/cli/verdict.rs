@@ -92,9 +92,8 @@ pub fn verdict_table(judgement: &Judgement) -> String {
     let bound = if is_guarded { "95 % bound" } else { "" };
     let _ = writeln!(text, "{:<41}{:>9}{bound:>11}{:>9}{:>6}", "", "found", "limit", "n");
     for check in &judgement.checks {
-        let shown = |value: Option<f64>| value.map_or("-".to_owned(), |value| check.kind.shown(value));
-        let bound = if is_guarded { shown(check.bound) } else { String::new() };
-        let (found, limit) = (shown(check.value), check.kind.shown(check.limit));
+        let bound = if is_guarded { check.shown(check.bound) } else { String::new() };
+        let (found, limit) = (check.shown(check.value), check.shown(Some(check.limit)));
         let _ = writeln!(text, "{:<41}{found:>9}{bound:>11}{limit:>9}{:>6}", named(check), check.n);
     }
     for note in &judgement.notes {

@@ -1,6 +1,6 @@
 //! The first thing a reader sees: the verdict, with the rule, each limit and what was found.
 
-use super::frame::{capital, none, number, percent, table, words};
+use super::frame::{capital, none, number, table, words};
 use super::subject::run_name;
 use super::{Judged, Subject};
 use crate::acceptance::{Check, Decision, Judgement, Verdict};
@@ -81,10 +81,9 @@ fn by_rule(judgement: &Judgement) -> Markup {
 
 /// A value of a checked figure with its unit.
 fn value(check: &Check, value: Option<f64>) -> Markup {
-    let shown = |value: f64| match (check.kind.is_share(), check.kind.unit()) {
-        (true, _) => percent("", value),
-        (false, "") => number("", value, check.kind.digits(), ""),
-        (false, unit) => number("", value, check.kind.digits(), &format!(" {unit}")),
+    let unit = match check.kind.unit() {
+        "" => String::new(),
+        unit => format!(" {unit}"),
     };
-    value.map_or_else(none, shown)
+    value.map_or_else(none, |value| html! { data value=(value) data-key="" { (check.shown(Some(value))) } (unit) })
 }

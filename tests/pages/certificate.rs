@@ -77,6 +77,9 @@ fn a_certificate_is_valid_and_says_what_evaluate_says() {
     // the scatter of the mean alone is less than what the certificates add to it
     assert!(of("location error, mean")["expanded"].as_f64() > Some(0.01), "{results:?}");
     assert_eq!(of("location error, mean")["k"], 2.0);
+    // three staircases leave two degrees of freedom
+    let k = of("unit 5, hysteresis")["k"].as_f64().unwrap();
+    assert!((k - 4.3027).abs() < 5e-4, "{k}");
     let (header, rows) = bench.table("run/characteristics.csv");
     let column = |name: &str| header.iter().position(|column| column == name).unwrap();
     let unit = of("unit 5, repeatability, loading");

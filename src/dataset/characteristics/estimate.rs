@@ -9,6 +9,8 @@ use statrs::statistics::Statistics as _;
 pub struct Known {
     /// Standard uncertainty of the value.
     pub u: f64,
+    /// How many repeats the value is the mean of.
+    pub n: usize,
     /// One-sided 95 % upper bound of its magnitude, by Student's t; of several levels and places the largest of theirs.
     pub upper: f64,
 }
@@ -27,7 +29,7 @@ impl Estimate {
         let value = if repeats.is_empty() { return None } else { repeats.mean() };
         let known = StudentsT::new(0.0, 1.0, n - 1.0).ok().filter(|_| n > 1.0).map(|student| {
             let u = repeats.std_dev() / n.sqrt();
-            Known { u, upper: value.abs() + student.inverse_cdf(CONFIDENCE) * u }
+            Known { u, n: repeats.len(), upper: value.abs() + student.inverse_cdf(CONFIDENCE) * u }
         });
         Some(Estimate { value, known })
     }
@@ -55,7 +57,7 @@ impl Estimate {
     /// In another unit, `factor` of it to one.
     pub fn scaled(self, factor: f64) -> Estimate {
         let size = factor.abs();
-        let known = self.known.map(|known| Known { u: size * known.u, upper: size * known.upper });
+        let known = self.known.map(|known| Known { u: size * known.u, upper: size * known.upper, ..known });
         Estimate { value: factor * self.value, known }
     }
 
@@ -75,7 +77,8 @@ mod tests {
     #[test]
     fn a_mean_is_known_by_its_repeats() {
         let estimate = Estimate::of(&[1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
-        let Known { u, upper } = estimate.known.unwrap();
+        let Known { u, n, upper } = estimate.known.unwrap();
+        assert_eq!(n, 5);
         assert!((estimate.value - 3.0).abs() < 1e-12 && (u - 0.5f64.sqrt()).abs() < 1e-12);
         assert!((upper - (3.0 + 2.131_847 * u)).abs() < 1e-5, "{upper}"); // t of 4 degrees of freedom, 95 %
         assert_eq!(Estimate::of(&[7.0]), Some(Estimate { value: 7.0, known: None }));
@@ -95,7 +98,7 @@ mod tests {
         let (sure, unsure) = (Estimate::of(&[-3.0, -3.0]).unwrap(), Estimate::of(&[0.0, 4.0]).unwrap());
         let worse = sure.worse(unsure);
         assert_eq!(worse.value, -3.0);
-        assert_eq!(worse.known.unwrap(), Known { u: 0.0, upper: unsure.known.unwrap().upper });
+        assert_eq!(worse.known.unwrap(), Known { u: 0.0, n: 2, upper: unsure.known.unwrap().upper });
         let half = worse.scaled(-0.5);
         assert_eq!((half.value, half.known.unwrap().u), (1.5, 0.0));
     }

@@ -4,6 +4,7 @@ use super::given::Contact;
 use super::results::{Results, Row, Uncertainty};
 use super::{Certificate, Instrument, NOT_SIGNED};
 use crate::acceptance::Verdict;
+use crate::quantity::round;
 use crate::report::frame::{document as page, section, table, words};
 use maud::{Markup, html};
 
@@ -83,12 +84,12 @@ fn instruments(certificate: &Certificate<'_>) -> Markup {
 }
 
 fn of(results: &Results) -> Markup {
-    let head = ["", "result", "uncertainty (k = 2) or 95 % interval", "n"].map(words);
+    let head = ["", "result", "expanded uncertainty or 95 % interval", "n"].map(words);
     let row = |row: &Row| {
         let shown = |value: f64| format!("{value:.*}", row.digits);
         let unit = row.unit.symbol();
         let uncertainty = match row.uncertainty {
-            Uncertainty::Expanded(expanded) => format!("{} {unit}", shown(expanded)),
+            Uncertainty::Expanded { expanded, k } => format!("{} {unit} (k = {})", shown(expanded), round(k, 2)),
             Uncertainty::Interval(low, high) => format!("{} to {} {unit}", shown(low), shown(high)),
             Uncertainty::NotStated => "not stated".to_owned(),
         };
@@ -109,12 +110,7 @@ fn conformity(certificate: &Certificate<'_>) -> Markup {
     };
     let limits = certificate.judgement.map(|judgement| {
         let row = |check: &crate::acceptance::Check| {
-            let shown = |value: Option<f64>| {
-                value.map_or_else(
-                    || "-".to_owned(),
-                    |value| format!("{} {}", check.kind.shown(value), check.kind.unit()),
-                )
-            };
+            let shown = |value: Option<f64>| format!("{} {}", check.shown(value), check.kind.unit());
             let name = check.kind.full_name(check.reach);
             [name, shown(check.value), shown(check.bound), shown(Some(check.limit)), check.verdict.told().to_owned()]
                 .map(words)

@@ -191,9 +191,9 @@ impl<'a> Certificate<'a> {
 
 /// A limit with what was found.
 fn limit(check: &Check) -> String {
-    let shown = |value: Option<f64>| value.map_or("-".to_owned(), |value| check.kind.shown(value));
-    let bound = check.bound.map(|bound| format!(", bound {}", check.kind.shown(bound))).unwrap_or_default();
-    let (name, found, limit) = (check.kind.full_name(check.reach), shown(check.value), shown(Some(check.limit)));
+    let bound = check.bound.map(|bound| format!(", bound {}", check.shown(Some(bound)))).unwrap_or_default();
+    let (name, found) = (check.kind.full_name(check.reach), check.shown(check.value));
+    let limit = check.shown(Some(check.limit));
     format!("{name} {found}{bound}, limit {limit} {}", check.kind.unit()).trim_end().to_owned()
 }
 

@@ -1,8 +1,8 @@
 //! The results of a certificate: each figure with its unit, its uncertainty, and from how many readings.
 
-use crate::acceptance::bound::quantile_interval;
+use crate::acceptance::bound::{coverage_factor, quantile_interval};
 use crate::dataset::characteristics::{Known, Repeatability, Staircases, UnitCharacteristics, characterise};
-use crate::quantity::{COVERAGE, percentile};
+use crate::quantity::percentile;
 use crate::report::{Judged, Subject};
 use crate::solver::{Evaluation, PressError};
 use statrs::statistics::Statistics as _;
@@ -47,8 +47,13 @@ pub enum Unit {
 /// How well a result is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Uncertainty {
-    /// Expanded uncertainty, k = 2.
-    Expanded(f64),
+    /// Expanded uncertainty, 95 %, and its coverage factor.
+    Expanded {
+        /// The expanded uncertainty, in the result's unit.
+        expanded: f64,
+        /// 2, or more where few repeats count.
+        k: f64,
+    },
     /// 95 % coverage interval.
     Interval(f64, f64),
     /// It isn't stated.
@@ -97,8 +102,11 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         let Some(mut sizes) = evaluation.presses.iter().map(error).collect::<Option<Vec<f64>>>() else { continue };
         let n = sizes.len();
         let scatter = if n > 1 { sizes.iter().std_dev() / (n as f64).sqrt() } else { f64::NAN };
-        let expanded = COVERAGE * scatter.hypot(truth.unwrap_or(0.0));
-        let uncertainty = if expanded.is_finite() { Uncertainty::Expanded(expanded) } else { Uncertainty::NotStated };
+        let u = scatter.hypot(truth.unwrap_or(0.0));
+        // Welch and Satterthwaite: what is known of the truth has no fewer degrees of freedom
+        let k = coverage_factor((n as f64 - 1.0) * (u / scatter).powi(4));
+        let uncertainty =
+            if u.is_finite() { Uncertainty::Expanded { expanded: k * u, k } } else { Uncertainty::NotStated };
         let value = sizes.iter().mean();
         rows.push(Row { name: format!("{name}, mean"), value, unit, digits, uncertainty, n });
         sizes.sort_by(f64::total_cmp);
@@ -153,9 +161,13 @@ fn of_units(staircases: &Staircases) -> Results {
             rows.extend(value.map(|value| row(name, value, uncertainty)));
         }
         for (name, value, known) in OTHERS {
-            let uncertainty =
-                known(&unit).map_or(Uncertainty::NotStated, |known| Uncertainty::Expanded(COVERAGE * known.u));
-            rows.extend(value(&unit).map(|value| row(name, value, uncertainty)));
+            let known = known(&unit);
+            let uncertainty = known.map_or(Uncertainty::NotStated, |Known { u, n, .. }| {
+                let k = coverage_factor(n as f64 - 1.0);
+                Uncertainty::Expanded { expanded: k * u, k }
+            });
+            let n = known.map_or(readings.len(), |known| known.n);
+            rows.extend(value(&unit).map(|value| Row { n, ..row(name, value, uncertainty) }));
         }
     }
     let method = format!(

@@ -171,9 +171,9 @@ fn quantity(xml: &mut Xml, row: &Row) {
             xml.leaf("si:value", &decimal(row.value));
             xml.leaf("si:unit", row.unit.d_si());
             match row.uncertainty {
-                Uncertainty::Expanded(expanded) => xml.within("si:expandedUnc", |xml| {
+                Uncertainty::Expanded { expanded, k } => xml.within("si:expandedUnc", |xml| {
                     xml.leaf("si:uncertainty", &decimal(expanded));
-                    xml.leaf("si:coverageFactor", "2");
+                    xml.leaf("si:coverageFactor", &decimal(k));
                     xml.leaf("si:coverageProbability", "0.95");
                 }),
                 Uncertainty::Interval(low, high) => xml.within("si:coverageInterval", |xml| {
