@@ -22,6 +22,9 @@ pub const MEAN_PRESSES_LEAST: usize = 59;
 /// exponentially distributed take 0.5 % of it away, log-normal ones (sigma 0.8) 1.5 %.
 const MEAN_CONFIDENCE: f64 = 0.96;
 
+/// From so many degrees of freedom on Student's t is below 2.
+const FREEDOM_MANY: f64 = 61.0;
+
 /// Which tail of the distribution a bound leaves out.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
@@ -104,7 +107,7 @@ fn chi_squared_quantile(freedom: f64, probability: f64) -> Option<f64> {
 
 /// The coverage factor that 95 % need with so many degrees of freedom, by Student's t; never less than 2 (JCGM 100, G.3).
 pub fn coverage_factor(freedom: f64) -> f64 {
-    let student = StudentsT::new(0.0, 1.0, freedom).ok();
+    let student = StudentsT::new(0.0, 1.0, freedom).ok().filter(|_| freedom < FREEDOM_MANY);
     student.map_or(COVERAGE, |student| student.inverse_cdf((1.0 + CONFIDENCE) / 2.0).max(COVERAGE))
 }
 
@@ -171,7 +174,9 @@ mod tests {
 
     #[test]
     fn few_degrees_of_freedom_need_a_larger_coverage_factor() {
-        for (freedom, printed) in [(1.0, 12.706), (4.0, 2.776), (30.0, 2.042), (1000.0, 2.0)] {
+        for (freedom, printed) in
+            [(1.0, 12.706), (4.0, 2.776), (30.0, 2.042), (1000.0, 2.0), (f64::INFINITY, 2.0), (f64::NAN, 2.0)]
+        {
             assert!((coverage_factor(freedom) - printed).abs() < 5e-4, "{freedom}");
         }
     }
