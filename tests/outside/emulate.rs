@@ -29,12 +29,13 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
     assert_eq!(crc(&weight), 0, "the sum over a frame and its own sum: {weight:02X?}");
     assert_eq!(registers(&array, 60000), 7.0, "PRODUCT_ID");
 
-    // by the drivers: the real rig's file with nothing but its addresses changed
+    // by the drivers: the real rig's file with other addresses, and a first approach that a test can wait for
     let mut rig = shipped_text("rigs/esp301.toml");
     for (from, to) in [
         ("serial:///dev/ttyUSB0?", format!("serial://{stage}?")),
         ("serial:///dev/ttyUSB1?", format!("serial://{load_cell}?")),
         ("tcp://192.168.1.10:502", format!("tcp://{array}")),
+        ("settle_ms = 10.0", "settle_ms = 10.0\napproach_mm_s = 2.0".to_owned()),
     ] {
         rig = exchanged(&rig, from, &to);
     }
