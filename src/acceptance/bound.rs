@@ -19,7 +19,7 @@ pub const CONFIDENCE: f64 = 0.95;
 pub const MEAN_PRESSES_LEAST: usize = 59;
 
 /// The share at which a mean's bound is computed, so that it covers [`CONFIDENCE`] of skewed errors too: errors that are
-/// exponentially distributed take 0.5 % of it away, log-normal ones (sigma 0.8) 1.5 %.
+/// exponentially distributed take 0.3 % of it away, log-normal ones (sigma 0.8) 1.5 %.
 const MEAN_CONFIDENCE: f64 = 0.96;
 
 /// From so many degrees of freedom on Student's t is below 2.

@@ -2,13 +2,12 @@
 
 use super::exit::Failure;
 use super::recorded::read_run;
-use super::report::{check_free, failure, write};
+use super::report::{check_free, judged, write};
 use super::sources::read;
 use super::summary::print;
 use super::verdict::AcceptArgs;
 use crate::dataset::files;
 use crate::report::certificate::{Certificate, parse};
-use crate::report::{Judged, Subject};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -51,9 +50,7 @@ pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     check_free_xml(&xml)?;
     let given = parse(&args.with.display().to_string(), &read(&args.with)?).map_err(Failure::usage)?;
     let runs = args.runs.iter().map(|run| read_run(run)).collect::<Result<Vec<_>, Failure>>()?;
-    let rule = args.accept.rule_of(runs.iter().map(|(run, _)| run))?;
-    let subject = Subject::of(runs, args.same_sensor).map_err(failure)?;
-    let judged = Judged::of(&subject, rule.as_ref());
+    let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
     let certificate = Certificate::of(&subject, &judged, &given).map_err(Failure::usage)?;
     // the one that programs read first: the page says the same
     write(&xml, &certificate.xml())?;

@@ -79,14 +79,14 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
             let (recorded, rig) = read_run(run)?;
-            let (presses, layout) = (recorded.presses(), rig.array.layout.clone());
+            let (presses, layout) = (recorded.presses(), &rig.array.layout);
             let rule = args.accept.rule_of([&recorded])?;
             let (runs, u_place_mm) = (vec![&recorded], rig.u_place_mm());
-            let evidence = Evidence { presses: &presses, layout: Some(&layout), runs, u_place_mm };
-            let is_beside_paper = is_beside_paper(&layout, &presses);
-            let characteristics = Staircases::of_run(&presses, &layout)
+            let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
+            let is_beside_paper = is_beside_paper(layout, &presses);
+            let characteristics = Staircases::of_run(&presses, layout)
                 .map(|staircases| characteristics_table(&staircases, args.repeatability, is_beside_paper));
-            let trial = Trial::of_run(&presses, Some(&layout));
+            let trial = Trial::of_run(&presses, Some(layout));
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
             let shown = Shown { is_only_characterised, is_beside_paper, characteristics };
             report(args, trial, shown, rule.map(|rule| (rule, evidence)))

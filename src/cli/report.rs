@@ -75,9 +75,7 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
 }
 
 fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, String, ExitCode), Failure> {
-    let rule = args.accept.rule_of(runs.iter().map(|(run, _)| run))?;
-    let subject = Subject::of(runs, args.same_sensor).map_err(failure)?;
-    let judged = Judged::of(&subject, rule.as_ref());
+    let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
     let verdict = judged.judgement.as_ref().map_or("no verdict", |judgement| judgement.verdict.told());
     let errors = judged.decisive().map_or(", not evaluated".to_owned(), |evaluation| {
         let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
@@ -86,6 +84,18 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, Strin
     });
     let told = format!("{}: {verdict}{errors}", subject.title());
     Ok((page(&subject, &judged), told, verdict_code(judged.judgement.as_ref())))
+}
+
+/// The sensor of some runs, judged by the rule that was named or that their recipes agree on.
+pub(super) fn judged(
+    runs: Vec<(Recorded, RigSpec)>,
+    same_sensor: bool,
+    accept: &AcceptArgs,
+) -> Result<(Subject, Judged), Failure> {
+    let rule = accept.rule_of(runs.iter().map(|(run, _)| run))?;
+    let subject = Subject::of(runs, same_sensor).map_err(failure)?;
+    let judged = Judged::of(&subject, rule.as_ref());
+    Ok((subject, judged))
 }
 
 fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, String, ExitCode), Failure> {
@@ -107,7 +117,7 @@ fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, S
     Ok((comparison(&compared, &args.solver), told, ExitCode::SUCCESS))
 }
 
-/// A page of ours of the same kind may be replaced; nothing else is, and what is no file isn't read: a pipe may never end.
+/// A page of ours of the same kind may be replaced; nothing else is. Only a regular file is read: a pipe may never end.
 pub(super) fn check_free(out: &Path, certificate: bool) -> Result<(), Failure> {
     let is_ours = || {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
@@ -157,7 +167,7 @@ fn is_in_run(out: &Path) -> bool {
     out.parent().is_some_and(|folder| check_run(folder).is_ok())
 }
 
-pub(super) fn failure(error: ReportError) -> Failure {
+fn failure(error: ReportError) -> Failure {
     match error {
         ReportError::Dataset(error) => Failure::dataset(error),
         other => Failure::usage(other),

@@ -81,7 +81,7 @@ pub fn carry_out(
     progress.heard()?;
     shown?; // whatever went wrong with the rig is said first
     let results = summary::results(folder, spec, recipe)?;
-    show(&summary::told(folder, spec, &results)?)?;
+    show(&results.text())?;
     Ok(verdict_code(results.judgement.as_ref()))
 }
 

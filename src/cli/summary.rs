@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
 use super::verdict::{NO_RULE, verdict_table};
 use crate::acceptance::Judgement;
-use crate::dataset::characteristics::Repeatability;
+use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{Evidence, Recorded, RunFolder, Status, TABLES};
 use crate::recipe::Recipe;
@@ -66,18 +66,26 @@ pub fn unfinished(folder: &RunFolder) -> String {
 pub struct Results {
     /// With each solver that `[evaluate]` names.
     evaluations: Vec<Evaluation>,
+    /// Of its staircases.
+    characteristics: Option<Staircases>,
     /// By the recipe's rule.
     pub judgement: Option<Judgement>,
+    is_beside_paper: bool,
 }
 
 /// The run evaluated and judged by its own recipe.
 pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Results, Failure> {
+    let layout = &spec.array.layout;
+    let characteristics = folder.staircases().map_err(Failure::dataset)?;
     if recipe.solvers.is_empty() && recipe.rule().is_none() {
-        return Ok(Results { evaluations: Vec::new(), judgement: None });
+        // a long run isn't read into memory for nothing
+        let is_beside_paper =
+            characteristics.is_some() && is_beside_paper(layout, &folder.presses().map_err(Failure::dataset)?);
+        return Ok(Results { evaluations: Vec::new(), characteristics, judgement: None, is_beside_paper });
     }
     let recorded = Recorded::read(folder.path()).map_err(Failure::dataset)?;
-    let (presses, layout) = (recorded.presses(), Some(&spec.array.layout));
-    let trial = match Trial::of_run(&presses, layout) {
+    let presses = recorded.presses();
+    let trial = match Trial::of_run(&presses, Some(layout)) {
         Err(why) if !recipe.solvers.is_empty() => return Err(Failure::not_accepted(why)),
         trial => trial,
     };
@@ -85,28 +93,31 @@ pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Re
         recipe.solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
     };
     let evaluations = trial.as_ref().map_or_else(|_| Ok(Vec::new()), evaluate)?;
-    let evidence = Evidence { presses: &presses, layout, runs: vec![&recorded], u_place_mm: spec.u_place_mm() };
+    let (runs, u_place_mm) = (vec![&recorded], spec.u_place_mm());
+    let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
     let judgement = recipe.rule().map(|rule| evidence.judge(rule, &trial, &evaluations));
-    Ok(Results { evaluations, judgement })
+    let is_beside_paper = is_beside_paper(layout, &presses);
+    Ok(Results { evaluations, characteristics, judgement, is_beside_paper })
 }
 
-/// What a complete run came to, for a person: evaluation, characteristics and verdict.
-pub fn told(folder: &RunFolder, spec: &RigSpec, results: &Results) -> Result<String, Failure> {
-    let mut text = String::new();
-    let is_beside_paper = is_beside_paper(&spec.array.layout, &folder.presses().map_err(Failure::dataset)?);
-    if !results.evaluations.is_empty() {
-        let _ = write!(text, "\n{}", evaluation_table(&results.evaluations, is_beside_paper));
+impl Results {
+    /// For a person: evaluation, characteristics and verdict.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        if !self.evaluations.is_empty() {
+            let _ = write!(text, "\n{}", evaluation_table(&self.evaluations, self.is_beside_paper));
+        }
+        if let Some(staircases) = &self.characteristics {
+            let table = characteristics_table(staircases, Repeatability::default(), self.is_beside_paper);
+            let _ = write!(text, "\n{table}");
+        }
+        match &self.judgement {
+            Some(judgement) => _ = write!(text, "\n{}", verdict_table(judgement)),
+            None if self.evaluations.is_empty() => {}
+            None => _ = write!(text, "\n{NO_RULE}"),
+        }
+        text
     }
-    if let Some(staircases) = folder.staircases().map_err(Failure::dataset)? {
-        let table = characteristics_table(&staircases, Repeatability::default(), is_beside_paper);
-        let _ = write!(text, "\n{table}");
-    }
-    match &results.judgement {
-        Some(judgement) => _ = write!(text, "\n{}", verdict_table(judgement)),
-        None if results.evaluations.is_empty() => {}
-        None => _ = write!(text, "\n{NO_RULE}"),
-    }
-    Ok(text)
 }
 
 /// A duration as a person reads it.

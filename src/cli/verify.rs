@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::recorded::rig_of;
 use super::sources::read;
 use super::summary;
-use crate::dataset::{DatasetError, JournalError, Loss, Recorded, Texts, verify};
+use crate::dataset::{DatasetError, JournalError, Loss, Texts, journal_sha256, verify};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -57,8 +57,7 @@ pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
 
 /// Whether a certificate rests on the journal of this run as it is.
 fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
-    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
-    let sha256 = recorded.journal_sha256().map_err(Failure::dataset)?;
+    let sha256 = journal_sha256(run).map_err(Failure::dataset)?;
     let text = read(certificate)?;
     let stated = [("SHA-256 ", "</dcc:content>"), ("<code>", "</code>")].map(|(before, after)| {
         let is_hash = |word: &&str| word.len() == sha256.len() && word.chars().all(|c| c.is_ascii_hexdigit());

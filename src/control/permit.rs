@@ -26,6 +26,8 @@ const HARD_SIGMAS: f64 = 6.0;
 /// twice what a cell does as it warms up. What moves more, or at once, is no drift.
 const AIR_N: f64 = 0.020;
 const DRIFT_N_S: f64 = 0.001;
+/// How many sd of a mean it may seem to drift besides, before a first touch.
+const DRIFT_SIGMAS: f64 = 4.0;
 
 /// How far the zero may differ between two heights a little apart, N, besides noise and drift.
 const FREE_N: f64 = 0.005;
@@ -158,6 +160,12 @@ impl Permit {
     /// A trip if it has.
     pub fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
         moved_no_further(Rule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+    }
+
+    /// Whether the air moved no further than a zero drifts in the time between. What is more may be a touch that is too light to
+    /// count as contact. `sigma_n` is the standard deviation of the newer mean, N.
+    pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64) -> bool {
+        moved_n.abs() <= DRIFT_N_S * between_s + DRIFT_SIGMAS * sigma_n
     }
 
     /// What the load cell says in air is the same where z is a little farther away, or nearer: no contact makes a part of it.

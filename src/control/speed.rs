@@ -20,6 +20,8 @@ pub struct Timing {
     pub exchange_s: f64,
     /// From the end of a motion as its controller says it to a force that can be read: the stage settles, the cell follows, s.
     pub settle_s: f64,
+    /// How long the cell's filter holds a force back, s; a part of `settle_s`.
+    pub lag_s: f64,
     /// From one conversion of the load cell to the next, s.
     pub conversion_s: f64,
     /// Acceleration of the stage, mm/s^2.

@@ -2,7 +2,7 @@
 
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::evaluate::{EvaluateError, Trial, is_to_evaluate};
-use super::{Manifest, Press, Presses, Recorded, Status};
+use super::{Contact, Manifest, Press, Presses, Recorded, Status};
 use crate::acceptance::bound::sd_upper_factor;
 use crate::acceptance::{Errors, Figure, Judgement, Measured, Rule, Worst, judge};
 use crate::quantity::ArrayLayout;
@@ -36,7 +36,8 @@ impl Evidence<'_> {
             (Ok(trial), None) => trial.evaluate(&rule.method).map_err(|why| why.told()),
             (Err(why), None) => Err(why.told()),
         };
-        let measured = self.measured(trial.as_ref().ok(), evaluated.as_ref().ok());
+        let mut measured = self.measured(trial.as_ref().ok(), evaluated.as_ref().ok());
+        measured.worst = self.worst(rule);
         let judgement = judge(rule, &measured);
         match evaluated {
             // a rule that limits neither places nor forces needs no test
@@ -59,8 +60,6 @@ impl Evidence<'_> {
                 forces.filter(|forces| !forces.is_empty()).map(|sizes| Errors { sizes, u_truth: u_force_n });
             measured.test_unsolved = evaluation.unsolved.len();
         }
-        measured.worst.extend(self.layout.map(|layout| self.worst_units(layout)).unwrap_or_default());
-        measured.worst.extend(self.noise());
         measured
     }
 
@@ -76,6 +75,15 @@ impl Evidence<'_> {
         }
     }
 
+    /// The worst unit's or channel's figures of the kinds that the rule limits.
+    fn worst(&self, rule: &Rule) -> Vec<Worst> {
+        let is_limited = |figure: Figure| rule.limits.iter().any(|limit| limit.figure == figure);
+        let of_units = self.layout.filter(|_| KINDS.iter().any(|(figure, ..)| is_limited(*figure)));
+        let mut worst = of_units.map(|layout| self.worst_units(layout)).unwrap_or_default();
+        worst.extend(is_limited(Figure::Noise).then(|| self.noise()).flatten());
+        worst
+    }
+
     /// The worst unit's characteristics of each kind.
     fn worst_units(&self, layout: &ArrayLayout) -> Vec<Worst> {
         let Some(staircases) = Staircases::of_run(self.presses, layout) else { return Vec::new() };
@@ -88,24 +96,22 @@ impl Evidence<'_> {
     fn incomplete(&self) -> Option<String> {
         let run = self.runs.iter().find(|run| run.manifest.status != Status::Complete)?;
         let Manifest { status, facts, presses_done, .. } = &run.manifest;
-        let name = run.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let name = run.name();
         Some(format!("{name} is {}: {presses_done} of {} presses", status.name(), facts.presses_planned))
     }
 
     /// The noisiest channel in air: what its air before a press differs by from the one before in the same run, so that drift
     /// doesn't count.
     fn noise(&self) -> Option<Worst> {
-        let airs = |run: &'_ &Recorded| -> Vec<Vec<f64>> {
-            run.contacts.iter().map(|contact| contact.air_before.outputs.clone()).collect()
-        };
-        let runs: Vec<Vec<Vec<f64>>> = self.runs.iter().map(airs).collect();
-        let channels = runs.iter().flatten().map(Vec::len).min().unwrap_or(0);
-        let changes = runs.iter().map(|airs| airs.len().saturating_sub(1)).sum::<usize>();
+        let contacts = || self.runs.iter().map(|run| run.contacts.as_slice());
+        let channels = contacts().flatten().map(|contact| contact.air_before.outputs.len()).min().unwrap_or(0);
+        let changes = contacts().map(|contacts| contacts.len().saturating_sub(1)).sum::<usize>();
         let percent = |channel: usize| {
             let calibrated = self.presses.sound(Phase::Calibration);
             let full_scale = calibrated.map(|press| press.outputs[channel].abs()).fold(0.0, f64::max);
-            let pairs = runs.iter().flat_map(|airs| airs.windows(2));
-            let squares: f64 = pairs.map(|pair| (pair[1][channel] - pair[0][channel]).powi(2)).sum();
+            let output = |contact: &Contact| contact.air_before.outputs[channel];
+            let pairs = contacts().flat_map(|contacts| contacts.windows(2));
+            let squares: f64 = pairs.map(|pair| (output(&pair[1]) - output(&pair[0])).powi(2)).sum();
             (full_scale > 0.0).then(|| 100.0 * (squares / (2 * changes) as f64).sqrt() / full_scale)
         };
         if changes == 0 {

@@ -54,7 +54,7 @@ pub use manifest::Manifest;
 pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
 pub use presses::Presses;
 pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
-pub use recorded::{Recorded, Texts};
+pub use recorded::{Recorded, Texts, journal_sha256};
 pub use session::{Durability, End, FORMAT, Labels, Loss, Provenance, RigChange, RunFacts, Status, Text};
 pub use table::{parse_table, read_table};
 pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};

@@ -71,13 +71,11 @@ impl Recorded {
         Presses::of_contacts(&self.path.display().to_string(), &self.contacts)
     }
 
-    /// SHA-256 of its journal as it is on the disk, in hexadecimal.
-    ///
-    /// # Errors
-    /// It can't be read.
-    pub fn journal_sha256(&self) -> Result<String, DatasetError> {
-        let read = Fingerprint::of_file(&self.path, JOURNAL);
-        read.map(|fingerprint| fingerprint.sha256).map_err(DatasetError::io("reading", self.path.join(JOURNAL)))
+    /// Its folder's name, also where the path has none, such as `.`.
+    pub fn name(&self) -> String {
+        let whole = if self.path.file_name().is_none() { self.path.canonicalize().ok() } else { None };
+        let path = whole.as_deref().unwrap_or(&self.path);
+        path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
     }
 
     /// What the files for people say other than the journal, in a line each; none of these files was read. The table of a run that
@@ -162,4 +160,13 @@ impl Texts {
     pub fn latest(&self, name: &str) -> Option<&str> {
         self.all.iter().rfind(|text| text.name == name).map(|text| text.text.as_str())
     }
+}
+/// SHA-256 of a run's journal as it is on the disk, in hexadecimal.
+///
+/// # Errors
+/// No run, or its journal can't be read.
+pub fn journal_sha256(run: &Path) -> Result<String, DatasetError> {
+    check_run(run)?;
+    let read = Fingerprint::of_file(run, JOURNAL);
+    read.map(|fingerprint| fingerprint.sha256).map_err(DatasetError::io("reading", run.join(JOURNAL)))
 }

@@ -4,7 +4,6 @@ use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, Page, Section, clock, counted, none, number, percent, section, table, words};
 use super::judged::PAPERS;
 use super::numbers::{Numbers, Value};
-use super::subject::run_name;
 use crate::acceptance::{Judgement, Rule, Verdict};
 use crate::chart::{Cell, ChartAxis, Figure, Grid, Look, Mark, Panel};
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
@@ -75,7 +74,7 @@ impl Compared {
         let mean =
             |of: fn(&UnitCharacteristics) -> Option<f64>| mean(&units.iter().filter_map(of).collect::<Vec<f64>>());
         Compared {
-            name: run_name(&run.path),
+            name: run.name(),
             manifest: run.manifest.clone(),
             evaluations,
             why_not,

@@ -2,7 +2,6 @@
 
 use super::Subject;
 use super::frame::{clock, section as framed, words};
-use super::subject::run_name;
 use crate::control::Trip;
 use crate::dataset::{Flag, Loss, Recorded, RigChange};
 use maud::{Markup, html};
@@ -61,7 +60,7 @@ fn of_run(run: &Recorded) -> Markup {
         })
         .collect();
     html! {
-        h3 { (run_name(&run.path)) }
+        h3 { (run.name()) }
         div.wide {
             table { tbody { @for (name, told) in &rows { tr { th scope="row" { (name) } td.words { (told) } } } } }
         }

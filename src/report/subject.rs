@@ -144,9 +144,9 @@ impl Subject {
             let Labels { sensor, design, batch, .. } = run.manifest.facts.labels.clone();
             [("sensor", sensor), ("design", design), ("batch", batch)]
         };
-        let second = run_name(&run.path);
+        let second = run.name();
         for earlier in &self.runs {
-            let first = run_name(&earlier.path);
+            let first = earlier.name();
             for ((label, of_first), (_, of_second)) in labels(earlier).into_iter().zip(labels(run)) {
                 match (of_first, of_second) {
                     (Some(of_first), Some(of_second)) if of_first != of_second => {
@@ -167,7 +167,7 @@ impl Subject {
 
     /// Whether a run's array is that of the runs before.
     fn check_array(&self, run: &Recorded, ArraySpec { layout, unit, .. }: &ArraySpec) -> Result<(), ReportError> {
-        let (first, second) = (run_name(&self.runs[0].path), run_name(&run.path));
+        let (first, second) = (self.runs[0].name(), run.name());
         if self.layout != *layout {
             let (first_units, second_units) = (self.layout.len(), layout.len());
             return Err(ReportError::Arrays { first, first_units, second, second_units });
@@ -183,7 +183,7 @@ impl Subject {
         for phase in PHASES {
             let earlier = self.runs.iter().find(|earlier| has(earlier, phase));
             if let Some(earlier) = earlier.filter(|_| has(&run, phase)) {
-                let (first, second) = (run_name(&earlier.path), run_name(&run.path));
+                let (first, second) = (earlier.name(), run.name());
                 return Err(ReportError::Twice { first, second, phase: phase.name() });
             }
         }
@@ -196,7 +196,7 @@ impl Subject {
     /// What the page is about.
     pub fn title(&self) -> String {
         let sensor = self.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.as_ref());
-        let runs: Vec<String> = self.runs.iter().map(|run| run_name(&run.path)).collect();
+        let runs: Vec<String> = self.runs.iter().map(|run| run.name()).collect();
         sensor.map_or_else(|| runs.join(", "), |sensor| format!("Sensor {sensor}"))
     }
 
@@ -231,11 +231,4 @@ impl Subject {
 /// Whether a run has presses of a phase.
 fn has(run: &Recorded, phase: Phase) -> bool {
     run.contacts.iter().flat_map(|contact| &contact.levels).any(|press| press.is_of(phase))
-}
-
-/// A run by its folder's name, also where it is named by a path that has none, such as `.`.
-pub fn run_name(path: &Path) -> String {
-    let whole = if path.file_name().is_none() { path.canonicalize().ok() } else { None };
-    let path = whole.as_deref().unwrap_or(path);
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }

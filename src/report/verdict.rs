@@ -1,7 +1,6 @@
 //! The first thing a reader sees: the verdict, with the rule, each limit and what was found.
 
 use super::frame::{capital, none, number, table, words};
-use super::subject::run_name;
 use super::{Judged, Subject};
 use crate::acceptance::{Check, Decision, Judgement, Verdict};
 use crate::dataset::Status;
@@ -18,7 +17,7 @@ pub fn section(subject: &Subject, judged: &Judged) -> Markup {
     html! {
         div class=(class) {
             @if let Some(run) = broken {
-                strong { (run_name(&run.path)) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
+                strong { (run.name()) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
                     (run.manifest.facts.presses_planned) " presses" }
                 @match (&run.manifest.trip, &run.manifest.failure) {
                     // of a trip the failure says the same

@@ -215,6 +215,7 @@ impl RigSpec {
         Timing {
             exchange_s: 0.0,
             settle_s: self.stage.settle_s + self.load_cell.lag_s,
+            lag_s: self.load_cell.lag_s,
             conversion_s: 1.0 / self.load_cell.conversions_hz,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
             reaction_s: 0.0,

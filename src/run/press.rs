@@ -3,7 +3,9 @@
 use super::Halt;
 use super::walk::Walker;
 use super::window::Window;
-use crate::control::{Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Softest, Strategy, Task};
+use crate::control::{
+    Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Permit, Softest, Strategy, Task,
+};
 use crate::dataset::{self, Air, Contact, Flag, Left, PressTruth};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -24,9 +26,6 @@ const FARTHER_MM: f64 = 0.5;
 
 /// How old the air may be while the first descent goes on, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
 const AIR_FRESH_S: f64 = 1.0;
-/// The fastest that a zero drifts, N/s, and sd of a mean: what is more may be a touch that is too light to count as one.
-const DRIFT_N_S: f64 = 0.001;
-const DRIFT_SIGMAS: f64 = 4.0;
 
 /// A contact that is over.
 pub(super) struct Pressed {
@@ -190,8 +189,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.open_air();
         let newer = self.hand.close_air().await?;
         let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(newer.force.readings);
-        let moved_n = (newer.force.mean_n - air.force.mean_n).abs();
-        if moved_n <= DRIFT_N_S * age_s + DRIFT_SIGMAS * sigma_n {
+        if Permit::is_drift(newer.force.mean_n - air.force.mean_n, sigma_n, age_s) {
             *air_s = self.hand.cell.now_s() - newer.force.age_s;
             self.hand.count_from(&newer);
             *air = newer;

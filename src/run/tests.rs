@@ -112,8 +112,14 @@ fn hand<'a>(
     };
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
     let usage = StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0, home_speed_mm_s: 2.0 };
-    let timing =
-        Timing { exchange_s: 0.02, settle_s: 0.01, conversion_s: 0.005, acceleration_mm_s2: 100.0, reaction_s: 0.05 };
+    let timing = Timing {
+        exchange_s: 0.02,
+        settle_s: 0.01,
+        lag_s: 0.0,
+        conversion_s: 0.005,
+        acceleration_mm_s2: 100.0,
+        reaction_s: 0.05,
+    };
     let mut hand = Hand::new(parts, frame, usage, timing, None, Claims::default());
     hand.air = vec![0.1, 0.2];
     hand

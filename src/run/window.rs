@@ -114,14 +114,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
         let mut means = OutputMeans::default();
         let (mut saturated, mut late) = (false, false);
+        // the cell shows a force later, by its lag: its readings are those of the outputs' time
+        let lag = Duration::from_secs_f64(self.timing.lag_s);
         // each as fast as it goes: neither waits for the other
         let (gauge, array) = (&mut self.cell, &mut self.array);
         let over = Notify::new();
         let forces = async {
             let mut read: Vec<(f64, f64)> = Vec::new();
-            while Instant::now() < until || read.len() < READINGS_LEAST as usize {
+            while Instant::now() < until + lag || read.len() < READINGS_LEAST as usize {
                 match gauge.force_n().await {
-                    Ok(force_n) => read.push((gauge.now_s(), force_n)),
+                    Ok(force_n) if Instant::now() > began + lag => read.push((gauge.now_s(), force_n)),
+                    Ok(_) => {}
                     Err(halt) => {
                         over.notify_one(); // nothing of a window is waited for that is lost
                         return Err(halt);
@@ -131,25 +134,22 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             Ok::<Option<Mean>, Halt>(mean_of(&read, gauge.watch.zero()))
         };
         let goes_on = |readings| Instant::now() < until || readings < READINGS_LEAST;
-        let outputs = means.take_while(
-            array,
-            &over,
-            || true,
-            goes_on,
-            |now, took| {
-                late |= took.as_secs_f64() > STALE_S;
-                saturated |= is_saturated(now, range_v)?;
-                Ok(())
-            },
-        );
+        let check = |now: &[f64], took: Duration| {
+            late |= took.as_secs_f64() > STALE_S;
+            saturated |= is_saturated(now, range_v)?;
+            Ok(())
+        };
+        let probe = &self.probe;
+        let outputs = async {
+            let outputs = means.take_while(array, &over, || true, goes_on, check).await;
+            probe.iter().for_each(|probe| probe.close_window());
+            outputs
+        };
         let (force, outputs) = tokio::join!(forces, outputs);
         let force = force?;
         outputs?;
         let Mean { value: force_n, middle_s, readings: forces } =
             force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
-        if let Some(probe) = &self.probe {
-            probe.close_window();
-        }
         let outputs = means.means.iter().zip(&self.air).map(|(mean, air)| mean - air).collect();
         Ok(Window { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
     }

@@ -320,19 +320,8 @@ impl Outcome {
         if self.end != "-" {
             return fitting(self.case.kinds[0]).contains(&self.end);
         }
-        if self.is_slip_behind_the_cell() {
-            return true;
-        }
         let recorded_n = if self.case.kinds[0] == FaultKind::Noisy { NOISIER } else { 1.0 } * RECORDED_N;
         self.may_be_missed() && self.kept.recorded_n <= recorded_n && self.kept.off_n <= TOLERANCE_N + recorded_n
-    }
-
-    /// Whether a contact slipped so late in its window that the cell, which lags, told of it only after the window: the record is then
-    /// off by what the last milliseconds lost, and nothing notices. A gap that is known, not a promise.
-    fn is_slip_behind_the_cell(&self) -> bool {
-        let (from_s, lag_s) = (self.faults[0].from_s, self.case.spec().load_cell.lag_s);
-        let is_late = |at_s: &f64| (WINDOW_S - lag_s..WINDOW_S).contains(&(from_s - at_s));
-        self.case.kinds[0] == FaultKind::Slip && self.kept.windows_s.iter().any(is_late)
     }
 
     /// Whether the fault could have done no harm to a press of this run.

@@ -91,6 +91,7 @@ fn draw(rng: &mut Stream, truthful: bool) -> Draw {
         timing: Timing {
             exchange_s: rng.random_range(0.001..0.2),
             settle_s: rng.random_range(0.0..0.05),
+            lag_s: 0.0,
             conversion_s: 10f64.powf(rng.random_range(-3.5..-1.0)),
             acceleration_mm_s2,
             reaction_s,

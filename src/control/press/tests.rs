@@ -50,6 +50,7 @@ impl Bench {
         let timing = Timing {
             exchange_s: 0.02,
             settle_s: 0.01,
+            lag_s: 0.0,
             conversion_s: 0.001,
             acceleration_mm_s2: 100.0,
             reaction_s: 0.05,

@@ -12,9 +12,9 @@ mod xml;
 pub use given::{Contact, Given, parse};
 
 use super::frame::capital;
-use super::{Judged, Subject, subject::run_name};
+use super::{Judged, Subject};
 use crate::acceptance::{Check, Decision, Judgement};
-use crate::dataset::{DatasetError, Status};
+use crate::dataset::{DatasetError, Status, journal_sha256};
 use crate::recipe::Phase;
 use crate::rig::RigSpec;
 use miette::Diagnostic;
@@ -101,11 +101,11 @@ impl<'a> Certificate<'a> {
     /// # Errors
     /// No sensor ID, nothing measured, or a journal that can't be read.
     pub fn of(subject: &Subject, judged: &'a Judged, given: &'a Given) -> Result<Certificate<'a>, CertificateError> {
-        let first = || run_name(&subject.runs[0].path);
+        let first = || subject.runs[0].name();
         let sensor = subject.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.clone());
         let sensor = sensor.ok_or_else(|| CertificateError::NoSensor { run: first() })?;
         if let Some(run) = subject.runs.iter().find(|run| run.manifest.status != Status::Complete) {
-            let (run, status) = (run_name(&run.path), run.manifest.status.name());
+            let (run, status) = (run.name(), run.manifest.status.name());
             return Err(CertificateError::Incomplete { run, status });
         }
         let results = results(subject, judged);
@@ -120,7 +120,7 @@ impl<'a> Certificate<'a> {
             }
         }
         let journals =
-            subject.runs.iter().map(|run| Ok(JournalHash { run: run_name(&run.path), sha256: run.journal_sha256()? }));
+            subject.runs.iter().map(|run| Ok(JournalHash { run: run.name(), sha256: journal_sha256(&run.path)? }));
         let journals = journals.collect::<Result<Vec<JournalHash>, DatasetError>>()?;
         let day = |time: &str| time.chars().take("2026-01-01".len()).collect::<String>();
         let sessions = || subject.runs.iter().flat_map(|run| &run.manifest.sessions);
