@@ -3,8 +3,9 @@
 use super::heldout::HeldPress;
 use super::noise::{Noise, Residual};
 use super::response::Response;
-use super::threshold::chi2_quantile;
-use super::{Covariance, Locate, Setting, Solution, SolveError, Solver, Verdict, Workspace};
+use super::threshold::{WEAK_SHARE, chi2_quantile, upper};
+use super::widths::{FEWEST_TRIALS, Widths};
+use super::{Covariance, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 
 /// A method that only locates, with what presses held out of its calibration tell of its errors.
 pub(super) struct Appraised {
@@ -26,10 +27,9 @@ struct Experience {
     silence: Vec<f64>,
     /// Sum of squares that no contact exceeds but by the share of false alarms.
     no_contact: f64,
+    /// By what standard deviations are multiplied to give half-widths.
+    widths: Option<Widths>,
 }
-
-/// The fewest presses from which something can be learned.
-const FEWEST_TRIALS: usize = 20;
 
 impl Appraised {
     /// A method with what its trials tell: nothing, if there are few.
@@ -50,21 +50,16 @@ impl Solver for Appraised {
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let located = self.method.locate(outputs, workspace)?;
-        let mut solution = Solution {
-            place: located.place,
-            force_n: located.force_n,
-            covariance: None,
-            misfit: None,
-            verdict: Verdict::Ok,
-        };
+        let mut solution = Solution::plain(located.place, located.force_n, Verdict::Ok);
         if let Some(experience) = &self.experience {
             let softness = 1.0 / located.force_n;
             if softness.is_finite() {
-                let location = experience.location.variance(0, softness);
-                let force = experience.force.variance(0, located.force_n);
+                let (location, force) = experience.variances(&located, located.force_n);
                 solution.covariance = Some(Covariance([[location, 0.0, 0.0], [0.0, location, 0.0], [0.0, 0.0, force]]));
                 let misfit = located.residue / (experience.residue.variance(0, softness) * experience.most_residue);
                 solution.misfit = misfit.is_finite().then_some(misfit);
+                let widened = |widths: &Widths| widths.at((2.0 * location).sqrt(), force.sqrt()).widened(misfit);
+                solution.half_widths = experience.widths.as_ref().map(widened);
             }
             solution.verdict = experience.verdict(outputs, solution.misfit);
         }
@@ -78,28 +73,41 @@ impl Experience {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         for (trial, answer) in answered() {
             let of = |predicted, residual| Residual { predicted, residual, leverage: 0.0 };
-            location.push(of(1.0 / trial.force_n, answer.place.x_mm - trial.place.x_mm));
-            location.push(of(1.0 / trial.force_n, answer.place.y_mm - trial.place.y_mm));
-            force.push(of(trial.force_n, answer.force_n - trial.force_n));
+            location.push(of(1.0 / trial.force_n, (answer.place.x_mm - trial.place.x_mm) / answer.scale_mm));
+            location.push(of(1.0 / trial.force_n, (answer.place.y_mm - trial.place.y_mm) / answer.scale_mm));
+            force.push(of(trial.force_n, (answer.force_n - trial.force_n) / answer.scale_n));
             residue.push(of(1.0 / trial.force_n, answer.residue.sqrt()));
         }
         if force.len() < FEWEST_TRIALS {
             return None;
         }
         let residue = Noise::fit(&[residue]);
-        let mut over: Vec<f64> =
+        let over =
             answered().map(|(trial, answer)| answer.residue / residue.variance(0, 1.0 / trial.force_n)).collect();
-        over.sort_by(f64::total_cmp);
-        let rank = ((1.0 - setting.false_alarms) * (over.len() - 1) as f64).round() as usize;
+        let most_residue = upper(over, setting.false_alarms)?.max(f64::MIN_POSITIVE);
+        let quietest = upper(trials.iter().map(|trial| -trial.loudness).collect(), WEAK_SHARE * setting.false_alarms)?;
         let units = response.field.channels();
-        Some(Experience {
+        let experience = Experience {
             location: Noise::fit(&[location]),
             force: Noise::fit(&[force]),
             residue,
-            most_residue: over[rank].max(f64::MIN_POSITIVE),
+            most_residue,
             silence: (0..units).map(|unit| 1.0 / response.noise.variance(unit, 0.0)).collect(),
-            no_contact: chi2_quantile(units, setting.false_alarms),
-        })
+            no_contact: chi2_quantile(units, setting.false_alarms).min(-quietest),
+            widths: None,
+        };
+        let widths = Widths::of(trials, |trial| {
+            let answer = trial.answer.as_ref().ok()?;
+            let (location, force) = experience.variances(answer, answer.force_n);
+            Some(((2.0 * location).sqrt(), force.sqrt()))
+        });
+        Some(Experience { widths, ..experience })
+    }
+
+    /// The variance of x and of y, mm^2, and of the force, N^2.
+    fn variances(&self, located: &Located, force_n: f64) -> (f64, f64) {
+        let location = located.scale_mm.powi(2) * self.location.variance(0, 1.0 / force_n);
+        (location, located.scale_n.powi(2) * self.force.variance(0, force_n))
     }
 
     fn verdict(&self, outputs: &[f64], misfit: Option<f64>) -> Verdict {

@@ -1,6 +1,6 @@
 //! Solved against true: errors, and how well they were foreseen.
 
-use super::{Choice, Covariance, SolveError, Solver, Verdict, Workspace};
+use super::{Choice, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::{Place, percentile};
 use serde::Serialize;
 
@@ -88,6 +88,14 @@ pub struct Coverage {
     pub force_1sd: Option<f64>,
     /// Errors of the force within two; null where the true force isn't known.
     pub force_2sd: Option<f64>,
+    /// Distances within the stated `half68_mm`; null where none is stated.
+    pub location_68: Option<f64>,
+    /// Distances within the stated `half95_mm`.
+    pub location_95: Option<f64>,
+    /// Errors of the force within the stated `half68_n`; null where the true force isn't known.
+    pub force_68: Option<f64>,
+    /// Errors of the force within the stated `half95_n`.
+    pub force_95: Option<f64>,
 }
 
 /// How many presses got which verdict, by its word.
@@ -188,7 +196,7 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
                     force_error_n: press.force_n.map(|force_n| (solution.force_n - force_n).abs()),
                 };
                 verdicts.count(solution.verdict);
-                stated.extend(&error, solution.covariance);
+                stated.extend(&error, &solution);
                 presses.push(error);
             }
             Err(reason @ SolveError::Channels { .. }) => return Err(EvaluationError::OtherArray(reason)),
@@ -294,11 +302,20 @@ impl Verdicts {
 struct Stated {
     xy: Vec<f64>,
     force: Vec<f64>,
+    /// Errors over the half-widths stated for them: of the location 68 and 95 %, of the force 68 and 95 %.
+    halves: [Vec<f64>; 4],
 }
 
 impl Stated {
-    fn extend(&mut self, error: &PressError, covariance: Option<Covariance>) {
-        let Some(covariance) = covariance else { return };
+    fn extend(&mut self, error: &PressError, solution: &Solution) {
+        if let Some(half) = &solution.half_widths {
+            let [location_68, location_95, force_68, force_95] = &mut self.halves;
+            location_68.push(error.location_error_mm / half.half68_mm);
+            location_95.push(error.location_error_mm / half.half95_mm);
+            force_68.extend(error.force_error_n.map(|error_n| error_n / half.half68_n));
+            force_95.extend(error.force_error_n.map(|error_n| error_n / half.half95_n));
+        }
+        let Some(covariance) = &solution.covariance else { return };
         let (found, there) = (error.place_solved, error.place_true);
         self.xy.push((found.x_mm - there.x_mm).abs() / covariance.x_mm());
         self.xy.push((found.y_mm - there.y_mm).abs() / covariance.y_mm());
@@ -315,6 +332,10 @@ impl Stated {
             xy_2sd: share(&self.xy, 2.0)?,
             force_1sd: share(&self.force, 1.0),
             force_2sd: share(&self.force, 2.0),
+            location_68: share(&self.halves[0], 1.0),
+            location_95: share(&self.halves[1], 1.0),
+            force_68: share(&self.halves[2], 1.0),
+            force_95: share(&self.halves[3], 1.0),
         })
     }
 }
@@ -322,7 +343,7 @@ impl Stated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::{Solution, Verdict};
+    use crate::solver::{Covariance, Verdict};
 
     /// Answers with what it reads: x, y and force.
     struct Echo;
@@ -336,7 +357,7 @@ mod tests {
             match *outputs {
                 [x_mm, y_mm, force_n] if force_n.is_finite() => {
                     let place = Place::new(x_mm, y_mm);
-                    Ok(Solution { place, force_n, covariance: None, misfit: None, verdict: Verdict::Ok })
+                    Ok(Solution::plain(place, force_n, Verdict::Ok))
                 }
                 [_, _, _] => Err(SolveError::AllEqual),
                 _ => Err(SolveError::Channels { expected: 3, found: outputs.len() }),
@@ -397,7 +418,7 @@ mod tests {
             let covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, variance]];
             let covariance = (variance > 0.0).then_some(Covariance(covariance));
             let verdict = if outputs[1] > 0.0 { Verdict::ChannelFault(0) } else { Verdict::OutsideArea };
-            Ok(Solution { place: Place::new(0.0, 0.0), force_n: 1.0, covariance, misfit: None, verdict })
+            Ok(Solution { covariance, ..Solution::plain(Place::new(0.0, 0.0), 1.0, verdict) })
         }
     }
 
@@ -407,12 +428,19 @@ mod tests {
         let coverage = |test: &[TestPress<'_>]| evaluate(&Modest, test).unwrap().coverage;
         // 0.5, 1.5 and 0.6 of one; then a quarter, three quarters and 0.3; then nothing is stated
         let test = [press(&[1.0, 0.0], Some(1.6)), press(&[2.0, 1.0], Some(1.6)), press(&[0.0, 0.0], Some(1.6))];
-        let expected = Coverage { xy_1sd: 0.75, xy_2sd: 1.0, force_1sd: Some(1.0), force_2sd: Some(1.0) };
-        assert_eq!(coverage(&test), Some(expected));
-        let expected = Coverage { xy_1sd: 0.5, xy_2sd: 1.0, force_1sd: None, force_2sd: None };
-        assert_eq!(coverage(&[press(&[1.0, 0.0], None)]), Some(expected));
-        let expected = Coverage { xy_1sd: 0.0, xy_2sd: 0.5, force_1sd: Some(0.0), force_2sd: Some(0.0) };
-        assert_eq!(coverage(&[press(&[0.4, 0.0], Some(2.0))]), Some(expected));
+        let expected = |xy_1sd, xy_2sd, [force_1sd, force_2sd]: [Option<f64>; 2]| Coverage {
+            xy_1sd,
+            xy_2sd,
+            force_1sd,
+            force_2sd,
+            location_68: None,
+            location_95: None,
+            force_68: None,
+            force_95: None,
+        };
+        assert_eq!(coverage(&test), Some(expected(0.75, 1.0, [Some(1.0), Some(1.0)])));
+        assert_eq!(coverage(&[press(&[1.0, 0.0], None)]), Some(expected(0.5, 1.0, [None, None])));
+        assert_eq!(coverage(&[press(&[0.4, 0.0], Some(2.0))]), Some(expected(0.0, 0.5, [Some(0.0), Some(0.0)])));
         assert_eq!(coverage(&test[2..]), None);
         let verdicts = evaluate(&Modest, &test).unwrap().verdicts;
         assert_eq!(verdicts, Verdicts { outside_area: 2, channel_fault: 1, ..Verdicts::default() });

@@ -37,12 +37,20 @@ impl Area {
         (self.most.x_mm - self.least.x_mm).max(self.most.y_mm - self.least.y_mm)
     }
 
+    /// Whether a place is in it and not on its border; a side of no width has none.
+    pub fn has_inside(&self, place: Place) -> bool {
+        let within = |mm: f64, least: f64, most: f64| least == most || (mm > least + SAME_MM && mm < most - SAME_MM);
+        within(place.x_mm, self.least.x_mm, self.most.x_mm) && within(place.y_mm, self.least.y_mm, self.most.y_mm)
+    }
+
     /// The place in it that is nearest to another.
     pub fn clamp(&self, place: Place) -> Place {
         Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))
     }
 }
 
+/// Places nearer than this are the same, mm.
+const SAME_MM: f64 = 1e-3;
 /// The most cells along one axis: a table of 100 channels then still holds under 5 MB.
 const MOST_CELLS: usize = 64;
 /// The fewest.

@@ -1,7 +1,7 @@
 //! What a fit gives: a method ready to solve.
 
 use super::pearson::check;
-use super::{Broken, Covariance, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{Broken, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;
 
 /// A method fitted to a calibration: what [`fit`](super::fit) gives.
@@ -95,10 +95,11 @@ impl Solver for Fitted {
 
 /// Numbers beyond all bounds end here: a reading out of all proportion has no answer, an error that can't be told isn't.
 fn contained(solution: Solution) -> Result<Solution, SolveError> {
-    let Solution { place, force_n, covariance, misfit, .. } = solution;
+    let Solution { place, force_n, covariance, half_widths, misfit, .. } = solution;
     if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {
         return Err(SolveError::OutOfProportion);
     }
     let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
-    Ok(Solution { covariance, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
+    let half_widths = half_widths.filter(HalfWidths::is_finite);
+    Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
 }

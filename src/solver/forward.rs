@@ -1,10 +1,12 @@
 //! Inverts a map: the place and force that it reads as the array did.
 
 use super::descent::{Descent, Estimate};
+use super::heldout::HeldPress;
 use super::normal::{Normal, inverse};
 use super::response::Response;
-use super::scan::{Scan, to_length_one};
-use super::threshold::{chi2_quantile, one_contact};
+use super::starts::Starts;
+use super::threshold::{WEAK_SHARE, chi2_quantile, one_contact, upper};
+use super::widths::Widths;
 use super::{
     Calibration, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
 };
@@ -23,6 +25,7 @@ pub(super) struct Forward {
     /// The largest output a newton that each unit showed anywhere.
     loudest: Vec<f64>,
     limits: Limits,
+    widths: Option<Widths>,
 }
 
 /// Sums of squares that as few readings exceed as the false-alarm rate says.
@@ -38,10 +41,15 @@ struct Limits {
     inside: f64,
     /// The map's error over the noise, mean of all units, where it is still known.
     known: f64,
+    /// How much larger sums of squares are than noise alone would make them.
+    excess: f64,
 }
 
 /// Readings that no contact explains look broken where they are this many sd from silence, or over the loudest.
 const BROKEN_SD: f64 = 3.0;
+
+/// Another place is nearly as likely where its sum of squares is larger by no more than this: odds of one to twenty.
+const NEARLY_AS_LIKELY: f64 = 6.0;
 
 /// The largest standard deviation of a place that is still told, over the area's diagonal.
 const MOST_SD_AREAS: f64 = 1000.0;
@@ -65,14 +73,83 @@ impl Forward {
             // on one side only: half of all errors point inward
             inside: chi2_quantile(1, 2.0 * rate),
             known: response.known_leverage,
+            excess: (one_contact / left(units)).max(1.0),
         };
-        Forward { name, response, load: setting.load, common_offset: setting.common_offset, starts, loudest, limits }
+        Forward {
+            widths: None,
+            name,
+            response,
+            load: setting.load,
+            common_offset: setting.common_offset,
+            starts,
+            loudest,
+            limits,
+        }
     }
 
-    fn estimate(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) -> Option<Estimate> {
-        let start = self.starts.nearest(outputs, without, workspace)?;
+    /// The map.
+    pub fn response(&self) -> &Response {
+        &self.response
+    }
+
+    /// Takes in what presses at places that were held out tell: of the errors, and of what real contacts leave unexplained, which
+    /// noise alone doesn't say. Limits only get wider where contact is to be told from something else, and lower where it is to be told
+    /// from nothing.
+    pub fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
+        let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
+        let residues = answered().map(|(_, located)| located.residue).collect();
+        if let Some(most) = upper(residues, setting.false_alarms) {
+            let limit = self.limits.one_contact.max(most);
+            self.limits.without_a_unit *= limit / self.limits.one_contact;
+            self.limits.one_contact = limit;
+        }
+        // a place at the border lies beyond the others once it is held out
+        let beyond = answered().filter(|(trial, _)| trial.is_inside).map(|(_, located)| located.beyond).collect();
+        if let Some(most) = upper(beyond, WEAK_SHARE * setting.false_alarms) {
+            self.limits.inside = self.limits.inside.max(most);
+        }
+        let loudness: Vec<f64> = trials.iter().map(|trial| -trial.loudness).collect();
+        if let Some(least) = upper(loudness, WEAK_SHARE * setting.false_alarms) {
+            self.limits.no_contact = self.limits.no_contact.min(-least);
+        }
+        self.widths = Widths::of(trials, |trial| {
+            let located = trial.answer.as_ref().ok()?;
+            Some((located.scale_mm, located.scale_n))
+        });
+        self
+    }
+
+    /// The best fit, and another place that fits nearly as well.
+    fn estimate(
+        &self,
+        outputs: &[f64],
+        without: Option<usize>,
+        workspace: &mut Workspace,
+    ) -> Option<(Estimate, Option<Place>)> {
+        self.starts.seek(outputs, without, workspace);
         let Forward { response, load, common_offset, .. } = self;
-        Descent { response, load: *load, common_offset: *common_offset, outputs, without }.from(start, workspace)
+        let descent = Descent { response, load: *load, common_offset: *common_offset, outputs, without };
+        let starts = std::mem::take(&mut workspace.starts);
+        let (mut best, mut other): (Option<Estimate>, Option<Estimate>) = (None, None);
+        for (_, start) in &starts {
+            let Some(next) = descent.from(*start, workspace) else { continue };
+            let Some(first) = best else {
+                best = Some(next);
+                continue;
+            };
+            let (better, worse) = if next.chi2 < first.chi2 { (next, first) } else { (first, next) };
+            best = Some(better);
+            let is_elsewhere = |fit: &Estimate| fit.place.distance_mm(better.place) > self.starts.step_mm();
+            other = [other, Some(worse)]
+                .into_iter()
+                .flatten()
+                .filter(is_elsewhere)
+                .min_by(|a, b| a.chi2.total_cmp(&b.chi2));
+        }
+        workspace.starts = starts;
+        let best = best?;
+        let is_as_likely = |other: &Estimate| other.chi2 - best.chi2 < NEARLY_AS_LIKELY * self.limits.excess;
+        Some((best, other.filter(is_as_likely).map(|other| other.place)))
     }
 
     /// The best fit without a unit that reads as a broken one does, if that leaves nothing unexplained.
@@ -82,7 +159,7 @@ impl Forward {
             outputs[unit].abs() < BROKEN_SD * sd || outputs[unit] > force_n * self.loudest[unit] + BROKEN_SD * sd
         };
         let candidates = (0..outputs.len()).filter(looks_broken);
-        let fits = candidates.filter_map(|unit| Some((unit, self.estimate(outputs, Some(unit), workspace)?)));
+        let fits = candidates.filter_map(|unit| Some((unit, self.estimate(outputs, Some(unit), workspace)?.0)));
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
@@ -90,11 +167,6 @@ impl Forward {
     fn tells(&self, sd: &Covariance) -> bool {
         let area = self.response.field.area();
         sd.x_mm().max(sd.y_mm()) < MOST_SD_AREAS * area.least.distance_mm(area.most)
-    }
-
-    /// The sum of squares of a reading, if nothing touched the array.
-    fn loudness(&self, outputs: &[f64]) -> f64 {
-        outputs.iter().enumerate().map(|(unit, output)| output * output / self.response.noise.variance(unit, 0.0)).sum()
     }
 }
 
@@ -104,24 +176,37 @@ impl Solver for Forward {
     }
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
-        let mut estimate = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
+        let (mut estimate, mut other) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
         let mut limit = self.limits.one_contact;
         let mut verdict = Verdict::Ok;
-        if self.loudness(outputs) < self.limits.no_contact {
+        if self.response.loudness(outputs) < self.limits.no_contact {
             verdict = Verdict::WeakSignal;
         } else if estimate.chi2 > limit {
             verdict = Verdict::NotOneContact;
             if let Some((unit, fit)) = self.without_a_unit(outputs, estimate.force_n, workspace) {
                 (estimate, limit, verdict) = (fit, self.limits.without_a_unit, Verdict::ChannelFault(unit));
+                other = None;
             }
         } else if estimate.beyond > self.limits.inside || estimate.leverage > self.limits.known {
             verdict = Verdict::OutsideArea;
         }
+        let misfit = estimate.chi2 / limit;
+        let covariance = inverse(&estimate.information).map(Covariance).filter(|sd| self.tells(sd));
+        // beyond the calibrated places nothing was held out that could tell
+        let widths = self.widths.filter(|_| verdict != Verdict::OutsideArea);
+        let (scale_mm, scale_n) = covariance.map_or((f64::NAN, f64::NAN), |sd| scales(&sd));
+        let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n).widened(misfit));
+        let covariance = covariance.map(|covariance| match &self.widths {
+            Some(widths) => widths.applied(covariance),
+            None => covariance,
+        });
         Ok(Solution {
             place: estimate.place,
             force_n: estimate.force_n,
-            covariance: inverse(&estimate.information).map(Covariance).filter(|sd| self.tells(sd)),
-            misfit: Some(estimate.chi2 / limit),
+            covariance,
+            half_widths,
+            other,
+            misfit: Some(misfit),
             verdict,
         })
     }
@@ -148,78 +233,15 @@ impl Locate for Forward {
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
-        let Estimate { place, force_n, chi2, .. } =
-            self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
-        Ok(Located { place, force_n, residue: chi2 })
+        let (estimate, _) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
+        let Estimate { place, force_n, chi2, beyond, .. } = estimate;
+        let covariance = inverse(&estimate.information).map(Covariance).filter(|sd| self.tells(sd));
+        let (scale_mm, scale_n) = covariance.map_or((f64::NAN, f64::NAN), |sd| scales(&sd));
+        Ok(Located { place, force_n, residue: chi2, beyond, scale_mm, scale_n })
     }
 }
 
-/// A grid of places, and the direction in which the array reads a contact at each.
-struct Starts {
-    places: Vec<Place>,
-    common_offset: bool,
-    /// Noise of each unit under the calibration's force.
-    sd: Vec<f64>,
-    /// The response at each place in units of `sd`, of length 1.
-    directions: Scan,
-}
-
-/// Places along each side of the area.
-const STARTS_A_SIDE: usize = 25;
-
-impl Starts {
-    fn new(response: &Response, common_offset: bool) -> Self {
-        let (area, units) = (response.field.area(), response.field.channels());
-        let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (STARTS_A_SIDE - 1) as f64;
-        let place = |i: usize| {
-            let x_mm = along(area.least.x_mm, area.most.x_mm, i % STARTS_A_SIDE);
-            Place::new(x_mm, along(area.least.y_mm, area.most.y_mm, i / STARTS_A_SIDE))
-        };
-        let places: Vec<Place> = (0..STARTS_A_SIDE * STARTS_A_SIDE).map(place).collect();
-        let sd = response.typical_sd();
-        let mut directions = vec![0.0; places.len() * units];
-        for (place, row) in places.iter().zip(directions.chunks_exact_mut(units)) {
-            response.field.value(*place, row);
-            row.iter_mut().zip(&sd).for_each(|(value, sd)| *value /= sd);
-            if common_offset {
-                project_out(row, &sd);
-            }
-            to_length_one(row); // a row of zeros stays, and is nobody's direction
-        }
-        Starts { places, common_offset, sd, directions: Scan::new(units, directions) }
-    }
-
-    /// The place whose direction is closest to the reading's, one unit left out or none.
-    fn nearest(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) -> Option<Place> {
-        let direction = &mut workspace.row;
-        direction.clear();
-        direction.extend(outputs.iter().zip(&self.sd).map(|(output, sd)| output / sd));
-        if let Some(unit) = without {
-            direction[unit] = 0.0;
-            return self.nearest_without(direction, unit);
-        }
-        if self.common_offset {
-            project_out(direction, &self.sd);
-        }
-        to_length_one(direction)?;
-        let hit = self.directions.best(direction, &mut workspace.scratch)?;
-        (hit.score > 0.0).then(|| self.places[hit.row])
-    }
-
-    /// The same for rows that lost a unit and aren't of length 1 any more; rare, so one by one.
-    fn nearest_without(&self, direction: &[f64], unit: usize) -> Option<Place> {
-        let cosine = |row: &[f64]| {
-            let along: f64 = direction.iter().zip(row).map(|(a, b)| a * b).sum();
-            along / (1.0 - row[unit] * row[unit]).max(f64::EPSILON).sqrt()
-        };
-        let scored = self.places.iter().enumerate().map(|(i, place)| (cosine(self.directions.row(i)), place));
-        scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(cosine, _)| *cosine > 0.0).map(|(_, place)| *place)
-    }
-}
-
-/// Takes from a row of outputs over their sd what an offset common to all of them could have caused.
-fn project_out(row: &mut [f64], sd: &[f64]) {
-    let length: f64 = sd.iter().map(|sd| 1.0 / (sd * sd)).sum();
-    let share = row.iter().zip(sd).map(|(value, sd)| value / sd).sum::<f64>() / length;
-    row.iter_mut().zip(sd).for_each(|(value, sd)| *value -= share / sd);
+/// What errors of location, mm, and force, N, are in proportion to.
+fn scales(covariance: &Covariance) -> (f64, f64) {
+    (covariance.x_mm().hypot(covariance.y_mm()), covariance.force_n())
 }

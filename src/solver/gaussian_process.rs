@@ -112,7 +112,7 @@ impl Locate for GaussianProcess {
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: Place::new(answer[0], answer[1]), force_n, residue: nearest * nearest })
+        Ok(Located { place: Place::new(answer[0], answer[1]), force_n, residue: nearest * nearest, ..Located::PLAIN })
     }
 }
 

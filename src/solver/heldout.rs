@@ -1,10 +1,12 @@
 //! Calibration presses held out and solved, as trials of a method.
 
+use super::field::Area;
 use super::response::Response;
 use super::{Calibration, FitError, Locate, Located, Setting, SolveError, Workspace};
 use crate::quantity::{Place, stream};
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
+use std::ops::Range;
 
 /// A calibration press, made as if of another force, solved by a method that was fitted without its place.
 pub(super) struct HeldPress {
@@ -12,12 +14,28 @@ pub(super) struct HeldPress {
     pub place: Place,
     /// The force it stands for, N.
     pub force_n: f64,
+    /// Whether it isn't at the border of the calibrated area: there a fit without it has to extrapolate, which no press to come asks.
+    pub is_inside: bool,
+    /// Sum of the squares of its outputs over their noise.
+    pub loudness: f64,
     /// What the method said.
     pub answer: Result<Located, SolveError>,
 }
 
+/// The places of a calibration in parts, one of which at a time is held out of a fit.
+pub(super) struct Folds<'a> {
+    calibration: &'a Calibration,
+    /// What readings are compared with: its noise is added to what is scaled down.
+    response: &'a Response,
+    /// The presses of each part.
+    parts: Vec<Vec<usize>>,
+    /// By what a press is scaled to stand for the forces to come, least and most.
+    shares: (f64, f64),
+    area: Option<Area>,
+}
+
 /// In how many parts the places of a calibration are held out, one part at a time.
-const FOLDS: usize = 5;
+pub(super) const FOLDS: usize = 5;
 
 /// The fewest places of which some can be held out.
 const FEWEST_PLACES: usize = 9;
@@ -25,50 +43,69 @@ const FEWEST_PLACES: usize = 9;
 /// How many forces each press stands for.
 const FORCES_A_PRESS: usize = 2;
 
-/// The most presses that are tried; of more, some.
-const MOST_PRESSES: usize = 1000;
+/// The most trials that are made; of more presses, some.
+const MOST_TRIALS: usize = 2000;
 
-/// Tries a method on a calibration, the force unknown to it: presses that were held out are rescaled over the forces to come, and
-/// noise is added to bring what was scaled down back to what `response` measured.
-///
-/// Empty where the calibration has too few places to hold any out.
-pub(super) fn trials(
-    calibration: &Calibration,
-    setting: &Setting<'_>,
-    response: &Response,
-    fit: impl Fn(&Calibration) -> Result<Box<dyn Locate>, FitError>,
-) -> Result<Vec<HeldPress>, FitError> {
-    let mut spots = calibration.by_place();
-    if spots.len() < FEWEST_PLACES {
-        return Ok(Vec::new());
+impl<'a> Folds<'a> {
+    /// The parts of a calibration; none where it has too few places to hold any out.
+    pub fn of(calibration: &'a Calibration, setting: &Setting<'_>, response: &'a Response) -> Option<Self> {
+        let mut spots = calibration.by_place();
+        if spots.len() < FEWEST_PLACES {
+            return None;
+        }
+        shuffle(&mut spots, &mut stream(0, 0, "held-out presses"));
+        let part = |fold: usize| spots.iter().skip(fold).step_by(FOLDS).flatten().copied().collect();
+        let parts = (0..FOLDS).map(part).collect();
+        let inner = Area::around(calibration.points().map(|point| point.place));
+        let area = inner.filter(|area| calibration.points().any(|point| area.has_inside(point.place)));
+        Some(Folds { calibration, response, parts, shares: setting.shares(calibration), area })
     }
-    let mut rng = stream(0, 0, "held-out presses");
-    shuffle(&mut spots, &mut rng);
-    let (least, most) = setting.shares(calibration);
-    let mut trials = Vec::new();
-    let mut workspace = Workspace::default();
-    let mut reading = vec![0.0; calibration.units()];
-    for fold in 0..FOLDS {
-        let is_held = |spot: usize| spot % FOLDS == fold;
-        let of =
-            |held: bool| spots.iter().enumerate().filter(move |(i, _)| is_held(*i) == held).flat_map(|(_, spot)| spot);
-        let method = fit(&calibration.subset(&of(false).copied().collect::<Vec<_>>()))?;
-        for (index, &press) in of(true).enumerate().take(MOST_PRESSES / FOLDS) {
-            let point = calibration.point(press);
-            for part in 0..FORCES_A_PRESS {
-                // evenly over the forces, whatever the order of the presses
-                let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / FORCES_A_PRESS as f64).fract();
-                let share = least + (most - least) * quantile;
-                for (unit, (reading, output)) in reading.iter_mut().zip(point.outputs).enumerate() {
-                    let normal: f64 = StandardNormal.sample(&mut rng);
-                    *reading = share * output + response.missing_noise(unit, share) * normal;
+
+    /// Tries a method on some of the parts, the force unknown to it: presses that were held out are rescaled over the forces to come,
+    /// and noise is added to bring what was scaled down back to what was measured.
+    ///
+    /// # Errors
+    /// The method can't be fitted to the other parts.
+    pub fn trials(
+        &self,
+        folds: Range<usize>,
+        fit: impl Fn(&Calibration) -> Result<Box<dyn Locate>, FitError>,
+    ) -> Result<Vec<HeldPress>, FitError> {
+        let (least, most) = self.shares;
+        // a press that stands for itself stands for one force
+        let forces = if least == most { 1 } else { FORCES_A_PRESS };
+        let mut trials = Vec::new();
+        let mut workspace = Workspace::default();
+        let mut reading = vec![0.0; self.calibration.units()];
+        for fold in folds {
+            let mut rng = stream(0, fold as u64, "noise of held-out presses");
+            let others = (0..FOLDS).filter(|part| *part != fold).flat_map(|part| &self.parts[part]);
+            let method = fit(&self.calibration.subset(&others.copied().collect::<Vec<_>>()))?;
+            let held = &self.parts[fold];
+            // of many presses some, from everywhere
+            let every = held.len().div_ceil(MOST_TRIALS / FOLDS / forces).max(1);
+            for (index, &press) in held.iter().step_by(every).enumerate() {
+                let point = self.calibration.point(press);
+                for part in 0..forces {
+                    // evenly over the forces, whatever the order of the presses
+                    let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / forces as f64).fract();
+                    let share = least + (most - least) * quantile;
+                    for (unit, (reading, output)) in reading.iter_mut().zip(point.outputs).enumerate() {
+                        let normal: f64 = StandardNormal.sample(&mut rng);
+                        *reading = share * output + self.response.missing_noise(unit, share) * normal;
+                    }
+                    trials.push(HeldPress {
+                        place: point.place,
+                        force_n: share * point.force_n,
+                        is_inside: self.area.is_none_or(|area| area.has_inside(point.place)),
+                        loudness: self.response.loudness(&reading),
+                        answer: method.locate(&reading, &mut workspace),
+                    });
                 }
-                let answer = method.locate(&reading, &mut workspace);
-                trials.push(HeldPress { place: point.place, force_n: share * point.force_n, answer });
             }
         }
+        Ok(trials)
     }
-    Ok(trials)
 }
 
 /// The golden section: its multiples fill the unit interval evenly, however many there are.

@@ -70,14 +70,8 @@ const NOISE_ALIKE: f64 = 1.5;
 const ROUNDS_OF_NOISE: usize = 5;
 
 impl Kriging {
-    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions). At least one place;
-    /// everything finite.
-    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
-        let sought = Self::seek(places, dimensions, values, outputs, manner);
-        Self::fit_with(places, dimensions, values, outputs, manner, sought)
-    }
-
-    /// The likeliest correlation of values as [`fit`](Self::fit) takes them.
+    /// The likeliest correlation of `values` (row-major, places x outputs) at `places` (row-major, places x dimensions). At least one
+    /// place; everything finite.
     pub fn seek(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Sought {
         let centred = Centred::new(values, outputs, manner);
         let few = farthest_apart(places, dimensions, manner.most_to_seek_with.min(places.len() / dimensions));
@@ -93,7 +87,7 @@ impl Kriging {
         Sought { correlation, likelihood }
     }
 
-    /// The same regression with a correlation that is known.
+    /// Regresses such values with a correlation that is known.
     pub fn fit_with(
         places: &[f64],
         dimensions: usize,

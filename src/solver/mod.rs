@@ -51,9 +51,11 @@ mod session;
 mod setting;
 mod solution;
 mod spots;
+mod starts;
 mod surrogate;
 mod threshold;
 mod whitened;
+mod widths;
 mod workspace;
 
 pub use broken::{Broken, Fault};
@@ -71,6 +73,7 @@ pub use session::Session;
 pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};
 pub use whitened::Whitened;
+pub use widths::HalfWidths;
 pub use workspace::Workspace;
 
 use crate::quantity::Place;
@@ -114,6 +117,23 @@ struct Located {
     force_n: f64,
     /// How badly the reading fits a contact there, in a measure of the method's own: 0 is a perfect fit.
     residue: f64,
+    /// How much better a contact beyond the calibrated area would fit, in the same measure.
+    beyond: f64,
+    /// What the errors of location, mm, and force, N, are in proportion to; 1 where the method doesn't tell one reading from another.
+    scale_mm: f64,
+    scale_n: f64,
+}
+
+impl Located {
+    /// Of a method that tells no more than place, force and residue.
+    const PLAIN: Located = Located {
+        place: Place { x_mm: 0.0, y_mm: 0.0 },
+        force_n: 0.0,
+        residue: 0.0,
+        beyond: 0.0,
+        scale_mm: 1.0,
+        scale_n: 1.0,
+    };
 }
 
 /// The name under which [`fit`] chooses the method itself.

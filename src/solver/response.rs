@@ -2,6 +2,7 @@
 
 use super::Calibration;
 use super::field::Field;
+use super::kriging::Sought;
 use super::noise::{Noise, Residual};
 use crate::quantity::Place;
 
@@ -22,6 +23,8 @@ pub(super) struct Response {
     /// The leverage, mean of all units, up to which the map is known: that of the press which is worst predicted by the others.
     /// Where the map is less sure than there, it has left the calibrated places behind.
     pub known_leverage: f64,
+    /// The correlation of the map, where it has one.
+    pub sought: Option<Sought>,
 }
 
 /// A calibration press against a map made without it.
@@ -54,7 +57,7 @@ impl Response {
         let noise = Noise::fit(&(0..units).map(of_unit).collect::<Vec<Vec<Residual>>>());
         let mean = |held: &Held| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / units as f64;
         let known_leverage = held.iter().map(mean).fold(0.0, f64::max);
-        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held, known_leverage }
+        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held, known_leverage, sought: None }
     }
 
     /// The variance of one unit's output under `force_n`, where a newton gives `per_newton`: the noise of the reading, and the
@@ -70,6 +73,11 @@ impl Response {
         let share = force_n / calibrated_n;
         let of_calibration = self.noise.variance(unit, calibrated_n * per_newton);
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
+    }
+
+    /// The sum of squares of a reading over its noise, if nothing touched the array.
+    pub fn loudness(&self, outputs: &[f64]) -> f64 {
+        outputs.iter().enumerate().map(|(unit, output)| output * output / self.noise.variance(unit, 0.0)).sum()
     }
 
     /// The same for a map that holds wherever it was fitted, as it knows what is under the cover.

@@ -35,6 +35,13 @@ pub(super) struct Scratch {
     hits: Vec<Hit>,
 }
 
+impl Scratch {
+    /// The score of a row in the last search, in single precision.
+    pub fn score(&self, row: usize) -> f32 {
+        self.scores[row / PANEL].0[row % PANEL]
+    }
+}
+
 /// Rows that are multiplied together: [`SUMS`] of the widest registers there are, 16 numbers each.
 const PANEL: usize = 128;
 /// Sums that grow together: a multiply-add takes four cycles and two begin in each, so eight keep the processor busy.

@@ -1,5 +1,6 @@
 //! One contact as solved, and how sure that is.
 
+use super::HalfWidths;
 use crate::quantity::Place;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
@@ -12,11 +13,22 @@ pub struct Solution {
     pub force_n: f64,
     /// How far off place and force are likely to be; none where the calibration can't tell.
     pub covariance: Option<Covariance>,
+    /// How far off place and force are in 68 and in 95 of 100 cases; none where the calibration can't tell.
+    pub half_widths: Option<HalfWidths>,
+    /// Another place that explains the reading nearly as well, where there is one.
+    pub other: Option<Place>,
     /// How badly the reading fits one contact there: 0 is a perfect fit, 1 the threshold that a single contact passes
     /// as rarely as the false-alarm rate says. None where the calibration can't tell.
     pub misfit: Option<f64>,
     /// Whether to believe it.
     pub verdict: Verdict,
+}
+
+impl Solution {
+    /// A place and a force of whose errors nothing is known.
+    pub(super) fn plain(place: Place, force_n: f64, verdict: Verdict) -> Self {
+        Solution { place, force_n, covariance: None, half_widths: None, other: None, misfit: None, verdict }
+    }
 }
 
 /// The covariance of x (mm), y (mm) and force (N), in this order.

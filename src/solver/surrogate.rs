@@ -1,7 +1,7 @@
 //! The map by regression.
 
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Regression};
+use super::kriging::{Kriging, Regression, Sought};
 use super::response::Response;
 use super::spots::Spots;
 use super::{Calibration, FitError};
@@ -18,14 +18,28 @@ const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 14
 /// over the places by kriging.
 pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError> {
     let (spots, units) = (Spots::of(calibration), calibration.units());
-    let kriging = Kriging::fit(&coordinates(spots.places()), 2, &spots.per_newton(), units, MANNER);
+    let sought = Kriging::seek(&coordinates(spots.places()), 2, &spots.per_newton(), units, MANNER);
+    map(calibration, &spots, sought)
+}
+
+/// The same with the correlation of a larger calibration.
+pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<Sought>) -> Result<Response, FitError> {
+    match sought {
+        Some(sought) => map(calibration, &Spots::of(calibration), sought),
+        None => surrogate(calibration),
+    }
+}
+
+fn map(calibration: &Calibration, spots: &Spots, sought: Sought) -> Result<Response, FitError> {
+    let units = calibration.units();
+    let kriging = Kriging::fit_with(&coordinates(spots.places()), 2, &spots.per_newton(), units, MANNER, sought);
     let held_out = kriging.held_out();
     let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
     let field = Field::new(area, kriging.grain() / CELLS_A_GRAIN, units, sample);
     let held = spots.hold_out(calibration, &held_out.residuals, &held_out.leverage);
     let leverage = |places: &[Place]| kriging.leverage(&coordinates(places.iter().copied()));
-    Ok(Response::new(field, leverage, held, calibration))
+    Ok(Response { sought: Some(sought), ..Response::new(field, leverage, held, calibration) })
 }
 
 /// x and y of places, row-major.

@@ -2,11 +2,16 @@
 
 use super::heldout::GOLDEN_SHARE;
 use super::response::Response;
+use super::widths::FEWEST_TRIALS;
 use super::{Calibration, ForceKnown, Setting};
 use crate::quantity::stream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Gamma};
+
+/// The part of the false alarms that calibration presses may have as weak signals, and as contacts outside the area: most are left to
+/// what no single contact explains.
+pub(super) const WEAK_SHARE: f64 = 0.25;
 
 /// How many forces each held press is rescaled to.
 const FORCES_A_PRESS: usize = 4;
@@ -53,6 +58,16 @@ pub(super) fn one_contact(response: &Response, calibration: &Calibration, settin
 /// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
 pub(super) fn chi2_quantile(degrees: usize, probability: f64) -> f64 {
     ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |chi2| chi2.inverse_cdf(1.0 - probability))
+}
+
+/// What so small a share of values exceeds; none of few values.
+pub(super) fn upper(mut values: Vec<f64>, share: f64) -> Option<f64> {
+    values.retain(|value| !value.is_nan());
+    if values.len() < FEWEST_TRIALS {
+        return None;
+    }
+    values.sort_by(f64::total_cmp);
+    Some(values[((1.0 - share) * (values.len() - 1) as f64).round() as usize])
 }
 
 /// What remains of a weighted sum of squares once some unknowns have been fitted, to first order: the columns of the Jacobian (x, y,

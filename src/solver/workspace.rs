@@ -1,6 +1,7 @@
 //! Room for a solver to work in.
 
 use super::scan;
+use crate::quantity::Place;
 
 /// Room for a solver to work in, kept from one reading to the next so that none of them allocates.
 #[derive(Clone, Debug, Default)]
@@ -15,6 +16,8 @@ pub struct Workspace {
     pub(super) pattern: Vec<f64>,
     /// The same, centred.
     pub(super) centred: Vec<f64>,
+    /// How alike a reading is to the response at places from which the best fit is sought, and these.
+    pub(super) starts: Vec<(f32, Place)>,
     /// Room for the search of a table.
     pub(super) scratch: scan::Scratch,
 }

@@ -1,0 +1,115 @@
+//! Half-widths that contain a stated share of all errors.
+
+use super::Covariance;
+use super::heldout::HeldPress;
+
+/// How far off a solution is at most, in 68 and in 95 of 100 cases. Learned from calibration presses at places that were held
+/// out, so they contain the errors of the map too, not only noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HalfWidths {
+    /// Distance between true and solved place that 68 % of solutions keep to, mm.
+    pub half68_mm: f64,
+    /// The same for 95 %, mm.
+    pub half95_mm: f64,
+    /// Difference between true and solved force that 68 % keep to, N.
+    pub half68_n: f64,
+    /// The same for 95 %, N.
+    pub half95_n: f64,
+}
+
+impl HalfWidths {
+    /// The same where a reading fits worse than one contact does: by how much, as a misfit says.
+    pub(super) fn widened(self, misfit: f64) -> Self {
+        let by = misfit.sqrt().max(1.0);
+        let HalfWidths { half68_mm, half95_mm, half68_n, half95_n } = self;
+        HalfWidths {
+            half68_mm: by * half68_mm,
+            half95_mm: by * half95_mm,
+            half68_n: by * half68_n,
+            half95_n: by * half95_n,
+        }
+    }
+
+    /// Whether each is a number.
+    pub fn is_finite(&self) -> bool {
+        [self.half68_mm, self.half95_mm, self.half68_n, self.half95_n].iter().all(|half| half.is_finite())
+    }
+}
+
+/// By what a method's own scale of its errors is multiplied to give half-widths (split conformal prediction with a scaled score,
+/// Lei et al. 2018, section 5.2).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Widths {
+    location: [f64; 2],
+    force: [f64; 2],
+}
+
+/// The shares of errors that the half-widths contain.
+const SHARES: [f64; 2] = [0.68, 0.95];
+
+/// The distance that 68 % of normal errors keep to, over the root of the sum of the variances of x and y.
+const NORMAL_68: f64 = 1.0675;
+
+/// The fewest presses from which something can be learned.
+pub(super) const FEWEST_TRIALS: usize = 20;
+
+impl Widths {
+    /// What trials tell; none of few. `scale` gives the scales of a trial's errors: of the location, mm, and of the force, N.
+    pub fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64)>) -> Option<Self> {
+        let (mut location, mut force) = (Vec::new(), Vec::new());
+        for trial in trials {
+            let (Ok(answer), Some((scale_mm, scale_n))) = (&trial.answer, scale(trial)) else { continue };
+            location.push(answer.place.distance_mm(trial.place) / scale_mm);
+            force.push((answer.force_n - trial.force_n).abs() / scale_n);
+        }
+        Some(Widths { location: quantiles(location)?, force: quantiles(force)? })
+    }
+
+    /// A covariance that noise alone explains, enlarged to the errors that there were. The scale of the location is the square root of
+    /// the sum of both variances, of which 68 % of normal errors keep to 1.07; the scale of the force is one standard deviation.
+    pub fn applied(&self, Covariance(mut covariance): Covariance) -> Covariance {
+        let of_location = (self.location[0] / NORMAL_68).max(1.0);
+        let by = [of_location, of_location, self.force[0].max(1.0)];
+        for (i, row) in covariance.iter_mut().enumerate() {
+            row.iter_mut().zip(by).for_each(|(value, other)| *value *= by[i] * other);
+        }
+        Covariance(covariance)
+    }
+
+    /// Half-widths where the scales of the errors are these.
+    pub fn at(&self, scale_mm: f64, scale_n: f64) -> HalfWidths {
+        HalfWidths {
+            half68_mm: self.location[0] * scale_mm,
+            half95_mm: self.location[1] * scale_mm,
+            half68_n: self.force[0] * scale_n,
+            half95_n: self.force[1] * scale_n,
+        }
+    }
+}
+
+/// The scores that [`SHARES`] of a further score stay below: of n, the one of rank (n + 1) p, rounded up.
+fn quantiles(mut scores: Vec<f64>) -> Option<[f64; 2]> {
+    scores.retain(|score| !score.is_nan());
+    if scores.len() < FEWEST_TRIALS {
+        return None;
+    }
+    scores.sort_by(f64::total_cmp);
+    let n = scores.len();
+    Some(SHARES.map(|share| scores[(((n + 1) as f64 * share).ceil() as usize).clamp(1, n) - 1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranks_are_those_of_a_further_score() {
+        let scores = |n: usize| (1..=n).map(|i| i as f64).collect::<Vec<f64>>();
+        assert_eq!(quantiles(scores(19)), None);
+        assert_eq!(quantiles(scores(20)), Some([15.0, 20.0]));
+        assert_eq!(quantiles(scores(99)), Some([68.0, 95.0]));
+        let mut with_nan = scores(99);
+        with_nan.push(f64::NAN);
+        assert_eq!(quantiles(with_nan), Some([68.0, 95.0]));
+    }
+}
