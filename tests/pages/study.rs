@@ -110,7 +110,7 @@ fn a_small_study_of_speed_marks_those_that_no_other_beats() {
 #[test]
 fn a_small_study_of_the_budget_or_of_failures_is_the_same_twice() {
     let bench = Bench::new();
-    for (study, figures) in [("budget", 1), ("failures", 2)] {
+    for (study, figures) in [("budget", 1), ("failures", 4)] {
         let rows = bench.palpate_ends(0, &format!("study {study} --quick --out {study}-a --json")).json_lines();
         check_rows(&rows, &["T", "Q"]);
         is_narrow(&bench.palpate_ends(0, &format!("study {study} --quick --out {study}-b")).out);
@@ -157,6 +157,62 @@ fn a_run_and_two_tables_are_studied_for_what_they_are() {
         let refusal = bench.palpate_ends(2, &format!("study speed-accuracy {words} --out c"));
         assert!(refusal.err.contains(told), "{words}: {}", refusal.err);
         assert!(!bench.has("c"), "{words}");
+    }
+}
+
+#[test]
+fn the_budget_is_studied_on_what_was_recorded() {
+    let bench = Bench::with([
+        ("grid.csv", GRID),
+        ("test.csv", "x_mm,y_mm,out_1,out_2,out_3\n0.5,0.5,0.8,0.4,0.4\n1.5,0.4,0.4,0.8,0.3\n"),
+    ]);
+    let rows = bench.palpate_ends(0, "study budget --calibration grid.csv --test test.csv --out a --json").json_lines();
+    check_rows(&rows, &["test.csv"]);
+    let presses =
+        |rows: &[Value]| rows.iter().filter_map(|row| row["calibration_presses"].as_u64()).collect::<BTreeSet<u64>>();
+    assert_eq!(presses(&rows), BTreeSet::from([9]), "9 presses are the fewest");
+    assert!(rows.iter().all(|row| row["minutes"].is_null() && row["location_bound_mm"].is_null()), "{rows:?}");
+
+    bench.write("small.toml", &SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5"));
+    bench.palpate("run small.toml --out small"); // accepted or not
+    let rows = bench.palpate_ends(0, "study budget small --out b --json").json_lines();
+    check_rows(&rows, &["small"]);
+    assert_eq!(presses(&rows), BTreeSet::from([10, 20, 40, 81]));
+    for row in &rows {
+        let calibrations = if row["calibration_presses"] == 81 { 1 } else { 3 };
+        let refused = row["refused"].is_string();
+        assert!(refused || row["calibrations"] == calibrations, "all presses once, fewer in three choices: {row}");
+        assert!(refused || row["location_bound_mm"].is_number(), "{row}");
+    }
+    is_well_formed("budget", &bench.read("b/budget.svg"));
+    is_narrow(&bench.palpate_ends(0, "study budget small --out c --quick").out);
+    bench.palpate_ends(0, "study budget small --out d");
+    assert_eq!(timeless(&bench.read("b/rows.ndjson")), timeless(&bench.read("d/rows.ndjson")));
+    bench.palpate_ends(2, "study budget nowhere --out e");
+}
+
+#[test]
+fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
+    let bench = Bench::new();
+    let rows = bench.palpate_ends(0, "study failures --quick --out a --json").json_lines();
+    let mut stated = 0;
+    for row in &rows {
+        for key in ["location", "force"] {
+            let Some(shares) = row["coverage"][key].as_array() else { continue };
+            let [narrow, wide] = [0, 1].map(|index| shares[index].as_f64().expect("a share"));
+            assert!(0.0 <= narrow && narrow <= wide && wide <= 1.0, "{row}");
+            stated += 1;
+        }
+    }
+    assert!(stated > rows.len(), "{stated} shares of {} rows", rows.len());
+    for condition in ["slow drift", "outliers"] {
+        let of = |value: f64| {
+            let is_it =
+                |row: &&Value| row["condition"] == condition && row["solver"] == "physics" && row["value"] == value;
+            rows.iter().find(is_it).unwrap_or_else(|| panic!("{condition}, {value}"))["wrong"].as_f64()
+        };
+        let worst = if condition == "outliers" { 50.0 } else { 40.0 };
+        assert!(of(worst) > of(0.0), "{condition}: {:?} wrong, {:?} of none", of(worst), of(0.0));
     }
 }
 

@@ -34,8 +34,8 @@ enum Study {
     Control(Common),
     /// How near each method comes against the time of a solve, on a run or on the paper's array
     SpeedAccuracy(methods::SpeedAccuracy),
-    /// How near each method comes against the number of calibration presses, a minute
-    Budget(Common),
+    /// How near each method comes against the number of calibration presses, of a run or of the paper's array, a minute
+    Budget(methods::Budget),
     /// Where each method fails, and whether it says so, a minute or two
     Failures(Common),
     /// How alike two contacts read: the paper's claims, or how good an array is, in less than a second
