@@ -217,10 +217,34 @@ fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
 }
 
 #[test]
+fn a_small_study_of_minutes_is_the_same_twice_and_marks_those_that_no_other_beats() {
+    let bench = Bench::new();
+    let rows = bench.palpate_ends(0, "study minutes --quick --out a --json").json_lines();
+    assert_eq!(rows.len(), 2 * 3 * 3, "two families, three strategies; 16, 25 and twice 16 presses");
+    for family in ["inside", "outside"] {
+        let of_it: Vec<&Value> = rows.iter().filter(|row| row["scene"] == family).collect();
+        let mark = |row: &Value| Some((row["minutes"].as_f64()?, row["location_error_mm"]["mean"].as_f64()?));
+        for row in &of_it {
+            let (minutes, mm) = mark(row).expect("no rule ends it");
+            let run_s = 60.0 * (minutes - row["handling_min"].as_f64().expect("minutes"));
+            let presses = row["calibration_presses"].as_f64().expect("presses");
+            assert!(run_s > 0.5 * presses && run_s < 60.0 + 5.0 * presses, "{run_s} s of a run: {row}");
+            let beats = |other: &&&Value| {
+                mark(other).is_some_and(|other| other.0 <= minutes && other.1 <= mm && other != (minutes, mm))
+            };
+            assert_eq!(row["pareto"] == true, !of_it.iter().any(|other| beats(&other)), "{row}");
+        }
+    }
+    is_well_formed("minutes", &bench.read("a/minutes.svg"));
+    is_narrow(&bench.palpate_ends(0, "study minutes --quick --out b").out);
+    assert_eq!(bench.bytes("a"), bench.bytes("b"));
+}
+
+#[test]
 fn every_study_has_help_and_leaves_a_folder_alone() {
     let bench = Bench::with([("mine", "text")]);
     let whole = bench.palpate_ends(0, "study --help").out;
-    for study in ["control", "speed-accuracy", "budget", "failures"] {
+    for study in ["control", "speed-accuracy", "budget", "failures", "minutes"] {
         assert!(whole.contains(study), "{whole}");
         let help = bench.palpate_ends(0, &format!("study {study} --help")).out;
         for option in ["--out", "--json", "--quick", "--seed"] {
