@@ -2,9 +2,10 @@
 
 use crate::dataset::readings::Reading;
 use crate::dataset::round;
-use crate::solver::{Covariance, Solution, SolveError, Verdict};
+use crate::solver::{Covariance, Solution, Verdict};
 use serde::Serialize;
 use serde_json::Value;
+use std::error::Error;
 use std::io::{self, BufWriter, Write};
 
 /// How much is written at once, bytes.
@@ -15,16 +16,26 @@ const DECIMALS: i32 = 6;
 const UNSOLVED: &str = "unsolved";
 
 /// Writes contacts, a line each.
-pub enum Solutions<W: Write> {
-    /// As CSV; which of id and t_s stand in front is what the first reading has.
-    Csv { writer: Box<csv::Writer<W>>, labels: Option<[bool; 2]> },
-    /// As NDJSON.
+pub struct Solutions<W: Write> {
+    to: To<W>,
+    /// Bad lines are answered too: each answer has its line, and CSV a column for what is wrong.
+    keep_going: bool,
+}
+
+enum To<W: Write> {
+    /// Which of id and t_s stand in front is what the first reading has; both where a bad line may come first.
+    Csv {
+        writer: Box<csv::Writer<W>>,
+        labels: Option<[bool; 2]>,
+    },
     Ndjson(BufWriter<W>),
 }
 
 /// One line. Keys and columns are the same, and always there, but for those that may be skipped.
 #[derive(Serialize)]
 struct Line<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     id: Option<&'a Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -38,31 +49,33 @@ struct Line<'a> {
     misfit: Option<f64>,
     verdict: &'static str,
     unit: Option<usize>,
-    /// Only as JSON.
+    /// Why there is no contact.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
 }
 
 impl<W: Write> Solutions<W> {
-    pub fn new(to: W, json: bool) -> Self {
-        if json {
-            return Solutions::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to));
-        }
-        let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
-        Solutions::Csv { writer: Box::new(writer), labels: None }
+    pub fn new(to: W, json: bool, keep_going: bool) -> Self {
+        let to = if json {
+            To::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to))
+        } else {
+            let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
+            To::Csv { writer: Box::new(writer), labels: keep_going.then_some([true, true]) }
+        };
+        Solutions { to, keep_going }
     }
 
-    pub fn write(&mut self, reading: &Reading, solved: &Result<Solution, SolveError>) -> io::Result<()> {
-        let mut line = Line::of(reading, solved);
-        match self {
-            Solutions::Csv { writer, labels } => {
+    pub fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
+        let mut line = Line { line: self.keep_going.then_some(reading.line), ..Line::of(reading, solved) };
+        match &mut self.to {
+            To::Csv { writer, labels } => {
                 let [id, t_s] = *labels.get_or_insert([line.id.is_some(), line.t_s.is_some()]);
                 line.id = id.then_some(line.id.unwrap_or(&Value::Null));
                 line.t_s = t_s.then_some(line.t_s.unwrap_or(&Value::Null));
-                line.error = None;
+                line.error = self.keep_going.then(|| line.error.unwrap_or_default());
                 writer.serialize(line).map_err(io_error)
             }
-            Solutions::Ndjson(writer) => {
+            To::Ndjson(writer) => {
                 serde_json::to_writer(&mut *writer, &line)?;
                 writer.write_all(b"\n")
             }
@@ -71,19 +84,20 @@ impl<W: Write> Solutions<W> {
 
     /// Hands on what was written so far.
     pub fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Solutions::Csv { writer, .. } => writer.flush(),
-            Solutions::Ndjson(writer) => writer.flush(),
+        match &mut self.to {
+            To::Csv { writer, .. } => writer.flush(),
+            To::Ndjson(writer) => writer.flush(),
         }
     }
 }
 
 impl<'a> Line<'a> {
-    fn of(reading: &'a Reading, solved: &Result<Solution, SolveError>) -> Self {
+    fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>) -> Self {
         let found = solved.as_ref().ok();
         let number = |of: &dyn Fn(&Solution) -> f64| found.map(of).and_then(finite);
         let sd = |of: fn(&Covariance) -> f64| found.and_then(|s| s.covariance.as_ref()).map(of).and_then(finite);
         Line {
+            line: None,
             id: reading.id.as_ref(),
             t_s: reading.t_s.as_ref(),
             x_mm: number(&|s| s.place.x_mm),
@@ -98,7 +112,7 @@ impl<'a> Line<'a> {
                 Verdict::ChannelFault(unit) => Some(unit + 1),
                 _ => None,
             }),
-            error: solved.as_ref().err().map(SolveError::to_string),
+            error: solved.as_ref().err().map(ToString::to_string),
         }
     }
 }
@@ -121,10 +135,11 @@ fn io_error(error: csv::Error) -> io::Error {
 mod tests {
     use super::*;
     use crate::quantity::Place;
+    use crate::solver::SolveError;
 
-    fn written(json: bool, lines: &[(Reading, Result<Solution, SolveError>)]) -> String {
+    fn written(json: bool, keep_going: bool, lines: &[(Reading, Result<Solution, SolveError>)]) -> String {
         let mut bytes = Vec::new();
-        let mut solutions = Solutions::new(&mut bytes, json);
+        let mut solutions = Solutions::new(&mut bytes, json, keep_going);
         lines.iter().for_each(|(reading, solved)| solutions.write(reading, solved).unwrap());
         solutions.flush().unwrap();
         drop(solutions);
@@ -153,10 +168,10 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
 ,,1.25,-2.0,1.0,,,,,not-one-contact,
 ,,,,,,,,,unsolved,
 ";
-        assert_eq!(written(false, &lines()), expected);
-        let without = written(false, &lines()[1..]);
+        assert_eq!(written(false, false, &lines()), expected);
+        let without = written(false, false, &lines()[1..]);
         assert!(without.starts_with("x_mm,") && without.ends_with("\n,,,,,,,unsolved,\n"), "{without}");
-        assert_eq!(written(false, &[]), "");
+        assert_eq!(written(false, false, &[]), "");
     }
 
     #[test]
@@ -170,6 +185,21 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
             + r#"{"x_mm":null,"y_mm":null,"force_n":null,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"misfit":null,"#
             + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal: such a reading correlates with no place"}"#
             + "\n";
-        assert_eq!(written(true, &lines()), expected);
+        assert_eq!(written(true, false, &lines()), expected);
+    }
+
+    #[test]
+    fn where_bad_lines_are_answered_every_answer_has_its_line_and_all_columns() {
+        let [_, unsure, unsolved] = lines();
+        let lines = [unsolved, unsure].map(|(reading, solved)| (Reading { line: 7, ..reading }, solved));
+        let expected = "\
+line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit,error
+7,,,,,,,,,,unsolved,,all outputs are equal: such a reading correlates with no place
+7,,,1.25,-2.0,1.0,,,,,not-one-contact,,
+";
+        assert_eq!(written(false, true, &lines), expected);
+        let objects = written(true, true, &lines);
+        assert!(objects.lines().all(|line| line.starts_with("{\"line\":7,\"x_mm\":")), "{objects}");
+        assert_eq!(objects.matches("\"error\"").count(), 1, "{objects}");
     }
 }

@@ -6,14 +6,18 @@ use super::recorded::{read_presses, read_run};
 use super::solutions::Solutions;
 use super::summary::tell;
 use super::tables::chosen;
+use crate::dataset::answers::{Answer, Answers, Unsolved};
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
-use crate::dataset::readings::{Format, ReadingError, Readings};
+use crate::dataset::readings::{Format, Lines, ReadingError, Readings};
 use crate::quantity::ArrayLayout;
 use crate::solver::{BEST, Broken, Calibration, ForceKnown, Session, Setting, Solver as _};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// What messages call the input.
+const SOURCE: &str = "stdin";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -25,13 +29,23 @@ A reading is a line: as CSV with a header that has out_1..out_n, or numbers
 alone; as NDJSON {\"outputs\": [0.1, 0.2, ...]}, or the bare array. Its id and
 t_s, if it has them, come back with its contact.
 
-A contact is x_mm, y_mm, force_n, their standard deviations sd_..., misfit (above
-1: no single contact reads like this) and verdict: ok, weak-signal, outside-area,
-not-one-contact, channel-fault (unit says which), or unsolved where the reading
-has no answer at all. A table without force_n is calibrated on by proportions:
-force_n is then in units of its typical press.
+A contact is x_mm, y_mm, force_n, their standard deviations sd_..., misfit
+(above 1: no single contact reads like this) and verdict: ok, weak-signal,
+outside-area, not-one-contact, channel-fault (unit says which), or unsolved where
+the reading has no answer at all. A table without force_n is calibrated on by
+proportions: force_n is then in units of its typical press.
 
-Exit code: 0 every line was answered, 2 bad input: those before it were answered.";
+A missing channel is null or NaN, in CSV nan or an empty cell. The reading is
+solved by the same method fitted without that channel; at most 16 such fits are
+kept.
+
+A line that is no reading ends the program. With --keep-going it is answered
+unsolved, with its line and what is wrong with it (error), and the next one is
+solved. Every answer then has its line; CSV always has the columns line, id, t_s
+and error. A header that can't be used still ends the program.
+
+Exit code: 0 every line was answered, 2 bad input: those before it were
+answered.";
 
 /// Read outputs of the array line by line and print the contact behind each
 #[derive(Debug, clap::Args)]
@@ -49,6 +63,9 @@ pub struct SolveArgs {
     /// Print one JSON object a line instead of CSV
     #[arg(long)]
     json: bool,
+    /// Answer a line that is no reading with what is wrong with it, and go on
+    #[arg(long)]
+    keep_going: bool,
     /// Don't say which method is used and why
     #[arg(long)]
     quiet: bool,
@@ -80,7 +97,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let calibration = &source.calibration;
     let name = args.calibration.display();
     let session = Session::new(&args.solver, calibration, setting).into_diagnostic();
-    let mut session = session.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)?;
+    let session = session.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)?;
     if !args.quiet {
         let (presses, units) = (calibration.len(), calibration.units());
         tell(&format!("{}, fitted to {presses} presses of {units} units\n", session.fitted().name()))?;
@@ -92,9 +109,9 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     for Broken { unit, fault } in session.broken() {
         tell(&format!("{name}: unit {} {}, left out\n", unit + 1, fault.told()))?;
     }
-    let mut readings = Readings::new("stdin", io::stdin().lock(), calibration.units(), args.input);
-    let mut solutions = Solutions::new(io::stdout().lock(), args.json);
-    match answer(&mut session, &mut readings, &mut solutions) {
+    let mut answers = Answers::new(Readings::new(SOURCE, calibration.units(), args.input), session);
+    let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going);
+    match answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions, args.keep_going) {
         Ok(Ok(())) => Ok(ExitCode::SUCCESS),
         Ok(Err(error)) => Err(Failure::usage(error)),
         // a reader that has seen enough is no error
@@ -103,30 +120,37 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-/// A contact for each reading; whatever the end is, what came before it is out.
+/// An answer for each line; whatever the end is, what came before it is out.
 fn answer(
-    session: &mut Session<'_>,
-    readings: &mut Readings<impl Read>,
+    answers: &mut Answers<'_>,
+    lines: &mut Lines<impl Read>,
     solutions: &mut Solutions<impl Write>,
+    keep_going: bool,
 ) -> io::Result<Result<(), ReadingError>> {
-    loop {
-        let reading = match readings.read_next() {
-            Ok(Some(reading)) => reading,
-            end => {
-                solutions.flush()?;
-                return Ok(end.map(drop));
-            }
+    let end = loop {
+        let answer = match lines.read_next() {
+            Ok(Some(line)) => answers.answer(line),
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
         };
-        let known = session.broken().len();
-        solutions.write(reading, &session.solve(&reading.outputs))?;
-        for Broken { unit, fault } in session.broken().iter().skip(known) {
-            let (line, unit, does) = (reading.line, unit + 1, fault.told());
-            writeln!(io::stderr(), "stdin, line {line}: unit {unit} {does}, left out from here on")?;
+        match answer {
+            Ok(Some(Answer { solved: Err(Unsolved::Bad(error)), .. })) if !keep_going => break Err(error),
+            Ok(Some(answer)) => {
+                solutions.write(answer.reading, &answer.solved)?;
+                for Broken { unit, fault } in answer.broken {
+                    let (line, unit, does) = (answer.reading.line, unit + 1, fault.told());
+                    writeln!(io::stderr(), "{SOURCE}, line {line}: unit {unit} {does}, left out from here on")?;
+                }
+            }
+            Ok(None) => {}
+            Err(error) => break Err(error),
         }
-        if readings.is_drained() {
+        if lines.is_drained() {
             solutions.flush()?;
         }
-    }
+    };
+    solutions.flush()?;
+    Ok(end)
 }
 
 /// What is calibrated on.

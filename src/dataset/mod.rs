@@ -9,6 +9,7 @@
 //! [`Recorded`] reads a run's journal, [`read_table`] a table from outside.
 
 mod acceptance;
+pub mod answers;
 pub mod calibration;
 mod cell;
 pub mod characteristics;

@@ -20,6 +20,8 @@ pub enum Fault {
     Saturated,
     /// It contradicted all others, contact after contact, since the calibration.
     Contradicts,
+    /// A reading has no output of it.
+    Missing,
 }
 
 impl Fault {
@@ -29,6 +31,7 @@ impl Fault {
             Fault::Dead => "reads the same everywhere",
             Fault::Saturated => "saturates",
             Fault::Contradicts => "contradicts all other units",
+            Fault::Missing => "is missing",
         }
     }
 }

@@ -89,7 +89,7 @@ impl Calibration {
     }
 
     /// Some of the points; at least one.
-    pub(super) fn subset(&self, points: &[usize]) -> Calibration {
+    pub(crate) fn subset(&self, points: &[usize]) -> Calibration {
         Calibration {
             units: self.units,
             places: points.iter().map(|&point| self.places[point]).collect(),

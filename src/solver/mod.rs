@@ -69,7 +69,7 @@ pub use knn::{NEIGHBOURS, PearsonKnn};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array, plane_through};
 pub use prepared::Prepared;
-pub use session::Session;
+pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};
 pub use whitened::Whitened;

@@ -6,6 +6,9 @@ use super::{
 
 /// Solves one reading after another, and leaves a unit that breaks on the way out of account from then on.
 ///
+/// A reading may lack outputs: they are NaN. It is solved by the same method fitted without these units. That fit is made when the
+/// first reading lacks them, and kept.
+///
 /// A forward method says of a reading which unit contradicts all others, if one does. Such verdicts are summed up, for each unit, by
 /// a cumulative sum test (Page 1954): a broken unit is named by every other contact or more, a good one by one of fifty or fewer.
 /// Readings of one and the same contact are one witness, however many there are.
@@ -14,6 +17,8 @@ pub struct Session<'a> {
     calibration: &'a Calibration,
     setting: Setting<'a>,
     fitted: Fitted,
+    /// Fits for readings that lack outputs.
+    partial: Vec<Partial>,
     /// For each unit, how much more likely than not it is broken: a logarithm, 0 at least.
     evidence: Vec<f64>,
     /// The last contact that counted.
@@ -21,6 +26,32 @@ pub struct Session<'a> {
     workspace: Workspace,
 }
 
+/// A fit without some units beside the broken ones.
+struct Partial {
+    /// In order.
+    missing: Vec<usize>,
+    fitted: Result<Fitted, FitError>,
+}
+
+/// Why a reading has no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Unanswered {
+    /// The method has none.
+    #[error(transparent)]
+    Solve(#[from] SolveError),
+    /// No output is left.
+    #[error("every output is missing")]
+    NoOutputs,
+    /// The calibration doesn't do without the missing units.
+    #[error("outputs are missing, and the method can't be fitted to the others: {0}")]
+    Unfit(FitError),
+    /// Other units were missing before, too often to fit once more.
+    #[error("outputs are missing in more than {MOST_PARTIAL} combinations: no fit is kept for this one")]
+    TooMany,
+}
+
+/// The most fits that are kept for readings that lack outputs: each set of missing units takes one.
+pub const MOST_PARTIAL: usize = 16;
 /// The share of contacts in which a broken unit is named.
 const NAMED_IF_BROKEN: f64 = 0.5;
 /// The share of contacts in which a good unit is named.
@@ -40,6 +71,7 @@ impl<'a> Session<'a> {
             setting,
             evidence: vec![0.0; calibration.units()],
             fitted,
+            partial: Vec::new(),
             witness: None,
             workspace: Workspace::default(),
         })
@@ -55,19 +87,57 @@ impl<'a> Session<'a> {
         self.fitted.broken()
     }
 
-    /// The contact behind the next reading.
-    pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, SolveError> {
-        let solution = self.fitted.solve(outputs, &mut self.workspace)?;
-        let says_nothing = solution.verdict == Verdict::WeakSignal;
-        if says_nothing || self.witness.is_some_and(|last| is_same(&last, &solution)) {
-            return Ok(solution);
+    /// The contact behind the next reading; a missing output is NaN.
+    ///
+    /// # Errors
+    /// A reading without an answer, or whose missing outputs can't be done without.
+    pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
+        let (expected, found) = (self.calibration.units(), outputs.len());
+        if found != expected {
+            return Err(SolveError::Channels { expected, found }.into());
         }
-        self.witness = Some(solution);
+        let is_left_out = |unit: usize| self.broken().iter().any(|broken| broken.unit == unit);
+        let is_missing = |unit: &usize| outputs[*unit].is_nan() && !is_left_out(*unit);
+        let missing: Vec<usize> = (0..found).filter(is_missing).collect();
+        let fitted = if missing.is_empty() {
+            &self.fitted
+        } else {
+            let index = self.partial(&missing)?;
+            self.partial[index].fitted.as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
+        };
+        let solution = fitted.solve(outputs, &mut self.workspace)?;
+        self.weigh(&solution, &missing);
+        Ok(solution)
+    }
+
+    /// Where the fit without these units is; it is made where there is none yet.
+    fn partial(&mut self, missing: &[usize]) -> Result<usize, Unanswered> {
+        if let Some(index) = self.partial.iter().position(|partial| partial.missing == missing) {
+            return Ok(index);
+        }
+        if missing.len() + self.broken().len() >= self.calibration.units() {
+            return Err(Unanswered::NoOutputs);
+        }
+        if self.partial.len() == MOST_PARTIAL {
+            return Err(Unanswered::TooMany);
+        }
+        let fitted = self.fit_without(missing, Fault::Missing);
+        self.partial.push(Partial { missing: missing.to_vec(), fitted });
+        Ok(self.partial.len() - 1)
+    }
+
+    /// Counts the solution as evidence for or against each unit, and leaves out one against which there is enough.
+    fn weigh(&mut self, solution: &Solution, missing: &[usize]) {
+        let says_nothing = solution.verdict == Verdict::WeakSignal;
+        if says_nothing || self.witness.is_some_and(|last| is_same(&last, solution)) {
+            return;
+        }
+        self.witness = Some(*solution);
         let named = match solution.verdict {
             Verdict::ChannelFault(unit) => Some(unit),
             _ => None,
         };
-        for (unit, evidence) in self.evidence.iter_mut().enumerate() {
+        for (unit, evidence) in self.evidence.iter_mut().enumerate().filter(|(unit, _)| !missing.contains(unit)) {
             let ratio = match named == Some(unit) {
                 true => NAMED_IF_BROKEN / NAMED_IF_GOOD,
                 false => (1.0 - NAMED_IF_BROKEN) / (1.0 - NAMED_IF_GOOD),
@@ -75,16 +145,20 @@ impl<'a> Session<'a> {
             *evidence = (*evidence + ratio.ln()).max(0.0);
         }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
-            let mut broken = self.fitted.broken().to_vec();
-            broken.push(Broken { unit, fault: Fault::Contradicts });
             // an array that has too few units left goes on with those it has
-            let prepared = Prepared::without(self.calibration.clone(), &self.setting, broken);
-            if let Ok(fitted) = prepared.and_then(|prepared| prepared.fit(&self.name)) {
+            if let Ok(fitted) = self.fit_without(&[unit], Fault::Contradicts) {
                 self.fitted = fitted;
+                self.partial.clear();
             }
             self.evidence.fill(0.0);
         }
-        Ok(solution)
+    }
+
+    /// The method fitted without these units, beside those that are left out already.
+    fn fit_without(&self, units: &[usize], fault: Fault) -> Result<Fitted, FitError> {
+        let mut broken = self.fitted.broken().to_vec();
+        broken.extend(units.iter().map(|&unit| Broken { unit, fault }));
+        Prepared::without(self.calibration.clone(), &self.setting, broken)?.fit(&self.name)
     }
 }
 

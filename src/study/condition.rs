@@ -15,7 +15,7 @@ use serde::Serialize;
 
 /// From one place to the next, mm, and the window, s: those of the paper's calibration.
 const PITCH_MM: f64 = 0.5;
-const WINDOW_S: f64 = 0.1;
+pub(super) const WINDOW_S: f64 = 0.1;
 
 /// What part of the study a condition belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -202,7 +202,7 @@ impl Condition {
 }
 
 /// What a press was made for.
-fn phase(contact: &Contact) -> Option<Phase> {
+pub(super) fn phase(contact: &Contact) -> Option<Phase> {
     contact.levels.first().and_then(|press| press.phase)
 }
 
@@ -228,7 +228,7 @@ fn intervals_s(contacts: &[Contact]) -> Vec<f64> {
 }
 
 /// When the last window of some presses ended, s from the run's start.
-fn last_s(made: &[&Contact]) -> Option<f64> {
+pub(super) fn last_s(made: &[&Contact]) -> Option<f64> {
     made.iter().flat_map(|contact| &contact.levels).filter_map(|press| Some(press.t_s? + WINDOW_S)).reduce(f64::max)
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Of the force loop, [`control`]: a [`Condition`] is walked as any run is, on the shipped benches with one thing changed, and
 //! judged by the scene's truth. Of the methods that solve, [`methods`]: how near and how fast each of them is, how many presses it
-//! needs, and where it fails. Of arrays, [`curves`]: the paper's numerical study, for its lines of units and for any array. Of the
+//! needs, and where it fails. Of both together, [`minutes`]: what a calibration comes to against its time at the bench. Of arrays, [`curves`]: the paper's numerical study, for its lines of units and for any array. Of the
 //! scenes themselves, [`ablation`]: what each of their terms is needed for. Everything but measured times follows from the seed:
 //! the same study gives the same bytes.
 
@@ -14,6 +14,7 @@ mod control;
 pub mod curves;
 mod figures;
 pub mod methods;
+pub mod minutes;
 mod scenes;
 mod stability;
 pub mod validation;

@@ -9,7 +9,7 @@ mod seeds;
 
 use crate::support::mutation::{TEXT_MOST, rewritten};
 use feeding::{fuzz, fuzz_file, resealed};
-use palpate::dataset::readings::{Format, ReadingError, Readings};
+use palpate::dataset::readings::{Format, Held, Lines, ReadingError, Readings};
 use palpate::dataset::{Journal, Manifest, Records};
 use palpate::dataset::{Presses, TableError, read_table};
 use palpate::document::Problems;
@@ -89,7 +89,7 @@ fn readings() {
         "out_1,out_2\n0.1,0.2\n0.3,nan\n",
         "0.1,0.2\n0.3,0.4\n",
         "id,t_s,out_2,out_1,x\n7,0.5,1,2,\"a,b\"\n\n8,0.6,3,4,\n",
-        "{\"outputs\": [0.1, 0.2], \"id\": \"a\", \"t_s\": 1.5}\n[0.1, null]\n",
+        "{\"outputs\": [0.1, 0.2], \"id\": \"a\", \"t_s\": 1.5}\n[0.1, null]\n[NaN, 0.1]\n",
     ]
     .iter()
     .map(|text| text.as_bytes().to_vec())
@@ -98,19 +98,22 @@ fn readings() {
     fuzz("readings", 40_000, &seeds, |input| {
         nth += 1;
         let format = [None, Some(Format::Csv), Some(Format::Ndjson)][nth % 3];
-        let mut readings = Readings::new(FILE, input, 2, format);
-        let lines = lines(input);
-        for nth_reading in 0..=lines {
-            match readings.read_next() {
-                Ok(Some(reading)) => {
-                    assert!(reading.outputs.len() == 2 && (1..=lines as u64).contains(&reading.line), "{reading:?}");
+        let (mut lines, mut readings) = (Lines::new(FILE, input), Readings::new(FILE, 2, format));
+        let most = self::lines(input);
+        for _ in 0..=most {
+            let Some(line) = lines.read_next().expect("bytes don't break off") else { return };
+            match readings.read(line) {
+                Ok(Held::Reading) => {
+                    let reading = readings.reading();
+                    assert!(reading.outputs.len() == 2 && (1..=most as u64).contains(&reading.line), "{reading:?}");
                 }
-                Ok(None) => return,
-                Err(ReadingError::Cells(TableError::NoRows { .. })) if nth_reading == 0 => return,
+                Ok(Held::Bad(error)) => check_line_of(&error.to_string(), FILE, most),
+                Ok(Held::Nothing) => {}
+                Err(ReadingError::Cells(TableError::NoRows { .. })) if readings.reading().outputs.is_empty() => return,
                 Err(error) => return check_line(&error.to_string(), FILE, input),
             }
         }
-        panic!("more readings than {lines} lines");
+        panic!("more than {most} lines");
     });
 }
 
@@ -209,9 +212,14 @@ fn check_table(table: Result<Presses, TableError>, path: &Path, input: &[u8]) {
 
 /// A message that names a file and a line of it, and on which a terminal doesn't act.
 fn check_line(told: &str, file: &str, input: &[u8]) {
+    check_line_of(told, file, lines(input));
+}
+
+/// The same of so many lines.
+fn check_line_of(told: &str, file: &str, lines: usize) {
     let line = told.strip_prefix(file).and_then(|rest| rest.strip_prefix(", line "));
     let line = line.and_then(|rest| rest.split([',', ':']).next()).and_then(|line| line.parse::<usize>().ok());
-    assert!(line.is_some_and(|line| (1..=lines(input)).contains(&line)), "{told:?} of {} lines", lines(input));
+    assert!(line.is_some_and(|line| (1..=lines).contains(&line)), "{told:?} of {lines} lines");
     assert!(!told.contains(char::is_control), "control characters in {told:?}");
 }
 

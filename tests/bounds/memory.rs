@@ -1,13 +1,17 @@
-//! A run takes no more memory as it grows: what it has measured is on the disk, and only there.
+//! A run takes no more memory as it grows: what it has measured is on the disk, and only there. Neither does solving readings.
 
 use crate::HEAP;
 use crate::support::alone::ran_alone;
 use palpate::control::{AirReadings, Lesson};
+use palpate::dataset::answers::Answers;
+use palpate::dataset::readings::{Format, Lines, Readings};
 use palpate::dataset::{
     Air, Contact, End, Ledger, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
+use palpate::solver::{Calibration, CalibrationPoint, Session, Setting};
+use std::io::{self, Read};
 
 /// Contacts that are recorded; each would take more than a kilobyte if it were held.
 const PRESSES: u64 = 5000;
@@ -61,6 +65,104 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let points: Vec<usize> = matrix.lines().map(|line| line.split(',').count()).collect();
     assert_eq!(points, [PRESSES as usize; UNITS]);
     assert!(matrix.starts_with("0,0.001,0.002,"), "in the order of the numbers");
+}
+
+/// Readings that are answered; one in a hundred of them is bad or lacks an output.
+const READINGS: usize = 200_000;
+
+/// Room for what answers leave in buffers, whatever the number of readings.
+const ANSWERS_BYTES: usize = 16 << 10;
+
+#[test]
+fn readings_are_answered_and_none_is_held() {
+    if ran_alone("memory::readings_are_answered_and_none_is_held") {
+        return;
+    }
+    let calibration = calibration();
+    for (readings, format) in [(CSV_READINGS, Format::Csv), (JSON_READINGS, Format::Ndjson)] {
+        let session = Session::new("pearson", &calibration, Setting::default()).unwrap();
+        let mut answers = Answers::new(Readings::new("stdin", 3, Some(format)), session);
+        let mut lines = Lines::new("stdin", Repeated { block: block(readings), at: 0, left: READINGS / 1000 });
+        let (mut answered, mut unsolved, mut before) = (0, 0, 0);
+        while let Some(line) = lines.read_next().unwrap() {
+            let answer = answers.answer(line).unwrap().expect("no line is blank");
+            unsolved += usize::from(answer.solved.is_err());
+            drop(answer);
+            answered += 1;
+            if answered == 1000 {
+                before = HEAP.allocated();
+            }
+            let held = HEAP.allocated().saturating_sub(before);
+            assert!(answered <= 1000 || held < ANSWERS_BYTES, "{held} bytes are held after {answered} readings");
+        }
+        assert_eq!((answered, unsolved), (READINGS, READINGS * 8 / 1000), "{format:?}");
+    }
+}
+
+/// A good reading, and ten that aren't: eight without an answer, two with a channel missing.
+const CSV_READINGS: [&str; 11] = [
+    "1,0.3,0.1",
+    "1,x,1",
+    "1,0.3",
+    "1,\"0.3,0.1",
+    "[1,0.3,0.1]",
+    ",,",
+    "nan,nan,nan",
+    "inf,0.3,0.1",
+    "\u{fffd}",
+    "nan,0.4,0.2",
+    "1,,0.2",
+];
+const JSON_READINGS: [&str; 11] = [
+    "{\"id\":7,\"outputs\":[1,0.3,0.1]}",
+    "[1,\"x\",1]",
+    "[1,0.3]",
+    "[1,0.3,",
+    "1,0.3,0.1",
+    "[NaN,NaN,NaN]",
+    "{\"outputs\":{}}",
+    "{}",
+    "[[1,0.3,0.1]]",
+    "[NaN,0.4,0.2]",
+    "[1,null,0.2]",
+];
+
+/// 1000 lines with each of those that aren't good once.
+fn block(readings: [&str; 11]) -> Vec<u8> {
+    let nth = |line: usize| if line % 100 == 99 { 1 + line / 100 } else { 0 };
+    (0..1000).flat_map(|line| format!("{}\n", readings[nth(line)]).into_bytes()).collect()
+}
+
+/// A block, so many times.
+struct Repeated {
+    block: Vec<u8>,
+    at: usize,
+    left: usize,
+}
+
+impl Read for Repeated {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.left == 0 {
+            return Ok(0);
+        }
+        let count = (&self.block[self.at..]).read(buffer)?;
+        self.at += count;
+        if self.at == self.block.len() {
+            (self.at, self.left) = (0, self.left - 1);
+        }
+        Ok(count)
+    }
+}
+
+/// Three units that read the less the farther a press is, at nine places.
+fn calibration() -> Calibration {
+    let units = [Place::new(-2.0, 0.0), Place::new(2.0, 1.0), Place::new(0.0, -2.0)];
+    let at = |index: i32| Place::new(f64::from(index % 3) - 1.0, f64::from(index / 3) - 1.0);
+    let row = |place: Place| units.map(|unit| 1.0 / (1.0 + place.distance_mm(unit)));
+    let rows: Vec<(Place, [f64; 3])> = (0..9).map(at).map(|place| (place, row(place))).collect();
+    let points: Vec<CalibrationPoint<'_>> =
+        rows.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs }).collect();
+    Calibration::new(&points).unwrap()
 }
 
 fn contact(press: u64) -> Contact {

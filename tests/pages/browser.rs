@@ -69,14 +69,14 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
 fn figures_of_the_studies_have_room_for_their_words() {
     let Some(browser) = Browser::find() else { return };
     let bench = Bench::new();
-    for study in ["curves", "budget --quick", "failures --quick", "speed-accuracy --quick"] {
+    for study in ["curves", "budget --quick", "failures --quick", "speed-accuracy --quick", "minutes --quick"] {
         bench.palpate_ends(0, &format!("study {study} --out {}", study.split(' ').next().expect("a name")));
     }
     let rig = shipped("rigs/sim.toml");
     bench.palpate_ends(0, &format!("study curves --rig {} --out array", rig.display()));
     let mut wrong: Vec<String> = Vec::new();
     let mut figures = 0;
-    for study in ["curves", "array", "budget", "failures", "speed-accuracy"] {
+    for study in ["curves", "array", "budget", "failures", "speed-accuracy", "minutes"] {
         for (name, svg) in bench.bytes(study).into_iter().filter(|(name, _)| name.ends_with(".svg")) {
             let svg = String::from_utf8(svg).expect("an SVG is text");
             let page = format!("<!DOCTYPE html><html><body style=\"margin:0\"><figure>{svg}</figure></body></html>");

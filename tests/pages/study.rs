@@ -110,7 +110,7 @@ fn a_small_study_of_speed_marks_those_that_no_other_beats() {
 #[test]
 fn a_small_study_of_the_budget_or_of_failures_is_the_same_twice() {
     let bench = Bench::new();
-    for (study, figures) in [("budget", 1), ("failures", 2)] {
+    for (study, figures) in [("budget", 1), ("failures", 4)] {
         let rows = bench.palpate_ends(0, &format!("study {study} --quick --out {study}-a --json")).json_lines();
         check_rows(&rows, &["T", "Q"]);
         is_narrow(&bench.palpate_ends(0, &format!("study {study} --quick --out {study}-b")).out);
@@ -161,10 +161,90 @@ fn a_run_and_two_tables_are_studied_for_what_they_are() {
 }
 
 #[test]
+fn the_budget_is_studied_on_what_was_recorded() {
+    let bench = Bench::with([
+        ("grid.csv", GRID),
+        ("test.csv", "x_mm,y_mm,out_1,out_2,out_3\n0.5,0.5,0.8,0.4,0.4\n1.5,0.4,0.4,0.8,0.3\n"),
+    ]);
+    let rows = bench.palpate_ends(0, "study budget --calibration grid.csv --test test.csv --out a --json").json_lines();
+    check_rows(&rows, &["test.csv"]);
+    let presses =
+        |rows: &[Value]| rows.iter().filter_map(|row| row["calibration_presses"].as_u64()).collect::<BTreeSet<u64>>();
+    assert_eq!(presses(&rows), BTreeSet::from([9]), "9 presses are the fewest");
+    assert!(rows.iter().all(|row| row["minutes"].is_null() && row["location_bound_mm"].is_null()), "{rows:?}");
+
+    bench.write("small.toml", &SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5"));
+    bench.palpate("run small.toml --out small"); // accepted or not
+    let rows = bench.palpate_ends(0, "study budget small --out b --json").json_lines();
+    check_rows(&rows, &["small"]);
+    assert_eq!(presses(&rows), BTreeSet::from([10, 20, 40, 81]));
+    for row in &rows {
+        let calibrations = if row["calibration_presses"] == 81 { 1 } else { 3 };
+        let refused = row["refused"].is_string();
+        assert!(refused || row["calibrations"] == calibrations, "all presses once, fewer in three choices: {row}");
+        assert!(refused || row["location_bound_mm"].is_number(), "{row}");
+    }
+    is_well_formed("budget", &bench.read("b/budget.svg"));
+    is_narrow(&bench.palpate_ends(0, "study budget small --out c --quick").out);
+    bench.palpate_ends(0, "study budget small --out d");
+    assert_eq!(timeless(&bench.read("b/rows.ndjson")), timeless(&bench.read("d/rows.ndjson")));
+    bench.palpate_ends(2, "study budget nowhere --out e");
+}
+
+#[test]
+fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
+    let bench = Bench::new();
+    let rows = bench.palpate_ends(0, "study failures --quick --out a --json").json_lines();
+    let mut stated = 0;
+    for row in &rows {
+        for key in ["location", "force"] {
+            let Some(shares) = row["coverage"][key].as_array() else { continue };
+            let [narrow, wide] = [0, 1].map(|index| shares[index].as_f64().expect("a share"));
+            assert!(0.0 <= narrow && narrow <= wide && wide <= 1.0, "{row}");
+            stated += 1;
+        }
+    }
+    assert!(stated > rows.len(), "{stated} shares of {} rows", rows.len());
+    for condition in ["slow drift", "outliers"] {
+        let of = |value: f64| {
+            let is_it =
+                |row: &&Value| row["condition"] == condition && row["solver"] == "physics" && row["value"] == value;
+            rows.iter().find(is_it).unwrap_or_else(|| panic!("{condition}, {value}"))["wrong"].as_f64()
+        };
+        let worst = if condition == "outliers" { 50.0 } else { 40.0 };
+        assert!(of(worst) > of(0.0), "{condition}: {:?} wrong, {:?} of none", of(worst), of(0.0));
+    }
+}
+
+#[test]
+fn a_small_study_of_minutes_is_the_same_twice_and_marks_those_that_no_other_beats() {
+    let bench = Bench::new();
+    let rows = bench.palpate_ends(0, "study minutes --quick --out a --json").json_lines();
+    assert_eq!(rows.len(), 2 * 3 * 3, "two families, three strategies; 16, 25 and twice 16 presses");
+    for family in ["inside", "outside"] {
+        let of_it: Vec<&Value> = rows.iter().filter(|row| row["scene"] == family).collect();
+        let mark = |row: &Value| Some((row["minutes"].as_f64()?, row["location_error_mm"]["mean"].as_f64()?));
+        for row in &of_it {
+            let (minutes, mm) = mark(row).expect("no rule ends it");
+            let run_s = 60.0 * (minutes - row["handling_min"].as_f64().expect("minutes"));
+            let presses = row["calibration_presses"].as_f64().expect("presses");
+            assert!(run_s > 0.5 * presses && run_s < 60.0 + 5.0 * presses, "{run_s} s of a run: {row}");
+            let beats = |other: &&&Value| {
+                mark(other).is_some_and(|other| other.0 <= minutes && other.1 <= mm && other != (minutes, mm))
+            };
+            assert_eq!(row["pareto"] == true, !of_it.iter().any(|other| beats(&other)), "{row}");
+        }
+    }
+    is_well_formed("minutes", &bench.read("a/minutes.svg"));
+    is_narrow(&bench.palpate_ends(0, "study minutes --quick --out b").out);
+    assert_eq!(bench.bytes("a"), bench.bytes("b"));
+}
+
+#[test]
 fn every_study_has_help_and_leaves_a_folder_alone() {
     let bench = Bench::with([("mine", "text")]);
     let whole = bench.palpate_ends(0, "study --help").out;
-    for study in ["control", "speed-accuracy", "budget", "failures"] {
+    for study in ["control", "speed-accuracy", "budget", "failures", "minutes"] {
         assert!(whole.contains(study), "{whole}");
         let help = bench.palpate_ends(0, &format!("study {study} --help")).out;
         for option in ["--out", "--json", "--quick", "--seed"] {

@@ -7,6 +7,7 @@ mod acceptance;
 mod eflesh;
 mod evaluate;
 mod golden;
+mod missing;
 mod paper;
 mod skin;
 mod solve;

@@ -4,10 +4,10 @@ use super::begun::{Begun, Common, ended, number};
 
 use crate::cli::exit::Failure;
 use crate::cli::recorded::{read_presses, read_run};
-use crate::solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use crate::solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::study::methods::{
-    CONDITIONS, Method, MethodRow, MethodTrial, NoiseReference, budget_figures, failure_figures, of_run, of_tables,
-    speed_accuracy_figures,
+    CONDITIONS, Method, MethodRow, MethodTrial, NoiseReference, budget_figures, budget_figures_of, coverage_figures,
+    failure_figures, of_run, of_tables, speed_accuracy_figures,
 };
 use crate::study::{methods, ndjson};
 use std::fmt::Write as _;
@@ -23,9 +23,36 @@ Examples:
 Without a run or tables: the paper's array, simulated, with the noise of its Table 1 as a share
 of full scale (T) and of the reading (Q).";
 
+const BUDGET_EXAMPLES: &str = "\
+Examples:
+  palpate study budget
+  palpate study budget runs/paper
+  palpate study budget --calibration grid.csv --test random.csv
+
+Of a run or of tables: every method calibrated with all of the presses, with half of them, a
+quarter and so on, spread over the area. Without: the paper's array, simulated.";
+
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct SpeedAccuracy {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = BUDGET_EXAMPLES)]
+pub struct Budget {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What was recorded, if it isn't to be simulated.
+#[derive(Debug, clap::Args)]
+struct Source {
     /// A run folder: its calibration presses against its test presses
     run: Option<PathBuf>,
     /// A table of presses to calibrate on
@@ -34,8 +61,20 @@ pub struct SpeedAccuracy {
     /// A table of presses to solve; without force_n, location only
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     test: Option<PathBuf>,
-    #[command(flatten)]
-    common: Common,
+}
+
+impl Source {
+    /// The trial that was recorded; none where nothing was named.
+    fn trial(&self) -> Result<Option<MethodTrial>, Failure> {
+        match (&self.run, &self.calibration, &self.test) {
+            (Some(run), ..) => trial_of(run).map(Some),
+            (None, Some(calibration), Some(test)) => {
+                let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
+                of_tables(&calibration, &test).map_err(Failure::usage).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
 }
 
 /// Simulated: presses along a side of the calibration, and test contacts.
@@ -45,13 +84,9 @@ const QUICK: (usize, usize) = (7, 100);
 /// How near each method comes against the time of a solve.
 pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.common.output, "speed-accuracy")?;
-    let trials = match (&args.run, &args.calibration, &args.test) {
-        (Some(run), ..) => vec![trial_of(run)?],
-        (None, Some(calibration), Some(test)) => {
-            let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
-            vec![of_tables(&calibration, &test).map_err(Failure::usage)?]
-        }
-        _ => {
+    let trials = match args.source.trial()? {
+        Some(trial) => vec![trial],
+        None => {
             let (side, tests) = if args.common.quick { QUICK } else { SIMULATED };
             begun.carried(MethodTrial::simulated(side, tests, args.common.seed))?
         }
@@ -67,13 +102,22 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
 }
 
 /// How near each method comes against the number of presses.
-pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "budget")?;
-    let found = begun.carried(methods::budget(args.quick, args.seed, &begun.told()))?;
+pub fn budget(args: &Budget) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(&args.common.output, "budget")?;
+    let Common { quick, seed, .. } = args.common;
+    let title = "location error, mean, mm, by calibration presses\n\n";
+    if let Some(trial) = args.source.trial()? {
+        let found = begun.carried(methods::budget_of(&trial, quick, seed, &begun.told()))?;
+        return begun.end(budget_figures_of(&trial, &found), ndjson(&found), |out| {
+            title.to_owned() + &budget_table(&trial.scene, &trial.scene, &found) + &ended(out)
+        });
+    }
+    let found = begun.carried(methods::budget(quick, seed, &begun.told()))?;
     begun.end(budget_figures(&found), ndjson(&found), |out| {
-        let tables = NoiseReference::ALL.map(|noise| budget_table(noise, &found)).concat();
+        let name = |noise: NoiseReference| noise.told().split(':').next().unwrap_or_default();
+        let tables = NoiseReference::ALL.map(|noise| budget_table(noise.name(), name(noise), &found)).concat();
         let minutes = format!("minutes: {} s a press, map on the fast bench; bound: Cramér-Rao\n", methods::PRESS_S);
-        format!("location error, mean, mm, by calibration presses\n\n{tables}{minutes}") + &ended(out)
+        format!("{title}{tables}{minutes}") + &ended(out)
     })
 }
 
@@ -81,8 +125,10 @@ pub fn budget(args: &Common) -> Result<ExitCode, Failure> {
 pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "failures")?;
     let found = begun.carried(methods::failures(args.quick, args.seed, &begun.told()))?;
-    begun.end(failure_figures(&found), ndjson(&found), |out| {
-        let tables = NoiseReference::ALL.map(|noise| breaks(noise, &found) + &silent(noise, &found)).concat();
+    let figures = [failure_figures(&found), coverage_figures(&found)].concat();
+    begun.end(figures, ndjson(&found), |out| {
+        let of = |noise| breaks(noise, &found) + &silent(noise, &found) + &covered(noise, &found);
+        let tables = NoiseReference::ALL.map(of).concat();
         tables + "rows and figures have every value between\n" + &ended(out)
     })
 }
@@ -125,21 +171,28 @@ fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow
     text + &refusals + "\n"
 }
 
-fn budget_table(noise: NoiseReference, found: &[MethodRow]) -> String {
-    let presses: Vec<&MethodRow> =
-        found.iter().filter(|row| row.scene == noise.name() && row.solver == "best").collect();
-    let line = |name: &str, cell: &dyn Fn(&MethodRow) -> String, rows: &[&MethodRow]| {
+/// A line a method, a column a number of presses; minutes and bound where they are known.
+fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
+    let of = |solver: &str| -> Vec<&MethodRow> {
+        found.iter().filter(|row| row.scene == scene && row.solver == solver).collect()
+    };
+    let line = |name: &str, rows: &[&MethodRow], cell: &dyn Fn(&MethodRow) -> String| {
         let cells: String = rows.iter().map(|row| format!("{:>7}", cell(row))).collect();
         format!("{name:<18}{cells}\n")
     };
-    let mut text = line(noise.told().split(':').next().unwrap_or_default(), &|row| row.value.to_string(), &presses);
-    text += &line("minutes", &|row| number(row.minutes, 1), &presses);
-    for solver in Method::names() {
-        let rows: Vec<&MethodRow> =
-            found.iter().filter(|row| row.scene == noise.name() && row.solver == solver).collect();
-        text += &line(solver, &|row| number(row.mean_mm(), 3), &rows);
+    let presses = of(BEST);
+    let name: String = told.chars().take(17).collect();
+    let mut text = line(&name, &presses, &|row| row.value.to_string());
+    if presses.iter().any(|row| row.minutes.is_some()) {
+        text += &line("minutes", &presses, &|row| number(row.minutes, 1));
     }
-    text + &line("bound", &|row| number(row.location_bound_mm, 3), &presses) + "\n"
+    for solver in Method::names() {
+        text += &line(solver, &of(solver), &|row| number(row.mean_mm(), 3));
+    }
+    if presses.iter().any(|row| row.location_bound_mm.is_some()) {
+        text += &line("bound", &presses, &|row| number(row.location_bound_mm, 3));
+    }
+    text + "\n"
 }
 
 /// At which value of each condition a method's mean error exceeds the paper's reference.
@@ -163,6 +216,17 @@ fn silent(noise: NoiseReference, found: &[MethodRow]) -> String {
         format!("{:.0}", 100.0 * shares.fold(0.0, f64::max))
     };
     "wrong and not flagged, at the worst value, %\n".to_owned() + &table(&cell)
+}
+
+/// The least share of truths within the wider interval that a method states.
+fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
+    let cell = |solver: &str, harm: &methods::Harm| {
+        let rows = methods::rows_of(found, noise.name(), solver, harm.name);
+        let least = rows.filter_map(|row| Some(row.coverage?.location[1])).reduce(f64::min);
+        least.map_or("-".to_owned(), |share| format!("{:.0}", 100.0 * share))
+    };
+    let stated = methods::STATED_PERCENT[1];
+    format!("x and y within the {stated} % interval that is stated, at the worst value, %\n") + &table(&cell)
 }
 
 /// A line a condition, a column a method.

@@ -6,6 +6,7 @@ mod begun;
 mod control;
 mod curves;
 mod methods;
+mod minutes;
 mod validation;
 
 use super::exit::Failure;
@@ -34,10 +35,12 @@ enum Study {
     Control(Common),
     /// How near each method comes against the time of a solve, on a run or on the paper's array
     SpeedAccuracy(methods::SpeedAccuracy),
-    /// How near each method comes against the number of calibration presses, a minute
-    Budget(Common),
+    /// How near each method comes against the number of calibration presses, of a run or of the paper's array, a minute
+    Budget(methods::Budget),
     /// Where each method fails, and whether it says so, a minute or two
     Failures(Common),
+    /// What a calibration comes to against all minutes at the bench, by strategy, places and repeats, some minutes
+    Minutes(Common),
     /// How alike two contacts read: the paper's claims, or how good an array is, in less than a second
     Curves(curves::CurvesArgs),
     /// Which physical and measurement terms a simulated scene needs, and for what, a minute
@@ -53,6 +56,7 @@ pub fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
         Study::SpeedAccuracy(args) => methods::speed_accuracy(args),
         Study::Budget(args) => methods::budget(args),
         Study::Failures(args) => methods::failures(args),
+        Study::Minutes(args) => minutes::study(args),
         Study::Curves(args) => curves::study(args),
         Study::Ablation(args) => ablation::study(args),
         Study::Validation(args) => validation::study(args),

@@ -2,11 +2,13 @@
 
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
+use super::speed_accuracy::MethodTrial;
 use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
 use crate::dataset::round;
-use crate::quantity::stream;
-use crate::solver::Setting;
+use crate::quantity::{Place, stream};
+use crate::solver::{Calibration, Setting};
 use crate::study::{StudyError, Told, carried_out};
+use rand::RngExt;
 
 /// What is varied, as it stands in rows.
 pub const BUDGET: &str = "calibration presses";
@@ -20,6 +22,9 @@ const QUICK: (&[usize], usize, usize) = (&[7, 5, 3], 1, 60);
 /// From one calibration press to the next, s: the median of `palpate study control` for places 0.5 mm apart, by the strategy
 /// `map` on the fast bench, 10 mN.
 pub const PRESS_S: f64 = 0.755;
+/// Of recorded presses: the fewest that a calibration is made of, and how many choices of each number are calibrated with.
+const FEWEST: usize = 9;
+const CHOICES: usize = 3;
 /// How one specimen differs from the next: gains % and depths %, and places mm.
 const GAIN_SPREAD_PERCENT: f64 = 20.0;
 const DEPTH_SPREAD_PERCENT: f64 = 5.0;
@@ -59,6 +64,71 @@ pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, 
     Ok(rows)
 }
 
+/// Calibrates every method with ever fewer of the presses that were recorded: all of them, half, a quarter and so on.
+///
+/// # Errors
+/// None in practice: some of the presses can be calibrated on if all can.
+pub fn budget_of(trial: &MethodTrial, quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+    let whole = trial.calibration.len();
+    let counts: Vec<usize> = std::iter::successors(Some(whole), |count| Some(count / 2))
+        .take_while(|count| *count == whole || *count >= FEWEST)
+        .collect();
+    let choices = if quick { 1 } else { CHOICES };
+    let orders: Vec<Vec<usize>> = (0..choices)
+        .map(|choice| {
+            let first = stream(seed, choice as u64, "first press").random_range(0..whole);
+            spread_out(&trial.calibration, first, counts.get(1).copied().unwrap_or(0))
+        })
+        .collect();
+    let mut jobs: Vec<(usize, Option<&[usize]>)> = vec![(whole, None)];
+    for &count in &counts[1..] {
+        jobs.extend(orders.iter().map(|order| (count, Some(&order[..count]))));
+    }
+    let tried = carried_out(&jobs, told, |(_, presses)| {
+        let some = presses.map(|presses| trial.calibration.subset(presses));
+        let calibration = some.as_ref().unwrap_or(&trial.calibration);
+        let methods = Method::all(calibration, &Setting::of_layout(trial.layout.as_ref()));
+        Ok(methods.iter().map(|method| Tally::of(method, &trial.test)).collect::<Vec<Tally>>())
+    })?;
+    // that of Cramér and Rao doesn't depend on the calibration; one that a method states does
+    let least = trial.least.filter(|(_, whose)| *whose == CRAMER_RAO);
+    let mut rows = Vec::new();
+    for &count in counts.iter().rev() {
+        for (index, solver) in Method::names().enumerate() {
+            let mut sum = Tally::default();
+            let of_it = jobs.iter().zip(&tried).filter(|((its_count, _), _)| *its_count == count);
+            of_it.for_each(|(_, tallies)| sum.add(tallies[index].clone()));
+            rows.push(MethodRow {
+                study: "budget",
+                scene: trial.scene.clone(),
+                condition: BUDGET,
+                value: count as f64,
+                calibration_presses: count,
+                ..sum.row(solver, least)
+            });
+        }
+    }
+    Ok(rows)
+}
+
+/// So many presses, each as far as can be from all before it, beginning with the one given: any number of the first of them is
+/// spread over the whole area.
+fn spread_out(calibration: &Calibration, first: usize, count: usize) -> Vec<usize> {
+    let places: Vec<Place> = calibration.points().map(|point| point.place).collect();
+    let mut nearest_mm = vec![f64::INFINITY; places.len()];
+    let mut order = vec![first];
+    while order.len() < count {
+        let last = order[order.len() - 1];
+        nearest_mm[last] = f64::NEG_INFINITY; // it isn't chosen again
+        for (nearest_mm, place) in nearest_mm.iter_mut().zip(&places) {
+            *nearest_mm = nearest_mm.min(place.distance_mm(places[last]));
+        }
+        let farthest = nearest_mm.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(index, _)| index);
+        order.extend(farthest);
+    }
+    order
+}
+
 /// What every method made of one calibration.
 struct Tried {
     tallies: Vec<Tally>,
@@ -92,5 +162,29 @@ fn row(noise: NoiseReference, side: usize, solver: &'static str, sum: &Tally, le
         calibration_presses: presses,
         minutes: Some(round(presses as f64 * PRESS_S / 60.0, 3)),
         ..sum.row(solver, least.map(|least| (least, CRAMER_RAO)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solver::CalibrationPoint;
+
+    #[test]
+    fn presses_that_are_chosen_are_spread_over_the_area_and_none_is_chosen_twice() {
+        let places: Vec<Place> = grid(5).iter().map(|touch| touch.place).collect();
+        let twice = places.iter().chain(&places);
+        let points: Vec<CalibrationPoint<'_>> =
+            twice.map(|place| CalibrationPoint { place: *place, force_n: 1.0, outputs: &[1.0] }).collect();
+        let calibration = Calibration::new(&points).unwrap();
+        let order = spread_out(&calibration, 12, 50);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, (0..50).collect::<Vec<_>>());
+        let corners = order[1..5].iter().map(|&press| calibration.point(press).place);
+        assert!(corners.into_iter().all(|place| place.x_mm.abs() + place.y_mm.abs() == 12.0), "{order:?}");
+        let mut first: Vec<usize> = order[..25].iter().map(|press| press % 25).collect();
+        first.sort_unstable();
+        assert_eq!(first, (0..25).collect::<Vec<_>>(), "every place before any a second time");
     }
 }

@@ -1,10 +1,13 @@
 //! What makes methods fail: one thing at a time, from harmless to past bearing.
 
-use super::specimen::{CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, NoiseReference, Specimen, Touch, anywhere};
+use super::specimen::{
+    CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, KnownReadings, NoiseReference, Specimen, Touch, anywhere,
+};
 use crate::mechanics::Medium;
 use crate::quantity::{Place, Stream};
 use crate::scene::{Converter, Elastomer, SkinSpec, TaxelFault, TaxelFaultKind};
 use rand::RngExt;
+use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 
 /// One thing that is varied.
@@ -43,13 +46,15 @@ enum Kind {
     Dead,
     Stuck,
     Drift,
+    Aging,
+    Outliers,
     Baseline,
     Second,
     Physics,
 }
 
 /// All of them, in the order of the figures.
-pub const CONDITIONS: [Harm; 12] = [
+pub const CONDITIONS: [Harm; 14] = [
     harm(Kind::Force, "low force", "force, N", Spread::Log, &[1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005]),
     harm(Kind::Outside, "beyond grid", "beyond the grid, mm", Spread::Linear, &[0.0, 0.25, 0.5, 1.0, 1.5, 2.0]),
     harm(Kind::Units, "few units", "units along a side, on 9 mm", Spread::Linear, &[5.0, 4.0, 3.0, 2.0]),
@@ -77,6 +82,20 @@ pub const CONDITIONS: [Harm; 12] = [
         Spread::Linear,
         &[0.0, 2.0, -2.0, 5.0, -5.0, 10.0, -10.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0],
     ),
+    harm(
+        Kind::Aging,
+        "slow drift",
+        "spread of gains at the test's end, %",
+        Spread::Linear,
+        &[0.0, 2.0, 5.0, 10.0, 20.0, 40.0],
+    ),
+    harm(
+        Kind::Outliers,
+        "outliers",
+        "readings with a spike, %",
+        Spread::Linear,
+        &[0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
+    ),
     harm(Kind::Baseline, "offset", "offset of all units, N", Spread::Linear, &[0.0, 0.005, 0.01, 0.02, 0.05, 0.1]),
     harm(
         Kind::Second,
@@ -95,14 +114,18 @@ pub const CONDITIONS: [Harm; 12] = [
 ];
 
 /// What the words on the axes of the figures mean.
-pub const MEANINGS: [&str; 3] = [
+pub const MEANINGS: [&str; 4] = [
     "Forces are 0.1 to 1 N where nothing else is said, and one thing is changed at a time. offset, stuck: 1 N is what a unit reads of 1 N straight above. dead, stuck, drift, offset: after calibration. noise: of the test \
      alone. units and spacing: all units as noisy as Table 1 on average.",
+    "slow drift: each unit's gain goes evenly to its own end while the test lasts; the ends are normal, their sd is the value. \
+     outliers: one unit of such a reading is off by 0.2 N or more either way, over s by a share of 0.2 N / s, and by 10 N at most.",
     "two contacts: 0.5 N each; error to the nearer one, wrong where farther than 1 mm from both.",
     "physics, in calibration and test: flat punch of 0.5 mm radius; units read discs of 1 mm radius; units' gains ±20 %, places ±0.1 mm, \
      depths ±5 %; layer bonded to a rigid base, Poisson's ratio 0.49; all of these.",
 ];
 
+/// The least and the largest size of a spike, N: what a unit reads of such a force straight above.
+const SPIKE_N: (f64, f64) = (0.2, 10.0);
 /// A second contact presses as hard as the first, N.
 const EACH_N: f64 = 0.5;
 
@@ -166,6 +189,7 @@ impl Harm {
             Kind::Drift if value == 0.0 => same(papers),
             Kind::Drift => fault(5, TaxelFaultKind::Drifted(value)),
             Kind::Baseline => after(papers.with(|skin| skin.taxels.baseline = value)),
+            Kind::Aging | Kind::Outliers => ConditionValue { map_is_known: value == 0.0, ..same(papers) },
             Kind::Physics => same(papers.with(|skin| add_terms(skin, value as usize))),
         }
     }
@@ -177,6 +201,38 @@ impl Harm {
             Kind::Outside => anywhere(count, FORCES_N, rng).into_iter().map(|touch| beyond(touch, value)).collect(),
             Kind::Second => (0..count).map(|_| pair(value, rng)).collect(),
             _ => anywhere(count, FORCES_N, rng),
+        }
+    }
+
+    /// Changes what was read, where that is what is varied: the readings are one after another in time.
+    pub fn spoil(&self, value: f64, readings: &mut KnownReadings, rng: &mut Stream) {
+        match self.kind {
+            Kind::Aging => age(readings, value / 100.0, rng),
+            Kind::Outliers => add_spikes(readings, value / 100.0, rng),
+            _ => {}
+        }
+    }
+}
+
+/// Lets each unit's gain go evenly from 1 to an end of its own, whose standard deviation is given.
+fn age(readings: &mut KnownReadings, sd: f64, rng: &mut Stream) {
+    let ends: Vec<f64> = (0..readings.units).map(|_| sd * rng.sample::<f64, _>(StandardNormal)).collect();
+    let last = readings.truths.len().saturating_sub(1).max(1) as f64;
+    for (nth, outputs) in readings.outputs.chunks_exact_mut(readings.units).enumerate() {
+        outputs.iter_mut().zip(&ends).for_each(|(output, end)| *output *= 1.0 + end * nth as f64 / last);
+    }
+}
+
+/// Adds a spike to one unit of such a share of the readings. Its size is over s in a share of 1/s of them: a heavy tail.
+fn add_spikes(readings: &mut KnownReadings, share: f64, rng: &mut Stream) {
+    let units = readings.units;
+    for outputs in readings.outputs.chunks_exact_mut(units) {
+        // drawn for every reading, so that a larger share spoils the same readings and more
+        let is_spoilt = rng.random_range(0.0..1.0) < share;
+        let (unit, is_up) = (rng.random_range(0..units), rng.random_range(0.0..1.0) < 0.5);
+        let size = SPIKE_N.0 / rng.random_range(SPIKE_N.0 / SPIKE_N.1..=1.0);
+        if is_spoilt {
+            outputs[unit] += if is_up { size } else { -size };
         }
     }
 }
@@ -224,6 +280,7 @@ fn add_terms(skin: &mut SkinSpec, which: usize) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::specimen::KnownContact;
     use super::*;
     use crate::quantity::stream;
 
@@ -239,6 +296,37 @@ mod tests {
         }
         assert!(of(Kind::Force).touches(0.05, 10, &mut rng()).iter().all(|touch| touch.force_n == 0.05));
         assert!(of(Kind::Bits).touches(8.0, 50, &mut rng()).iter().all(|touch| touch.force_n <= FORCES_N.1));
+    }
+
+    #[test]
+    fn what_is_read_drifts_and_spikes_as_much_as_is_said() {
+        let of = |kind| CONDITIONS.iter().find(|harm| harm.kind == kind).unwrap();
+        let touches = anywhere(4000, FORCES_N, &mut stream(1, 0, "test"));
+        let truths = touches.iter().map(|touch| KnownContact { place: touch.place, force_n: None, second: None });
+        let readings = KnownReadings { units: 9, truths: truths.collect(), outputs: vec![1.0; 9 * touches.len()] };
+        let spoilt = |kind, value| {
+            let mut readings = readings.clone();
+            of(kind).spoil(value, &mut readings, &mut stream(1, 0, "test"));
+            readings.outputs
+        };
+        for kind in [Kind::Aging, Kind::Outliers, Kind::Noise] {
+            assert_eq!(spoilt(kind, 0.0), readings.outputs, "{kind:?}");
+        }
+        let aged = spoilt(Kind::Aging, 10.0);
+        assert_eq!(aged[..9], [1.0; 9], "at first nothing has drifted");
+        let last = &aged[9 * 3999..];
+        let sd = (last.iter().map(|output| (output - 1.0).powi(2)).sum::<f64>() / 9.0).sqrt();
+        assert!((0.05..0.2).contains(&sd) && last.iter().any(|output| *output < 1.0), "{last:?}");
+        let spiked = |percent| -> Vec<f64> {
+            let off = spoilt(Kind::Outliers, percent).into_iter().map(|output| output - 1.0);
+            off.filter(|off| *off != 0.0).collect()
+        };
+        let spikes = spiked(10.0);
+        assert!((300..500).contains(&spikes.len()) && spiked(50.0).len() > 4 * spikes.len());
+        let is_spike = |off: &f64| (SPIKE_N.0 - 1e-9..=SPIKE_N.1 + 1e-9).contains(&off.abs());
+        assert!(spikes.iter().all(is_spike) && spikes.iter().any(|off| *off < 0.0));
+        let large = spikes.iter().filter(|off| off.abs() > 2.0).count() as f64 / spikes.len() as f64;
+        assert!((0.05..0.15).contains(&large), "{large} are ten times the least");
     }
 
     #[test]

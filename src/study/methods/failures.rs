@@ -71,7 +71,8 @@ impl Job {
         for (harm, value, case) in &self.cases {
             let touches = harm.touches(*value, tests, &mut stream(seed, 0, "test contacts"));
             let mut skin = case.tested.skin(seed);
-            let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
+            let mut test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
+            harm.spoil(*value, &mut test, &mut stream(seed, 0, harm.name));
             let least =
                 case.map_is_known.then(|| MeanBound::over(&skin, &case.tested.skin, FULL_SCALE_N, &test)).flatten();
             rows.extend(methods.iter().map(|method| MethodRow {

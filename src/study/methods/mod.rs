@@ -2,6 +2,7 @@
 
 mod budget;
 mod conditions;
+mod covered;
 pub(super) mod cramer_rao;
 mod failures;
 mod figures;
@@ -10,14 +11,15 @@ pub(super) mod specimen;
 mod speed_accuracy;
 mod trial;
 
-pub use budget::{PRESS_S, budget};
+pub use budget::{PRESS_S, budget, budget_of};
 pub use conditions::{CONDITIONS, Harm};
+pub use covered::{FoundCoverage, STATED_PERCENT};
 pub use failures::failures;
-pub use figures::{budget_figures, failure_figures, speed_accuracy_figures};
+pub use figures::{budget_figures, budget_figures_of, coverage_figures, failure_figures, speed_accuracy_figures};
 pub use recorded::{of_run, of_tables};
 pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
-pub use trial::{Method, MethodRow};
+pub use trial::{CRAMER_RAO, Method, MethodRow, Tally};
 
 /// The rows of one scene, method and condition, in order.
 pub fn rows_of<'a>(

@@ -1,5 +1,6 @@
 //! One method on some readings: how far off, how sure, how long it takes.
 
+use super::covered::{Covered, FoundCoverage};
 use super::cramer_rao::MeanBound;
 use super::specimen::KnownReadings;
 use crate::dataset::round;
@@ -85,6 +86,8 @@ pub struct MethodRow {
     pub wrong: Option<f64>,
     /// Share that is wrong and isn't flagged.
     pub wrong_unflagged: Option<f64>,
+    /// How often the truth is within what the method states of its answers; null where it states nothing.
+    pub coverage: Option<FoundCoverage>,
     /// The least mean distance there is, mm.
     pub location_bound_mm: Option<f64>,
     /// The least mean force error there is, N.
@@ -114,6 +117,7 @@ pub struct Tally {
     flagged: usize,
     wrong: usize,
     wrong_unflagged: usize,
+    covered: Covered,
     taken: Duration,
     chosen: Vec<&'static str>,
     refused: Option<String>,
@@ -146,6 +150,7 @@ impl Tally {
             let is_wrong =
                 location_mm > LOCATION_REFERENCE_MM || force_n.is_some_and(|error| error > FORCE_REFERENCE_N);
             let is_flagged = solution.verdict != Verdict::Ok;
+            tally.covered.count(truth, &solution);
             tally.locations_mm.push(location_mm);
             tally.forces_n.extend(force_n);
             tally.flagged += usize::from(is_flagged);
@@ -164,6 +169,7 @@ impl Tally {
         self.flagged += other.flagged;
         self.wrong += other.wrong;
         self.wrong_unflagged += other.wrong_unflagged;
+        self.covered.add(other.covered);
         self.taken += other.taken;
         self.chosen.extend(other.chosen);
         self.refused = self.refused.take().or(other.refused);
@@ -186,6 +192,7 @@ impl Tally {
             flagged: share(self.flagged),
             wrong: share(self.wrong),
             wrong_unflagged: share(self.wrong_unflagged),
+            coverage: self.covered.found(),
             location_bound_mm: least.map(|(least, _)| grain(least.location_mm)),
             force_bound_n: least.map(|(least, _)| grain(least.force_n)),
             bound: least.map(|(_, whose)| whose),

@@ -1,9 +1,9 @@
 //! Mean error against the presses of a calibration.
 
-use super::{BOUND, Drawn, PAPER_MM, legend, look, methods_and_bound};
+use super::{BOUND, Drawn, PAPER_MM, legend, look, methods, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Mark, Panel, Scale};
 use crate::study::methods::budget::{BUDGET, PRESS_S};
-use crate::study::methods::{Method, MethodRow, NoiseReference, rows_of};
+use crate::study::methods::{Method, MethodRow, MethodTrial, NoiseReference, rows_of};
 
 /// Both scenes side by side.
 pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
@@ -15,7 +15,7 @@ pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
             "square grids of 1 N presses on ±6 mm; mean over {specimens} specimens of {tests} contacts each, 0.1 to 1 N"
         ),
         height_px: 420.0,
-        panels: NoiseReference::ALL.map(|noise| panel(noise, found)).to_vec(),
+        panels: NoiseReference::ALL.map(|noise| panel(noise.name(), noise.told(), Some(PAPER_MM), found)).to_vec(),
         legend: legend(methods_and_bound(), 5),
         notes: vec![
             format!("dotted: the paper's own mean error with 625 presses, {PAPER_MM} mm"),
@@ -31,31 +31,51 @@ pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
     vec![("budget.svg".to_owned(), figure.svg())]
 }
 
-fn panel(noise: NoiseReference, found: &[MethodRow]) -> Panel {
-    let of = |solver| rows_of(found, noise.name(), solver, BUDGET);
+/// One panel, of what was recorded.
+pub fn budget_figures_of(trial: &MethodTrial, found: &[MethodRow]) -> Vec<Drawn> {
+    let draws = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
+    let has_bound = found.iter().any(|row| row.location_bound_mm.is_some());
+    let figure = Figure {
+        title: "How many calibration presses a method needs".to_owned(),
+        subtitle: format!(
+            "so many of the {} presses recorded, spread over the area; mean over {draws} choices of them; {} test presses",
+            trial.calibration.len(),
+            trial.test.truths.len()
+        ),
+        height_px: 420.0,
+        panels: vec![panel(&trial.scene, &trial.told, None, found)],
+        legend: if has_bound { legend(methods_and_bound(), 5) } else { legend(methods(), 5) },
+        ..Figure::default()
+    };
+    vec![("budget.svg".to_owned(), figure.svg())]
+}
+
+fn panel(scene: &str, told: &str, level_mm: Option<f64>, found: &[MethodRow]) -> Panel {
+    let of = |solver| rows_of(found, scene, solver, BUDGET);
+    let first = crate::solver::SOLVERS[0];
     let mut ticks: Vec<(f64, String)> = Vec::new();
-    for row in of(crate::solver::SOLVERS[0]) {
-        let minutes = row.minutes.unwrap_or(0.0);
-        let told = if minutes < 0.995 { format!("{minutes:.1}") } else { format!("{minutes:.0}") };
-        ticks.push((row.value, format!("{}\n{told}", row.value)));
+    for row in of(first) {
+        let minutes = row.minutes.map(|minutes| match minutes < 0.995 {
+            true => format!("\n{minutes:.1}"),
+            false => format!("\n{minutes:.0}"),
+        });
+        ticks.push((row.value, format!("{}{}", row.value, minutes.unwrap_or_default())));
     }
     let ends = ticks.iter().fold((f64::MAX, 1.0f64), |(l, m), (value, _)| (l.min(*value), m.max(*value)));
+    let has_minutes = of(first).any(|row| row.minutes.is_some());
     let x = ChartAxis {
-        label: "presses, and minutes below".to_owned(),
+        label: if has_minutes { "presses, and minutes below" } else { "presses" }.to_owned(),
         scale: Scale::LogAt(ticks),
         range: (ends.0.min(ends.1) / 1.15, ends.1 * 1.15),
     };
-    let rows = || found.iter().filter(|row| row.scene == noise.name());
-    let errors_mm = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
-    let y = ChartAxis::log("location error, mean, mm", errors_mm, (PAPER_MM, PAPER_MM));
-    let mut marks = vec![
-        Mark::Title(noise.told().to_owned()),
-        Mark::Level(PAPER_MM, String::new()),
-        Mark::Curve(
-            BOUND,
-            of(crate::solver::SOLVERS[0]).filter_map(|row| Some((row.value, row.location_bound_mm?))).collect(),
-        ),
-    ];
+    let rows = || found.iter().filter(|row| row.scene == scene);
+    let errors_mm = || rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
+    let within_mm = level_mm.or_else(|| errors_mm().next()).unwrap_or(1.0);
+    let y = ChartAxis::log("location error, mean, mm", errors_mm(), (within_mm, within_mm));
+    let mut marks = vec![Mark::Title(told.to_owned())];
+    marks.extend(level_mm.map(|level_mm| Mark::Level(level_mm, String::new())));
+    let bound = of(first).filter_map(|row| Some((row.value, row.location_bound_mm?)));
+    marks.push(Mark::Curve(BOUND, bound.collect()));
     marks.extend(Method::names().map(|solver| {
         Mark::Curve(look(solver), of(solver).filter_map(|row| Some((row.value, row.mean_mm()?))).collect())
     }));

@@ -6,7 +6,8 @@ use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
 use crate::study::methods::{Method, MethodRow, NoiseReference, rows_of};
 
-const COLUMNS: usize = 4;
+/// Panels in a row.
+pub(super) const COLUMNS: usize = 4;
 /// Silent failures up to this share don't stretch an axis, %.
 const LEAST_PERCENT: f64 = 5.0;
 
@@ -65,7 +66,7 @@ fn silent(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
 }
 
 /// The values of a method in the order of the axis.
-fn curve(
+pub(super) fn curve(
     harm: &Harm,
     noise: NoiseReference,
     solver: &str,
@@ -78,7 +79,8 @@ fn curve(
     points
 }
 
-fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
+/// The axis of a condition's values.
+pub(super) fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
     let label = if labelled { harm.label } else { "" };
     let ends = harm.values.iter().fold((f64::MAX, f64::MIN), |(l, m), value| (l.min(*value), m.max(*value)));
     let room = 0.04 * (ends.1 - ends.0);

@@ -1,10 +1,12 @@
 //! The figures of the methods' studies.
 
 mod budget;
+mod coverage;
 mod failures;
 mod speed_accuracy;
 
-pub use budget::budget_figures;
+pub use budget::{budget_figures, budget_figures_of};
+pub use coverage::coverage_figures;
 pub use failures::failure_figures;
 pub use speed_accuracy::speed_accuracy_figures;
 

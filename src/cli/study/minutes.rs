@@ -1,0 +1,59 @@
+//! `palpate study minutes`: what a calibration comes to against its minutes at the bench.
+
+use super::begun::{Begun, Common, ended, number};
+use crate::cli::exit::Failure;
+use crate::study::minutes::{Family, HANDLING_MIN, MinutesRow, MinutesSize, minutes, minutes_figures};
+use crate::study::ndjson;
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+/// Carries the study out, writes its figure and prints the ways of calibrating that no other beats.
+pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+    let begun = Begun::new(&args.output, "minutes")?;
+    let size = if args.quick { MinutesSize::QUICK } else { MinutesSize::WHOLE };
+    let found = begun.carried(minutes(size, args.seed, &begun.told()))?;
+    begun.end(minutes_figures(&found), ndjson(&found), |out| {
+        let tables = Family::ALL.map(|family| table(family, &found)).concat();
+        let minutes = format!("minutes: {HANDLING_MIN} for mounting, warm-up and zeroing, and those of the run\n");
+        tables + &minutes + "rows and figure have every other way of calibrating too\n" + &ended(out)
+    })
+}
+
+/// The ways of a family that no other beats, the soonest done first, and what rules ended.
+fn table(family: Family, found: &[MinutesRow]) -> String {
+    let mut text = format!(
+        "{}\nno other way is both sooner done and nearer\n\n{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}\n",
+        family.told(),
+        "minutes",
+        "presses",
+        "side",
+        "repeats",
+        "strategy",
+        "mean mm",
+        "+-",
+        "force N"
+    );
+    let of_it = || found.iter().filter(|row| row.found.scene == family.name());
+    let mut best: Vec<&MinutesRow> = of_it().filter(|row| row.found.pareto == Some(true)).collect();
+    best.sort_by(|a, b| a.found.minutes.partial_cmp(&b.found.minutes).unwrap_or(std::cmp::Ordering::Equal));
+    for row in best {
+        let _ = writeln!(
+            text,
+            "{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}",
+            number(row.found.minutes, 1),
+            row.found.calibration_presses,
+            row.side,
+            row.repeats,
+            row.strategy.name(),
+            number(row.found.mean_mm(), 3),
+            number(row.found.location_error_within_mm, 3),
+            number(row.found.force_error_n.map(|error| error.mean), 4),
+        );
+    }
+    for row in of_it() {
+        if let Some(rule) = &row.rule {
+            let _ = writeln!(text, "{}, {} presses: ended by {rule}", row.strategy.name(), row.found.value);
+        }
+    }
+    text + "\n"
+}

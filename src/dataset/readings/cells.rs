@@ -1,0 +1,194 @@
+//! A reading as a line of CSV.
+
+use super::{Held, Reading, ReadingError};
+use crate::dataset::header::Header;
+use crate::dataset::press::output_name;
+use crate::dataset::table_error::{TableError, quoted};
+use csv::{ByteRecord, StringRecord};
+use serde_json::Value;
+use std::io::{self, Read};
+
+const HELP: &str = "needed are out_1, out_2, ... without a gap; a first line of numbers alone needs no header";
+
+/// Takes CSV lines apart.
+pub(super) struct Cells {
+    reader: csv::Reader<Feed>,
+    cells: ByteRecord,
+    columns: Option<Columns>,
+}
+
+/// Where a line has what.
+struct Columns {
+    /// None where the first line was numbers.
+    names: Option<StringRecord>,
+    outputs: Vec<usize>,
+    id: Option<usize>,
+    t_s: Option<usize>,
+}
+
+impl Cells {
+    pub(super) fn new() -> Self {
+        Cells { reader: reader(), cells: ByteRecord::new(), columns: None }
+    }
+
+    /// Reads the line into the reading, whose line is known.
+    ///
+    /// # Errors
+    /// A header that can't be used.
+    pub(super) fn read(
+        &mut self,
+        file: &str,
+        line: &[u8],
+        units: usize,
+        reading: &mut Reading,
+    ) -> Result<Held, ReadingError> {
+        let number = reading.line;
+        let is_open = self
+            .split(line)
+            .map_err(|error| ReadingError::Unreadable { file: file.to_owned(), source: error.into() })?;
+        let open_quote = || ReadingError::OpenQuote { file: file.to_owned(), line: number };
+        let columns = match &self.columns {
+            Some(columns) => columns,
+            None if is_reading(&self.cells) => self.columns.insert(Columns::in_order(units)),
+            None if is_open => return Err(open_quote()),
+            None => {
+                self.columns = Some(Columns::find(file, number, &self.cells, units)?);
+                return Ok(Held::Nothing);
+            }
+        };
+        if is_open {
+            return Ok(Held::Bad(open_quote()));
+        }
+        Ok(match columns.fill(file, &self.cells, reading) {
+            Ok(()) => Held::Reading,
+            Err(error) => Held::Bad(error),
+        })
+    }
+
+    /// Takes a line apart, and says whether a quotation mark in it isn't closed.
+    fn split(&mut self, line: &[u8]) -> Result<bool, csv::Error> {
+        self.reader.get_mut().set(line);
+        self.reader.read_byte_record(&mut self.cells)?;
+        let is_open = self.reader.get_ref().is_starved;
+        if is_open {
+            self.reader = reader(); // one that has seen an end reads no further
+        }
+        Ok(is_open)
+    }
+}
+
+fn reader() -> csv::Reader<Feed> {
+    csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(Feed::default())
+}
+
+/// Whether a first line is a reading and no header: each cell is an output, or one is a number and none is called `out_N`.
+fn is_reading(cells: &ByteRecord) -> bool {
+    let is_number = |cell: &[u8]| output_in(cell).is_some_and(f64::is_finite);
+    let is_named = |cell: &[u8]| cell.trim_ascii().starts_with(b"out_");
+    cells.iter().all(|cell| output_in(cell).is_some()) || (cells.iter().any(is_number) && !cells.iter().any(is_named))
+}
+
+impl Columns {
+    /// Those of a table without a header.
+    fn in_order(units: usize) -> Self {
+        Columns { names: None, outputs: (0..units).collect(), id: None, t_s: None }
+    }
+
+    fn find(file: &str, line: u64, cells: &ByteRecord, units: usize) -> Result<Self, ReadingError> {
+        let not_text = |_| TableError::NotText { file: file.to_owned(), line };
+        let mut names = StringRecord::from_byte_record(cells.clone()).map_err(not_text)?;
+        names.trim();
+        let header = Header { file, line, names: &names, help: HELP };
+        header.check()?;
+        let outputs = header.outputs()?;
+        if outputs.len() != units {
+            return Err(ReadingError::Units { file: file.to_owned(), line, found: outputs.len(), expected: units });
+        }
+        let (id, t_s) = (header.optional("id"), header.optional("t_s"));
+        Ok(Columns { names: Some(names), outputs, id, t_s })
+    }
+
+    /// Reads a row into a reading; its labels first, so that a row with a bad output keeps them.
+    fn fill(&self, file: &str, cells: &ByteRecord, reading: &mut Reading) -> Result<(), ReadingError> {
+        self.check_length(file, reading.line, cells)?;
+        let label = |column: Option<usize>| column.and_then(|column| cells.get(column)).map(label);
+        (reading.id, reading.t_s) = (label(self.id), label(self.t_s));
+        reading.outputs.clear();
+        for &column in &self.outputs {
+            let output = cells.get(column).and_then(output_in);
+            reading.outputs.push(output.ok_or_else(|| self.wrong(file, reading.line, column, cells))?);
+        }
+        Ok(())
+    }
+
+    fn check_length(&self, file: &str, line: u64, cells: &ByteRecord) -> Result<(), ReadingError> {
+        let file = || file.to_owned();
+        let (found, expected) = (cells.len(), self.names.as_ref().map_or(self.outputs.len(), StringRecord::len));
+        match &self.names {
+            _ if found == expected => Ok(()),
+            None => Err(ReadingError::Units { file: file(), line, found, expected }),
+            Some(names) => {
+                let column = quoted(names.get(found.min(expected).saturating_sub(1)).unwrap_or_default());
+                Err(TableError::Ragged { file: file(), line, column, expected, found }.into())
+            }
+        }
+    }
+
+    fn wrong(&self, file: &str, line: u64, column: usize, cells: &ByteRecord) -> ReadingError {
+        let name = self.names.as_ref().and_then(|names| names.get(column)).map(quoted);
+        let found = String::from_utf8_lossy(cells.get(column).unwrap_or_default());
+        let cell = TableError::Cell {
+            file: file.to_owned(),
+            line,
+            column: name.unwrap_or_else(|| output_name(column + 1)),
+            expected: "a number",
+            found: quoted(found.trim()),
+        };
+        cell.into()
+    }
+}
+
+/// An output; NaN where the cell is empty.
+fn output_in(cell: &[u8]) -> Option<f64> {
+    match cell.trim_ascii() {
+        b"" => Some(f64::NAN),
+        cell => std::str::from_utf8(cell).ok()?.parse().ok(),
+    }
+}
+
+/// A cell as JSON has it: a number if it is one, else a text.
+fn label(cell: &[u8]) -> Value {
+    let text = String::from_utf8_lossy(cell.trim_ascii());
+    match serde_json::from_str(&text) {
+        _ if text.is_empty() => Value::Null,
+        Ok(number) => Value::Number(number),
+        Err(_) => Value::String(text.into_owned()),
+    }
+}
+
+/// One line at a time for the csv reader, which so never holds more than that.
+#[derive(Default)]
+struct Feed {
+    line: Vec<u8>,
+    given: usize,
+    /// It was asked for more than the line.
+    is_starved: bool,
+}
+
+impl Feed {
+    fn set(&mut self, line: &[u8]) {
+        self.line.clear();
+        self.line.extend_from_slice(line.trim_ascii_end());
+        self.line.push(b'\n');
+        (self.given, self.is_starved) = (0, false);
+    }
+}
+
+impl Read for Feed {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = (&self.line[self.given..]).read(buffer)?;
+        self.given += count;
+        self.is_starved = count == 0;
+        Ok(count)
+    }
+}

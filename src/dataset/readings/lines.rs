@@ -1,0 +1,79 @@
+//! Lines of a stream.
+
+use super::{MAX_LINE_BYTES, ReadingError};
+use std::io::{self, BufRead, BufReader, Read};
+
+/// How much is read at once, bytes.
+const BUFFER_BYTES: usize = 64 << 10;
+
+/// Takes one line after another from a stream; holds one at a time.
+pub struct Lines<R> {
+    file: String,
+    input: BufReader<R>,
+    line: Vec<u8>,
+    /// The line was too long, and its rest is still to come.
+    is_cut: bool,
+}
+
+impl<R: Read> Lines<R> {
+    /// Lines of a stream; `file` is what messages call it.
+    pub fn new(file: &str, input: R) -> Self {
+        let input = BufReader::with_capacity(BUFFER_BYTES, input);
+        Lines { file: file.to_owned(), input, line: Vec::new(), is_cut: false }
+    }
+
+    /// The next line; none at the end. Of a line beyond [`MAX_LINE_BYTES`] its beginning, one byte longer than that.
+    ///
+    /// # Errors
+    /// The input broke off.
+    pub fn read_next(&mut self) -> Result<Option<&[u8]>, ReadingError> {
+        match self.take() {
+            Ok(0) => Ok(None),
+            Ok(_) => Ok(Some(&self.line)),
+            Err(source) => Err(ReadingError::Unreadable { file: self.file.clone(), source }),
+        }
+    }
+
+    /// Whether the next one may have to be waited for: no whole line has come in yet.
+    pub fn is_drained(&self) -> bool {
+        self.is_cut || !self.input.buffer().contains(&b'\n')
+    }
+
+    /// How many bytes of the next line are taken.
+    fn take(&mut self) -> io::Result<usize> {
+        if self.is_cut {
+            self.input.skip_until(b'\n')?;
+        }
+        self.line.clear();
+        let taken = (&mut self.input).take(MAX_LINE_BYTES as u64 + 1).read_until(b'\n', &mut self.line)?;
+        self.is_cut = taken > MAX_LINE_BYTES && !self.line.ends_with(b"\n");
+        Ok(taken)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reading_is_to_be_waited_for_where_no_whole_line_is_there() {
+        let mut lines = Lines::new("stdin", "1,2\n3,4\n5,".as_bytes());
+        let mut drained = Vec::new();
+        while let Ok(Some(_)) = lines.read_next() {
+            drained.push(lines.is_drained());
+        }
+        assert_eq!(drained, [false, true, true]);
+    }
+
+    #[test]
+    fn the_rest_of_a_line_that_is_too_long_is_passed_over() {
+        let long = "1".repeat(3 * MAX_LINE_BYTES);
+        let text = format!("1,2\n{long}\n3,4\n{long}");
+        let mut lines = Lines::new("stdin", text.as_bytes());
+        let mut lengths = Vec::new();
+        while let Ok(Some(line)) = lines.read_next() {
+            lengths.push(line.len());
+        }
+        assert_eq!(lengths, [4, MAX_LINE_BYTES + 1, 4, MAX_LINE_BYTES + 1]);
+    }
+}

@@ -1,0 +1,123 @@
+//! How often the truth lies within what a method states of its answers.
+
+use super::specimen::KnownContact;
+use crate::dataset::round;
+use crate::quantity::Place;
+use crate::solver::Solution;
+use serde::Serialize;
+
+/// What is stated, %: the share of answers whose truth is within it if the statement is true.
+pub const STATED_PERCENT: [f64; 2] = [68.3, 95.4];
+
+/// The found shares, 0 to 1, for each of [`STATED_PERCENT`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FoundCoverage {
+    /// Of x and of y, counted together.
+    pub location: [f64; 2],
+    /// Of the force; null where the true force isn't known.
+    pub force: Option<[f64; 2]>,
+}
+
+/// How many truths are within what was stated.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Covered {
+    location: Count,
+    force: Count,
+}
+
+/// Of so many, those within each of what is stated.
+#[derive(Clone, Copy, Debug, Default)]
+struct Count {
+    of: usize,
+    within: [usize; 2],
+}
+
+/// Half the intervals that a solution states, one for each of [`STATED_PERCENT`]: of x and of y, mm, and of the force, N.
+struct HalfWidths {
+    x_mm: [f64; 2],
+    y_mm: [f64; 2],
+    force_n: [f64; 2],
+}
+
+impl HalfWidths {
+    /// One and two standard deviations; none where the solution states none.
+    fn of(solution: &Solution) -> Option<HalfWidths> {
+        let covariance = solution.covariance?;
+        let of = |sd: f64| [sd, 2.0 * sd];
+        Some(HalfWidths { x_mm: of(covariance.x_mm()), y_mm: of(covariance.y_mm()), force_n: of(covariance.force_n()) })
+    }
+}
+
+impl Covered {
+    /// Counts one answer. Of two contacts the nearer one is the truth.
+    pub fn count(&mut self, truth: &KnownContact, solution: &Solution) {
+        let Some(half) = HalfWidths::of(solution) else { return };
+        let found = solution.place;
+        let is_nearer = |second: &Place| found.distance_mm(*second) < found.distance_mm(truth.place);
+        let there = truth.second.filter(is_nearer).unwrap_or(truth.place);
+        self.location.add(found.x_mm - there.x_mm, half.x_mm);
+        self.location.add(found.y_mm - there.y_mm, half.y_mm);
+        if let Some(force_n) = truth.force_n {
+            self.force.add(solution.force_n - force_n, half.force_n);
+        }
+    }
+
+    /// Adds another's answers.
+    pub fn add(&mut self, other: Covered) {
+        self.location.merge(other.location);
+        self.force.merge(other.force);
+    }
+
+    /// The shares; none where nothing was stated.
+    pub fn found(&self) -> Option<FoundCoverage> {
+        Some(FoundCoverage { location: self.location.shares()?, force: self.force.shares() })
+    }
+}
+
+impl Count {
+    fn add(&mut self, error: f64, half: [f64; 2]) {
+        self.of += 1;
+        for (within, half) in self.within.iter_mut().zip(half) {
+            *within += usize::from(error.abs() <= half);
+        }
+    }
+
+    fn merge(&mut self, other: Count) {
+        self.of += other.of;
+        self.within.iter_mut().zip(other.within).for_each(|(within, others)| *within += others);
+    }
+
+    fn shares(&self) -> Option<[f64; 2]> {
+        (self.of > 0).then(|| self.within.map(|within| round(within as f64 / self.of as f64, 6)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solver::{Covariance, Verdict};
+
+    #[test]
+    fn errors_are_counted_within_one_and_two_of_what_is_stated() {
+        let place = Place::new(1.0, 2.0);
+        let covariance = Some(Covariance([[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.25]]));
+        let solution = Solution { place, force_n: 1.0, covariance, misfit: None, verdict: Verdict::Ok };
+        let truth = |x_mm: f64, force_n| KnownContact { place: Place::new(x_mm, 2.05), force_n, second: None };
+        let mut covered = Covered::default();
+        covered.count(&truth(1.3, Some(2.2)), &solution);
+        assert_eq!(covered.found().unwrap().force, Some([0.0, 0.0]));
+        covered.count(&truth(1.1, Some(1.4)), &solution);
+        covered.count(&truth(2.0, None), &solution);
+        covered.count(&truth(1.0, None), &Solution { covariance: None, ..solution });
+        let found = covered.found().unwrap();
+        assert_eq!(
+            (found.location, found.force),
+            ([4.0 / 6.0, 5.0 / 6.0].map(|share| round(share, 6)), Some([0.5, 0.5]))
+        );
+        let two = KnownContact { place: Place::new(9.0, 9.0), force_n: None, second: Some(place) };
+        let mut nearer = Covered::default();
+        nearer.count(&two, &solution);
+        assert_eq!(nearer.found().unwrap(), FoundCoverage { location: [1.0, 1.0], force: None });
+        assert_eq!(Covered::default().found(), None);
+    }
+}
