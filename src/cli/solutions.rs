@@ -2,7 +2,7 @@
 
 use crate::dataset::readings::Reading;
 use crate::dataset::round;
-use crate::solver::{Covariance, Solution, Verdict};
+use crate::solver::{Covariance, HalfWidths, Solution, Verdict};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -46,6 +46,13 @@ struct Line<'a> {
     sd_x_mm: Option<f64>,
     sd_y_mm: Option<f64>,
     sd_force_n: Option<f64>,
+    half68_mm: Option<f64>,
+    half95_mm: Option<f64>,
+    half68_n: Option<f64>,
+    half95_n: Option<f64>,
+    /// Another place that explains the reading nearly as well.
+    other_x_mm: Option<f64>,
+    other_y_mm: Option<f64>,
     misfit: Option<f64>,
     verdict: &'static str,
     unit: Option<usize>,
@@ -96,6 +103,8 @@ impl<'a> Line<'a> {
         let found = solved.as_ref().ok();
         let number = |of: &dyn Fn(&Solution) -> f64| found.map(of).and_then(finite);
         let sd = |of: fn(&Covariance) -> f64| found.and_then(|s| s.covariance.as_ref()).map(of).and_then(finite);
+        let half = |of: fn(&HalfWidths) -> f64| found.and_then(|s| s.half_widths.as_ref()).map(of).and_then(finite);
+        let other = found.and_then(|s| s.other);
         Line {
             line: None,
             id: reading.id.as_ref(),
@@ -106,6 +115,12 @@ impl<'a> Line<'a> {
             sd_x_mm: sd(Covariance::x_mm),
             sd_y_mm: sd(Covariance::y_mm),
             sd_force_n: sd(Covariance::force_n),
+            half68_mm: half(|half| half.half68_mm),
+            half95_mm: half(|half| half.half95_mm),
+            half68_n: half(|half| half.half68_n),
+            half95_n: half(|half| half.half95_n),
+            other_x_mm: other.map(|place| place.x_mm).and_then(finite),
+            other_y_mm: other.map(|place| place.y_mm).and_then(finite),
             misfit: found.and_then(|s| s.misfit).and_then(finite),
             verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
             unit: found.and_then(|s| match s.verdict {
@@ -137,6 +152,9 @@ mod tests {
     use crate::quantity::Place;
     use crate::solver::SolveError;
 
+    const NO_WIDTHS: &str =
+        r#""half68_mm":null,"half95_mm":null,"half68_n":null,"half95_n":null,"other_x_mm":null,"other_y_mm":null,"#;
+
     fn written(json: bool, keep_going: bool, lines: &[(Reading, Result<Solution, SolveError>)]) -> String {
         let mut bytes = Vec::new();
         let mut solutions = Solutions::new(&mut bytes, json, keep_going);
@@ -153,36 +171,49 @@ mod tests {
             place: Place::new(1.25, -2.0000001),
             force_n: 1.0,
             covariance: Some(covariance),
+            half_widths: Some(HalfWidths { half68_mm: 0.4, half95_mm: 0.8, half68_n: 0.1, half95_n: 0.25 }),
+            other: Some(Place::new(3.0, 4.0)),
             misfit: Some(0.5),
             verdict: Verdict::ChannelFault(4),
         };
-        let unsure = Solution { covariance: None, misfit: None, verdict: Verdict::NotOneContact, ..sure };
+        let unsure = Solution {
+            covariance: None,
+            half_widths: None,
+            other: None,
+            misfit: None,
+            verdict: Verdict::NotOneContact,
+            ..sure
+        };
         [(reading, Ok(sure)), (Reading::default(), Ok(unsure)), (Reading::default(), Err(SolveError::AllEqual))]
     }
 
     #[test]
     fn a_contact_is_a_line_with_what_is_unknown_left_empty() {
         let expected = "\
-id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
-\"a,b\",0.5,1.25,-2.0,1.0,0.2,0.3,,0.5,channel-fault,5
-,,1.25,-2.0,1.0,,,,,not-one-contact,
-,,,,,,,,,unsolved,
+id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit
+\"a,b\",0.5,1.25,-2.0,1.0,0.2,0.3,,0.4,0.8,0.1,0.25,3.0,4.0,0.5,channel-fault,5
+,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,
+,,,,,,,,,,,,,,,unsolved,
 ";
         assert_eq!(written(false, false, &lines()), expected);
         let without = written(false, false, &lines()[1..]);
-        assert!(without.starts_with("x_mm,") && without.ends_with("\n,,,,,,,unsolved,\n"), "{without}");
+        assert!(without.starts_with("x_mm,") && without.ends_with("\n,,,,,,,,,,,,,unsolved,\n"), "{without}");
         assert_eq!(written(false, false, &[]), "");
     }
 
     #[test]
     fn a_contact_is_an_object_with_null_for_what_is_unknown() {
         let expected = r#"{"id":"a,b","t_s":0.5,"x_mm":1.25,"y_mm":-2.0,"force_n":1.0,"#.to_owned()
-            + r#""sd_x_mm":0.2,"sd_y_mm":0.3,"sd_force_n":null,"misfit":0.5,"verdict":"channel-fault","unit":5}"#
+            + r#""sd_x_mm":0.2,"sd_y_mm":0.3,"sd_force_n":null,"half68_mm":0.4,"half95_mm":0.8,"half68_n":0.1,"#
+            + r#""half95_n":0.25,"other_x_mm":3.0,"other_y_mm":4.0,"misfit":0.5,"verdict":"channel-fault","unit":5}"#
             + "\n"
             + r#"{"x_mm":1.25,"y_mm":-2.0,"force_n":1.0,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"#
+            + NO_WIDTHS
             + r#""misfit":null,"verdict":"not-one-contact","unit":null}"#
             + "\n"
-            + r#"{"x_mm":null,"y_mm":null,"force_n":null,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"misfit":null,"#
+            + r#"{"x_mm":null,"y_mm":null,"force_n":null,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"#
+            + NO_WIDTHS
+            + r#""misfit":null,"#
             + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal: such a reading correlates with no place"}"#
             + "\n";
         assert_eq!(written(true, false, &lines()), expected);
@@ -193,9 +224,9 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
         let [_, unsure, unsolved] = lines();
         let lines = [unsolved, unsure].map(|(reading, solved)| (Reading { line: 7, ..reading }, solved));
         let expected = "\
-line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit,error
-7,,,,,,,,,,unsolved,,all outputs are equal: such a reading correlates with no place
-7,,,1.25,-2.0,1.0,,,,,not-one-contact,,
+line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit,error
+7,,,,,,,,,,,,,,,,unsolved,,all outputs are equal: such a reading correlates with no place
+7,,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,,
 ";
         assert_eq!(written(false, true, &lines), expected);
         let objects = written(true, true, &lines);

@@ -14,6 +14,9 @@ x_mm,y_mm,force_n,out_1,out_2,out_3
 4,0,1,0.1,0.3,1.0
 ";
 
+const KEYS: &str = "x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,\
+                    other_x_mm,other_y_mm,misfit,verdict,unit";
+
 const WORDS: &str = "solve --calibration a.csv --solver pearson --quiet";
 
 /// Half, twice and once the calibrated outputs, as four programs would write them.
@@ -26,19 +29,14 @@ const READINGS: [&str; 4] = [
 
 #[test]
 fn a_line_in_is_a_line_out_whatever_the_format() {
-    let expected = "\
-x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit
--4.0,0.0,0.5,,,,,ok,
-0.0,0.0,2.0,,,,,ok,
-4.0,0.0,1.0,,,,,ok,
-";
+    let contacts = ["-4.0,0.0,0.5", "0.0,0.0,2.0", "4.0,0.0,1.0"].map(|contact| format!("{contact},,,,,,,,,,,ok,\n"));
+    let expected = format!("{KEYS}\n{}", contacts.concat());
     for readings in READINGS {
         let told = solved(WORDS, readings, 0);
-        assert_eq!(places(&told.out), places(expected), "{readings:?}\n{}", told.out);
+        assert_eq!(places(&told.out), places(&expected), "{readings:?}\n{}", told.out);
         assert!(told.err.is_empty(), "{}", told.err);
         let objects = solved(&format!("{WORDS} --json"), readings, 0).json_lines();
-        let keys = "x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit";
-        let mut sorted: Vec<&str> = keys.split(',').collect();
+        let mut sorted: Vec<&str> = KEYS.split(',').collect();
         sorted.sort_unstable();
         for (object, [x_mm, force_n]) in objects.iter().zip([[-4.0, 0.5], [0.0, 2.0], [4.0, 1.0]]) {
             let mut found: Vec<&str> = object.as_object().expect("an object").keys().map(String::as_str).collect();
@@ -117,13 +115,13 @@ fn with_keep_going_a_bad_line_is_answered_and_the_next_one_is_solved() {
     let readings: String = BAD.iter().map(|bad| format!("{bad}\n\n{good}")).collect();
     let told = solved(&format!("{WORDS} --keep-going"), &readings, 0);
     let lines: Vec<&str> = told.out.lines().collect();
-    assert_eq!(lines[0], "line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,misfit,verdict,unit,error");
+    assert_eq!(lines[0], format!("line,id,t_s,{KEYS},error"));
     assert_eq!(lines.len(), 1 + 2 * BAD.len(), "{}", told.out);
     for (index, pair) in lines[1..].chunks(2).enumerate() {
         let line = 3 * index + 1;
         let [bad, good] = pair else { panic!("{}", told.out) };
         assert!(
-            bad.starts_with(&format!("{line},,,,,,,,,,unsolved,,")) && bad.contains(&format!("line {line}")),
+            bad.starts_with(&format!("{line},,,,,,,,,,,,,,,,unsolved,,")) && bad.contains(&format!("line {line}")),
             "{bad}"
         );
         assert!(good.starts_with(&format!("{},,,-4.0,0.0,1.0,", line + 2)) && good.ends_with(",ok,,"), "{good}");

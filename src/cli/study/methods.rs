@@ -226,7 +226,7 @@ fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
         least.map_or("-".to_owned(), |share| format!("{:.0}", 100.0 * share))
     };
     let stated = methods::STATED_PERCENT[1];
-    format!("x and y within the {stated} % interval that is stated, at the worst value, %\n") + &table(&cell)
+    format!("location errors within the stated {stated} % half-width, at the worst value, %\n") + &table(&cell)
 }
 
 /// A line a condition, a column a method.

@@ -6,13 +6,13 @@ use crate::quantity::Place;
 use crate::solver::Solution;
 use serde::Serialize;
 
-/// What is stated, %: the share of answers whose truth is within it if the statement is true.
-pub const STATED_PERCENT: [f64; 2] = [68.3, 95.4];
+/// What is stated, %: the share of answers whose truth is within the stated half-width if the statement is true.
+pub const STATED_PERCENT: [f64; 2] = [68.0, 95.0];
 
 /// The found shares, 0 to 1, for each of [`STATED_PERCENT`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FoundCoverage {
-    /// Of x and of y, counted together.
+    /// Of the distance between true and solved place.
     pub location: [f64; 2],
     /// Of the force; null where the true force isn't known.
     pub force: Option<[f64; 2]>,
@@ -32,33 +32,16 @@ struct Count {
     within: [usize; 2],
 }
 
-/// Half the intervals that a solution states, one for each of [`STATED_PERCENT`]: of x and of y, mm, and of the force, N.
-struct HalfWidths {
-    x_mm: [f64; 2],
-    y_mm: [f64; 2],
-    force_n: [f64; 2],
-}
-
-impl HalfWidths {
-    /// One and two standard deviations; none where the solution states none.
-    fn of(solution: &Solution) -> Option<HalfWidths> {
-        let covariance = solution.covariance?;
-        let of = |sd: f64| [sd, 2.0 * sd];
-        Some(HalfWidths { x_mm: of(covariance.x_mm()), y_mm: of(covariance.y_mm()), force_n: of(covariance.force_n()) })
-    }
-}
-
 impl Covered {
     /// Counts one answer. Of two contacts the nearer one is the truth.
     pub fn count(&mut self, truth: &KnownContact, solution: &Solution) {
-        let Some(half) = HalfWidths::of(solution) else { return };
+        let Some(half) = solution.half_widths else { return };
         let found = solution.place;
         let is_nearer = |second: &Place| found.distance_mm(*second) < found.distance_mm(truth.place);
         let there = truth.second.filter(is_nearer).unwrap_or(truth.place);
-        self.location.add(found.x_mm - there.x_mm, half.x_mm);
-        self.location.add(found.y_mm - there.y_mm, half.y_mm);
+        self.location.add(found.distance_mm(there), [half.half68_mm, half.half95_mm]);
         if let Some(force_n) = truth.force_n {
-            self.force.add(solution.force_n - force_n, half.force_n);
+            self.force.add(solution.force_n - force_n, [half.half68_n, half.half95_n]);
         }
     }
 
@@ -95,24 +78,25 @@ impl Count {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::{Covariance, Verdict};
+    use crate::solver::{HalfWidths, Verdict};
 
     #[test]
-    fn errors_are_counted_within_one_and_two_of_what_is_stated() {
+    fn errors_are_counted_within_what_is_stated() {
         let place = Place::new(1.0, 2.0);
-        let covariance = Some(Covariance([[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.25]]));
-        let solution = Solution { place, force_n: 1.0, covariance, misfit: None, verdict: Verdict::Ok };
+        let half_widths = Some(HalfWidths { half68_mm: 0.25, half95_mm: 0.5, half68_n: 0.5, half95_n: 1.0 });
+        let (covariance, other, misfit, verdict) = (None, None, None, Verdict::Ok);
+        let solution = Solution { place, force_n: 1.0, covariance, half_widths, other, misfit, verdict };
         let truth = |x_mm: f64, force_n| KnownContact { place: Place::new(x_mm, 2.05), force_n, second: None };
         let mut covered = Covered::default();
         covered.count(&truth(1.3, Some(2.2)), &solution);
         assert_eq!(covered.found().unwrap().force, Some([0.0, 0.0]));
         covered.count(&truth(1.1, Some(1.4)), &solution);
         covered.count(&truth(2.0, None), &solution);
-        covered.count(&truth(1.0, None), &Solution { covariance: None, ..solution });
+        covered.count(&truth(1.0, None), &Solution { half_widths: None, ..solution });
         let found = covered.found().unwrap();
         assert_eq!(
             (found.location, found.force),
-            ([4.0 / 6.0, 5.0 / 6.0].map(|share| round(share, 6)), Some([0.5, 0.5]))
+            ([1.0 / 3.0, 2.0 / 3.0].map(|share| round(share, 6)), Some([0.5, 0.5]))
         );
         let two = KnownContact { place: Place::new(9.0, 9.0), force_n: None, second: Some(place) };
         let mut nearer = Covered::default();

@@ -22,14 +22,14 @@ fn figure(noise: NoiseReference, found: &[MethodRow]) -> Figure {
         let of = |label: &'static str, labelled, shares: Shares| {
             harms.iter().map(move |harm| panel(harm, noise, found, label, labelled, shares))
         };
-        let location = of("x and y, found, %", false, |coverage| Some(coverage.location));
+        let location = of("location, found, %", false, |coverage| Some(coverage.location));
         location.chain(of("force, found, %", true, |coverage| coverage.force)).collect::<Vec<Panel>>()
     });
     let [narrow, wide] = STATED_PERCENT;
     Figure {
         title: format!("How often the truth is within what each method states; {}", noise.told()),
         subtitle: format!(
-            "share of answers within the {narrow} % interval (markers) and the {wide} % interval (dashed); dotted: as stated; \
+            "share of answers within the stated {narrow} % (markers) and {wide} % half-width (dashed); dotted: as stated; \
              calibrated with 1 N at {presses} places on ±6 mm, {points} contacts at each value"
         ),
         height_px: 150.0,
