@@ -68,7 +68,7 @@ fn a_label_comes_back_with_its_contact() {
 fn a_reading_without_an_answer_is_a_line_that_says_so() {
     let readings = "1,1,1\nnan,1,1\n1,0.3,0.1\n";
     let lines: Vec<String> = solved(WORDS, readings, 0).out.lines().map(str::to_owned).collect();
-    assert_eq!(lines[1..3], [",,,,,,,unsolved,", ",,,,,,,unsolved,"]);
+    assert_eq!(lines[1..3], [",,,,,,,,,,,,,unsolved,", ",,,,,,,,,,,,,unsolved,"]);
     assert!(lines[3].starts_with("-4.0,"), "{lines:?}");
     let objects = solved(&format!("{WORDS} --json"), "[1,1,1]\n[null,1,1]\n[1,0.3,0.1]\n", 0).json_lines();
     let said = |index: usize| (&objects[index]["verdict"], objects[index].get("error").and_then(Value::as_str));
