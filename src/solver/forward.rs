@@ -150,7 +150,7 @@ impl Locate for Forward {
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
         let Estimate { place, force_n, chi2, .. } =
             self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
-        Ok(Located { place, force_n, residue: chi2 })
+        Ok(Located { place, force_n, residue: chi2, scale_mm: 1.0 })
     }
 }
 

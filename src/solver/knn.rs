@@ -81,7 +81,7 @@ impl Locate for PearsonKnn {
         }
         // Outputs that cancel out in the mean leave nothing to correlate with.
         let r = direction(pattern, centred).map_or(0.0, |pattern| dot(pattern, reading));
-        Ok(Located { place: Place::new(x_mm, y_mm), force_n, residue: (1.0 - r).max(0.0) })
+        Ok(Located { place: Place::new(x_mm, y_mm), force_n, residue: (1.0 - r).max(0.0), scale_mm: 1.0 })
     }
 }
 

@@ -107,7 +107,7 @@ impl Locate for Pearson {
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: self.candidates[row].place, force_n, residue: (1.0 - r).max(0.0) })
+        Ok(Located { place: self.candidates[row].place, force_n, residue: (1.0 - r).max(0.0), scale_mm: 1.0 })
     }
 }
 

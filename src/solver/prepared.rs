@@ -2,9 +2,11 @@
 
 use super::appraised::Appraised;
 use super::broken::broken;
+use super::extra_trees::ExtraTrees;
 use super::forward::Forward;
 use super::gaussian_process::GaussianProcess;
 use super::heldout::{self, HeldPress};
+use super::pattern_map::PatternMap;
 use super::physics::physics;
 use super::response::Response;
 use super::surrogate::surrogate;
@@ -111,8 +113,8 @@ impl<'a> Prepared<'a> {
         // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
         let sought =
             (name == "gaussian-process").then(|| GaussianProcess::seek(&self.calibration, setting.load)).transpose()?;
-        heldout::trials(&self.calibration, &setting, self.response()?, |part| match sought {
-            Some(sought) => Ok(Box::new(GaussianProcess::fit_with(part, sought)?)),
+        heldout::trials(&self.calibration, &setting, self.response()?, |part| match &sought {
+            Some(sought) => Ok(Box::new(GaussianProcess::fit_with(part, setting.load, sought)?)),
             None => method(name, part, &setting, Some(self.response()?)),
         })
     }
@@ -180,6 +182,8 @@ fn method(
             Box::new(Whitened::fit(calibration, &typical_sd)?)
         }
         "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
+        "pattern-map" => Box::new(PatternMap::fit(calibration, setting.load)?),
+        "extra-trees" => Box::new(ExtraTrees::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     })
 }

@@ -76,7 +76,7 @@ impl Locate for Whitened {
         if !(force_n.is_finite() && residue.is_finite()) {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: candidate.place, force_n, residue })
+        Ok(Located { place: candidate.place, force_n, residue, scale_mm: 1.0 })
     }
 }
 
