@@ -531,7 +531,7 @@ mod tests {
         let mut rng = stream(3, 0, "unequal rows");
         let mut draw = |i: usize| {
             let normal: f64 = StandardNormal.sample(&mut rng);
-            let count: f64 = if i % 2 == 0 { 1.99 } else { 0.01 };
+            let count: f64 = if i.is_multiple_of(2) { 1.99 } else { 0.01 };
             (0.15 * i as f64, truth(0.15 * i as f64) + 0.05 * normal / count.sqrt(), count)
         };
         let rows: Vec<_> = (0..60).map(&mut draw).collect();
