@@ -173,7 +173,7 @@ impl Descent<'_> {
 }
 
 impl Buffers {
-    fn resize(&mut self, units: usize) {
+    pub(super) fn resize(&mut self, units: usize) {
         for buffer in [&mut self.value, &mut self.along_x, &mut self.along_y, &mut self.weight, &mut self.leverage] {
             buffer.resize(units, 0.0);
         }

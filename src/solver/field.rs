@@ -43,6 +43,16 @@ impl Area {
         within(place.x_mm, self.least.x_mm, self.most.x_mm) && within(place.y_mm, self.least.y_mm, self.most.y_mm)
     }
 
+    /// So many places a side, evenly.
+    pub fn grid(&self, side: usize) -> Vec<Place> {
+        let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (side - 1) as f64;
+        let place = |i: usize| {
+            let x_mm = along(self.least.x_mm, self.most.x_mm, i % side);
+            Place::new(x_mm, along(self.least.y_mm, self.most.y_mm, i / side))
+        };
+        (0..side * side).map(place).collect()
+    }
+
     /// The place in it that is nearest to another.
     pub fn clamp(&self, place: Place) -> Place {
         Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))

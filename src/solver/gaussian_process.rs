@@ -1,94 +1,194 @@
 //! A Gaussian process from outputs to the place.
 
-use super::kriging::{Kriging, MOST_PLACES, Regression, Sought, farthest_apart};
+use super::kriging::{Kriging, Regression, Smoothness, Sought};
+use super::process::{self, Process};
+use super::view::View;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
-use crate::quantity::Place;
+use crate::quantity::{Place, stream};
+use rand::Rng;
 
-/// The regression that a user would otherwise reach for: a Gaussian process straight from what was read to where it was pressed.
+/// The regression that a user would otherwise reach for: a Gaussian process straight from what was read to where it was pressed, and
+/// how hard.
 ///
-/// Its coordinates are the reading scaled to length 1, so that the force doesn't count; it answers x, y and the logarithm of
-/// the reading's length a newton. Under a constant load the reading counts as it is. Where the calibration was pressed with several
-/// forces, the logarithm of the length is one more coordinate, weighted as the calibration makes it likely: outputs then needn't be
-/// proportional to the force. Nothing is assumed of how the pattern moves with the contact, which makes it the method for skins
+/// Its coordinates are the reading scaled to length 1, so that the force doesn't count. Where the calibration was pressed with
+/// several forces, or the load is constant, the amplitude may count: what is seen of a reading is then the likeliest of several
+/// [views](View). Nothing is assumed of how the pattern moves with the contact, which makes it the method for skins
 /// whose pattern changes with the depth.
 pub(super) struct GaussianProcess {
-    process: Kriging,
+    process: Process,
+    /// Logarithm of how far off the process was on presses that were held out, from reading to reading.
+    spread: Kriging,
     view: View,
+    load: ForceKnown,
     /// The calibration's force where the load is constant, N.
     force_n: f64,
 }
 
-/// What the process sees of a reading.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct View {
-    load: ForceKnown,
-    /// What the logarithm of the reading's length is multiplied by; 0: it isn't seen.
-    weight_of_length: f64,
-}
-
-/// What the process answers: x, y, logarithm of length a newton.
+/// What the process answers: x, y, logarithm of the force over what is proportional to the reading.
 const ANSWERS: usize = 3;
 
-/// The correlation decides, so it is sought with most of the places that there are.
-const MANNER: Regression = Regression { about_mean: true, most_to_seek_with: 320 };
+/// Those of them that are a place.
+const COORDINATES: usize = 2;
 
-/// Weights of the length that are tried: a direction's coordinates are some tenths apart, so are these.
-const WEIGHTS: [f64; 4] = [0.0, 0.03, 0.1, 0.3];
+/// The correlation decides, so it is sought with most of the places that there are.
+const MANNER: Regression = Regression { about_mean: true, most_to_seek_with: MOST_TO_SEEK_WITH, of: &Smoothness::ALL };
+const MOST_TO_SEEK_WITH: usize = 320;
+
+/// The smoothness with which views are compared.
+const OF_VIEWS: Regression = Regression { of: &[Smoothness::Smooth], ..MANNER };
+
+/// The most coordinates that are stretched one by one.
+const MOST_STRETCHED: usize = 32;
+
+/// The fewest places that tell how far.
+const FEWEST_TO_STRETCH: usize = 50;
+
+/// Steps of the logarithm of a stretch, one round each.
+const STRETCHES: [f64; 6] = [0.5, 0.5, 0.5, 0.25, 0.25, 0.25];
+
+/// Standard deviation of the logarithms of the stretches that are expected.
+const STRETCHED_ALIKE: f64 = 0.5;
+
+/// The most presses that are regressed; of more, some at random. The cost grows with the cube.
+const MOST_PRESSES: usize = 2000;
+
+/// The least error that counts, over the mean error: one press may be right by chance.
+const LEAST_ERROR: f64 = 0.1;
+
+/// The view and the correlation that make a calibration likeliest.
+pub(super) type Likeliest = (View, Sought);
 
 impl GaussianProcess {
     pub fn fit(calibration: &Calibration, load: ForceKnown) -> Result<Self, FitError> {
-        Self::fit_with(calibration, Self::seek(calibration, load)?)
+        Self::fit_with(calibration, load, &Self::seek(calibration, load)?)
     }
 
     /// The view and the correlation that make a calibration likeliest.
-    pub fn seek(calibration: &Calibration, load: ForceKnown) -> Result<(View, Sought), FitError> {
-        let has_several_forces = load == ForceKnown::Unknown && calibration.has_several_forces();
-        let weights = if has_several_forces { &WEIGHTS[..] } else { &WEIGHTS[..1] };
-        let tried = weights.iter().filter_map(|&weight_of_length| {
-            let view = View { load, weight_of_length };
-            let Seen { inputs, dimensions, answers } = Seen::of(calibration, view)?;
-            Some((view, Kriging::seek(&inputs, dimensions, &answers, ANSWERS, MANNER)))
-        });
-        let better = |a: (View, Sought), b: (View, Sought)| if b.1.likelihood > a.1.likelihood { b } else { a };
-        tried.reduce(better).ok_or(FitError::NothingToTellApart)
+    pub fn seek(calibration: &Calibration, load: ForceKnown) -> Result<Likeliest, FitError> {
+        let mut views = View::suitable(calibration, load);
+        let sought = |view: &View, manner| {
+            let Seen { inputs, answers } = Seen::of(calibration, view, MOST_TO_SEEK_WITH)?;
+            Some(Kriging::seek(&inputs, view.dimensions(), &answers, ANSWERS, manner))
+        };
+        if views.len() > 1 {
+            let likelihood = |view: &View| sought(view, OF_VIEWS).map_or(f64::NEG_INFINITY, |sought| sought.likelihood);
+            let likelihoods: Vec<f64> = views.iter().map(likelihood).collect();
+            let best = (1..views.len()).fold(0, |best, i| if likelihoods[i] > likelihoods[best] { i } else { best });
+            views.swap(0, best);
+        }
+        let mut view = views.swap_remove(0);
+        let mut sought = sought(&view, MANNER).ok_or(FitError::NothingToTellApart)?;
+        if view.dimensions() <= MOST_STRETCHED {
+            stretch(calibration, &mut view, &mut sought);
+        }
+        Ok((view, sought))
     }
 
     /// The same with a view and a correlation that are known.
-    pub fn fit_with(calibration: &Calibration, (view, sought): (View, Sought)) -> Result<Self, FitError> {
-        let Seen { inputs, dimensions, answers } = Seen::of(calibration, view).ok_or(FitError::NothingToTellApart)?;
-        let process = Kriging::fit_with(&inputs, dimensions, &answers, ANSWERS, MANNER, sought);
-        Ok(GaussianProcess { process, view, force_n: calibration.typical_force_n() })
+    pub fn fit_with(calibration: &Calibration, load: ForceKnown, likeliest: &Likeliest) -> Result<Self, FitError> {
+        let (view, sought) = likeliest;
+        let dimensions = view.dimensions();
+        let seen = Seen::of(calibration, view, MOST_PRESSES).ok_or(FitError::NothingToTellApart)?;
+        let Seen { inputs, answers } = seen;
+        let few = (inputs.len() / dimensions).min(MOST_TO_SEEK_WITH);
+        let few_inputs = inputs[..few * dimensions].to_vec();
+        let (process, held_out) = Process::fit(inputs, dimensions, &answers, ANSWERS, sought, COORDINATES);
+        let errors: Vec<f64> = held_out.chunks_exact(COORDINATES).map(|error| error[0].hypot(error[1])).collect();
+        let least = (LEAST_ERROR * errors.iter().sum::<f64>() / errors.len() as f64).max(f64::MIN_POSITIVE);
+        let log_errors: Vec<f64> = errors[..few].iter().map(|error| error.max(least).ln()).collect();
+        let spread = Kriging::fit_with(&few_inputs, dimensions, &log_errors, 1, MANNER, sought);
+        let (view, force_n) = (view.clone(), calibration.typical_force_n());
+        Ok(GaussianProcess { process, spread, view, load, force_n })
     }
+}
+
+/// Stretches each coordinate of what is seen, and changes the noise of the place, as long as that makes the places likelier.
+fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
+    // one press a place: several are easy to explain by each other, whatever becomes of what lies between the places
+    let few = calibration.by_place().len().min(MOST_TO_SEEK_WITH);
+    let seen = Seen::of(calibration, view, few).filter(|_| few >= FEWEST_TO_STRETCH);
+    let Some(Seen { inputs, answers }) = seen else { return };
+    let dimensions = view.dimensions();
+    let places: Vec<f64> = answers.chunks_exact(ANSWERS).flat_map(|answer| &answer[..COORDINATES]).copied().collect();
+    // logarithms: of the stretch of each coordinate, of the noise ratio, of the stretch of all coordinates
+    let mut chosen = vec![0.0; dimensions + 2];
+    let ratios = &mut sought.noise_ratio[..COORDINATES];
+    let ratio = ratios.iter().map(|ratio| ratio.ln()).sum::<f64>() / COORDINATES as f64;
+    let mut stretched = inputs.clone();
+    let mut likelihood = |logs: &[f64]| {
+        let (each, common) = logs.split_at(dimensions);
+        let factors: Vec<f64> = each.iter().map(|log| (log + common[1]).exp()).collect();
+        for (row, known) in stretched.chunks_exact_mut(dimensions).zip(inputs.chunks_exact(dimensions)) {
+            row.iter_mut().zip(known).zip(&factors).for_each(|((value, known), factor)| *value = known * factor);
+        }
+        let ratio = (ratio + common[0]).exp();
+        let likelihood = process::likelihood(&stretched, dimensions, &places, COORDINATES, sought.correlation, ratio);
+        let unlike: f64 = each.iter().map(|log| (log / STRETCHED_ALIKE).powi(2)).sum();
+        likelihood.map_or(f64::NEG_INFINITY, |likelihood| likelihood - 0.5 * unlike)
+    };
+    let mut best = likelihood(&chosen);
+    for step in STRETCHES {
+        for coordinate in (0..chosen.len()).rev() {
+            for sign in [1.0, -1.0] {
+                let before = chosen[coordinate];
+                chosen[coordinate] += sign * step;
+                let found = likelihood(&chosen);
+                if found > best {
+                    best = found;
+                    break;
+                }
+                chosen[coordinate] = before;
+            }
+        }
+    }
+    let ratio = (ratio + chosen[dimensions]).exp();
+    ratios.fill(ratio);
+    view.stretch(chosen[..dimensions].iter().map(|log| (log + chosen[dimensions + 1]).exp()));
 }
 
 /// What a calibration looks like to the process.
 struct Seen {
     /// Row-major, presses x dimensions.
     inputs: Vec<f64>,
-    dimensions: usize,
     /// Row-major, presses x `ANSWERS`.
     answers: Vec<f64>,
 }
 
 impl Seen {
-    /// None where no press reads anything.
-    fn of(calibration: &Calibration, view: View) -> Option<Self> {
-        let dimensions = view.dimensions(calibration.units());
+    /// Of very many presses some, in random order. None where no press reads anything.
+    fn of(calibration: &Calibration, view: &View, most: usize) -> Option<Self> {
+        let presses = places_in_turn(calibration);
         let (mut inputs, mut answers) = (Vec::new(), Vec::new());
-        for point in calibration.points() {
-            let length = length(point.outputs);
-            if length > 0.0 {
+        for point in presses.into_iter().map(|press| calibration.point(press)) {
+            let length = view.length(point.outputs);
+            if length > 0.0 && answers.len() < most * ANSWERS {
                 view.see(point.outputs, length, &mut inputs);
-                answers.extend([point.place.x_mm, point.place.y_mm, (length / point.force_n).ln()]);
+                let log_force = point.force_n.ln() - view.log_proportional(length);
+                answers.extend([point.place.x_mm, point.place.y_mm, log_force]);
             }
         }
-        if answers.len() > MOST_PLACES * ANSWERS {
-            let kept = farthest_apart(&inputs, dimensions, MOST_PLACES);
-            inputs = kept.iter().flat_map(|&row| &inputs[row * dimensions..][..dimensions]).copied().collect();
-            answers = kept.iter().flat_map(|&row| &answers[row * ANSWERS..][..ANSWERS]).copied().collect();
-        }
-        (!inputs.is_empty()).then_some(Seen { inputs, dimensions, answers })
+        (!inputs.is_empty()).then_some(Seen { inputs, answers })
     }
+}
+
+/// The presses of a calibration in random order: one of each place, then another one of each place that has one, and so on.
+pub(super) fn places_in_turn(calibration: &Calibration) -> Vec<usize> {
+    let mut rng = stream(0, 0, "regressed presses");
+    let mut shuffle = |list: &mut [usize]| {
+        for first in 0..list.len() {
+            let other = first + (rng.next_u64() % (list.len() - first) as u64) as usize;
+            list.swap(first, other);
+        }
+    };
+    let mut presses: Vec<usize> = (0..calibration.len()).collect();
+    shuffle(&mut presses);
+    let mut turn = vec![0; calibration.len()];
+    for mut spot in calibration.by_place() {
+        shuffle(&mut spot);
+        spot.into_iter().enumerate().for_each(|(index, press)| turn[press] = index);
+    }
+    presses.sort_by_key(|&press| turn[press]);
+    presses
 }
 
 impl Locate for GaussianProcess {
@@ -97,7 +197,7 @@ impl Locate for GaussianProcess {
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
-        let length = length(outputs);
+        let length = self.view.length(outputs);
         if length == 0.0 {
             return Err(SolveError::AllEqual);
         }
@@ -105,37 +205,18 @@ impl Locate for GaussianProcess {
         self.view.see(outputs, length, &mut workspace.row);
         let mut answer = [0.0; ANSWERS];
         let nearest = self.process.predict(&workspace.row, &mut answer);
-        let force_n = match self.view.load {
-            ForceKnown::Unknown => length / answer[2].exp(),
+        let mut log_error = [0.0];
+        self.spread.predict(&workspace.row, &mut log_error);
+        let force_n = match self.load {
+            ForceKnown::Unknown => (answer[2] + self.view.log_proportional(length)).exp(),
             ForceKnown::Constant => self.force_n,
         };
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: Place::new(answer[0], answer[1]), force_n, residue: nearest * nearest, ..Located::PLAIN })
+        let (place, residue, scale_mm) = (Place::new(answer[0], answer[1]), nearest * nearest, log_error[0].exp());
+        Ok(Located { place, force_n, residue, scale_mm, ..Located::PLAIN })
     }
-}
-
-impl View {
-    fn dimensions(self, units: usize) -> usize {
-        units + usize::from(self.weight_of_length > 0.0)
-    }
-
-    /// Appends what is seen of a reading of that length.
-    fn see(self, outputs: &[f64], length: f64, seen: &mut Vec<f64>) {
-        let scale = match self.load {
-            ForceKnown::Unknown => 1.0 / length,
-            ForceKnown::Constant => 1.0,
-        };
-        seen.extend(outputs.iter().map(|output| output * scale));
-        if self.weight_of_length > 0.0 {
-            seen.push(self.weight_of_length * length.ln());
-        }
-    }
-}
-
-fn length(outputs: &[f64]) -> f64 {
-    outputs.iter().map(|output| output * output).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]
@@ -157,7 +238,7 @@ mod tests {
         let point = |(x_mm, force_n, outputs)| CalibrationPoint { place: Place::new(x_mm, 0.0), force_n, outputs };
         let points: Vec<_> = presses.iter().map(|(x_mm, force_n, outputs)| point((*x_mm, *force_n, outputs))).collect();
         let process = GaussianProcess::fit(&Calibration::new(&points).unwrap(), ForceKnown::Unknown).unwrap();
-        assert!(process.view.weight_of_length > 0.0);
+        assert!(process.view.dimensions() > 2 || process.view.log_proportional(2.0) == 0.0, "the amplitude must count");
         let located = process.locate(&outputs(0.13, 1.7), &mut Workspace::default()).unwrap();
         assert!((located.place.x_mm - 0.13).abs() < 0.02 && (located.force_n - 1.7).abs() < 0.05, "{located:?}");
     }

@@ -3,7 +3,7 @@
 use faer::{Mat, MatRef, Side};
 
 /// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the
-/// Matérn 5/2 covariance, also known as kriging (Rasmussen and Williams 2006, equations 2.25, 4.17 and 5.8).
+/// likeliest of four covariances, also known as kriging (Rasmussen and Williams 2006, equations 2.25, 4.17 and 5.8).
 ///
 /// A place has any number of coordinates. All outputs share one correlation length, since what smooths them is the same
 /// cover; each has its own scale and noise. Length, scales and noises are those of the largest marginal likelihood.
@@ -20,15 +20,21 @@ pub(super) struct Kriging {
     noise_ratio: Vec<f64>,
     /// Row-major, places x outputs: a prediction is a product of covariances with these.
     weights: Vec<f64>,
+    /// How many typical measurements each place counts for; none where all count alike.
+    counts: Option<Vec<f64>>,
     eigen: Eigen,
 }
 
 /// The likeliest correlation of some values.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Sought {
-    correlation: Correlation,
+    pub correlation: Correlation,
+    /// Noise variance over the process' variance, one an output.
+    pub noise_ratio: Vec<f64>,
     /// Logarithm of the marginal likelihood of the places it was sought with.
     pub likelihood: f64,
+    /// Whether places count for as much as they were measured, or all alike.
+    is_weighted: bool,
 }
 
 /// How a process is regressed.
@@ -38,6 +44,8 @@ pub(super) struct Regression {
     pub about_mean: bool,
     /// The most places that the correlation is sought with.
     pub most_to_seek_with: usize,
+    /// The smoothnesses that are tried.
+    pub of: &'static [Smoothness],
 }
 
 /// What a process regressed without one of its places says there.
@@ -50,6 +58,9 @@ pub(super) struct HeldOut {
 
 /// The most places a process is regressed from; of more, those farthest apart are taken. The cost grows with the cube.
 pub(super) const MOST_PLACES: usize = 1200;
+
+/// Places whose counts are within this factor count alike: forces within 1.5 count as one.
+const ALIKE: f64 = 2.25;
 
 /// How many lengths are tried of each smoothness, evenly by their logarithm, from the spacing of the places to [`LONGEST`].
 const LENGTHS: usize = 6;
@@ -70,21 +81,35 @@ const NOISE_ALIKE: f64 = 1.5;
 const ROUNDS_OF_NOISE: usize = 5;
 
 impl Kriging {
-    /// The likeliest correlation of `values` (row-major, places x outputs) at `places` (row-major, places x dimensions). At least one
-    /// place; everything finite.
+    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions). At least one place;
+    /// everything finite.
+    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
+        let sought = Self::seek(places, dimensions, values, outputs, manner);
+        Self::fit_with(places, dimensions, values, outputs, manner, &sought)
+    }
+
+    /// The likeliest correlation of values that may be unequally noisy: `counts` says how many typical measurements the one at each
+    /// place is worth. Whether they count so, or all alike, is the likelihood's choice too.
+    pub fn seek_weighted(
+        places: &[f64],
+        dimensions: usize,
+        values: &[f64],
+        outputs: usize,
+        manner: Regression,
+        counts: &[f64],
+    ) -> Sought {
+        let alike = Self::seek(places, dimensions, values, outputs, manner);
+        let (least, most) = counts.iter().fold((f64::MAX, 0.0f64), |(l, m), count| (l.min(*count), m.max(*count)));
+        if most < ALIKE * least {
+            return alike;
+        }
+        let weighted = Self::seek_counting(places, dimensions, values, outputs, manner, Some(counts));
+        if weighted.likelihood > alike.likelihood { weighted } else { alike }
+    }
+
+    /// The likeliest correlation of values as [`fit`](Self::fit) takes them.
     pub fn seek(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Sought {
-        let centred = Centred::new(values, outputs, manner);
-        let few = farthest_apart(places, dimensions, manner.most_to_seek_with.min(places.len() / dimensions));
-        let few_places: Vec<f64> =
-            few.iter().flat_map(|&row| &places[row * dimensions..][..dimensions]).copied().collect();
-        let few_values = Mat::from_fn(few.len(), outputs, |row, output| centred.at(few[row], output));
-        let likelihood = |correlation: Correlation| {
-            let eigen = Eigen::of(&few_places, dimensions, correlation);
-            let turned = eigen.vectors.transpose() * &few_values;
-            eigen.likeliest_noise(&turned).iter().map(|noise| noise.likelihood).sum::<f64>()
-        };
-        let (correlation, likelihood) = likeliest(&few_places, dimensions, likelihood);
-        Sought { correlation, likelihood }
+        Self::seek_counting(places, dimensions, values, outputs, manner, None)
     }
 
     /// Regresses such values with a correlation that is known.
@@ -94,17 +119,62 @@ impl Kriging {
         values: &[f64],
         outputs: usize,
         manner: Regression,
-        Sought { correlation, .. }: Sought,
+        sought: &Sought,
     ) -> Self {
+        Self::fit_counting(places, dimensions, values, outputs, manner, sought, None)
+    }
+
+    fn seek_counting(
+        places: &[f64],
+        dimensions: usize,
+        values: &[f64],
+        outputs: usize,
+        manner: Regression,
+        counts: Option<&[f64]>,
+    ) -> Sought {
+        let centred = Centred::new(values, outputs, manner);
+        let few = farthest_apart(places, dimensions, manner.most_to_seek_with.min(places.len() / dimensions));
+        let few_places: Vec<f64> =
+            few.iter().flat_map(|&row| &places[row * dimensions..][..dimensions]).copied().collect();
+        let few_counts: Option<Vec<f64>> = counts.map(|counts| few.iter().map(|&row| counts[row]).collect());
+        let mut few_values = Mat::from_fn(few.len(), outputs, |row, output| centred.at(few[row], output));
+        scale_rows(&mut few_values, few_counts.as_deref());
+        let noise = |correlation: Correlation| {
+            let eigen = Eigen::of(&few_places, dimensions, correlation, few_counts.as_deref());
+            let turned = eigen.vectors.transpose() * &few_values;
+            eigen.likeliest_noise(&turned)
+        };
+        let likelihood = |correlation| noise(correlation).iter().map(|noise| noise.likelihood).sum::<f64>();
+        let (correlation, likelihood) = likeliest(&few_places, dimensions, manner.of, likelihood);
+        let noise_ratio = noise(correlation).iter().map(|noise| noise.ratio).collect();
+        // scaling the rows scaled the determinant too
+        let scaled = few_counts.map_or(0.0, |counts| 0.5 * outputs as f64 * counts.iter().map(|c| c.ln()).sum::<f64>());
+        Sought { correlation, noise_ratio, likelihood: likelihood + scaled, is_weighted: counts.is_some() }
+    }
+
+    /// The same of values that may be unequally noisy.
+    pub fn fit_counting(
+        places: &[f64],
+        dimensions: usize,
+        values: &[f64],
+        outputs: usize,
+        manner: Regression,
+        &Sought { correlation, is_weighted, .. }: &Sought,
+        counts: Option<&[f64]>,
+    ) -> Self {
+        let counts = counts.filter(|_| is_weighted);
         let centred = Centred::new(values, outputs, manner);
         let count = places.len() / dimensions;
-        let eigen = Eigen::of(places, dimensions, correlation);
-        let turned = eigen.vectors.transpose() * Mat::from_fn(count, outputs, |row, output| centred.at(row, output));
+        let eigen = Eigen::of(places, dimensions, correlation, counts);
+        let mut scaled = Mat::from_fn(count, outputs, |row, output| centred.at(row, output));
+        scale_rows(&mut scaled, counts);
+        let turned = eigen.vectors.transpose() * scaled;
         let noise = eigen.likeliest_noise(&turned);
 
         let scaled =
             Mat::from_fn(count, outputs, |i, output| turned[(i, output)] / (eigen.values[i] + noise[output].ratio));
-        let weights = &eigen.vectors * scaled;
+        let mut weights = &eigen.vectors * scaled;
+        scale_rows(&mut weights, counts);
         Kriging {
             dimensions,
             outputs,
@@ -113,15 +183,21 @@ impl Kriging {
             mean: centred.mean,
             noise_ratio: noise.iter().map(|noise| noise.ratio).collect(),
             weights: rows(&weights).collect(),
+            counts: counts.map(<[f64]>::to_vec),
             eigen,
         }
+    }
+
+    /// Whether the places count for as much as they were measured.
+    pub fn is_weighted(&self) -> bool {
+        self.counts.is_some()
     }
 
     /// The distance over which the outputs look smooth, in the places' unit.
     pub fn grain(&self) -> f64 {
         match self.correlation.smoothness {
-            Smoothness::Matern => 0.5 * self.correlation.length,
             Smoothness::Gaussian => self.correlation.length,
+            _ => 0.5 * self.correlation.length,
         }
     }
 
@@ -151,7 +227,9 @@ impl Kriging {
     /// The variance of each prediction over that of the noise: row-major, places x outputs. About one over the number of
     /// measurements that a prediction is the mean of; large where there are none.
     pub fn leverage(&self, places: &[f64]) -> Vec<f64> {
-        let mut turned = self.eigen.vectors.transpose() * self.correlations(places);
+        let mut correlations = self.correlations(places);
+        scale_rows(&mut correlations, self.counts.as_deref());
+        let mut turned = self.eigen.vectors.transpose() * correlations;
         square(&mut turned);
         let told = turned.transpose() * self.precisions();
         let ratios = self.noise_ratio.iter().cycle();
@@ -162,10 +240,15 @@ impl Kriging {
     pub fn held_out(&self) -> HeldOut {
         let mut squares = self.eigen.vectors.clone();
         square(&mut squares);
-        let precisions = squares * self.precisions();
+        let mut precisions = squares * self.precisions();
+        // twice: by the root of the count, squared
+        scale_rows(&mut precisions, self.counts.as_deref());
+        scale_rows(&mut precisions, self.counts.as_deref());
         let residuals = self.weights.iter().zip(rows(&precisions)).map(|(weight, p)| weight / p).collect();
         let ratios = self.noise_ratio.iter().cycle();
-        let leverage = rows(&precisions).zip(ratios).map(|(p, ratio)| (1.0 / (p * ratio) - 1.0).max(0.0)).collect();
+        let own = |i: usize| self.counts.as_ref().map_or(1.0, |counts| 1.0 / counts[i / self.outputs]);
+        let terms = rows(&precisions).zip(ratios).enumerate();
+        let leverage = terms.map(|(i, (p, ratio))| (1.0 / (p * ratio) - own(i)).max(0.0)).collect();
         HeldOut { residuals, leverage }
     }
 
@@ -208,6 +291,13 @@ impl<'a> Centred<'a> {
 /// A matrix' values, row by row.
 fn rows(matrix: &Mat<f64>) -> impl Iterator<Item = f64> {
     (0..matrix.nrows()).flat_map(move |i| (0..matrix.ncols()).map(move |j| matrix[(i, j)]))
+}
+
+/// Multiplies each row by the root of its count, if they count.
+fn scale_rows(matrix: &mut Mat<f64>, counts: Option<&[f64]>) {
+    for column in matrix.col_iter_mut().filter(|_| counts.is_some()) {
+        column.iter_mut().zip(counts.into_iter().flatten()).for_each(|(value, count)| *value *= count.sqrt());
+    }
 }
 
 /// Squares every value.
@@ -253,12 +343,17 @@ struct NoiseRatio {
 }
 
 impl Eigen {
-    fn of(places: &[f64], dimensions: usize, correlation: Correlation) -> Self {
+    /// Each row and each column is multiplied by the root of its count, if they count: the noise is then the same everywhere.
+    fn of(places: &[f64], dimensions: usize, correlation: Correlation, counts: Option<&[f64]>) -> Self {
         let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
-        let correlations = Mat::from_fn(rows.len(), rows.len(), |i, j| match i >= j {
+        let mut correlations = Mat::from_fn(rows.len(), rows.len(), |i, j| match i >= j {
             true => correlation.at(distance(rows[i], rows[j])),
             false => 0.0,
         });
+        scale_rows(&mut correlations, counts);
+        for (column, count) in correlations.col_iter_mut().zip(counts.into_iter().flatten()) {
+            column.iter_mut().for_each(|value| *value *= count.sqrt());
+        }
         match correlations.self_adjoint_eigen(Side::Lower) {
             Ok(eigen) => Eigen {
                 values: eigen.S().column_vector().iter().map(|value| value.max(0.0)).collect(),
@@ -313,13 +408,18 @@ impl Eigen {
 }
 
 /// The correlation of the largest likelihood, and that.
-fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation) -> f64) -> (Correlation, f64) {
+fn likeliest(
+    places: &[f64],
+    dimensions: usize,
+    smoothnesses: &[Smoothness],
+    likelihood: impl Fn(Correlation) -> f64,
+) -> (Correlation, f64) {
     let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
     let apart = |i: usize, j: usize| distance(rows[i], rows[j]);
     let extent = (0..rows.len()).map(|i| apart(0, i)).fold(0.0, f64::max);
     if extent == 0.0 {
         // one place only: any length will do
-        return (Correlation { smoothness: Smoothness::Matern, length: 1.0 }, 0.0);
+        return (Correlation { smoothness: Smoothness::Smooth, length: 1.0 }, 0.0);
     }
     let others = |i: usize| (0..rows.len()).filter(move |&j| j != i);
     let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
@@ -343,12 +443,13 @@ fn likeliest(places: &[f64], dimensions: usize, likelihood: impl Fn(Correlation)
         }
         best
     };
-    better(best_of(Smoothness::Matern), best_of(Smoothness::Gaussian))
+    let none = (Correlation { smoothness: Smoothness::Smooth, length: 1.0 }, f64::NEG_INFINITY);
+    smoothnesses.iter().map(|&smoothness| best_of(smoothness)).fold(none, better)
 }
 
 /// How alike the outputs at two places are.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Correlation {
+pub(super) struct Correlation {
     smoothness: Smoothness,
     /// In the places' unit.
     length: f64,
@@ -356,18 +457,35 @@ struct Correlation {
 
 /// How smooth the outputs are.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Smoothness {
-    /// Twice differentiable.
-    Matern,
+pub(super) enum Smoothness {
+    /// Continuous: Matérn 1/2.
+    Rough,
+    /// Once differentiable: Matérn 3/2.
+    Even,
+    /// Twice differentiable: Matérn 5/2.
+    Smooth,
     /// Without an end.
     Gaussian,
 }
 
+impl Smoothness {
+    /// All of them, the one that most skins have first.
+    pub const ALL: [Self; 4] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even, Smoothness::Rough];
+
+    /// Those that have a slope, which a map needs to be inverted.
+    pub const WITH_SLOPES: [Self; 3] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even];
+}
+
 impl Correlation {
-    fn at(&self, apart: f64) -> f64 {
+    pub fn at(&self, apart: f64) -> f64 {
         let lengths = apart / self.length;
         match self.smoothness {
-            Smoothness::Matern => {
+            Smoothness::Rough => (-lengths).exp(),
+            Smoothness::Even => {
+                let r = 3f64.sqrt() * lengths;
+                (1.0 + r) * (-r).exp()
+            }
+            Smoothness::Smooth => {
                 let r = 5f64.sqrt() * lengths;
                 (1.0 + r + r * r / 3.0) * (-r).exp()
             }
@@ -376,11 +494,11 @@ impl Correlation {
     }
 }
 
-fn distance(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
-fn column_means(values: &[f64], columns: usize) -> Vec<f64> {
+pub(super) fn column_means(values: &[f64], columns: usize) -> Vec<f64> {
     let rows = (values.len() / columns).max(1) as f64;
     (0..columns).map(|column| values[column..].iter().step_by(columns).sum::<f64>() / rows).collect()
 }
@@ -393,4 +511,80 @@ fn flat_columns(values: &[f64], columns: usize) -> Vec<bool> {
         most - least <= 1e-9 * most.abs().max(least.abs())
     };
     (0..columns).map(is_flat).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::stream;
+    use rand::distr::Distribution;
+    use rand_distr::StandardNormal;
+
+    const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 144, of: &Smoothness::WITH_SLOPES };
+
+    fn truth(place: f64) -> f64 {
+        (0.7 * place).sin()
+    }
+
+    /// 60 places, every second one measured well and the others badly, with their counts.
+    fn unequal() -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let mut rng = stream(3, 0, "unequal rows");
+        let mut draw = |i: usize| {
+            let normal: f64 = StandardNormal.sample(&mut rng);
+            let count: f64 = if i.is_multiple_of(2) { 1.99 } else { 0.01 };
+            (0.15 * i as f64, truth(0.15 * i as f64) + 0.05 * normal / count.sqrt(), count)
+        };
+        let rows: Vec<_> = (0..60).map(&mut draw).collect();
+        (rows.iter().map(|r| r.0).collect(), rows.iter().map(|r| r.1).collect(), rows.iter().map(|r| r.2).collect())
+    }
+
+    fn error(kriging: &Kriging) -> f64 {
+        let mut value = [0.0];
+        let mut square = |i: u32| {
+            let place = 0.05 * f64::from(i);
+            kriging.predict(&[place], &mut value);
+            (value[0] - truth(place)).powi(2)
+        };
+        ((0..170).map(&mut square).sum::<f64>() / 170.0).sqrt()
+    }
+
+    #[test]
+    fn what_was_measured_badly_counts_little() {
+        let (places, values, counts) = unequal();
+        let alike = Kriging::fit(&places, 1, &values, 1, MANNER);
+        let weighted = Kriging::fit_weighted(&places, 1, &values, 1, MANNER, &counts);
+        assert!(weighted.is_weighted());
+        assert!(error(&weighted) < 0.5 * error(&alike), "{} {}", error(&weighted), error(&alike));
+    }
+
+    #[test]
+    fn held_out_predictions_are_those_of_a_regression_without_the_place() {
+        let (places, values, counts) = unequal();
+        let sought = Kriging::seek_counting(&places, 1, &values, 1, MANNER, Some(&counts));
+        let whole = Kriging::fit_counting(&places, 1, &values, 1, MANNER, &sought, Some(&counts));
+        let HeldOut { residuals, leverage } = whole.held_out();
+        let eigen = |rows: &[usize]| -> (Vec<f64>, Mat<f64>) {
+            let places: Vec<f64> = rows.iter().map(|&row| places[row]).collect();
+            let ratio = whole.noise_ratio[0];
+            let own = |i: usize, j: usize| if i == j { ratio / counts[rows[i]] } else { 0.0 };
+            let at = |i: usize, j: usize| whole.correlation.at((places[i] - places[j]).abs()) + own(i, j);
+            (places.clone(), Mat::from_fn(rows.len(), rows.len(), at))
+        };
+        let rows: Vec<usize> = (0..places.len()).filter(|&row| row != 17).collect();
+        let (others, matrix) = eigen(&rows);
+        let to = Mat::from_fn(rows.len(), 1, |i, _| whole.correlation.at((others[i] - places[17]).abs()));
+        let solved = faer::linalg::solvers::Solve::solve(&matrix.llt(Side::Lower).unwrap(), &to);
+        let predicted: f64 = rows.iter().enumerate().map(|(i, &row)| solved[(i, 0)] * values[row]).sum();
+        let variance = 1.0 - (0..rows.len()).map(|i| solved[(i, 0)] * to[(i, 0)]).sum::<f64>();
+        assert!((residuals[17] - (values[17] - predicted)).abs() < 1e-6);
+        assert!((leverage[17] / (variance / whole.noise_ratio[0]) - 1.0).abs() < 1e-4, "{}", leverage[17]);
+    }
+
+    #[test]
+    fn counts_that_are_alike_change_nothing() {
+        let (places, values, _) = unequal();
+        let counts: Vec<f64> = (0..60).map(|i| if i % 3 == 0 { 1.4 } else { 0.8 }).collect();
+        let weighted = Kriging::fit_weighted(&places, 1, &values, 1, MANNER, &counts);
+        assert_eq!(weighted.weights, Kriging::fit(&places, 1, &values, 1, MANNER).weights);
+    }
 }

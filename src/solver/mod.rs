@@ -17,6 +17,8 @@
 //! | `surrogate` | `surrogate` | a smooth map of the calibration, inverted |
 //! | `physics` | `physics` | an elastic map with four parameters a unit, inverted |
 //! | `gaussian-process` | `gaussian_process` | a regression from readings to places |
+//! | `pattern-map` | `pattern_map` | a smooth map of the pattern, inverted with the errors of all units correlated |
+//! | `extra-trees` | `extra_trees` | extremely randomised trees from readings to places |
 //!
 //! The first three search a table (`scan`). `surrogate` and `physics` each make a `Response` (map, its error, noise), which
 //! `Forward` inverts: `field` tabulates it, `descent` and `normal` refine, `threshold` says what one contact may leave
@@ -32,6 +34,7 @@ mod broken;
 mod calibration;
 mod descent;
 mod evaluation;
+mod extra_trees;
 mod field;
 mod fitted;
 mod forward;
@@ -41,10 +44,12 @@ mod knn;
 mod kriging;
 mod noise;
 mod normal;
+mod pattern_map;
 mod pearson;
 mod physics;
 mod placement;
 mod prepared;
+mod process;
 mod response;
 mod scan;
 mod session;
@@ -54,6 +59,7 @@ mod spots;
 mod starts;
 mod surrogate;
 mod threshold;
+mod view;
 mod whitened;
 mod widths;
 mod workspace;
@@ -79,8 +85,17 @@ pub use workspace::Workspace;
 use crate::quantity::Place;
 
 /// The names [`fit`] knows, the paper's own first.
-pub const SOLVERS: [&str; 7] =
-    ["pearson", "pearson-lsq", "pearson-knn", "whitened", "surrogate", "physics", "gaussian-process"];
+pub const SOLVERS: [&str; 9] = [
+    "pearson",
+    "pearson-lsq",
+    "pearson-knn",
+    "whitened",
+    "surrogate",
+    "physics",
+    "gaussian-process",
+    "pattern-map",
+    "extra-trees",
+];
 
 /// A fitted method.
 pub trait Solver: Send + Sync {
@@ -119,7 +134,8 @@ struct Located {
     residue: f64,
     /// How much better a contact beyond the calibrated area would fit, in the same measure.
     beyond: f64,
-    /// What the errors of location, mm, and force, N, are in proportion to; 1 where the method doesn't tell one reading from another.
+    /// What the errors of location, mm, and force, N, are in proportion to, up to a factor that all answers of the method share; 1 where
+    /// it doesn't tell one reading from another.
     scale_mm: f64,
     scale_n: f64,
 }

@@ -38,7 +38,7 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
             leverage.push(own / (1.0 - own));
         }
     }
-    let held = spots.hold_out(calibration, &residuals, &leverage);
+    let held = spots.hold_out(calibration, &residuals, &leverage, false);
     Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration).known_everywhere())
 }
 

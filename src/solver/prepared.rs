@@ -2,10 +2,11 @@
 
 use super::appraised::Appraised;
 use super::broken::broken;
+use super::extra_trees::ExtraTrees;
 use super::forward::Forward;
-use super::gaussian_process::{GaussianProcess, View};
+use super::gaussian_process::{GaussianProcess, Likeliest};
 use super::heldout::{FOLDS, Folds, HeldPress};
-use super::kriging::Sought;
+use super::pattern_map::PatternMap;
 use super::physics::physics;
 use super::response::Response;
 use super::surrogate::{surrogate, surrogate_with};
@@ -31,7 +32,7 @@ pub struct Prepared<'a> {
     /// The smooth map of the calibration.
     response: OnceLock<Result<Response, FitError>>,
     /// What the Gaussian process sees of a reading, and its correlation.
-    process: OnceLock<Result<(View, Sought), FitError>>,
+    process: OnceLock<Result<Likeliest, FitError>>,
 }
 
 const PHYSICS: &str = "physics";
@@ -154,11 +155,12 @@ impl<'a> Prepared<'a> {
         match name {
             "gaussian-process" => {
                 let sought =
-                    self.process.get_or_init(|| GaussianProcess::seek(&self.calibration, setting.load)).clone()?;
-                parts.trials(folds, |part| Ok(Box::new(GaussianProcess::fit_with(part, sought)?)))
+                    self.process.get_or_init(|| GaussianProcess::seek(&self.calibration, setting.load)).as_ref();
+                let sought = sought.map_err(Clone::clone)?;
+                parts.trials(folds, |part| Ok(Box::new(GaussianProcess::fit_with(part, setting.load, sought)?)))
             }
             "surrogate" => parts.trials(folds, |part| {
-                let response = surrogate_with(part, response.sought)?;
+                let response = surrogate_with(part, response.sought.as_ref())?;
                 Ok(Box::new(Forward::new("surrogate", response, part, &setting)))
             }),
             _ => parts.trials(folds, |part| method(name, part, &setting, Some(response))),
@@ -228,6 +230,8 @@ fn method(
             Box::new(Whitened::fit(calibration, &typical_sd)?)
         }
         "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
+        "pattern-map" => Box::new(PatternMap::fit(calibration, setting.load)?),
+        "extra-trees" => Box::new(ExtraTrees::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     })
 }

@@ -23,15 +23,7 @@ struct Spot {
 impl Spots {
     /// The places of a calibration; of very many, those farthest apart.
     pub fn of(calibration: &Calibration) -> Self {
-        let mut spots: Vec<Spot> =
-            calibration.by_place().into_iter().map(|presses| Spot::of(calibration, presses)).collect();
-        if spots.len() > MOST_PLACES {
-            let places: Vec<f64> = spots.iter().flat_map(|spot| [spot.place.x_mm, spot.place.y_mm]).collect();
-            let mut is_kept = vec![false; spots.len()];
-            farthest_apart(&places, 2, MOST_PLACES).into_iter().for_each(|index| is_kept[index] = true);
-            let mut is_kept = is_kept.into_iter();
-            spots.retain(|_| is_kept.next().unwrap_or(false));
-        }
+        let spots = by_spread_place(calibration).into_iter().map(|presses| Spot::of(calibration, presses)).collect();
         Spots { spots, units: calibration.units() }
     }
 
@@ -45,16 +37,35 @@ impl Spots {
         self.spots.iter().flat_map(|spot| spot.per_newton.iter().copied()).collect()
     }
 
+    /// How many typical places the one measurement of each counts for: its presses' sum of squares of the force over the mean of it.
+    pub fn counts(&self) -> Vec<f64> {
+        let typical = self.typical_weight();
+        self.spots.iter().map(|spot| spot.weight / typical).collect()
+    }
+
+    fn typical_weight(&self) -> f64 {
+        self.spots.iter().map(|spot| spot.weight).sum::<f64>() / self.spots.len() as f64
+    }
+
     /// Every press against what a map says at its place without it. `residuals` is what the places' outputs a newton are over that,
-    /// `leverage` its variance over that of the noise; both row-major, places x units.
-    pub fn hold_out(&self, calibration: &Calibration, residuals: &[f64], leverage: &[f64]) -> Vec<Held> {
+    /// `leverage` its variance over that of the noise, of each place or, `is_weighted`, of a typical one; both row-major, places x
+    /// units.
+    pub fn hold_out(
+        &self,
+        calibration: &Calibration,
+        residuals: &[f64],
+        leverage: &[f64],
+        is_weighted: bool,
+    ) -> Vec<Held> {
         let rows = residuals.chunks_exact(self.units).zip(leverage.chunks_exact(self.units));
         let mut held = Vec::with_capacity(calibration.len());
+        let typical = self.typical_weight();
         for (spot, (residuals, leverage)) in self.spots.iter().zip(rows) {
+            let weight = if is_weighted { typical } else { spot.weight };
             for &press in &spot.presses {
                 let press = calibration.point(press);
                 // The map is as sure as the mean of all presses here makes it; one of them alone is less so.
-                let share = press.force_n * press.force_n / spot.weight;
+                let share = press.force_n * press.force_n / weight;
                 let of_unit = |unit: usize| {
                     let predicted = press.force_n * (spot.per_newton[unit] - residuals[unit]);
                     Residual { predicted, residual: press.outputs[unit] - predicted, leverage: leverage[unit] * share }
@@ -85,4 +96,22 @@ impl Spot {
         spot.per_newton.iter_mut().for_each(|sum| *sum /= spot.weight);
         spot
     }
+}
+
+/// The presses at each place of a calibration; of very many places, those farthest apart.
+pub(super) fn by_spread_place(calibration: &Calibration) -> Vec<Vec<usize>> {
+    let mut spots = calibration.by_place();
+    if spots.len() > MOST_PLACES {
+        let places = coordinates(spots.iter().map(|presses| calibration.point(presses[0]).place));
+        let mut is_kept = vec![false; spots.len()];
+        farthest_apart(&places, 2, MOST_PLACES).into_iter().for_each(|index| is_kept[index] = true);
+        let mut is_kept = is_kept.into_iter();
+        spots.retain(|_| is_kept.next().unwrap_or(false));
+    }
+    spots
+}
+
+/// x and y of places, row-major.
+pub(super) fn coordinates(places: impl Iterator<Item = Place>) -> Vec<f64> {
+    places.flat_map(|place| [place.x_mm, place.y_mm]).collect()
 }

@@ -1,9 +1,9 @@
 //! The map by regression.
 
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Regression, Sought};
+use super::kriging::{Kriging, Regression, Smoothness, Sought};
 use super::response::Response;
-use super::spots::Spots;
+use super::spots::{Spots, coordinates};
 use super::{Calibration, FitError};
 use crate::quantity::Place;
 
@@ -12,37 +12,34 @@ use crate::quantity::Place;
 const CELLS_A_GRAIN: f64 = 6.0;
 
 /// Outputs fall to 0 far away. Places to seek with: the correlation then costs a fifth of the fit.
-const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 144 };
+const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 144, of: &Smoothness::WITH_SLOPES };
 
 /// The response as the calibration has it, free of any idea of what is under the cover: each unit's output a newton, smoothed
 /// over the places by kriging.
 pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError> {
     let (spots, units) = (Spots::of(calibration), calibration.units());
-    let sought = Kriging::seek(&coordinates(spots.places()), 2, &spots.per_newton(), units, MANNER);
-    map(calibration, &spots, sought)
+    let places = coordinates(spots.places());
+    let sought = Kriging::seek_weighted(&places, 2, &spots.per_newton(), units, MANNER, &spots.counts());
+    map(calibration, &spots, &sought)
 }
 
 /// The same with the correlation of a larger calibration.
-pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<Sought>) -> Result<Response, FitError> {
+pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<&Sought>) -> Result<Response, FitError> {
     match sought {
         Some(sought) => map(calibration, &Spots::of(calibration), sought),
         None => surrogate(calibration),
     }
 }
 
-fn map(calibration: &Calibration, spots: &Spots, sought: Sought) -> Result<Response, FitError> {
+fn map(calibration: &Calibration, spots: &Spots, sought: &Sought) -> Result<Response, FitError> {
     let units = calibration.units();
-    let kriging = Kriging::fit_with(&coordinates(spots.places()), 2, &spots.per_newton(), units, MANNER, sought);
+    let (places, counts) = (coordinates(spots.places()), spots.counts());
+    let kriging = Kriging::fit_counting(&places, 2, &spots.per_newton(), units, MANNER, sought, Some(&counts));
     let held_out = kriging.held_out();
     let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
     let field = Field::new(area, kriging.grain() / CELLS_A_GRAIN, units, sample);
-    let held = spots.hold_out(calibration, &held_out.residuals, &held_out.leverage);
+    let held = spots.hold_out(calibration, &held_out.residuals, &held_out.leverage, kriging.is_weighted());
     let leverage = |places: &[Place]| kriging.leverage(&coordinates(places.iter().copied()));
-    Ok(Response { sought: Some(sought), ..Response::new(field, leverage, held, calibration) })
-}
-
-/// x and y of places, row-major.
-fn coordinates(places: impl Iterator<Item = Place>) -> Vec<f64> {
-    places.flat_map(|place| [place.x_mm, place.y_mm]).collect()
+    Ok(Response { sought: Some(sought.clone()), ..Response::new(field, leverage, held, calibration) })
 }

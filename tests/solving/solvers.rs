@@ -181,23 +181,29 @@ fn best_reaches_the_bound_on_the_quiet_scene_and_says_how_far_it_is_off() {
 
 /// The README's table of methods without stated errors: mean location error of 12,000 contacts, mm, in T and in Q. A mean's
 /// standard error is 0.6 %, the specimens' 1 %.
-const METHODS_MM: [(&str, f64, f64); 4] = [
+const METHODS_MM: [(&str, f64, f64); 6] = [
     ("pearson", 0.453, 0.220),
     ("pearson-knn", 0.356, 0.130),
     ("whitened", 0.326, 0.214),
-    ("gaussian-process", 0.280, 0.065),
+    ("gaussian-process", 0.267, 0.067),
+    ("pattern-map", 0.222, 0.038),
+    ("extra-trees", 0.442, 0.144),
 ];
 const METHODS_WITHIN: f64 = 0.03;
 
 #[test]
 fn each_method_is_as_near_as_the_readme_says() {
+    let mut off = Vec::new();
     for (name, in_t_mm, in_q_mm) in METHODS_MM {
         for (spec, expected_mm) in [(scene_t(), in_t_mm), (scene_q(), in_q_mm)] {
             let sums = solve(&spec, name, 25, 12_000, 3);
             let found_mm = sums.mean(sums.location_mm);
-            assert!((found_mm / expected_mm - 1.0).abs() <= METHODS_WITHIN, "{name}: {found_mm} mm, {expected_mm} mm");
+            if (found_mm / expected_mm - 1.0).abs() > METHODS_WITHIN {
+                off.push(format!("{name}: {found_mm} mm, {expected_mm} mm"));
+            }
         }
     }
+    assert!(off.is_empty(), "{off:?}");
 }
 
 #[test]

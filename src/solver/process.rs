@@ -1,0 +1,123 @@
+//! A regression from many coordinates that only predicts.
+
+use super::kriging::{Correlation, Sought, column_means, distance};
+use faer::linalg::solvers::Solve;
+use faer::{Mat, MatRef, Side};
+
+/// A Gaussian process of which correlation and noise are known: what it predicts, by a Cholesky factor (Rasmussen and Williams 2006,
+/// algorithm 2.1).
+pub(super) struct Process {
+    dimensions: usize,
+    outputs: usize,
+    /// Row-major, rows x dimensions.
+    inputs: Vec<f64>,
+    correlation: Correlation,
+    mean: Vec<f64>,
+    /// Row-major, rows x outputs.
+    weights: Vec<f64>,
+}
+
+impl Process {
+    /// Regresses `values` (row-major, rows x outputs) on `inputs` (row-major, rows x dimensions). Also what each row of the first
+    /// `leading` outputs would be predicted to be without it: measured less predicted, row-major.
+    pub fn fit(
+        inputs: Vec<f64>,
+        dimensions: usize,
+        values: &[f64],
+        outputs: usize,
+        sought: &Sought,
+        leading: usize,
+    ) -> (Self, Vec<f64>) {
+        let count = inputs.len() / dimensions;
+        let mean = column_means(values, outputs);
+        let centred = Mat::from_fn(count, outputs, |row, output| values[row * outputs + output] - mean[output]);
+        let correlations = correlations(&inputs, dimensions, sought.correlation);
+        let mut weights = vec![0.0; count * outputs];
+        let mut held_out = vec![0.0; count * leading];
+        // the leading outputs share one noise, the geometric mean of theirs; one factor does for them
+        let logs = sought.noise_ratio[..leading].iter().map(|ratio| ratio.ln());
+        let shared = (logs.sum::<f64>() / leading as f64).exp();
+        for (first, past, ratio) in
+            std::iter::once((0, leading, shared)).chain((leading..outputs).map(|i| (i, i + 1, sought.noise_ratio[i])))
+        {
+            let mut noisy = correlations.clone();
+            (0..count).for_each(|i| noisy[(i, i)] += ratio);
+            // finite and positive definite by its noise; should it not be, every prediction is the mean
+            let Ok(factor) = noisy.llt(Side::Lower) else { continue };
+            let solved = factor.solve(centred.subcols(first, past - first));
+            for (row, weights) in weights.chunks_exact_mut(outputs).enumerate() {
+                (first..past).for_each(|output| weights[output] = solved[(row, output - first)]);
+            }
+            if first == 0 {
+                let precisions = inverse_diagonal(factor.L());
+                for (row, held_out) in held_out.chunks_exact_mut(leading).enumerate() {
+                    (0..leading).for_each(|output| held_out[output] = solved[(row, output)] / precisions[row]);
+                }
+            }
+        }
+        let correlation = sought.correlation;
+        (Process { dimensions, outputs, inputs, correlation, mean, weights }, held_out)
+    }
+
+    /// The outputs at an input; returns how far it is from the nearest known one.
+    pub fn predict(&self, input: &[f64], outputs: &mut [f64]) -> f64 {
+        outputs.copy_from_slice(&self.mean);
+        let mut nearest = f64::INFINITY;
+        for (known, weights) in self.inputs.chunks_exact(self.dimensions).zip(self.weights.chunks_exact(self.outputs)) {
+            let apart = distance(input, known);
+            nearest = nearest.min(apart);
+            let covariance = self.correlation.at(apart);
+            outputs.iter_mut().zip(weights).for_each(|(output, weight)| *output += covariance * weight);
+        }
+        nearest
+    }
+}
+
+/// How likely values (row-major, rows x outputs) are under a correlation and a noise ratio that all outputs share: the logarithm of
+/// the marginal likelihood. None where the matrix isn't positive definite.
+pub(super) fn likelihood(
+    inputs: &[f64],
+    dimensions: usize,
+    values: &[f64],
+    outputs: usize,
+    correlation: Correlation,
+    ratio: f64,
+) -> Option<f64> {
+    let count = inputs.len() / dimensions;
+    let mean = column_means(values, outputs);
+    let centred = Mat::from_fn(count, outputs, |row, output| values[row * outputs + output] - mean[output]);
+    let mut noisy = correlations(inputs, dimensions, correlation);
+    (0..count).for_each(|i| noisy[(i, i)] += ratio);
+    let factor = noisy.llt(Side::Lower).ok()?;
+    let log_determinant: f64 = 2.0 * (0..count).map(|i| factor.L()[(i, i)].ln()).sum::<f64>();
+    let mut turned = centred;
+    factor.L().solve_lower_triangular_in_place(turned.as_mut());
+    let of = |output: usize| {
+        let scale = turned.col(output).iter().map(|value| value * value).sum::<f64>() / count as f64;
+        // an output that is the same everywhere is as likely under any correlation
+        if scale <= f64::MIN_POSITIVE { 0.0 } else { -0.5 * (count as f64 * scale.ln() + log_determinant) }
+    };
+    Some((0..outputs).map(of).sum())
+}
+
+/// Correlations of all rows with each other, by the product of the rows.
+fn correlations(inputs: &[f64], dimensions: usize, correlation: Correlation) -> Mat<f64> {
+    let count = inputs.len() / dimensions;
+    let rows = MatRef::from_row_major_slice(inputs, count, dimensions);
+    let mut products = rows * rows.transpose();
+    let squares: Vec<f64> = (0..count).map(|i| products[(i, i)]).collect();
+    for (j, column) in products.col_iter_mut().enumerate() {
+        for (i, value) in column.iter_mut().enumerate() {
+            let square = if i == j { 0.0 } else { squares[i] + squares[j] - 2.0 * *value };
+            *value = correlation.at(square.max(0.0).sqrt());
+        }
+    }
+    products
+}
+
+/// The diagonal of the inverse of a matrix, from its Cholesky factor.
+fn inverse_diagonal(factor: MatRef<'_, f64>) -> Vec<f64> {
+    let mut inverse = Mat::<f64>::identity(factor.nrows(), factor.nrows());
+    factor.solve_lower_triangular_in_place(inverse.as_mut());
+    inverse.col_iter().map(|column| column.iter().map(|value| value * value).sum()).collect()
+}
