@@ -83,7 +83,7 @@ impl Experience {
         }
         let residue = Noise::fit(&[residue]);
         let over =
-            answered().map(|(trial, answer)| answer.residue / residue.variance(0, 1.0 / trial.force_n)).collect();
+            answered().map(|(_, answer)| answer.residue / residue.variance(0, 1.0 / answer.force_n)).collect();
         let most_residue = upper(over, setting.false_alarms)?.max(f64::MIN_POSITIVE);
         let quietest = upper(trials.iter().map(|trial| -trial.loudness).collect(), WEAK_SHARE * setting.false_alarms)?;
         let units = response.field.channels();

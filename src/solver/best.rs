@@ -71,7 +71,7 @@ fn lead_sigmas(leader: &[HeldPress], other: &[HeldPress]) -> f64 {
 /// The mean at each place of values, one a trial.
 fn by_place(trials: &[HeldPress], values: impl IntoIterator<Item = f64>) -> Vec<f64> {
     let mut places: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
-    for (trial, value) in trials.iter().zip(values) {
+    for (trial, value) in trials.iter().filter(|trial| trial.is_inside).zip(values) {
         let um = |mm: f64| (1000.0 * mm).round() as i64;
         let (sum, count) = places.entry((um(trial.place.x_mm), um(trial.place.y_mm))).or_default();
         *sum += value;
@@ -84,9 +84,9 @@ fn location_errors(trials: &[HeldPress]) -> Vec<f64> {
     errors(trials, |trial| Some(trial.answer.as_ref().ok()?.place.distance_mm(trial.place)))
 }
 
-/// The error of each trial; none at all where no trial has an answer.
+/// The error of each trial inside the area; none at all where no trial has an answer.
 fn errors(trials: &[HeldPress], error: impl Fn(&HeldPress) -> Option<f64>) -> Vec<f64> {
-    let errors: Vec<Option<f64>> = trials.iter().map(error).collect();
+    let errors: Vec<Option<f64>> = trials.iter().filter(|trial| trial.is_inside).map(error).collect();
     let Some(largest) = errors.iter().flatten().copied().reduce(f64::max) else { return Vec::new() };
     errors.into_iter().map(|error| error.unwrap_or(largest)).collect()
 }
