@@ -29,7 +29,9 @@ A reading is a line: as CSV with a header that has out_1..out_n, or numbers
 alone; as NDJSON {\"outputs\": [0.1, 0.2, ...]}, or the bare array. Its id and
 t_s, if it has them, come back with its contact.
 
-A contact is x_mm, y_mm, force_n, their standard deviations sd_..., misfit
+A contact is x_mm, y_mm, force_n, their standard deviations sd_..., the
+half-widths half68_... and half95_... that 68 and 95 % of errors keep to,
+other_x_mm and other_y_mm where another place fits nearly as well, misfit
 (above 1: no single contact reads like this) and verdict: ok, weak-signal,
 outside-area, not-one-contact, channel-fault (unit says which), or unsolved where
 the reading has no answer at all. A table without force_n is calibrated on by

@@ -46,11 +46,11 @@ pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> St
     row("both", &papers(paper::WITHIN_BOTH), &|e| share(e.within.both));
     if evaluations.iter().any(|evaluation| evaluation.coverage.is_some()) {
         let both = |e: &Evaluation, parts: fn(&Coverage) -> [Option<f64>; 2]| {
-            let shares = e.coverage.as_ref().map(parts).and_then(|[one, two]| Some((one?, two?)));
-            shares.map_or("-".to_owned(), |(one, two)| format!("{:.1}, {:.1} %", 100.0 * one, 100.0 * two))
+            let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
+            shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))
         };
-        row("x, y within 1, 2 stated sd", "", &|e| both(e, |c| [Some(c.xy_1sd), Some(c.xy_2sd)]));
-        row("force within 1, 2 stated sd", "", &|e| both(e, |c| [c.force_1sd, c.force_2sd]));
+        row("location within half68, 95", "", &|e| both(e, |c| [c.location_68, c.location_95]));
+        row("force within half68, 95", "", &|e| both(e, |c| [c.force_68, c.force_95]));
     }
     if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
         row("time a solve", "", &|e| e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0)));

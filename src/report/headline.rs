@@ -100,10 +100,10 @@ type Part = fn(&ErrorSummary) -> f64;
 /// How often errors were no larger than stated: label, name in the evaluation, and value.
 type Share = fn(&Coverage) -> Option<f64>;
 const COVERAGES: [(&str, &str, Share); 4] = [
-    ("x and y within 1 stated sd", "xy_1sd", |c| Some(c.xy_1sd)),
-    ("x and y within 2", "xy_2sd", |c| Some(c.xy_2sd)),
-    ("force within 1 stated sd", "force_1sd", |c| c.force_1sd),
-    ("force within 2", "force_2sd", |c| c.force_2sd),
+    ("location within the stated half-width of 68 %", "location_68", |c| c.location_68),
+    ("location within that of 95 %", "location_95", |c| c.location_95),
+    ("force within the stated half-width of 68 %", "force_68", |c| c.force_68),
+    ("force within that of 95 %", "force_95", |c| c.force_95),
 ];
 
 /// What is flagged is left out for all methods, what has no answer by one of them.

@@ -82,8 +82,7 @@ impl Experience {
             return None;
         }
         let residue = Noise::fit(&[residue]);
-        let over =
-            answered().map(|(_, answer)| answer.residue / residue.variance(0, 1.0 / answer.force_n)).collect();
+        let over = answered().map(|(_, answer)| answer.residue / residue.variance(0, 1.0 / answer.force_n)).collect();
         let most_residue = upper(over, setting.false_alarms)?.max(f64::MIN_POSITIVE);
         let quietest = upper(trials.iter().map(|trial| -trial.loudness).collect(), WEAK_SHARE * setting.false_alarms)?;
         let units = response.field.channels();

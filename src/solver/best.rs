@@ -4,6 +4,14 @@ use super::fitted::{Candidate, Choice};
 use super::heldout::HeldPress;
 use std::collections::BTreeMap;
 
+/// A method and its trials.
+pub(super) struct Tried {
+    /// Its name.
+    pub solver: &'static str,
+    /// On presses whose place was held out; none where the method couldn't be fitted.
+    pub trials: Vec<HeldPress>,
+}
+
 /// A method is tried no further if its mean error on the first part of the places is larger than the least by this factor, and by so
 /// many standard errors of the difference.
 const HOPELESS: f64 = 1.3;
@@ -11,22 +19,62 @@ const HOPELESS_SIGMAS: f64 = 3.0;
 /// The fewest places from which that can be told.
 const FEWEST_PLACES: usize = 30;
 
-/// How far off a method was in its trials, in the mean: location, mm, and force, N. A press without an answer counts with the
-/// largest error that there was.
-fn candidate(solver: &str, trials: &[HeldPress]) -> Candidate {
-    Candidate {
-        solver: solver.to_owned(),
-        location_error_mm: mean(&location_errors(trials)),
-        force_error_n: mean(&errors(trials, |trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()))),
+impl Tried {
+    /// How far off it was, in the mean: location, mm, and force, N. A press without an answer counts with the largest error that there
+    /// was.
+    fn candidate(&self) -> Candidate {
+        let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
+        Candidate {
+            solver: self.solver.to_owned(),
+            location_error_mm: mean(&self.location_errors()),
+            force_error_n: mean(&force_errors),
+        }
+    }
+
+    fn location_errors(&self) -> Vec<f64> {
+        self.errors(|trial| Some(trial.answer.as_ref().ok()?.place.distance_mm(trial.place)))
+    }
+
+    /// The error of each trial inside the area; none at all where no trial has an answer.
+    fn errors(&self, error: impl Fn(&HeldPress) -> Option<f64>) -> Vec<f64> {
+        let errors: Vec<Option<f64>> = self.inside().map(error).collect();
+        let Some(largest) = errors.iter().flatten().copied().reduce(f64::max) else { return Vec::new() };
+        errors.into_iter().map(|error| error.unwrap_or(largest)).collect()
+    }
+
+    fn inside(&self) -> impl Iterator<Item = &HeldPress> {
+        self.trials.iter().filter(|trial| trial.is_inside)
+    }
+
+    /// The mean at each place of values, one a trial inside the area.
+    fn by_place(&self, values: impl IntoIterator<Item = f64>) -> Vec<f64> {
+        let mut places: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
+        for (trial, value) in self.inside().zip(values) {
+            let um = |mm: f64| (1000.0 * mm).round() as i64;
+            let (sum, count) = places.entry((um(trial.place.x_mm), um(trial.place.y_mm))).or_default();
+            *sum += value;
+            *count += 1.0;
+        }
+        places.into_values().map(|(sum, count)| sum / count).collect()
+    }
+
+    /// By how many standard errors its location errors are smaller than another's on the same presses, counted by place.
+    fn lead_sigmas(&self, other: &Tried) -> f64 {
+        let errors = other.location_errors().into_iter().zip(self.location_errors());
+        let means = self.by_place(errors.map(|(other, own)| other - own));
+        let Some(lead) = mean(&means) else { return 0.0 };
+        let n = means.len() as f64;
+        let variance = means.iter().map(|mean| (mean - lead).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        lead / (variance / n).sqrt()
     }
 }
 
-/// Ranks methods by the location error of their trials: first those that were tried on all parts of the places, then those that were
-/// given up, last those without an error, in the order given.
-pub(super) fn choice(names: &[&str], trials: &[Vec<HeldPress>]) -> Choice {
-    let most = trials.iter().map(Vec::len).max().unwrap_or(0);
-    let ranked = names.iter().zip(trials).map(|(name, trials)| (trials.len() < most, candidate(name, trials)));
-    let mut ranked: Vec<(bool, Candidate)> = ranked.collect();
+/// Ranks methods by location error: first those that were tried on all parts of the places, then those that were given up, last those
+/// without an error, in the order given.
+pub(super) fn choice(tried: &[Tried]) -> Choice {
+    let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
+    let mut ranked: Vec<(bool, Candidate)> =
+        tried.iter().map(|tried| (tried.trials.len() < most, tried.candidate())).collect();
     let key = |(is_given_up, candidate): &(bool, Candidate)| match candidate.location_error_mm {
         Some(error_mm) => (u8::from(*is_given_up), error_mm),
         None => (2, 0.0),
@@ -35,60 +83,21 @@ pub(super) fn choice(names: &[&str], trials: &[Vec<HeldPress>]) -> Choice {
     Choice { candidates: ranked.into_iter().map(|(_, candidate)| candidate).collect() }
 }
 
-/// Which methods are worth trying on the other parts of the places, by their trials on the first. `counts` says of a method whether
+/// Whether each method is worth trying on the other parts of the places, by its trials on the first. `counts` says of a method whether
 /// others are compared with it.
-pub(super) fn hopeful(trials: &[Vec<HeldPress>], counts: impl Fn(usize) -> bool) -> Vec<bool> {
-    let errors: Vec<Vec<f64>> = trials.iter().map(|trials| location_errors(trials)).collect();
-    let ranked = |method: &usize| mean(&errors[*method]);
-    let best = (0..trials.len())
-        .filter(|&method| counts(method) && ranked(&method).is_some())
-        .min_by(|a, b| ranked(a).unwrap_or(f64::INFINITY).total_cmp(&ranked(b).unwrap_or(f64::INFINITY)));
-    let Some(best) =
-        best.filter(|&best| by_place(&trials[best], location_errors(&trials[best])).len() >= FEWEST_PLACES)
+pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
+    let ranked = tried.iter().filter(|tried| counts(tried));
+    let ranked = ranked.filter_map(|tried| Some((tried, mean(&tried.location_errors())?)));
+    let best = ranked.min_by(|a, b| a.1.total_cmp(&b.1));
+    let Some((best, least_mm)) = best.filter(|(best, _)| best.by_place(best.location_errors()).len() >= FEWEST_PLACES)
     else {
-        return vec![true; trials.len()];
+        return vec![true; tried.len()];
     };
-    let is_hopeful = |method: usize| match (ranked(&method), ranked(&best)) {
-        (Some(mean_mm), Some(least_mm)) => {
-            mean_mm <= HOPELESS * least_mm || lead_sigmas(&trials[best], &trials[method]) < HOPELESS_SIGMAS
-        }
-        _ => false,
+    let is_hopeful = |tried: &Tried| {
+        let mean_mm = mean(&tried.location_errors());
+        mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
     };
-    (0..trials.len()).map(is_hopeful).collect()
-}
-
-/// By how many standard errors one method's location errors are smaller than another's on the same presses, counted by
-/// place.
-fn lead_sigmas(leader: &[HeldPress], other: &[HeldPress]) -> f64 {
-    let errors = location_errors(other).into_iter().zip(location_errors(leader));
-    let means = by_place(leader, errors.map(|(other, leader)| other - leader));
-    let Some(lead) = mean(&means) else { return 0.0 };
-    let n = means.len() as f64;
-    let variance = means.iter().map(|mean| (mean - lead).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    lead / (variance / n).sqrt()
-}
-
-/// The mean at each place of values, one a trial.
-fn by_place(trials: &[HeldPress], values: impl IntoIterator<Item = f64>) -> Vec<f64> {
-    let mut places: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
-    for (trial, value) in trials.iter().filter(|trial| trial.is_inside).zip(values) {
-        let um = |mm: f64| (1000.0 * mm).round() as i64;
-        let (sum, count) = places.entry((um(trial.place.x_mm), um(trial.place.y_mm))).or_default();
-        *sum += value;
-        *count += 1.0;
-    }
-    places.into_values().map(|(sum, count)| sum / count).collect()
-}
-
-fn location_errors(trials: &[HeldPress]) -> Vec<f64> {
-    errors(trials, |trial| Some(trial.answer.as_ref().ok()?.place.distance_mm(trial.place)))
-}
-
-/// The error of each trial inside the area; none at all where no trial has an answer.
-fn errors(trials: &[HeldPress], error: impl Fn(&HeldPress) -> Option<f64>) -> Vec<f64> {
-    let errors: Vec<Option<f64>> = trials.iter().filter(|trial| trial.is_inside).map(error).collect();
-    let Some(largest) = errors.iter().flatten().copied().reduce(f64::max) else { return Vec::new() };
-    errors.into_iter().map(|error| error.unwrap_or(largest)).collect()
+    tried.iter().map(is_hopeful).collect()
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

@@ -548,11 +548,16 @@ mod tests {
         ((0..170).map(&mut square).sum::<f64>() / 170.0).sqrt()
     }
 
+    fn fit_weighted(places: &[f64], values: &[f64], counts: &[f64]) -> Kriging {
+        let sought = Kriging::seek_weighted(places, 1, values, 1, MANNER, counts);
+        Kriging::fit_counting(places, 1, values, 1, MANNER, &sought, Some(counts))
+    }
+
     #[test]
     fn what_was_measured_badly_counts_little() {
         let (places, values, counts) = unequal();
         let alike = Kriging::fit(&places, 1, &values, 1, MANNER);
-        let weighted = Kriging::fit_weighted(&places, 1, &values, 1, MANNER, &counts);
+        let weighted = fit_weighted(&places, &values, &counts);
         assert!(weighted.is_weighted());
         assert!(error(&weighted) < 0.5 * error(&alike), "{} {}", error(&weighted), error(&alike));
     }
@@ -584,7 +589,7 @@ mod tests {
     fn counts_that_are_alike_change_nothing() {
         let (places, values, _) = unequal();
         let counts: Vec<f64> = (0..60).map(|i| if i % 3 == 0 { 1.4 } else { 0.8 }).collect();
-        let weighted = Kriging::fit_weighted(&places, 1, &values, 1, MANNER, &counts);
+        let weighted = fit_weighted(&places, &values, &counts);
         assert_eq!(weighted.weights, Kriging::fit(&places, 1, &values, 1, MANNER).weights);
     }
 }

@@ -1,6 +1,7 @@
 //! A calibration made ready to fit any number of methods to: what several of them need is found once.
 
 use super::appraised::Appraised;
+use super::best::Tried;
 use super::broken::broken;
 use super::extra_trees::ExtraTrees;
 use super::forward::Forward;
@@ -11,8 +12,8 @@ use super::physics::physics;
 use super::response::Response;
 use super::surrogate::{surrogate, surrogate_with};
 use super::{
-    BEST, Broken, Calibration, Candidate, FitError, Fitted, ForceRule, Locate, Pearson, PearsonKnn, SOLVERS, Setting,
-    Solver, Whitened, best,
+    BEST, Broken, Calibration, FitError, Fitted, ForceRule, Locate, Pearson, PearsonKnn, SOLVERS, Setting, Solver,
+    Whitened, best,
 };
 use crate::parallel::in_parallel;
 use crate::quantity::ArrayLayout;
@@ -36,6 +37,9 @@ pub struct Prepared<'a> {
 }
 
 const PHYSICS: &str = "physics";
+
+/// The places a unit from which the correlations of all units can be learned.
+const PLACES_A_UNIT: usize = 10;
 
 /// What `physics` may leave unexplained, over what the smooth map leaves: standard deviations, geometric mean of all units.
 const UNEXPLAINED: f64 = 1.15;
@@ -110,32 +114,40 @@ impl<'a> Prepared<'a> {
     /// further.
     fn best(&self) -> Result<Fitted, FitError> {
         self.response()?;
-        // what is assumed of the cover needs to know where the units are
-        let is_candidate = |name: &&&str| **name != PHYSICS || self.setting().layout.is_some();
-        let names: Vec<&str> = SOLVERS.iter().filter(is_candidate).copied().collect();
-        let mut trials = in_parallel(&names, |name| self.tried(name, 0..1).unwrap_or_default());
+        let names: Vec<&'static str> = SOLVERS.into_iter().filter(|name| self.is_candidate(name)).collect();
+        let mut tried =
+            in_parallel(&names, |&solver| Tried { solver, trials: self.tried(solver, 0..1).unwrap_or_default() });
         // a lead that rests on what is assumed of the cover may be one of few places: see below
-        let hopeful = best::hopeful(&trials, |method| names[method] != PHYSICS);
+        let hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
         let on: Vec<usize> = (0..names.len()).filter(|&method| hopeful[method]).collect();
         let others = in_parallel(&on, |&method| self.tried(names[method], 1..FOLDS));
         for (&method, others) in on.iter().zip(others) {
             match others {
-                Ok(others) => trials[method].extend(others),
-                Err(_) => trials[method].clear(),
+                Ok(others) => tried[method].trials.extend(others),
+                Err(_) => tried[method].trials.clear(),
             }
         }
-        let mut choice = best::choice(&names, &trials);
-        let index = |candidate: &Candidate| names.iter().position(|name| *name == candidate.solver).unwrap_or(0);
+        let mut choice = best::choice(&tried);
         if !self.is_elastic()? {
             choice.candidates.sort_by_key(|candidate| candidate.solver == PHYSICS);
         }
         let best = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
-        let chosen = best.map_or(0, index);
-        let solver = match self.forward(names[chosen])? {
-            Some(forward) => Box::new(forward.taught(&trials[chosen], &self.setting)),
-            None => self.appraised(names[chosen], &trials[chosen])?,
+        let chosen = best.and_then(|best| tried.iter().find(|tried| tried.solver == best.solver)).unwrap_or(&tried[0]);
+        let solver = match self.forward(chosen.solver)? {
+            Some(forward) => Box::new(forward.taught(&chosen.trials, &self.setting)),
+            None => self.appraised(chosen.solver, &chosen.trials)?,
         };
         Ok(Fitted::new(solver, self.calibration.units()).chosen(choice))
+    }
+
+    /// Whether a method is one for `best` to choose: what is assumed of the cover needs to know where the units are, and how all units
+    /// stray together takes many places a unit to learn.
+    fn is_candidate(&self, name: &str) -> bool {
+        match name {
+            PHYSICS => self.setting().layout.is_some(),
+            "pattern-map" => self.calibration.by_place().len() >= PLACES_A_UNIT * self.calibration.units(),
+            _ => true,
+        }
     }
 
     /// Whether `physics` explains the calibration as well as the smooth map does: what it leaves unexplained is no more than noise. If

@@ -4,11 +4,11 @@
 mod support;
 
 mod acceptance;
-mod eflesh;
 mod evaluate;
 mod golden;
 mod missing;
 mod paper;
+mod real_skins;
 mod skin;
 mod solve;
 mod solvers;
