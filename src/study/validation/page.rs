@@ -80,5 +80,6 @@ fn counted(names: &[&str]) -> String {
             None => counts.push((name, 1)),
         }
     }
-    counts.iter().map(|(name, count)| format!("`{name}` {count} times")).collect::<Vec<_>>().join(", ")
+    let times = |count: usize| if count == 1 { "once".to_owned() } else { format!("{count} times") };
+    counts.iter().map(|(name, count)| format!("`{name}` {}", times(*count))).collect::<Vec<_>>().join(", ")
 }
