@@ -229,12 +229,19 @@ fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
     format!("location errors within the stated {stated} % half-width, at the worst value, %\n") + &table(&cell)
 }
 
+/// The most letters of a method in the head of a table.
+const MOST_LETTERS: usize = 6;
+
 /// A line a condition, a column a method.
 fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
-    let short = |solver: &'static str| solver.rsplit('-').next().unwrap_or(solver);
+    // the last word of a name, cut so that all methods fit a terminal
+    let short = |solver: &'static str| {
+        let last = solver.rsplit('-').next().unwrap_or(solver);
+        &last[..last.len().min(MOST_LETTERS)]
+    };
     let line = |first: &str, cell: &dyn Fn(&'static str) -> String| {
         let cells: String =
-            Method::names().map(|solver| format!("{:>1$}", cell(solver), short(solver).len().max(6) + 1)).collect();
+            Method::names().map(|solver| format!("{:>1$}", cell(solver), short(solver).len().max(5) + 1)).collect();
         format!("{first:<13}{cells}\n")
     };
     let head = line("", &|solver| short(solver).to_owned());
