@@ -1,6 +1,7 @@
 //! A record that says one thing: tables that were changed, journals that were cut, and links that were planted.
 
 use crate::support::interrupted::sealed;
+use crate::support::rows::json;
 use crate::support::{Bench, LONG, SMALL, shipped_text};
 use palpate::quantity::stream;
 use rand::RngExt;
@@ -274,8 +275,13 @@ fn a_press_that_tripped_has_its_worst_force_in_the_scenes_table() {
     let (_, rows) = bench.table("run/scene.csv");
     let tripped = rows.last().expect("rows");
     assert_eq!((tripped[1].as_str(), tripped[2].as_str()), ("trip", ""), "{tripped:?}");
-    let peak_n: f64 = tripped[3].parse().expect("a force");
-    assert!(peak_n > 0.2 && peak_n <= 2.5, "{peak_n} N");
+    let [peak_n, depth_peak_mm] = [3, 4].map(|column| tripped[column].parse::<f64>().expect("a number"));
+    let trip = json(&bench.read("run/manifest.json"))["trip"].clone();
+    let tripped_n = trip["measured"].as_f64().unwrap_or_else(|| panic!("the force that tripped: {trip}"));
+    // steel of 60 N/mm that is touched at the surface, and a stage that is braked after the reading; how far over the limit that
+    // comes to depends on the moment of the run, and the control's own tests bound it
+    assert!((peak_n - 60.0 * depth_peak_mm).abs() < 60.0 * 1e-5, "{peak_n} N at {depth_peak_mm} mm");
+    assert!(peak_n >= tripped_n && tripped_n > 2.0, "{peak_n} N, tripped at {tripped_n} N");
     assert!(rows[..rows.len() - 1].iter().all(|row| row[1] != "trip"));
     bench.palpate_ends(0, "verify run");
     std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
