@@ -42,6 +42,10 @@ use weight::Weight;
 /// Wavelengths of the smooth part of a stiffness map, mm.
 const STIFFNESS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
 
+/// What is added before rounding down to a step of the stage. The little over a half is more than a number's own rounding: a target
+/// just between two steps always goes to the same side, and equal ways are equally many steps.
+const HALF: f64 = 0.5 + 1e-6;
+
 /// The least that a stiffness map leaves of the contact curve: a normal draw knows no bound.
 const SOFTEST: f64 = 0.1;
 
@@ -142,10 +146,10 @@ impl Scene {
         &self.profiles[axis.index()]
     }
 
-    /// The target that a stage goes to when it is asked for another, mm.
+    /// The target that a stage goes to when it is asked for another, mm: the nearest step of it, the upper of two as near.
     pub fn target_mm(&self, wanted_mm: f64) -> f64 {
         let quantum_mm = self.servo.quantum_mm;
-        if quantum_mm > 0.0 { (wanted_mm / quantum_mm).round() * quantum_mm } else { wanted_mm }
+        if quantum_mm > 0.0 { (wanted_mm / quantum_mm + HALF).floor() * quantum_mm } else { wanted_mm }
     }
 
     /// Puts an axis on a new motion from `now_s` on. The trajectory must start where the last [`motion`](Self::motion) is by

@@ -162,6 +162,19 @@ fn the_stage_is_late_by_its_servo_and_the_controller_does_not_know() {
 }
 
 #[test]
+fn equal_ways_between_targets_are_equally_many_steps_of_the_stage() {
+    let servo = Servo { quantum_mm: 1e-4, ..Servo::default() };
+    let scene = scene(SceneSpec { stage: Some(servo), ..plain() }, 1);
+    // targets as a controller is sent them: some lie just between two steps of the stage
+    let hundredths_um =
+        |count: i32| scene.target_mm(format!("{:.5}", f64::from(count) * 1e-5).parse().expect("a number"));
+    for count in -3000..3000 {
+        let way_mm = hundredths_um(count + 10) - hundredths_um(count);
+        assert!((way_mm - 1e-4).abs() < 1e-9, "from {count} hundredths of a um it went {way_mm} mm");
+    }
+}
+
+#[test]
 fn a_share_of_the_stages_exchanges_takes_much_longer_and_no_other_devices() {
     let spikes = Some(Spikes { share: 0.02, longer_s: 0.2 });
     let latencies =
