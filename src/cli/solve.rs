@@ -41,7 +41,7 @@ A missing channel is null or NaN, in CSV nan or an empty cell. The reading is
 solved by the same method fitted without that channel; at most 16 such fits are
 kept.
 
-A line that is no reading ends the program. With --keep-going it is answered
+An invalid line ends the program. With --keep-going it is answered
 unsolved, with its line and what is wrong with it (error), and the next one is
 solved. Every answer then has its line; CSV always has the columns line, id, t_s
 and error. A header that can't be used still ends the program.
@@ -65,7 +65,7 @@ pub struct SolveArgs {
     /// Print one JSON object a line instead of CSV
     #[arg(long)]
     json: bool,
-    /// Answer a line that is no reading with what is wrong with it, and go on
+    /// Answer an invalid line with what is wrong with it, and go on
     #[arg(long)]
     keep_going: bool,
     /// Don't say which method is used and why

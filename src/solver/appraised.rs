@@ -54,7 +54,7 @@ impl Solver for Appraised {
         if let Some(experience) = &self.experience {
             let softness = 1.0 / located.force_n;
             if softness.is_finite() {
-                let (location, force) = experience.variances(&located, located.force_n);
+                let (location, force) = experience.variances(&located);
                 solution.covariance = Some(Covariance([[location, 0.0, 0.0], [0.0, location, 0.0], [0.0, 0.0, force]]));
                 let misfit = located.residue / (experience.residue.variance(0, softness) * experience.most_residue);
                 solution.misfit = misfit.is_finite().then_some(misfit);
@@ -97,16 +97,16 @@ impl Experience {
         };
         let widths = Widths::of(trials, |trial| {
             let answer = trial.answer.as_ref().ok()?;
-            let (location, force) = experience.variances(answer, answer.force_n);
+            let (location, force) = experience.variances(answer);
             Some(((2.0 * location).sqrt(), force.sqrt()))
         });
         Some(Experience { widths, ..experience })
     }
 
     /// The variance of x and of y, mm^2, and of the force, N^2.
-    fn variances(&self, located: &Located, force_n: f64) -> (f64, f64) {
-        let location = located.scale_mm.powi(2) * self.location.variance(0, 1.0 / force_n);
-        (location, located.scale_n.powi(2) * self.force.variance(0, force_n))
+    fn variances(&self, located: &Located) -> (f64, f64) {
+        let location = located.scale_mm.powi(2) * self.location.variance(0, 1.0 / located.force_n);
+        (location, located.scale_n.powi(2) * self.force.variance(0, located.force_n))
     }
 
     fn verdict(&self, outputs: &[f64], misfit: Option<f64>) -> Verdict {

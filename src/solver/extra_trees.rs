@@ -118,13 +118,7 @@ impl Locate for ExtraTrees {
             let [x, y, _] = tree.answer(&workspace.row);
             squares += (x - x_mm).powi(2) + (y - y_mm).powi(2);
         }
-        let force_n = match self.load {
-            ForceKnown::Unknown => (log_force + self.log_proportional(length)).exp(),
-            ForceKnown::Constant => self.force_n,
-        };
-        if !force_n.is_finite() {
-            return Err(SolveError::OutOfProportion);
-        }
+        let force_n = self.load.force_n(self.force_n, log_force + self.log_proportional(length))?;
         let residue = squares / self.trees.len() as f64;
         let scale_mm = residue.sqrt().max(LEAST_SPREAD_MM);
         Ok(Located { place: Place::new(x_mm, y_mm), force_n, residue, scale_mm, ..Located::PLAIN })

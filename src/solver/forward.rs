@@ -163,10 +163,12 @@ impl Forward {
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
-    /// Whether errors are those of a place that is known at all: a calibration along a line tells nothing across it.
-    fn tells(&self, sd: &Covariance) -> bool {
+    /// The errors by an information about x, y and force; none where a place isn't known at all: a calibration along a line tells
+    /// nothing across it.
+    fn covariance(&self, information: &[[f64; 3]; 3]) -> Option<Covariance> {
         let area = self.response.field.area();
-        sd.x_mm().max(sd.y_mm()) < MOST_SD_AREAS * area.least.distance_mm(area.most)
+        let most_mm = MOST_SD_AREAS * area.least.distance_mm(area.most);
+        inverse(information).map(Covariance).filter(|sd| sd.x_mm().max(sd.y_mm()) < most_mm)
     }
 }
 
@@ -191,15 +193,12 @@ impl Solver for Forward {
             verdict = Verdict::OutsideArea;
         }
         let misfit = estimate.chi2 / limit;
-        let covariance = inverse(&estimate.information).map(Covariance).filter(|sd| self.tells(sd));
+        let covariance = self.covariance(&estimate.information);
         // beyond the calibrated places nothing was held out that could tell
         let widths = self.widths.filter(|_| verdict != Verdict::OutsideArea);
-        let (scale_mm, scale_n) = covariance.map_or((f64::NAN, f64::NAN), |sd| scales(&sd));
+        let (scale_mm, scale_n) = scales(covariance);
         let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n).widened(misfit));
-        let covariance = covariance.map(|covariance| match &self.widths {
-            Some(widths) => widths.applied(covariance),
-            None => covariance,
-        });
+        let covariance = covariance.map(|sd| self.widths.map_or(sd, |widths| widths.applied(sd)));
         Ok(Solution {
             place: estimate.place,
             force_n: estimate.force_n,
@@ -223,7 +222,7 @@ impl Solver for Forward {
             normal.add(weight, [force_n * along_x[unit], force_n * along_y[unit], value[unit]], 0.0);
         }
         normal.finish();
-        inverse(&normal.information).map(Covariance).filter(|sd| self.tells(sd))
+        self.covariance(&normal.information)
     }
 }
 
@@ -235,13 +234,13 @@ impl Locate for Forward {
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
         let (estimate, _) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
         let Estimate { place, force_n, chi2, beyond, .. } = estimate;
-        let covariance = inverse(&estimate.information).map(Covariance).filter(|sd| self.tells(sd));
-        let (scale_mm, scale_n) = covariance.map_or((f64::NAN, f64::NAN), |sd| scales(&sd));
+        let covariance = self.covariance(&estimate.information);
+        let (scale_mm, scale_n) = scales(covariance);
         Ok(Located { place, force_n, residue: chi2, beyond, scale_mm, scale_n })
     }
 }
 
-/// What errors of location, mm, and force, N, are in proportion to.
-fn scales(covariance: &Covariance) -> (f64, f64) {
-    (covariance.x_mm().hypot(covariance.y_mm()), covariance.force_n())
+/// What errors of location, mm, and force, N, are in proportion to; NaN where they aren't known.
+fn scales(covariance: Option<Covariance>) -> (f64, f64) {
+    covariance.map_or((f64::NAN, f64::NAN), |sd| (sd.x_mm().hypot(sd.y_mm()), sd.force_n()))
 }

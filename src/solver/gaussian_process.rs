@@ -1,6 +1,7 @@
 //! A Gaussian process from outputs to the place.
 
-use super::kriging::{Kriging, Regression, Smoothness, Sought};
+use super::correlation::Smoothness;
+use super::kriging::{Kriging, Regression, Sought};
 use super::process::{self, Process};
 use super::view::View;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
@@ -207,13 +208,7 @@ impl Locate for GaussianProcess {
         let nearest = self.process.predict(&workspace.row, &mut answer);
         let mut log_error = [0.0];
         self.spread.predict(&workspace.row, &mut log_error);
-        let force_n = match self.load {
-            ForceKnown::Unknown => (answer[2] + self.view.log_proportional(length)).exp(),
-            ForceKnown::Constant => self.force_n,
-        };
-        if !force_n.is_finite() {
-            return Err(SolveError::OutOfProportion);
-        }
+        let force_n = self.load.force_n(self.force_n, answer[2] + self.view.log_proportional(length))?;
         let (place, residue, scale_mm) = (Place::new(answer[0], answer[1]), nearest * nearest, log_error[0].exp());
         Ok(Located { place, force_n, residue, scale_mm, ..Located::PLAIN })
     }

@@ -32,6 +32,7 @@ mod appraised;
 mod best;
 mod broken;
 mod calibration;
+mod correlation;
 mod descent;
 mod evaluation;
 mod extra_trees;

@@ -1,7 +1,8 @@
 //! A smooth map of the pattern, inverted with the errors of all units correlated.
 
+use super::correlation::Smoothness;
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Regression, Smoothness};
+use super::kriging::{Kriging, Regression};
 use super::spots::coordinates;
 use super::view::has_several_lengths;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
@@ -72,8 +73,9 @@ impl PatternMap {
         let log_lengths = presses.log_lengths();
         let has_slopes = load == ForceKnown::Unknown && has_several_lengths(calibration);
         let slopes = if has_slopes { presses.take_slopes(units, log_lengths[0]) } else { None };
-        let kriging = Kriging::fit(&coordinates(places.iter().copied()), 2, &presses.means(units), units, MANNER);
-        let residuals = presses.held_out(&kriging.held_out().residuals, units);
+        let means = presses.means(units);
+        let kriging = Kriging::fit(&coordinates(places.iter().copied()), 2, &means, units, MANNER);
+        let residuals = presses.held_out(&means, &kriging.held_out().residuals, units);
         let whitening = whitening(&residuals, units, places.len());
         let matrix = MatRef::from_row_major_slice(&whitening, units, units);
         let whitened = |kriging: &Kriging, places: &[Place]| {
@@ -188,14 +190,8 @@ impl Locate for PatternMap {
         let (place, residue, scale_mm) = found.min_by(|a, b| a.1.total_cmp(&b.1)).ok_or(SolveError::OutOfProportion)?;
         let mut log_force = [0.0];
         self.log_force.value(place, &mut log_force);
-        let force_n = match self.load {
-            ForceKnown::Unknown => (log_force[0] + self.power * length.ln()).exp(),
-            ForceKnown::Constant => self.force_n,
-        };
-        match force_n.is_finite() {
-            true => Ok(Located { place, force_n, residue, scale_mm, ..Located::PLAIN }),
-            false => Err(SolveError::OutOfProportion),
-        }
+        let force_n = self.load.force_n(self.force_n, log_force[0] + self.power * length.ln())?;
+        Ok(Located { place, force_n, residue, scale_mm, ..Located::PLAIN })
     }
 }
 
@@ -277,17 +273,13 @@ impl Presses {
 
     /// Each press' pattern less what a map says that was made without its place, row-major presses x units; `residuals` is the
     /// same of the places' means.
-    fn held_out(&self, residuals: &[f64], units: usize) -> Vec<f64> {
-        let mut all = Vec::new();
-        let rows = residuals
-            .chunks_exact(units)
-            .zip(self.means(units).chunks_exact(units).map(<[f64]>::to_vec).collect::<Vec<_>>());
-        for (spot, (residuals, mean)) in self.spots.iter().zip(rows) {
-            for (pattern, ..) in &spot.presses {
-                all.extend((0..units).map(|unit| pattern[unit] - mean[unit] + residuals[unit]));
-            }
-        }
-        all
+    fn held_out(&self, means: &[f64], residuals: &[f64], units: usize) -> Vec<f64> {
+        let rows = residuals.chunks_exact(units).zip(means.chunks_exact(units));
+        let of_spot = |(spot, (residuals, mean)): (&'_ Spot, (&'_ [f64], &'_ [f64]))| -> Vec<f64> {
+            let off = |pattern: &[f64], unit: usize| pattern[unit] - mean[unit] + residuals[unit];
+            spot.presses.iter().flat_map(|(pattern, ..)| (0..units).map(|unit| off(pattern, unit))).collect()
+        };
+        self.spots.iter().zip(rows).flat_map(of_spot).collect()
     }
 
     /// By what power the force grows with the length of the reading, from the presses that share their place.

@@ -37,6 +37,7 @@ pub struct Prepared<'a> {
 }
 
 const PHYSICS: &str = "physics";
+const PROCESS: &str = "gaussian-process";
 
 /// The places a unit from which the correlations of all units can be learned.
 const PLACES_A_UNIT: usize = 10;
@@ -128,7 +129,7 @@ impl<'a> Prepared<'a> {
             }
         }
         let mut choice = best::choice(&tried);
-        if !self.is_elastic()? {
+        if names.contains(&PHYSICS) && !self.is_elastic()? {
             choice.candidates.sort_by_key(|candidate| candidate.solver == PHYSICS);
         }
         let best = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
@@ -165,10 +166,8 @@ impl<'a> Prepared<'a> {
         let Some(parts) = Folds::of(&self.calibration, &setting, response) else { return Ok(Vec::new()) };
         // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
         match name {
-            "gaussian-process" => {
-                let sought =
-                    self.process.get_or_init(|| GaussianProcess::seek(&self.calibration, setting.load)).as_ref();
-                let sought = sought.map_err(Clone::clone)?;
+            PROCESS => {
+                let sought = self.process()?;
                 parts.trials(folds, |part| Ok(Box::new(GaussianProcess::fit_with(part, setting.load, sought)?)))
             }
             "surrogate" => parts.trials(folds, |part| {
@@ -179,6 +178,12 @@ impl<'a> Prepared<'a> {
         }
     }
 
+    /// What the Gaussian process sees of a reading, and its correlation.
+    fn process(&self) -> Result<&Likeliest, FitError> {
+        let seek = || GaussianProcess::seek(&self.calibration, self.setting.load);
+        self.process.get_or_init(seek).as_ref().map_err(Clone::clone)
+    }
+
     fn appraised(&self, name: &str, trials: &[HeldPress]) -> Result<Box<dyn Solver>, FitError> {
         Ok(Box::new(Appraised::new(self.method(name)?, trials, self.response()?, &self.setting())))
     }
@@ -186,6 +191,10 @@ impl<'a> Prepared<'a> {
     fn method(&self, name: &str) -> Result<Box<dyn Locate>, FitError> {
         match self.forward(name)? {
             Some(forward) => Ok(Box::new(forward)),
+            None if name == PROCESS => {
+                let process = GaussianProcess::fit_with(&self.calibration, self.setting.load, self.process()?)?;
+                Ok(Box::new(process))
+            }
             None if name == "whitened" => method(name, &self.calibration, &self.setting(), Some(self.response()?)),
             None => method(name, &self.calibration, &self.setting(), None),
         }

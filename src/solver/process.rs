@@ -1,14 +1,13 @@
 //! A regression from many coordinates that only predicts.
 
-use super::kriging::{Correlation, Sought, column_means, distance};
+use super::correlation::Correlation;
+use super::kriging::{Sought, column_means};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 
 /// A Gaussian process of which correlation and noise are known: what it predicts, by a Cholesky factor (Rasmussen and Williams 2006,
 /// algorithm 2.1).
 pub(super) struct Process {
-    dimensions: usize,
-    outputs: usize,
     /// Row-major, rows x dimensions.
     inputs: Vec<f64>,
     correlation: Correlation,
@@ -56,20 +55,13 @@ impl Process {
             }
         }
         let correlation = sought.correlation;
-        (Process { dimensions, outputs, inputs, correlation, mean, weights }, held_out)
+        (Process { inputs, correlation, mean, weights }, held_out)
     }
 
     /// The outputs at an input; returns how far it is from the nearest known one.
     pub fn predict(&self, input: &[f64], outputs: &mut [f64]) -> f64 {
         outputs.copy_from_slice(&self.mean);
-        let mut nearest = f64::INFINITY;
-        for (known, weights) in self.inputs.chunks_exact(self.dimensions).zip(self.weights.chunks_exact(self.outputs)) {
-            let apart = distance(input, known);
-            nearest = nearest.min(apart);
-            let covariance = self.correlation.at(apart);
-            outputs.iter_mut().zip(weights).for_each(|(output, weight)| *output += covariance * weight);
-        }
-        nearest
+        self.correlation.add_weighted(input, &self.inputs, &self.weights, outputs)
     }
 }
 

@@ -1,6 +1,6 @@
 //! The settings of a fit, beside its calibration.
 
-use super::Calibration;
+use super::{Calibration, SolveError};
 use crate::quantity::ArrayLayout;
 
 /// What a fit is told beside the calibration.
@@ -31,6 +31,20 @@ pub enum ForceKnown {
     Unknown,
     /// Every contact presses as hard as the calibration did: the amplitude tells of the place too.
     Constant,
+}
+
+impl ForceKnown {
+    /// The force of a contact, N: the calibration's where the load is constant, else the one whose logarithm was solved.
+    ///
+    /// # Errors
+    /// It isn't finite.
+    pub(super) fn force_n(self, calibrated_n: f64, log_solved: f64) -> Result<f64, SolveError> {
+        let force_n = match self {
+            ForceKnown::Unknown => log_solved.exp(),
+            ForceKnown::Constant => calibrated_n,
+        };
+        if force_n.is_finite() { Ok(force_n) } else { Err(SolveError::OutOfProportion) }
+    }
 }
 
 /// The least force to come over the calibration's, unless it is told: the paper tests at a tenth.

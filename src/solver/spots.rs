@@ -2,7 +2,7 @@
 
 use super::noise::Residual;
 use super::response::Held;
-use super::{Calibration, kriging::MOST_PLACES, kriging::farthest_apart};
+use super::{Calibration, correlation::farthest_apart, kriging::MOST_PLACES};
 use crate::quantity::Place;
 
 /// The places of a calibration, all presses at one place taken as one measurement.

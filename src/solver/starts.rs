@@ -24,12 +24,7 @@ const MOST_STARTS: usize = 6;
 impl Starts {
     pub fn new(response: &Response, common_offset: bool) -> Self {
         let (area, units) = (response.field.area(), response.field.channels());
-        let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (STARTS_A_SIDE - 1) as f64;
-        let place = |i: usize| {
-            let x_mm = along(area.least.x_mm, area.most.x_mm, i % STARTS_A_SIDE);
-            Place::new(x_mm, along(area.least.y_mm, area.most.y_mm, i / STARTS_A_SIDE))
-        };
-        let places: Vec<Place> = (0..STARTS_A_SIDE * STARTS_A_SIDE).map(place).collect();
+        let places = area.grid(STARTS_A_SIDE);
         let sd = response.typical_sd();
         let mut directions = vec![0.0; places.len() * units];
         for (place, row) in places.iter().zip(directions.chunks_exact_mut(units)) {

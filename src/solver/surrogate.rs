@@ -1,7 +1,8 @@
 //! The map by regression.
 
+use super::correlation::Smoothness;
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Regression, Smoothness, Sought};
+use super::kriging::{Kriging, Regression, Sought};
 use super::response::Response;
 use super::spots::{Spots, coordinates};
 use super::{Calibration, FitError};

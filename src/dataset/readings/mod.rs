@@ -54,7 +54,7 @@ pub enum Held {
     Nothing,
 }
 
-/// Why a line is no reading, or the rest can't be read; `line` counts from 1.
+/// Why a line is invalid, or the rest can't be read; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the fields say what the messages say")]
 pub enum ReadingError {

@@ -4,7 +4,7 @@ use super::{Family, HANDLING_MIN, MinutesRow};
 use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::Strategy;
 
-/// By what share an error is less than the one before whose presses are told.
+/// The number of presses is written at a point whose error is smaller than the last one's by at least this share.
 const WORTH_TELLING: f64 = 0.01;
 
 /// The figure: its file's name and the SVG.

@@ -32,7 +32,7 @@ pub const MOUNTING_MIN: f64 = 4.0;
 pub const WARM_UP_MIN: f64 = 10.0;
 /// The sensor is touched to find its place, and zeros are looked at.
 pub const ZEROING_MIN: f64 = 1.0;
-/// All that is no run, minutes.
+/// Mounting, warm-up and zeroing together, minutes.
 pub const HANDLING_MIN: f64 = MOUNTING_MIN + WARM_UP_MIN + ZEROING_MIN;
 
 /// The tolerance of a press, N.
@@ -117,7 +117,7 @@ pub struct MinutesRow {
     pub side: usize,
     /// How often each place was pressed.
     pub repeats: usize,
-    /// Of the minutes those that are no run.
+    /// The minutes of handling: all but the run.
     pub handling_min: f64,
     /// The rule that ended a run, if one did: it then has no numbers.
     pub rule: Option<String>,

@@ -1,0 +1,142 @@
+//! How alike outputs are at two places.
+
+/// How alike the outputs at two places are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Correlation {
+    smoothness: Smoothness,
+    /// In the places' unit.
+    length: f64,
+}
+
+/// How smooth the outputs are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Smoothness {
+    /// Continuous: Matérn 1/2.
+    Rough,
+    /// Once differentiable: Matérn 3/2.
+    Even,
+    /// Twice differentiable: Matérn 5/2.
+    Smooth,
+    /// Without an end.
+    Gaussian,
+}
+
+impl Smoothness {
+    /// All of them, the one that most skins have first.
+    pub const ALL: [Self; 4] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even, Smoothness::Rough];
+
+    /// Those that have a slope, which a map needs to be inverted.
+    pub const WITH_SLOPES: [Self; 3] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even];
+}
+
+impl Correlation {
+    pub fn at(&self, apart: f64) -> f64 {
+        let lengths = apart / self.length;
+        match self.smoothness {
+            Smoothness::Rough => (-lengths).exp(),
+            Smoothness::Even => {
+                let r = 3f64.sqrt() * lengths;
+                (1.0 + r) * (-r).exp()
+            }
+            Smoothness::Smooth => {
+                let r = 5f64.sqrt() * lengths;
+                (1.0 + r + r * r / 3.0) * (-r).exp()
+            }
+            Smoothness::Gaussian => (-0.5 * lengths * lengths).exp(),
+        }
+    }
+
+    /// The distance over which outputs look smooth, in the places' unit.
+    pub fn grain(&self) -> f64 {
+        match self.smoothness {
+            Smoothness::Gaussian => self.length,
+            _ => 0.5 * self.length,
+        }
+    }
+
+    /// Adds to the outputs at a place what known places say (row-major, places x dimensions), each by its covariance with the place
+    /// times its weights (row-major, places x outputs). Returns how far the nearest known place is.
+    pub fn add_weighted(&self, place: &[f64], known: &[f64], weights: &[f64], outputs: &mut [f64]) -> f64 {
+        let mut nearest = f64::INFINITY;
+        for (known, weights) in known.chunks_exact(place.len()).zip(weights.chunks_exact(outputs.len())) {
+            let apart = distance(place, known);
+            nearest = nearest.min(apart);
+            let covariance = self.at(apart);
+            outputs.iter_mut().zip(weights).for_each(|(output, weight)| *output += covariance * weight);
+        }
+        nearest
+    }
+}
+
+/// How many lengths are tried of each smoothness, evenly by their logarithm, from the spacing of the places to [`LONGEST`].
+const LENGTHS: usize = 6;
+
+/// The longest length that is tried, over the places' extent.
+const LONGEST: f64 = 4.0;
+
+/// How often the step between lengths is halved around the best.
+const HALVINGS: usize = 3;
+
+/// The correlation of the largest likelihood, and that.
+pub(super) fn likeliest(
+    places: &[f64],
+    dimensions: usize,
+    smoothnesses: &[Smoothness],
+    likelihood: impl Fn(Correlation) -> f64,
+) -> (Correlation, f64) {
+    let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
+    let apart = |i: usize, j: usize| distance(rows[i], rows[j]);
+    let extent = (0..rows.len()).map(|i| apart(0, i)).fold(0.0, f64::max);
+    if extent == 0.0 {
+        // one place only: any length will do
+        return (Correlation { smoothness: Smoothness::Smooth, length: 1.0 }, 0.0);
+    }
+    let others = |i: usize| (0..rows.len()).filter(move |&j| j != i);
+    let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
+    let spacing = (0..rows.len()).map(nearest).fold(extent, f64::min).max(extent / 1000.0);
+    let (least, most) = (spacing.ln(), (LONGEST * extent).ln());
+    let scored = |smoothness: Smoothness, log_length: f64| {
+        let correlation = Correlation { smoothness, length: log_length.exp() };
+        (correlation, likelihood(correlation))
+    };
+    let better = |a: (Correlation, f64), b: (Correlation, f64)| if b.1 > a.1 { b } else { a };
+    let best_of = |smoothness: Smoothness| {
+        let mut step = (most - least) / (LENGTHS - 1) as f64;
+        let first = scored(smoothness, least);
+        let mut best = (1..LENGTHS).map(|i| scored(smoothness, least + step * i as f64)).fold(first, better);
+        for _ in 0..HALVINGS {
+            step *= 0.5;
+            let middle = best.0.length.ln();
+            for log_length in [middle - step, middle + step] {
+                best = better(best, scored(smoothness, log_length));
+            }
+        }
+        best
+    };
+    let none = (Correlation { smoothness: Smoothness::Smooth, length: 1.0 }, f64::NEG_INFINITY);
+    smoothnesses.iter().map(|&smoothness| best_of(smoothness)).fold(none, better)
+}
+
+/// Up to `count` rows that lie far apart, each the farthest from those before it, the first row first.
+pub(super) fn farthest_apart(places: &[f64], dimensions: usize, count: usize) -> Vec<usize> {
+    let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
+    if rows.len() <= count {
+        return (0..rows.len()).collect();
+    }
+    let mut apart = vec![f64::INFINITY; rows.len()];
+    let mut chosen = Vec::with_capacity(count);
+    let mut next = 0;
+    while chosen.len() < count {
+        chosen.push(next);
+        for (apart, row) in apart.iter_mut().zip(&rows) {
+            *apart = apart.min(distance(row, rows[next]));
+        }
+        next = (0..rows.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b]).then(b.cmp(&a))).unwrap_or(0);
+    }
+    chosen
+}
+
+/// The distance between two places.
+pub(super) fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
