@@ -100,6 +100,15 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
     tried.iter().map(is_hopeful).collect()
 }
 
+/// By how many standard deviations the chosen method leads the next one; none where it is the only one.
+pub(super) fn lead_sigmas(tried: &[Tried], choice: &Choice) -> Option<f64> {
+    let of = |rank: usize| {
+        let solver = &choice.candidates.get(rank)?.solver;
+        tried.iter().find(|tried| tried.solver == solver)
+    };
+    Some(of(0)?.lead_sigmas(of(1)?))
+}
+
 fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }

@@ -30,6 +30,7 @@
 
 mod appraised;
 mod best;
+mod blend;
 mod broken;
 mod calibration;
 mod correlation;
@@ -86,7 +87,7 @@ pub use workspace::Workspace;
 use crate::quantity::Place;
 
 /// The names [`fit`] knows, the paper's own first.
-pub const SOLVERS: [&str; 9] = [
+pub const SOLVERS: [&str; 10] = [
     "pearson",
     "pearson-lsq",
     "pearson-knn",
@@ -95,6 +96,7 @@ pub const SOLVERS: [&str; 9] = [
     "physics",
     "gaussian-process",
     "pattern-map",
+    "blend",
     "extra-trees",
 ];
 

@@ -2,6 +2,7 @@
 
 use super::appraised::Appraised;
 use super::best::Tried;
+use super::blend::{Blend, MemberErrors};
 use super::broken::broken;
 use super::extra_trees::ExtraTrees;
 use super::forward::Forward;
@@ -34,10 +35,17 @@ pub struct Prepared<'a> {
     response: OnceLock<Result<Response, FitError>>,
     /// What the Gaussian process sees of a reading, and its correlation.
     process: OnceLock<Result<Likeliest, FitError>>,
+    /// The errors of the members of `blend` on held-out presses.
+    member_errors: OnceLock<[MemberErrors; 2]>,
 }
 
 const PHYSICS: &str = "physics";
 const PROCESS: &str = "gaussian-process";
+const PATTERN_MAP: &str = "pattern-map";
+const BLEND: &str = "blend";
+
+/// The lead over the next method, standard deviations, from which `blend` is worth the work of two.
+const WORTH_TWO_SIGMAS: f64 = 2.0;
 
 /// The places a unit from which the correlations of all units can be learned.
 const PLACES_A_UNIT: usize = 10;
@@ -65,9 +73,18 @@ impl<'a> Prepared<'a> {
         broken: Vec<Broken>,
     ) -> Result<Self, FitError> {
         let units = calibration.units();
-        let (setting, response, process) = (*setting, OnceLock::new(), OnceLock::new());
+        let prepared = |calibration, layout, broken| Prepared {
+            calibration,
+            layout,
+            setting: *setting,
+            broken,
+            units,
+            response: OnceLock::new(),
+            process: OnceLock::new(),
+            member_errors: OnceLock::new(),
+        };
         if broken.is_empty() {
-            return Ok(Prepared { calibration, layout: None, setting, broken, units, response, process });
+            return Ok(prepared(calibration, None, broken));
         }
         let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
         let kept: Vec<usize> = (0..units).filter(is_kept).collect();
@@ -75,7 +92,7 @@ impl<'a> Prepared<'a> {
             return Err(FitError::NothingToTellApart);
         }
         let layout = setting.layout.map(|layout| layout.only(&kept));
-        Ok(Prepared { calibration: calibration.of_units(&kept), layout, setting, broken, units, response, process })
+        Ok(prepared(calibration.of_units(&kept), layout, broken))
     }
 
     /// The units that are dead or saturated, and left out.
@@ -128,7 +145,12 @@ impl<'a> Prepared<'a> {
                 Err(_) => tried[method].trials.clear(),
             }
         }
+        self.add_blend(&mut tried);
         let mut choice = best::choice(&tried);
+        let lead = best::lead_sigmas(&tried, &choice);
+        if choice.candidates[0].solver == BLEND && lead.is_some_and(|sigmas| sigmas < WORTH_TWO_SIGMAS) {
+            choice.candidates.swap(0, 1);
+        }
         if names.contains(&PHYSICS) && !self.is_elastic()? {
             choice.candidates.sort_by_key(|candidate| candidate.solver == PHYSICS);
         }
@@ -146,9 +168,31 @@ impl<'a> Prepared<'a> {
     fn is_candidate(&self, name: &str) -> bool {
         match name {
             PHYSICS => self.setting().layout.is_some(),
-            "pattern-map" => self.calibration.by_place().len() >= PLACES_A_UNIT * self.calibration.units(),
+            PATTERN_MAP => self.calibration.by_place().len() >= PLACES_A_UNIT * self.calibration.units(),
+            // of what its members come to
+            BLEND => false,
             _ => true,
         }
+    }
+
+    /// The methods that are blended: a regression and a map.
+    fn members(&self) -> [&'static str; 2] {
+        [PROCESS, if self.is_candidate(PATTERN_MAP) { PATTERN_MAP } else { "surrogate" }]
+    }
+
+    /// Adds `blend` to the methods that were tried, if its members were tried to the end.
+    fn add_blend(&self, tried: &mut Vec<Tried>) {
+        let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
+        let of = |name| tried.iter().find(|tried| tried.solver == name && tried.trials.len() == most);
+        let [Some(one), Some(other)] = self.members().map(of) else { return };
+        let trials = self.blended([&one.trials, &other.trials]);
+        tried.push(Tried { solver: BLEND, trials });
+    }
+
+    /// The trials of `blend`, by those of its members, whose errors are then known.
+    fn blended(&self, members: [&[HeldPress]; 2]) -> Vec<HeldPress> {
+        let errors = self.member_errors.get_or_init(|| members.map(MemberErrors::of));
+        Blend::trials(members, errors)
     }
 
     /// Whether `physics` explains the calibration as well as the smooth map does: what it leaves unexplained is no more than noise. If
@@ -162,6 +206,10 @@ impl<'a> Prepared<'a> {
 
     /// A method, tried on some parts of the presses, each held out of its calibration.
     fn tried(&self, name: &str, folds: Range<usize>) -> Result<Vec<HeldPress>, FitError> {
+        if name == BLEND {
+            let [one, other] = self.members();
+            return Ok(self.blended([&self.tried(one, folds.clone())?, &self.tried(other, folds)?]));
+        }
         let (setting, response) = (self.setting(), self.response()?);
         let Some(parts) = Folds::of(&self.calibration, &setting, response) else { return Ok(Vec::new()) };
         // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
@@ -194,6 +242,14 @@ impl<'a> Prepared<'a> {
             None if name == PROCESS => {
                 let process = GaussianProcess::fit_with(&self.calibration, self.setting.load, self.process()?)?;
                 Ok(Box::new(process))
+            }
+            None if name == BLEND => {
+                if self.member_errors.get().is_none() {
+                    self.tried(BLEND, 0..FOLDS)?;
+                }
+                let errors = *self.member_errors.get_or_init(|| [MemberErrors::of(&[]); 2]);
+                let [one, other] = self.members();
+                Ok(Box::new(Blend::new([self.method(one)?, self.method(other)?], errors)))
             }
             None if name == "whitened" => method(name, &self.calibration, &self.setting(), Some(self.response()?)),
             None => method(name, &self.calibration, &self.setting(), None),
@@ -251,7 +307,7 @@ fn method(
             Box::new(Whitened::fit(calibration, &typical_sd)?)
         }
         "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
-        "pattern-map" => Box::new(PatternMap::fit(calibration, setting.load)?),
+        PATTERN_MAP => Box::new(PatternMap::fit(calibration, setting.load)?),
         "extra-trees" => Box::new(ExtraTrees::fit(calibration, setting.load)?),
         _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
     })

@@ -229,22 +229,17 @@ fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
     format!("location errors within the stated {stated} % half-width, at the worst value, %\n") + &table(&cell)
 }
 
-/// The most letters of a method in the head of a table.
-const MOST_LETTERS: usize = 6;
+/// The most letters of a cell: all methods then fit a terminal.
+const MOST_LETTERS: usize = 5;
 
 /// A line a condition, a column a method.
 fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
-    // the last word of a name, cut so that all methods fit a terminal
-    let short = |solver: &'static str| {
-        let last = solver.rsplit('-').next().unwrap_or(solver);
-        &last[..last.len().min(MOST_LETTERS)]
-    };
     let line = |first: &str, cell: &dyn Fn(&'static str) -> String| {
         let cells: String =
-            Method::names().map(|solver| format!("{:>1$}", cell(solver), short(solver).len().max(5) + 1)).collect();
+            Method::names().map(|solver| format!(" {:>MOST_LETTERS$.MOST_LETTERS$}", cell(solver))).collect();
         format!("{first:<13}{cells}\n")
     };
-    let head = line("", &|solver| short(solver).to_owned());
+    let head = line("", &|solver| solver.rsplit('-').next().unwrap_or(solver).to_owned());
     let lines = CONDITIONS.iter().map(|harm| line(harm.name, &|solver| cell(solver, harm)));
     head + &lines.collect::<String>() + "\n"
 }

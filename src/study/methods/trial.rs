@@ -5,8 +5,8 @@ use super::cramer_rao::MeanBound;
 use super::specimen::KnownReadings;
 use crate::dataset::round;
 use crate::solver::{
-    BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, SOLVERS, Setting,
-    Solver, Verdict, Workspace, fit,
+    BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, Prepared, SOLVERS,
+    Setting, Solver, Verdict, Workspace,
 };
 use serde::Serialize;
 use statrs::statistics::Statistics as _;
@@ -25,12 +25,13 @@ pub struct Method {
 impl Method {
     /// Every method there is, and the choice among them last.
     pub fn all(calibration: &Calibration, setting: &Setting<'_>) -> Vec<Method> {
-        let best = Method { name: BEST, fitted: fit(BEST, calibration, setting).map(Arc::new) };
+        let prepared = Prepared::new(calibration.clone(), setting);
+        let fit = |name| prepared.as_ref().map_err(Clone::clone)?.fit(name).map(Arc::new);
+        let best = Method { name: BEST, fitted: fit(BEST) };
         let is_best = |name: &str| best.fitted.as_ref().is_ok_and(|best| best.name() == name);
         let of = |name| {
             // the same method on the same presses is the same again
-            let fitted =
-                if is_best(name) { best.fitted.clone() } else { fit(name, calibration, setting).map(Arc::new) };
+            let fitted = if is_best(name) { best.fitted.clone() } else { fit(name) };
             Method { name, fitted }
         };
         SOLVERS.into_iter().map(of).chain([best.clone()]).collect()

@@ -31,6 +31,8 @@ fn look(solver: &str) -> Look {
         "surrogate" => (Hue::Green, Shape::Circle),
         "physics" => (Hue::Red, Shape::Square),
         "gaussian-process" => (Hue::Brown, Shape::Triangle),
+        "pattern-map" => (Hue::Green, Shape::Diamond),
+        "blend" => (Hue::Brown, Shape::Circle),
         BEST => return Look::line(Hue::Ink, Line::Dashed),
         _ => (Hue::Grey, Shape::Cross),
     };
