@@ -244,3 +244,90 @@ impl Locate for Forward {
 fn scales(covariance: Option<Covariance>) -> (f64, f64) {
     covariance.map_or((f64::NAN, f64::NAN), |sd| (sd.x_mm().hypot(sd.y_mm()), sd.force_n()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::stream;
+    use crate::solver::CalibrationPoint;
+    use crate::solver::surrogate::surrogate;
+    use rand::RngExt;
+    use rand::distr::Distribution;
+    use rand_distr::StandardNormal;
+
+    /// A skin that folds: left and right of its middle line it reads nearly the same.
+    struct Folded {
+        /// x over the fold, y and what the sides differ by, a unit.
+        units: Vec<(f64, f64, f64)>,
+    }
+
+    /// What two sides differ by, share of the output 1 mm from the middle, and the noise, share of the largest output under 1 N.
+    const DIFFERS: f64 = 0.004;
+    const NOISE: f64 = 0.008;
+    const HALF_MM: f64 = 6.0;
+    const FAR_OFF_MM: f64 = 2.0;
+
+    impl Folded {
+        fn new(seed: u64) -> Self {
+            let mut rng = stream(seed, 0, "folded skin");
+            let unit = |i: usize| (1.0 + 2.0 * (i / 3) as f64, 4.0 * (i % 3) as f64 - 4.0, rng.random_range(-1.0..1.0));
+            Folded { units: (0..9).map(unit).collect() }
+        }
+
+        fn read(&self, place: Place, force_n: f64, rng: &mut impl rand::Rng) -> Vec<f64> {
+            let output = |&(x_mm, y_mm, side): &(f64, f64, f64)| {
+                let square = (place.x_mm.abs() - x_mm).powi(2) + (place.y_mm - y_mm).powi(2);
+                let normal: f64 = StandardNormal.sample(rng);
+                force_n * (-square / 18.0).exp() * (1.0 + DIFFERS * side * place.x_mm) + NOISE * normal
+            };
+            self.units.iter().map(output).collect()
+        }
+    }
+
+    fn folded_map(skin: &Folded, seed: u64) -> Forward {
+        let mut rng = stream(seed, 1, "folded skin");
+        let at = |i: usize| -HALF_MM + i as f64;
+        let rows: Vec<(Place, Vec<f64>)> = (0..169)
+            .map(|i| Place::new(at(i % 13), at(i / 13)))
+            .map(|place| (place, skin.read(place, 1.0, &mut rng)))
+            .collect();
+        let points: Vec<CalibrationPoint<'_>> =
+            rows.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs }).collect();
+        let calibration = Calibration::new(&points).unwrap();
+        Forward::new("surrogate", surrogate(&calibration).unwrap(), &calibration, &Setting::default())
+    }
+
+    #[test]
+    fn where_two_places_look_alike_no_search_of_the_map_does_better_and_the_answer_says_so() {
+        for seed in 1..=3 {
+            let skin = Folded::new(seed);
+            let forward = folded_map(&skin, seed);
+            let mut rng = stream(seed, 2, "folded skin");
+            let mut workspace = Workspace::default();
+            let (mut far_off, mut marked, mut searched_far_off) = (0, 0, 0);
+            for _ in 0..80 {
+                let place = Place::new(rng.random_range(-HALF_MM..HALF_MM), rng.random_range(-HALF_MM..HALF_MM));
+                let force_n = rng.random_range(0.3..1.0);
+                let outputs = skin.read(place, force_n, &mut rng);
+                let solved = forward.solve(&outputs, &mut workspace).unwrap();
+                let is_far = |found: Place| found.distance_mm(place) > FAR_OFF_MM;
+                far_off += usize::from(is_far(solved.place));
+                marked += usize::from(is_far(solved.place) && solved.other.is_some());
+                searched_far_off += usize::from(is_far(searched(&forward, &outputs, &mut workspace)));
+            }
+            println!("seed {seed}: {far_off} far off, {marked} of them marked; full search {searched_far_off}");
+            assert!(searched_far_off >= 10, "nothing looks alike: {searched_far_off}");
+            assert!(10 * far_off <= 11 * searched_far_off, "{far_off} far off, the full search {searched_far_off}");
+            assert!(10 * marked >= 8 * far_off, "{marked} of {far_off} marked");
+        }
+    }
+
+    /// The best fit from every place of a grid of 0.4 mm; a descent ends nearer to the best than 0.2 mm.
+    fn searched(forward: &Forward, outputs: &[f64], workspace: &mut Workspace) -> Place {
+        let Forward { response, load, common_offset, .. } = forward;
+        let descent = Descent { response, load: *load, common_offset: *common_offset, outputs, without: None };
+        let starts = response.field.area().grid((2.0 * HALF_MM / 0.4) as usize + 1);
+        let fits = starts.into_iter().filter_map(|start| descent.from(start, workspace));
+        fits.min_by(|a, b| a.chi2.total_cmp(&b.chi2)).unwrap().place
+    }
+}

@@ -91,7 +91,8 @@ fn a_fluid_pad_calibrated_at_every_second_place() {
     println!("{}: mean location error {mean_mm:.3} mm, mean force error {force_n:.4} N", evaluation.solver);
     assert!(mean_mm <= 6.0 && force_n <= 0.57, "{mean_mm} mm, {force_n} N");
     assert_covered(&evaluation, 705);
-    // it should be 2 %: not reached yet
+    // it should be 2 %, and is 1.3 % but for one column: at x = 30 mm the two halves of the pad meet, what is read there is unlike what
+    // is read at 28 and at 32 mm, which are calibrated, and 39 % of its presses are doubted
     assert_few_false_alarms(&evaluation, 0.035);
 }
 
