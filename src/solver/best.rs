@@ -100,6 +100,12 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
     tried.iter().map(is_hopeful).collect()
 }
 
+/// By what factor the error of the next method is larger than that of the first; 1 where it isn't known.
+pub(super) fn lead(choice: &Choice) -> f64 {
+    let error_mm = |rank: usize| choice.candidates.get(rank)?.location_error_mm;
+    error_mm(1).zip(error_mm(0)).map_or(1.0, |(next_mm, first_mm)| next_mm / first_mm)
+}
+
 /// By how many standard deviations the chosen method leads the next one; none where it is the only one.
 pub(super) fn lead_sigmas(tried: &[Tried], choice: &Choice) -> Option<f64> {
     let of = |rank: usize| {

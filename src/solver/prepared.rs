@@ -53,6 +53,10 @@ const PLACES_A_UNIT: usize = 10;
 /// What `physics` may leave unexplained, over what the smooth map leaves: standard deviations, geometric mean of all units.
 const UNEXPLAINED: f64 = 1.15;
 
+/// By what factor `physics` must be nearer than the next method to lead although it leaves more unexplained: with very few places no
+/// smooth map is any good, and what it leaves unexplained tells nothing.
+const FAR_AHEAD: f64 = 3.0;
+
 impl<'a> Prepared<'a> {
     /// A calibration of which units that are dead or saturated are left out.
     ///
@@ -151,7 +155,8 @@ impl<'a> Prepared<'a> {
         if choice.candidates[0].solver == BLEND && lead.is_some_and(|sigmas| sigmas < WORTH_TWO_SIGMAS) {
             choice.candidates.swap(0, 1);
         }
-        if names.contains(&PHYSICS) && !self.is_elastic()? {
+        let is_far_ahead = choice.candidates[0].solver == PHYSICS && best::lead(&choice) >= FAR_AHEAD;
+        if names.contains(&PHYSICS) && !is_far_ahead && !self.is_elastic()? {
             choice.candidates.sort_by_key(|candidate| candidate.solver == PHYSICS);
         }
         let best = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
