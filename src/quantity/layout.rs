@@ -1,11 +1,12 @@
 //! Where the outputs of a sensor array come from.
 
 use super::Place;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The outputs of a sensor array, in their order, and the units that they belong to. A unit is one place with one output, or
 /// with several, its channels, as of a chip with three axes; the channels of a unit follow each other.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArrayLayout {
     /// Of each output.
     places: Vec<Place>,

@@ -1,19 +1,23 @@
 //! A method with what held-out presses say of its errors.
 
 use super::heldout::HeldPress;
+use super::method::Method;
 use super::noise::{Noise, Residual};
 use super::response::Response;
 use super::threshold::{WEAK_SHARE, chi2_quantile, upper};
 use super::widths::{FEWEST_TRIALS, Widths};
 use super::{Covariance, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace};
+use serde::{Deserialize, Serialize};
 
 /// A method that only locates, with what presses held out of its calibration tell of its errors.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Appraised {
-    method: Box<dyn Locate>,
+    method: Method,
     experience: Option<Experience>,
 }
 
 /// How far a method was off on presses that it hadn't seen, by their force F.
+#[derive(Serialize, Deserialize)]
 struct Experience {
     /// Variance of x and of y, mm^2: a part of its own and one that grows with 1 / F^2.
     location: Noise,
@@ -33,12 +37,12 @@ struct Experience {
 
 impl Appraised {
     /// A method with what its trials tell: nothing, if there are few.
-    pub fn new(method: Box<dyn Locate>, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
+    pub fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }
 
     /// A method of whose errors nothing is known.
-    pub fn unappraised(method: Box<dyn Locate>) -> Self {
+    pub fn unappraised(method: Method) -> Self {
         Appraised { method, experience: None }
     }
 }

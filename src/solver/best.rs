@@ -1,6 +1,6 @@
 //! The method that errs least on held-out presses.
 
-use super::fitted::{Candidate, Choice};
+use super::fitted::Candidate;
 use super::heldout::HeldPress;
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ const FEWEST_PLACES: usize = 30;
 impl Tried {
     /// How far off it was, in the mean: location, mm, and force, N. A press without an answer counts with the largest error that there
     /// was.
-    fn candidate(&self) -> Candidate {
+    pub fn candidate(&self) -> Candidate {
         let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
         Candidate {
             solver: self.solver.to_owned(),
@@ -58,8 +58,14 @@ impl Tried {
         places.into_values().map(|(sum, count)| sum / count).collect()
     }
 
+    /// By what factor its mean location error is smaller than another's; 1 where that isn't known.
+    pub fn lead(&self, other: &Tried) -> f64 {
+        let errors_mm = mean(&other.location_errors()).zip(mean(&self.location_errors()));
+        errors_mm.map_or(1.0, |(other_mm, own_mm)| other_mm / own_mm)
+    }
+
     /// By how many standard errors its location errors are smaller than another's on the same presses, counted by place.
-    fn lead_sigmas(&self, other: &Tried) -> f64 {
+    pub fn lead_sigmas(&self, other: &Tried) -> f64 {
         let errors = other.location_errors().into_iter().zip(self.location_errors());
         let means = self.by_place(errors.map(|(other, own)| other - own));
         let Some(lead) = mean(&means) else { return 0.0 };
@@ -71,16 +77,15 @@ impl Tried {
 
 /// Ranks methods by location error: first those that were tried on all parts of the places, then those that were given up, last those
 /// without an error, in the order given.
-pub(super) fn choice(tried: &[Tried]) -> Choice {
+pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
     let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
-    let mut ranked: Vec<(bool, Candidate)> =
-        tried.iter().map(|tried| (tried.trials.len() < most, tried.candidate())).collect();
-    let key = |(is_given_up, candidate): &(bool, Candidate)| match candidate.location_error_mm {
-        Some(error_mm) => (u8::from(*is_given_up), error_mm),
+    let key = |tried: &Tried| match mean(&tried.location_errors()) {
+        Some(error_mm) => (u8::from(tried.trials.len() < most), error_mm),
         None => (2, 0.0),
     };
-    ranked.sort_by(|a, b| key(a).0.cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1)));
-    Choice { candidates: ranked.into_iter().map(|(_, candidate)| candidate).collect() }
+    let mut ranked: Vec<_> = tried.iter().map(|tried| (key(tried), tried)).collect();
+    ranked.sort_by(|(a, _), (b, _)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    ranked.into_iter().map(|(_, tried)| tried).collect()
 }
 
 /// Whether each method is worth trying on the other parts of the places, by its trials on the first. `counts` says of a method whether
@@ -98,21 +103,6 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
         mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
     };
     tried.iter().map(is_hopeful).collect()
-}
-
-/// By what factor the error of the next method is larger than that of the first; 1 where it isn't known.
-pub(super) fn lead(choice: &Choice) -> f64 {
-    let error_mm = |rank: usize| choice.candidates.get(rank)?.location_error_mm;
-    error_mm(1).zip(error_mm(0)).map_or(1.0, |(next_mm, first_mm)| next_mm / first_mm)
-}
-
-/// By how many standard deviations the chosen method leads the next one; none where it is the only one.
-pub(super) fn lead_sigmas(tried: &[Tried], choice: &Choice) -> Option<f64> {
-    let of = |rank: usize| {
-        let solver = &choice.candidates.get(rank)?.solver;
-        tried.iter().find(|tried| tried.solver == solver)
-    };
-    Some(of(0)?.lead_sigmas(of(1)?))
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

@@ -1,20 +1,23 @@
 //! The mean of a regression and a map, each weighed by how far off it is expected to be.
 
 use super::heldout::HeldPress;
+use super::method::Method;
 use super::{Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// The weighed mean of two methods that err in different ways: each weight is one over the expected square error, after what the
 /// method says of this reading and what held-out presses say of the method. Where the two answers are too far apart to be
 /// two views of one contact, the surer one counts alone. A reading is unlike one contact where both members find it so.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Blend {
-    members: [Box<dyn Locate>; 2],
+    members: Box<[Method; 2]>,
     errors: [MemberErrors; 2],
 }
 
 /// What held-out presses say of a member: mean error of location and of force over what the member says they are in proportion to, and
 /// its mean residue.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct MemberErrors {
     location: f64,
     force: f64,
@@ -25,12 +28,13 @@ pub(super) struct MemberErrors {
 const APART: f64 = 4.0;
 
 impl Blend {
-    pub fn new(members: [Box<dyn Locate>; 2], errors: [MemberErrors; 2]) -> Self {
-        Blend { members, errors }
+    pub fn new(members: [Method; 2], errors: [MemberErrors; 2]) -> Self {
+        Blend { members: Box::new(members), errors }
     }
 
     /// What the members' trials on the same held-out presses come to when they are blended.
-    pub fn trials(trials: [&[HeldPress]; 2], errors: &[MemberErrors; 2]) -> Vec<HeldPress> {
+    pub fn trials(trials: [&[HeldPress]; 2]) -> Vec<HeldPress> {
+        let errors = &trials.map(MemberErrors::of);
         let blended = |(one, other): (&HeldPress, &HeldPress)| HeldPress {
             answer: match (&one.answer, &other.answer) {
                 (Ok(one), Ok(other)) => Ok(mean([one, other], errors)),
@@ -66,7 +70,7 @@ impl Locate for Blend {
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
-        let [one, other] = &self.members;
+        let [one, other] = &*self.members;
         Ok(mean([&one.locate(outputs, workspace)?, &other.locate(outputs, workspace)?], &self.errors))
     }
 }

@@ -1,9 +1,10 @@
 //! Units that are left out of account.
 
 use super::Calibration;
+use serde::{Deserialize, Serialize};
 
 /// A unit that is left out of account.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Broken {
     /// The unit, counted from 0.
     pub unit: usize,
@@ -12,7 +13,7 @@ pub struct Broken {
 }
 
 /// What is wrong with a unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
     /// It read the same at every place of the calibration.
     Dead,

@@ -1,12 +1,13 @@
 //! Presses of known place and force, checked.
 
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// Presses of known place and force with what the array read: the paper's calibration database (its step 2), checked.
 ///
 /// At least one point, at least one unit, every value finite, every force positive.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     units: usize,
     places: Vec<Place>,

@@ -1,7 +1,9 @@
 //! How alike outputs are at two places.
 
+use serde::{Deserialize, Serialize};
+
 /// How alike the outputs at two places are.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Correlation {
     smoothness: Smoothness,
     /// In the places' unit.
@@ -9,7 +11,7 @@ pub(super) struct Correlation {
 }
 
 /// How smooth the outputs are.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Smoothness {
     /// Continuous: Matérn 1/2.
     Rough,

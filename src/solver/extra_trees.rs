@@ -6,6 +6,7 @@ use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Work
 use crate::parallel::in_parallel;
 use crate::quantity::{Place, Stream, stream};
 use rand::Rng;
+use serde::{Deserialize, Serialize};
 
 /// Extremely randomised trees (Geurts, Ernst and Wehenkel 2006): each splits the presses by one coordinate after another at
 /// thresholds drawn at random, and answers with the press that the reading ends beside; the answer is the mean of all trees. A
@@ -13,6 +14,7 @@ use rand::Rng;
 ///
 /// The coordinates are the reading over its length; where the amplitude may count, its outputs and the logarithm of its
 /// length too.
+#[derive(Serialize, Deserialize)]
 pub(super) struct ExtraTrees {
     trees: Vec<Tree>,
     view: View,
@@ -23,11 +25,12 @@ pub(super) struct ExtraTrees {
 }
 
 /// A tree's nodes, the root first.
+#[derive(Serialize, Deserialize)]
 struct Tree {
     nodes: Vec<Node>,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Serialize, Deserialize)]
 enum Node {
     /// Which coordinate is compared with which threshold; the node of those below, and that of the others.
     Split {

@@ -1,10 +1,11 @@
 //! Smooth functions of a place as splines.
 
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// Smooth functions of the place, one a channel, tabulated over an area: uniform cubic B-splines in x and y. A value and its
 /// gradient cost sixteen rows of the table, whatever they were made from.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Field {
     area: Area,
     channels: usize,
@@ -15,7 +16,7 @@ pub(super) struct Field {
 }
 
 /// The rectangle that calibration points span, mm.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Area {
     /// Lower left corner.
     pub least: Place,
@@ -130,7 +131,7 @@ impl Field {
 }
 
 /// Equal cells between two values.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Axis {
     least: f64,
     step: f64,

@@ -1,12 +1,16 @@
 //! What a fit gives: a method ready to solve.
 
+use super::appraised::Appraised;
+use super::forward::Forward;
 use super::pearson::check;
 use super::{Broken, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// A method fitted to a calibration: what [`fit`](super::fit) gives.
+#[derive(Serialize, Deserialize)]
 pub struct Fitted {
-    solver: Box<dyn Solver>,
+    solver: Answering,
     units: usize,
     /// The units that the method knows, in its order; none if it knows all.
     kept: Option<Vec<usize>>,
@@ -14,15 +18,31 @@ pub struct Fitted {
     choice: Option<Choice>,
 }
 
+/// A method that says how sure its answers are: by its own map, or by what held-out presses showed.
+#[derive(Serialize, Deserialize)]
+pub(super) enum Answering {
+    Forward(Box<Forward>),
+    Appraised(Box<Appraised>),
+}
+
+impl Answering {
+    fn solver(&self) -> &dyn Solver {
+        match self {
+            Answering::Forward(forward) => &**forward,
+            Answering::Appraised(appraised) => &**appraised,
+        }
+    }
+}
+
 /// How the method was chosen.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
     /// Every method that was tried, the chosen one first, then by error.
     pub candidates: Vec<Candidate>,
 }
 
 /// A method that was tried on presses which it hadn't been fitted to.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
     /// Its name.
     pub solver: String,
@@ -34,7 +54,7 @@ pub struct Candidate {
 
 impl Fitted {
     /// A method for all of so many units.
-    pub(super) fn new(solver: Box<dyn Solver>, units: usize) -> Self {
+    pub(super) fn new(solver: Answering, units: usize) -> Self {
         Fitted { solver, units, kept: None, broken: Vec::new(), choice: None }
     }
 
@@ -62,13 +82,13 @@ impl Fitted {
 
 impl Solver for Fitted {
     fn name(&self) -> &'static str {
-        self.solver.name()
+        self.solver.solver().name()
     }
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let Some(kept) = &self.kept else {
             check(outputs, self.units)?;
-            return contained(self.solver.solve(outputs, workspace)?);
+            return contained(self.solver.solver().solve(outputs, workspace)?);
         };
         if outputs.len() != self.units {
             return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
@@ -76,7 +96,7 @@ impl Solver for Fitted {
         let mut row = std::mem::take(&mut workspace.kept);
         row.clear();
         row.extend(kept.iter().map(|&unit| outputs[unit]));
-        let solved = check(&row, row.len()).and_then(|()| self.solver.solve(&row, workspace));
+        let solved = check(&row, row.len()).and_then(|()| self.solver.solver().solve(&row, workspace));
         workspace.kept = row;
         let mut solution = solved.map_err(|error| match error {
             SolveError::NotFinite { unit } => SolveError::NotFinite { unit: kept[unit - 1] + 1 },
@@ -89,7 +109,7 @@ impl Solver for Fitted {
     }
 
     fn expected(&self, place: Place, force_n: f64) -> Option<Covariance> {
-        self.solver.expected(place, force_n)
+        self.solver.solver().expected(place, force_n)
     }
 }
 

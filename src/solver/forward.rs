@@ -2,6 +2,7 @@
 
 use super::descent::{Descent, Estimate};
 use super::heldout::HeldPress;
+use super::method::{PHYSICS, SURROGATE};
 use super::normal::{Normal, inverse};
 use super::response::Response;
 use super::starts::Starts;
@@ -11,13 +12,15 @@ use super::{
     Calibration, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
 };
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// Inverts a [`Response`]: the place and the force under which the array would read what was read.
 ///
 /// The best of a grid of places is refined by [`Descent`]; each unit counts by its variance, which is the noise of this reading and
 /// the map's own error. What the fit leaves tells whether one contact can have caused the reading.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Forward {
-    name: &'static str,
+    kind: MapKind,
     response: Response,
     load: ForceKnown,
     common_offset: bool,
@@ -28,8 +31,26 @@ pub(super) struct Forward {
     widths: Option<Widths>,
 }
 
+/// How a map was made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) enum MapKind {
+    /// By regression.
+    Smooth,
+    /// By what is known of an elastic cover.
+    Elastic,
+}
+
+impl MapKind {
+    fn name(self) -> &'static str {
+        match self {
+            MapKind::Smooth => SURROGATE,
+            MapKind::Elastic => PHYSICS,
+        }
+    }
+}
+
 /// Sums of squares that as few readings exceed as the false-alarm rate says.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Limits {
     /// What one contact leaves.
     one_contact: f64,
@@ -55,7 +76,7 @@ const NEARLY_AS_LIKELY: f64 = 6.0;
 const MOST_SD_AREAS: f64 = 1000.0;
 
 impl Forward {
-    pub fn new(name: &'static str, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
+    pub fn new(kind: MapKind, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let starts = Starts::new(&response, setting.common_offset);
         let mut loudest = vec![0.0f64; response.field.channels()];
         let mut value = vec![0.0; loudest.len()];
@@ -77,7 +98,7 @@ impl Forward {
         };
         Forward {
             widths: None,
-            name,
+            kind,
             response,
             load: setting.load,
             common_offset: setting.common_offset,
@@ -85,11 +106,6 @@ impl Forward {
             loudest,
             limits,
         }
-    }
-
-    /// The map.
-    pub fn response(&self) -> &Response {
-        &self.response
     }
 
     /// Takes in what presses at places that were held out tell: of the errors, and of what real contacts leave unexplained, which
@@ -174,7 +190,7 @@ impl Forward {
 
 impl Solver for Forward {
     fn name(&self) -> &'static str {
-        self.name
+        self.kind.name()
     }
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
@@ -228,7 +244,7 @@ impl Solver for Forward {
 
 impl Locate for Forward {
     fn name(&self) -> &'static str {
-        self.name
+        self.kind.name()
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
@@ -294,7 +310,7 @@ mod tests {
         let points: Vec<CalibrationPoint<'_>> =
             rows.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs }).collect();
         let calibration = Calibration::new(&points).unwrap();
-        Forward::new("surrogate", surrogate(&calibration).unwrap(), &calibration, &Setting::default())
+        Forward::new(MapKind::Smooth, surrogate(&calibration).unwrap(), &calibration, &Setting::default())
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::view::View;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
 use crate::quantity::{Place, stream};
 use rand::Rng;
+use serde::{Deserialize, Serialize};
 
 /// The regression that a user would otherwise reach for: a Gaussian process straight from what was read to where it was pressed, and
 /// how hard.
@@ -15,10 +16,11 @@ use rand::Rng;
 /// several forces, or the load is constant, the amplitude may count: what is seen of a reading is then the likeliest of several
 /// [views](View). Nothing is assumed of how the pattern moves with the contact, which makes it the method for skins
 /// whose pattern changes with the depth.
+#[derive(Serialize, Deserialize)]
 pub(super) struct GaussianProcess {
     process: Process,
     /// Logarithm of how far off the process was on presses that were held out, from reading to reading.
-    spread: Kriging,
+    spread: Process,
     view: View,
     load: ForceKnown,
     /// The calibration's force where the load is constant, N.
@@ -60,10 +62,6 @@ const LEAST_ERROR: f64 = 0.1;
 pub(super) type Likeliest = (View, Sought);
 
 impl GaussianProcess {
-    pub fn fit(calibration: &Calibration, load: ForceKnown) -> Result<Self, FitError> {
-        Self::fit_with(calibration, load, &Self::seek(calibration, load)?)
-    }
-
     /// The view and the correlation that make a calibration likeliest.
     pub fn seek(calibration: &Calibration, load: ForceKnown) -> Result<Likeliest, FitError> {
         let mut views = View::suitable(calibration, load);
@@ -97,7 +95,7 @@ impl GaussianProcess {
         let errors: Vec<f64> = held_out.chunks_exact(COORDINATES).map(|error| error[0].hypot(error[1])).collect();
         let least = (LEAST_ERROR * errors.iter().sum::<f64>() / errors.len() as f64).max(f64::MIN_POSITIVE);
         let log_errors: Vec<f64> = errors[..few].iter().map(|error| error.max(least).ln()).collect();
-        let spread = Kriging::fit_with(&few_inputs, dimensions, &log_errors, 1, MANNER, sought);
+        let spread = Kriging::fit_with(&few_inputs, dimensions, &log_errors, 1, MANNER, sought).into_process();
         let (view, force_n) = (view.clone(), calibration.typical_force_n());
         Ok(GaussianProcess { process, spread, view, load, force_n })
     }
@@ -224,6 +222,11 @@ mod tests {
         [1.0 - x_mm, 1.0 + x_mm].map(|near| (0.5 * near * force_n).tanh())
     }
 
+    fn fitted(calibration: &Calibration, load: ForceKnown) -> GaussianProcess {
+        let likeliest = GaussianProcess::seek(calibration, load).unwrap();
+        GaussianProcess::fit_with(calibration, load, &likeliest).unwrap()
+    }
+
     #[test]
     fn outputs_of_several_forces_need_not_be_proportional() {
         let presses: Vec<(f64, f64, [f64; 2])> = (0..11)
@@ -232,7 +235,7 @@ mod tests {
             .collect();
         let point = |(x_mm, force_n, outputs)| CalibrationPoint { place: Place::new(x_mm, 0.0), force_n, outputs };
         let points: Vec<_> = presses.iter().map(|(x_mm, force_n, outputs)| point((*x_mm, *force_n, outputs))).collect();
-        let process = GaussianProcess::fit(&Calibration::new(&points).unwrap(), ForceKnown::Unknown).unwrap();
+        let process = fitted(&Calibration::new(&points).unwrap(), ForceKnown::Unknown);
         assert!(process.view.dimensions() > 2 || process.view.log_proportional(2.0) == 0.0, "the amplitude must count");
         let located = process.locate(&outputs(0.13, 1.7), &mut Workspace::default()).unwrap();
         assert!((located.place.x_mm - 0.13).abs() < 0.02 && (located.force_n - 1.7).abs() < 0.05, "{located:?}");
@@ -244,7 +247,7 @@ mod tests {
         let point = |(i, outputs)| CalibrationPoint { place: Place::new(i as f64, 0.0), force_n: 1.0, outputs };
         let points: Vec<_> = rows.iter().map(|row| row.as_slice()).enumerate().map(point).collect();
         let calibration = Calibration::new(&points).unwrap();
-        let process = GaussianProcess::fit(&calibration, ForceKnown::Constant).unwrap();
+        let process = fitted(&calibration, ForceKnown::Constant);
         let located = process.locate(&[1.45], &mut Workspace::default()).unwrap();
         assert!((located.place.x_mm - 4.5).abs() < 0.1 && located.force_n == 1.0, "{located:?}");
     }

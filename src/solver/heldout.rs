@@ -1,6 +1,7 @@
 //! Calibration presses held out and solved, as trials of a method.
 
 use super::field::Area;
+use super::method::Method;
 use super::response::Response;
 use super::{Calibration, FitError, Locate, Located, Setting, SolveError, Workspace};
 use crate::quantity::{Place, stream};
@@ -9,6 +10,7 @@ use rand_distr::StandardNormal;
 use std::ops::Range;
 
 /// A calibration press, made as if of another force, solved by a method that was fitted without its place.
+#[derive(Clone)]
 pub(super) struct HeldPress {
     /// Where it was pressed.
     pub place: Place,
@@ -69,7 +71,7 @@ impl<'a> Folds<'a> {
     pub fn trials(
         &self,
         folds: Range<usize>,
-        fit: impl Fn(&Calibration) -> Result<Box<dyn Locate>, FitError>,
+        fit: impl Fn(&Calibration) -> Result<Method, FitError>,
     ) -> Result<Vec<HeldPress>, FitError> {
         let (least, most) = self.shares;
         // a press that stands for itself stands for one force

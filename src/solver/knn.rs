@@ -4,6 +4,7 @@ use super::pearson::{check, direction};
 use super::scan::{Hit, Scan, dot};
 use super::{Calibration, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// How many calibration points an answer lies between: a cell of a grid has four corners.
 pub const NEIGHBOURS: usize = 4;
@@ -15,7 +16,7 @@ pub const NEIGHBOURS: usize = 4;
 /// and the point's outputs, both less their mean and of length 1, whose square is 2 (1 - r). The place is the weighted
 /// mean of theirs. Their outputs per newton, weighed alike, are what one newton there reads; the force is the factor
 /// that fits this to the reading best over all units.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PearsonKnn {
     units: usize,
     places: Vec<Place>,

@@ -1,6 +1,7 @@
 //! Smooth functions of a place, regressed from what was measured.
 
 use super::correlation::{Correlation, Smoothness, distance, farthest_apart, likeliest};
+use super::process::Process;
 use faer::{Mat, MatRef, Side};
 
 /// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the
@@ -12,15 +13,10 @@ use faer::{Mat, MatRef, Side};
 pub(super) struct Kriging {
     dimensions: usize,
     outputs: usize,
-    /// Row-major, places x dimensions.
-    places: Vec<f64>,
-    correlation: Correlation,
-    /// Mean of each output; 0 where the process is taken to be about 0.
-    mean: Vec<f64>,
+    /// What predicts; its means are 0 where the process is taken to be about 0.
+    process: Process,
     /// Noise variance over the process' variance, one an output.
     noise_ratio: Vec<f64>,
-    /// Row-major, places x outputs: a prediction is a product of covariances with these.
-    weights: Vec<f64>,
     /// How many typical measurements each place counts for; none where all count alike.
     counts: Option<Vec<f64>>,
     eigen: Eigen,
@@ -170,11 +166,13 @@ impl Kriging {
         Kriging {
             dimensions,
             outputs,
-            places: places.to_vec(),
-            correlation,
-            mean: centred.mean,
+            process: Process {
+                inputs: places.to_vec(),
+                correlation,
+                mean: centred.mean,
+                weights: rows(&weights).collect(),
+            },
             noise_ratio: noise.iter().map(|noise| noise.ratio).collect(),
-            weights: rows(&weights).collect(),
             counts: counts.map(<[f64]>::to_vec),
             eigen,
         }
@@ -187,21 +185,25 @@ impl Kriging {
 
     /// The distance over which the outputs look smooth, in the places' unit.
     pub fn grain(&self) -> f64 {
-        self.correlation.grain()
+        self.process.correlation.grain()
     }
 
     /// The outputs at a place, one each; returns how far it is from the nearest known place.
     pub fn predict(&self, place: &[f64], outputs: &mut [f64]) -> f64 {
-        outputs.copy_from_slice(&self.mean);
-        self.correlation.add_weighted(place, &self.places, &self.weights, outputs)
+        self.process.predict(place, outputs)
+    }
+
+    /// What it predicts with, without what tells how sure it is.
+    pub fn into_process(self) -> Process {
+        self.process
     }
 
     /// The outputs at many places, row-major places x outputs.
     pub fn predict_all(&self, places: &[f64]) -> Vec<f64> {
         let known = self.eigen.values.len();
-        let weights = MatRef::from_row_major_slice(&self.weights, known, self.outputs);
+        let weights = MatRef::from_row_major_slice(&self.process.weights, known, self.outputs);
         let predicted = self.correlations(places).transpose() * weights;
-        rows(&predicted).zip(self.mean.iter().cycle()).map(|(value, mean)| value + mean).collect()
+        rows(&predicted).zip(self.process.mean.iter().cycle()).map(|(value, mean)| value + mean).collect()
     }
 
     /// The variance of each prediction over that of the noise: row-major, places x outputs. About one over the number of
@@ -224,7 +226,7 @@ impl Kriging {
         // twice: by the root of the count, squared
         scale_rows(&mut precisions, self.counts.as_deref());
         scale_rows(&mut precisions, self.counts.as_deref());
-        let residuals = self.weights.iter().zip(rows(&precisions)).map(|(weight, p)| weight / p).collect();
+        let residuals = self.process.weights.iter().zip(rows(&precisions)).map(|(weight, p)| weight / p).collect();
         let ratios = self.noise_ratio.iter().cycle();
         let own = |i: usize| self.counts.as_ref().map_or(1.0, |counts| 1.0 / counts[i / self.outputs]);
         let terms = rows(&precisions).zip(ratios).enumerate();
@@ -234,9 +236,9 @@ impl Kriging {
 
     /// Correlations of the known places with others, known x others.
     fn correlations(&self, places: &[f64]) -> Mat<f64> {
-        let own: Vec<&[f64]> = self.places.chunks_exact(self.dimensions).collect();
+        let own: Vec<&[f64]> = self.process.inputs.chunks_exact(self.dimensions).collect();
         let others: Vec<&[f64]> = places.chunks_exact(self.dimensions).collect();
-        Mat::from_fn(own.len(), others.len(), |i, j| self.correlation.at(distance(own[i], others[j])))
+        Mat::from_fn(own.len(), others.len(), |i, j| self.process.correlation.at(distance(own[i], others[j])))
     }
 
     /// One over eigenvalue plus noise ratio, eigenvalues x outputs.
@@ -442,12 +444,12 @@ mod tests {
             let places: Vec<f64> = rows.iter().map(|&row| places[row]).collect();
             let ratio = whole.noise_ratio[0];
             let own = |i: usize, j: usize| if i == j { ratio / counts[rows[i]] } else { 0.0 };
-            let at = |i: usize, j: usize| whole.correlation.at((places[i] - places[j]).abs()) + own(i, j);
+            let at = |i: usize, j: usize| whole.process.correlation.at((places[i] - places[j]).abs()) + own(i, j);
             (places.clone(), Mat::from_fn(rows.len(), rows.len(), at))
         };
         let rows: Vec<usize> = (0..places.len()).filter(|&row| row != 17).collect();
         let (others, matrix) = eigen(&rows);
-        let to = Mat::from_fn(rows.len(), 1, |i, _| whole.correlation.at((others[i] - places[17]).abs()));
+        let to = Mat::from_fn(rows.len(), 1, |i, _| whole.process.correlation.at((others[i] - places[17]).abs()));
         let solved = faer::linalg::solvers::Solve::solve(&matrix.llt(Side::Lower).unwrap(), &to);
         let predicted: f64 = rows.iter().enumerate().map(|(i, &row)| solved[(i, 0)] * values[row]).sum();
         let variance = 1.0 - (0..rows.len()).map(|i| solved[(i, 0)] * to[(i, 0)]).sum::<f64>();
@@ -460,6 +462,6 @@ mod tests {
         let (places, values, _) = unequal();
         let counts: Vec<f64> = (0..60).map(|i| if i % 3 == 0 { 1.4 } else { 0.8 }).collect();
         let weighted = fit_weighted(&places, &values, &counts);
-        assert_eq!(weighted.weights, Kriging::fit(&places, 1, &values, 1, MANNER).weights);
+        assert_eq!(weighted.process.weights, Kriging::fit(&places, 1, &values, 1, MANNER).process.weights);
     }
 }

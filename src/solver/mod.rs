@@ -26,7 +26,8 @@
 //! out (`heldout`) how far they are off; `best` ranks them all by the same. `kriging` is what `surrogate` and
 //! `gaussian-process` share. What [`fit`] gives is a [`Fitted`]; a [`Session`] solves one reading after another with it.
 //!
-//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`] and an arm in `prepared`.
+//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in `prepared`.
+//! A [`Model`] is a fit with what a session needs beside; it goes into a file and comes back as it was.
 
 mod appraised;
 mod best;
@@ -44,6 +45,7 @@ mod gaussian_process;
 mod heldout;
 mod knn;
 mod kriging;
+mod method;
 mod noise;
 mod normal;
 mod pattern_map;

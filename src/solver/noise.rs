@@ -1,8 +1,10 @@
 //! How far outputs stray, unit by unit.
 
+use serde::{Deserialize, Serialize};
+
 /// How far a unit's output strays from what its contact calls for, unit by unit: an additive part and one proportional to the
 /// output, variance a^2 + (b y)^2.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Noise {
     /// a^2, in the square of the outputs' unit.
     additive: Vec<f64>,

@@ -8,6 +8,7 @@ use super::view::has_several_lengths;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 use faer::{Mat, MatRef, Side};
+use serde::{Deserialize, Serialize};
 
 /// The pattern of a contact, from place to place, and how the readings of presses that were held out stray about it: not each unit
 /// for itself, but all together. What a drift, another depth or the map's own error does to one unit it does to others
@@ -16,6 +17,7 @@ use faer::{Mat, MatRef, Side};
 ///
 /// The pattern is the reading over its length; under a constant load, the reading itself. Where the calibration has readings of
 /// several lengths at one place, the pattern changes with the logarithm of the length too, in proportion.
+#[derive(Serialize, Deserialize)]
 pub(super) struct PatternMap {
     load: ForceKnown,
     /// The whitened pattern of a reading of typical length; behind it how it changes with the logarithm of the length, if it does.
@@ -374,6 +376,7 @@ mod tests {
     use super::*;
     use crate::solver::CalibrationPoint;
     use crate::solver::knn::PearsonKnn;
+    use crate::solver::method::Method;
     use rand::distr::Distribution;
     use rand_distr::StandardNormal;
 
@@ -403,9 +406,9 @@ mod tests {
             .map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs })
             .collect();
         let calibration = Calibration::new(&points).unwrap();
-        let methods: [Box<dyn Locate>; 2] = [
-            Box::new(PatternMap::fit(&calibration, ForceKnown::Unknown).unwrap()),
-            Box::new(PearsonKnn::fit(&calibration).unwrap()),
+        let methods = [
+            Method::PatternMap(PatternMap::fit(&calibration, ForceKnown::Unknown).unwrap()),
+            Method::PearsonKnn(PearsonKnn::fit(&calibration).unwrap()),
         ];
         let errors = methods.map(|method| {
             let error = |(place, outputs): &(Place, [f64; 4])| {

@@ -3,13 +3,14 @@
 use super::scan::{Scan, dot, to_length_one, to_order_one};
 use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::{ArrayLayout, Place};
+use serde::{Deserialize, Serialize};
 
 /// The paper's inverse solution: the contact lies at the calibration point whose outputs have the largest Pearson
 /// correlation with the reading (step 3, equation 3), and its force follows from the outputs there (step 4).
 ///
 /// Of points that correlate equally well the first counts. A point at which all units read the same correlates with
 /// nothing and is never an answer.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Pearson {
     units: usize,
     force_rule: ForceRule,
@@ -21,7 +22,7 @@ pub struct Pearson {
 }
 
 /// How the force follows once the place is found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceRule {
     /// The paper's equation 6: the ratio of reading to calibrated output on the unit closest to the place, times the
     /// force the point was calibrated with.
@@ -112,7 +113,7 @@ impl Locate for Pearson {
 }
 
 /// A calibration point that can be an answer.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Candidate {
     place: Place,
     force_n: f64,

@@ -5,16 +5,18 @@ use super::best::Tried;
 use super::blend::{Blend, MemberErrors};
 use super::broken::broken;
 use super::extra_trees::ExtraTrees;
-use super::forward::Forward;
+use super::fitted::Answering;
+use super::forward::{Forward, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
 use super::heldout::{FOLDS, Folds, HeldPress};
+use super::method::{BLEND, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
 use super::pattern_map::PatternMap;
 use super::physics::physics;
 use super::response::Response;
 use super::surrogate::{surrogate, surrogate_with};
 use super::{
-    BEST, Broken, Calibration, FitError, Fitted, ForceRule, Locate, Pearson, PearsonKnn, SOLVERS, Setting, Solver,
-    Whitened, best,
+    BEST, Broken, Calibration, Choice, FitError, Fitted, ForceRule, Pearson, PearsonKnn, SOLVERS, Setting, Whitened,
+    best,
 };
 use crate::parallel::in_parallel;
 use crate::quantity::ArrayLayout;
@@ -35,14 +37,16 @@ pub struct Prepared<'a> {
     response: OnceLock<Result<Response, FitError>>,
     /// What the Gaussian process sees of a reading, and its correlation.
     process: OnceLock<Result<Likeliest, FitError>>,
-    /// The errors of the members of `blend` on held-out presses.
-    member_errors: OnceLock<[MemberErrors; 2]>,
+    /// The trials of each method, by [`SOLVERS`].
+    trials: [Trials; SOLVERS.len()],
 }
 
-const PHYSICS: &str = "physics";
-const PROCESS: &str = "gaussian-process";
-const PATTERN_MAP: &str = "pattern-map";
-const BLEND: &str = "blend";
+/// A method's trials on the first part of the presses, and on the others.
+#[derive(Default)]
+struct Trials {
+    first: OnceLock<Result<Vec<HeldPress>, FitError>>,
+    others: OnceLock<Result<Vec<HeldPress>, FitError>>,
+}
 
 /// The lead over the next method, standard deviations, from which `blend` is worth the work of two.
 const WORTH_TWO_SIGMAS: f64 = 2.0;
@@ -85,7 +89,7 @@ impl<'a> Prepared<'a> {
             units,
             response: OnceLock::new(),
             process: OnceLock::new(),
-            member_errors: OnceLock::new(),
+            trials: Default::default(),
         };
         if broken.is_empty() {
             return Ok(prepared(calibration, None, broken));
@@ -114,22 +118,13 @@ impl<'a> Prepared<'a> {
     }
 
     fn fit_to_kept(&self, name: &str) -> Result<Fitted, FitError> {
-        if name != BEST && !SOLVERS.contains(&name) {
-            return Err(FitError::UnknownSolver { name: name.to_owned() });
+        match name {
+            BEST => self.best(),
+            name if !SOLVERS.contains(&name) => Err(FitError::UnknownSolver { name: name.to_owned() }),
+            name if self.setting.appraised => self.answering(name, &self.tried(name)?),
+            SURROGATE | PHYSICS => self.answering(name, &[]),
+            name => Ok(self.fitted(Answering::Appraised(Box::new(Appraised::unappraised(self.method(name)?))))),
         }
-        let calibration = &self.calibration;
-        let fitted = |solver: Box<dyn Solver>| Fitted::new(solver, calibration.units());
-        if let Some(forward) = self.forward(name)? {
-            let trials = if self.setting.appraised { self.tried(name, 0..FOLDS)? } else { Vec::new() };
-            return Ok(fitted(Box::new(forward.taught(&trials, &self.setting))));
-        }
-        if name != BEST && !self.setting.appraised {
-            return Ok(fitted(Box::new(Appraised::unappraised(self.method(name)?))));
-        }
-        if name != BEST {
-            return Ok(fitted(self.appraised(name, &self.tried(name, 0..FOLDS)?)?));
-        }
-        self.best()
     }
 
     /// The method that errs least on places that are held out. After the first part of these, methods that are far behind are tried no
@@ -137,35 +132,31 @@ impl<'a> Prepared<'a> {
     fn best(&self) -> Result<Fitted, FitError> {
         self.response()?;
         let names: Vec<&'static str> = SOLVERS.into_iter().filter(|name| self.is_candidate(name)).collect();
-        let mut tried =
-            in_parallel(&names, |&solver| Tried { solver, trials: self.tried(solver, 0..1).unwrap_or_default() });
-        // a lead that rests on what is assumed of the cover may be one of few places: see below
+        let first = |&solver: &&'static str| Tried { solver, trials: self.first_trials(solver).unwrap_or_default() };
+        let mut tried = in_parallel(&names, first);
+        // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
         let hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
         let on: Vec<usize> = (0..names.len()).filter(|&method| hopeful[method]).collect();
-        let others = in_parallel(&on, |&method| self.tried(names[method], 1..FOLDS));
-        for (&method, others) in on.iter().zip(others) {
-            match others {
-                Ok(others) => tried[method].trials.extend(others),
-                Err(_) => tried[method].trials.clear(),
-            }
-        }
+        let trials = in_parallel(&on, |&method| self.tried(names[method]).unwrap_or_default());
+        on.into_iter().zip(trials).for_each(|(method, trials)| tried[method].trials = trials);
         self.add_blend(&mut tried);
-        let mut choice = best::choice(&tried);
-        let lead = best::lead_sigmas(&tried, &choice);
-        if choice.candidates[0].solver == BLEND && lead.is_some_and(|sigmas| sigmas < WORTH_TWO_SIGMAS) {
-            choice.candidates.swap(0, 1);
+        let mut ranked = best::ranked(&tried);
+        let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
+        let leader = (0..ranked.len()).find(may_lead).unwrap_or(0);
+        ranked[..=leader].rotate_right(1);
+        let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
+        let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
+        Ok(self.answering(chosen.solver, &chosen.trials)?.chosen(Choice { candidates }))
+    }
+
+    /// Whether the method before another one in the ranking may be chosen: `blend` takes the work of two, and `physics` assumes what
+    /// may be wrong of this skin.
+    fn may_lead(&self, first: &Tried, next: Option<&Tried>) -> bool {
+        match first.solver {
+            BLEND => next.is_none_or(|next| first.lead_sigmas(next) >= WORTH_TWO_SIGMAS),
+            PHYSICS => next.is_some_and(|next| first.lead(next) >= FAR_AHEAD) || self.is_elastic(),
+            _ => true,
         }
-        let is_far_ahead = choice.candidates[0].solver == PHYSICS && best::lead(&choice) >= FAR_AHEAD;
-        if names.contains(&PHYSICS) && !is_far_ahead && !self.is_elastic()? {
-            choice.candidates.sort_by_key(|candidate| candidate.solver == PHYSICS);
-        }
-        let best = choice.candidates.first().filter(|best| best.location_error_mm.is_some());
-        let chosen = best.and_then(|best| tried.iter().find(|tried| tried.solver == best.solver)).unwrap_or(&tried[0]);
-        let solver = match self.forward(chosen.solver)? {
-            Some(forward) => Box::new(forward.taught(&chosen.trials, &self.setting)),
-            None => self.appraised(chosen.solver, &chosen.trials)?,
-        };
-        Ok(Fitted::new(solver, self.calibration.units()).chosen(choice))
     }
 
     /// Whether a method is one for `best` to choose: what is assumed of the cover needs to know where the units are, and how all units
@@ -182,7 +173,7 @@ impl<'a> Prepared<'a> {
 
     /// The methods that are blended: a regression and a map.
     fn members(&self) -> [&'static str; 2] {
-        [PROCESS, if self.is_candidate(PATTERN_MAP) { PATTERN_MAP } else { "surrogate" }]
+        [PROCESS, if self.is_candidate(PATTERN_MAP) { PATTERN_MAP } else { SURROGATE }]
     }
 
     /// Adds `blend` to the methods that were tried, if its members were tried to the end.
@@ -190,44 +181,46 @@ impl<'a> Prepared<'a> {
         let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
         let of = |name| tried.iter().find(|tried| tried.solver == name && tried.trials.len() == most);
         let [Some(one), Some(other)] = self.members().map(of) else { return };
-        let trials = self.blended([&one.trials, &other.trials]);
+        let trials = Blend::trials([&one.trials, &other.trials]);
         tried.push(Tried { solver: BLEND, trials });
-    }
-
-    /// The trials of `blend`, by those of its members, whose errors are then known.
-    fn blended(&self, members: [&[HeldPress]; 2]) -> Vec<HeldPress> {
-        let errors = self.member_errors.get_or_init(|| members.map(MemberErrors::of));
-        Blend::trials(members, errors)
     }
 
     /// Whether `physics` explains the calibration as well as the smooth map does: what it leaves unexplained is no more than noise. If
     /// not, it is wrong of this skin, and leads only where places are so few that the smooth map suffers more from holding some out.
-    fn is_elastic(&self) -> Result<bool, FitError> {
-        let Ok(Some(physics)) = self.forward(PHYSICS) else { return Ok(false) };
-        let ratios = physics.response().typical_sd().into_iter().zip(self.response()?.typical_sd());
+    fn is_elastic(&self) -> bool {
+        let Ok(physics) = physics(&self.calibration, self.setting().layout) else { return false };
+        let Ok(smooth) = self.response() else { return false };
+        let ratios = physics.typical_sd().into_iter().zip(smooth.typical_sd());
         let logs: Vec<f64> = ratios.map(|(elastic, smooth)| (elastic / smooth).ln()).collect();
-        Ok(logs.iter().sum::<f64>() / logs.len() as f64 <= UNEXPLAINED.ln())
+        logs.iter().sum::<f64>() / logs.len() as f64 <= UNEXPLAINED.ln()
     }
 
-    /// A method, tried on some parts of the presses, each held out of its calibration.
-    fn tried(&self, name: &str, folds: Range<usize>) -> Result<Vec<HeldPress>, FitError> {
+    /// A method, tried on all presses, each held out of its calibration.
+    fn tried(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
         if name == BLEND {
             let [one, other] = self.members();
-            return Ok(self.blended([&self.tried(one, folds.clone())?, &self.tried(other, folds)?]));
+            return Ok(Blend::trials([&self.tried(one)?, &self.tried(other)?]));
         }
-        let (setting, response) = (self.setting(), self.response()?);
-        let Some(parts) = Folds::of(&self.calibration, &setting, response) else { return Ok(Vec::new()) };
-        // found once: a fifth of the presses more or less changes a correlation little, and finding it is most of a fit
-        match name {
-            PROCESS => {
-                let sought = self.process()?;
-                parts.trials(folds, |part| Ok(Box::new(GaussianProcess::fit_with(part, setting.load, sought)?)))
-            }
-            "surrogate" => parts.trials(folds, |part| {
-                let response = surrogate_with(part, response.sought.as_ref())?;
-                Ok(Box::new(Forward::new("surrogate", response, part, &setting)))
-            }),
-            _ => parts.trials(folds, |part| method(name, part, &setting, Some(response))),
+        let mut trials = self.first_trials(name)?;
+        let others = || self.try_on(1..FOLDS, name);
+        trials.extend_from_slice(self.trials_of(name)?.others.get_or_init(others).as_ref().map_err(Clone::clone)?);
+        Ok(trials)
+    }
+
+    /// The same on the first part of the presses.
+    fn first_trials(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
+        self.trials_of(name)?.first.get_or_init(|| self.try_on(0..1, name)).clone()
+    }
+
+    fn trials_of(&self, name: &str) -> Result<&Trials, FitError> {
+        let index = SOLVERS.iter().position(|solver| *solver == name);
+        Ok(&self.trials[index.ok_or_else(|| FitError::UnknownSolver { name: name.to_owned() })?])
+    }
+
+    fn try_on(&self, folds: Range<usize>, name: &str) -> Result<Vec<HeldPress>, FitError> {
+        match Folds::of(&self.calibration, &self.setting(), self.response()?) {
+            Some(parts) => parts.trials(folds, |part| self.fit_to(part, name)),
+            None => Ok(Vec::new()),
         }
     }
 
@@ -237,38 +230,52 @@ impl<'a> Prepared<'a> {
         self.process.get_or_init(seek).as_ref().map_err(Clone::clone)
     }
 
-    fn appraised(&self, name: &str, trials: &[HeldPress]) -> Result<Box<dyn Solver>, FitError> {
-        Ok(Box::new(Appraised::new(self.method(name)?, trials, self.response()?, &self.setting())))
+    /// A method that has learned from its trials how sure its answers are.
+    fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Fitted, FitError> {
+        let setting = self.setting();
+        Ok(self.fitted(match self.method(name)? {
+            Method::Forward(forward) => Answering::Forward(Box::new(forward.taught(trials, &setting))),
+            method => Answering::Appraised(Box::new(Appraised::new(method, trials, self.response()?, &setting))),
+        }))
     }
 
-    fn method(&self, name: &str) -> Result<Box<dyn Locate>, FitError> {
-        match self.forward(name)? {
-            Some(forward) => Ok(Box::new(forward)),
-            None if name == PROCESS => {
-                let process = GaussianProcess::fit_with(&self.calibration, self.setting.load, self.process()?)?;
-                Ok(Box::new(process))
-            }
-            None if name == BLEND => {
-                if self.member_errors.get().is_none() {
-                    self.tried(BLEND, 0..FOLDS)?;
-                }
-                let errors = *self.member_errors.get_or_init(|| [MemberErrors::of(&[]); 2]);
-                let [one, other] = self.members();
-                Ok(Box::new(Blend::new([self.method(one)?, self.method(other)?], errors)))
-            }
-            None if name == "whitened" => method(name, &self.calibration, &self.setting(), Some(self.response()?)),
-            None => method(name, &self.calibration, &self.setting(), None),
-        }
+    fn fitted(&self, answering: Answering) -> Fitted {
+        Fitted::new(answering, self.calibration.units())
     }
 
-    fn forward(&self, name: &str) -> Result<Option<Forward>, FitError> {
+    /// A method, fitted to all presses.
+    fn method(&self, name: &str) -> Result<Method, FitError> {
         match name {
-            "surrogate" => {
-                let response = self.response()?.clone();
-                Ok(Some(Forward::new("surrogate", response, &self.calibration, &self.setting())))
+            SURROGATE => Ok(self.forward(MapKind::Smooth, self.response()?.clone(), &self.calibration)),
+            BLEND => {
+                let [one, other] = self.members();
+                let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
+                Ok(Method::Blend(Blend::new([self.method(one)?, self.method(other)?], errors)))
             }
-            name => forward(name, &self.calibration, &self.setting()),
+            name => self.fit_to(&self.calibration, name),
         }
+    }
+
+    /// A method, fitted to some of the presses. Correlations are those of all presses: a fifth of these more or less changes them
+    /// little, and finding them is most of a fit.
+    fn fit_to(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
+        let setting = self.setting();
+        Ok(match name {
+            SURROGATE => self.forward(MapKind::Smooth, surrogate_with(part, self.response()?.sought.as_ref())?, part),
+            PHYSICS => self.forward(MapKind::Elastic, physics(part, setting.layout)?, part),
+            PROCESS => Method::GaussianProcess(GaussianProcess::fit_with(part, setting.load, self.process()?)?),
+            PATTERN_MAP => Method::PatternMap(PatternMap::fit(part, setting.load)?),
+            "pearson" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::ClosestUnit)?),
+            "pearson-lsq" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::LeastSquares)?),
+            "pearson-knn" => Method::PearsonKnn(PearsonKnn::fit(part)?),
+            "whitened" => Method::Whitened(Whitened::fit(part, &self.response()?.typical_sd())?),
+            "extra-trees" => Method::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
+            name => return Err(FitError::UnknownSolver { name: name.to_owned() }),
+        })
+    }
+
+    fn forward(&self, kind: MapKind, response: Response, calibration: &Calibration) -> Method {
+        Method::Forward(Box::new(Forward::new(kind, response, calibration, &self.setting())))
     }
 
     fn response(&self) -> Result<&Response, FitError> {
@@ -278,42 +285,4 @@ impl<'a> Prepared<'a> {
     fn setting(&self) -> Setting<'_> {
         Setting { layout: self.layout.as_ref().or(self.setting.layout), ..self.setting }
     }
-}
-
-/// The method of that name, if it is one that inverts a map of the array.
-fn forward(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Option<Forward>, FitError> {
-    let (name, response) = match name {
-        "surrogate" => ("surrogate", surrogate(calibration)?),
-        "physics" => ("physics", physics(calibration, setting.layout)?),
-        _ => return Ok(None),
-    };
-    Ok(Some(Forward::new(name, response, calibration, setting)))
-}
-
-/// The method of that name, fitted, without an idea of its errors. A smooth map that is known isn't made again.
-fn method(
-    name: &str,
-    calibration: &Calibration,
-    setting: &Setting<'_>,
-    response: Option<&Response>,
-) -> Result<Box<dyn Locate>, FitError> {
-    if let Some(forward) = forward(name, calibration, setting)? {
-        return Ok(Box::new(forward));
-    }
-    Ok(match name {
-        "pearson" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::ClosestUnit)?),
-        "pearson-lsq" => Box::new(Pearson::fit(calibration, setting.layout, ForceRule::LeastSquares)?),
-        "pearson-knn" => Box::new(PearsonKnn::fit(calibration)?),
-        "whitened" => {
-            let typical_sd = match response {
-                Some(response) => response.typical_sd(),
-                None => surrogate(calibration)?.typical_sd(),
-            };
-            Box::new(Whitened::fit(calibration, &typical_sd)?)
-        }
-        "gaussian-process" => Box::new(GaussianProcess::fit(calibration, setting.load)?),
-        PATTERN_MAP => Box::new(PatternMap::fit(calibration, setting.load)?),
-        "extra-trees" => Box::new(ExtraTrees::fit(calibration, setting.load)?),
-        _ => return Err(FitError::UnknownSolver { name: name.to_owned() }),
-    })
 }

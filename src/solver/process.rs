@@ -4,16 +4,20 @@ use super::correlation::Correlation;
 use super::kriging::{Sought, column_means};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
+use serde::{Deserialize, Serialize};
 
 /// A Gaussian process of which correlation and noise are known: what it predicts, by a Cholesky factor (Rasmussen and Williams 2006,
 /// algorithm 2.1).
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Process {
     /// Row-major, rows x dimensions.
-    inputs: Vec<f64>,
-    correlation: Correlation,
-    mean: Vec<f64>,
-    /// Row-major, rows x outputs.
-    weights: Vec<f64>,
+    pub inputs: Vec<f64>,
+    /// Of inputs that are so far apart.
+    pub correlation: Correlation,
+    /// Mean of each output.
+    pub mean: Vec<f64>,
+    /// Row-major, rows x outputs: a prediction is a product of correlations with these.
+    pub weights: Vec<f64>,
 }
 
 impl Process {

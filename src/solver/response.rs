@@ -5,10 +5,11 @@ use super::field::Field;
 use super::kriging::Sought;
 use super::noise::{Noise, Residual};
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// What the array reads under one contact, from place to place, and how far that can be trusted: the forward map that a
 /// forward solver inverts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Response {
     /// Each unit's output a newton.
     pub field: Field,
@@ -18,12 +19,14 @@ pub(super) struct Response {
     pub noise: Noise,
     /// The force that the calibration was pressed with, N: the map's error grows with the force over this.
     pub force_n: f64,
-    /// The calibration's presses against a map made without them.
+    /// The calibration's presses against a map made without them; a response that was read from a file has none.
+    #[serde(skip)]
     pub held: Vec<Held>,
     /// The leverage, mean of all units, up to which the map is known: that of the press which is worst predicted by the others.
     /// Where the map is less sure than there, it has left the calibrated places behind.
     pub known_leverage: f64,
-    /// The correlation of the map, where it has one.
+    /// The correlation of the map, where it has one; a response that was read from a file has none.
+    #[serde(skip)]
     pub sought: Option<Sought>,
 }
 

@@ -1,12 +1,14 @@
 //! Looks through a table for the largest dot products.
 
 use pulp::{Arch, Simd, WithSimd};
+use serde::{Deserialize, Serialize};
 
 /// A table of rows of length 1, and the search for those with the largest dot product with a direction.
 ///
 /// The search runs in single precision, many rows at a time; what comes so close to the best that rounding may have
 /// put it behind is scored again in double precision. So its answer is that of a plain search in double precision.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(into = "Rows", from = "Rows")]
 pub(super) struct Scan {
     /// What the processor can do, asked once: asking in every search took 7 ns of 110 on a table of 9 x 625.
     arch: Arch,
@@ -16,6 +18,25 @@ pub(super) struct Scan {
     /// The same in single precision, turned so that one instruction multiplies many rows: of the first [`PANEL`] rows
     /// the first unit's values, then the second's and so on; then the next rows. The last rows are filled up with 0.
     panels: Vec<Panel>,
+}
+
+/// What a table is made from.
+#[derive(Serialize, Deserialize)]
+struct Rows {
+    units: usize,
+    rows: Vec<f64>,
+}
+
+impl From<Rows> for Scan {
+    fn from(Rows { units, rows }: Rows) -> Self {
+        Scan::new(units, rows)
+    }
+}
+
+impl From<Scan> for Rows {
+    fn from(Scan { units, rows, .. }: Scan) -> Self {
+        Rows { units, rows }
+    }
 }
 
 /// A row that was found.

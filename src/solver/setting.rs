@@ -2,6 +2,7 @@
 
 use super::{Calibration, SolveError};
 use crate::quantity::ArrayLayout;
+use serde::{Deserialize, Serialize};
 
 /// What a fit is told beside the calibration.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +25,7 @@ pub struct Setting<'a> {
 }
 
 /// Whether the force of contacts to come is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceKnown {
     /// It isn't: only what doesn't depend on the amplitude tells the place.
     #[default]

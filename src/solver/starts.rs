@@ -4,8 +4,10 @@ use super::response::Response;
 use super::scan::{Scan, to_length_one};
 use super::workspace::Workspace;
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// A grid of places, and the direction in which the array reads a contact at each.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Starts {
     pub places: Vec<Place>,
     common_offset: bool,

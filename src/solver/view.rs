@@ -1,9 +1,10 @@
 //! What a regression sees of a reading.
 
 use super::{Calibration, ForceKnown};
+use serde::{Deserialize, Serialize};
 
 /// What a regression from readings to places sees of a reading: its coordinates.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct View {
     kind: Kind,
     /// What each output is multiplied by first.
@@ -12,7 +13,7 @@ pub(super) struct View {
     stretch: Vec<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum Kind {
     /// The reading over its length, and the logarithm of the length times a weight; of weight 0 it isn't seen.
     Direction(f64),

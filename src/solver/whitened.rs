@@ -4,6 +4,7 @@ use super::pearson::check;
 use super::scan::{Scan, to_length_one, to_order_one};
 use super::{Calibration, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
+use serde::{Deserialize, Serialize};
 
 /// The contact lies at the calibration point whose outputs make the smallest angle with the reading, once every output
 /// is divided by its unit's noise: a unit counts as much as it can be trusted.
@@ -11,7 +12,7 @@ use crate::quantity::Place;
 /// With noise of that size, Gaussian and independent from unit to unit, this is the calibration point and force of
 /// largest likelihood. Outputs aren't centred: an array at rest must read 0. Of points equally good the first counts;
 /// one at which no unit reads anything is never an answer.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Whitened {
     /// The smallest noise over each unit's, at most 1.
     weights: Vec<f64>,
@@ -23,7 +24,7 @@ pub struct Whitened {
 }
 
 /// A calibration point that can be an answer.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Candidate {
     place: Place,
     /// The length of its weighted outputs over its force, outputs' unit per newton.

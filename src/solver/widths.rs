@@ -2,6 +2,7 @@
 
 use super::Covariance;
 use super::heldout::HeldPress;
+use serde::{Deserialize, Serialize};
 
 /// How far off a solution is at most, in 68 and in 95 of 100 cases. Learned from calibration presses at places that were held
 /// out, so they contain the errors of the map too, not only noise.
@@ -38,7 +39,7 @@ impl HalfWidths {
 
 /// By what a method's own scale of its errors is multiplied to give half-widths (split conformal prediction with a scaled score,
 /// Lei et al. 2018, section 5.2).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Widths {
     location: [f64; 2],
     force: [f64; 2],
