@@ -1,7 +1,16 @@
-//! How a method is asked for on the command line, and what is known of the load.
+//! How a method is asked for on the command line, and fitted to a run or a table.
 
-use crate::solver::{ForceKnown, SOLVERS};
+use super::exit::Failure;
+use super::recorded::{read_presses, read_run};
+use super::summary::tell;
+use super::tables::chosen;
+use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
+use crate::dataset::{Fingerprint, source_fingerprint};
+use crate::quantity::ArrayLayout;
+use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _};
 use clap::builder::PossibleValuesParser;
+use miette::{IntoDiagnostic, WrapErr};
+use std::path::{Path, PathBuf};
 
 /// Every name a method can be asked for by, with some more.
 pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesParser {
@@ -11,4 +20,123 @@ pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesP
 /// What `--constant-load` says.
 pub fn load(is_constant: bool) -> ForceKnown {
     if is_constant { ForceKnown::Constant } else { ForceKnown::Unknown }
+}
+
+/// The method, and what contacts to expect.
+#[derive(Debug, clap::Args)]
+pub struct MethodArgs {
+    /// The method; best is the one that cross-validation on the calibration finds best
+    #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST]))]
+    solver: String,
+    /// Every contact presses as hard as the calibration did
+    #[arg(long)]
+    constant_load: bool,
+    /// All outputs may be off by one and the same amount: solve for it too
+    #[arg(long)]
+    common_offset: bool,
+    /// The share of single contacts that a verdict may wrongly call something else
+    #[arg(long, value_name = "SHARE", default_value_t = Setting::default().false_alarms, value_parser = share)]
+    false_alarms: f64,
+    /// The forces to come, N; else from a tenth of the calibration's to the calibration's
+    #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
+    forces_n: Option<Vec<f64>>,
+}
+
+/// What a method is fitted to.
+pub struct Source {
+    /// The run folder or the table.
+    pub path: PathBuf,
+    /// Its presses.
+    pub calibration: Calibration,
+    /// Where the units are, where that is known.
+    pub layout: Option<ArrayLayout>,
+    /// The sensor's ID, where the run has one.
+    pub sensor: Option<String>,
+    /// Its forces aren't newtons.
+    is_relative: bool,
+}
+
+impl Source {
+    /// Reads a run folder or a table of presses.
+    pub fn read(path: &Path, load: ForceKnown) -> Result<Source, Failure> {
+        let path = path.to_owned();
+        if path.is_dir() {
+            let (recorded, rig) = read_run(&path)?;
+            let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
+            let (layout, sensor) = (Some(rig.array.layout), recorded.manifest.facts.labels.sensor.clone());
+            return Ok(Source { path, calibration, layout, sensor, is_relative: false });
+        }
+        let table = read_presses(&path)?;
+        let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
+        let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
+        Ok(Source { path, calibration, layout: None, sensor: None, is_relative })
+    }
+
+    /// The journal or the table by its content.
+    pub fn fingerprint(&self) -> Result<Fingerprint, Failure> {
+        source_fingerprint(&self.path).map_err(Failure::dataset)
+    }
+}
+
+impl MethodArgs {
+    /// Whether contacts press as hard as the calibration.
+    pub fn load(&self) -> ForceKnown {
+        load(self.constant_load)
+    }
+
+    /// Fits the method to a calibration.
+    pub fn fit(&self, source: &Source) -> Result<Model, Failure> {
+        let setting = Setting {
+            layout: source.layout.as_ref(),
+            load: self.load(),
+            common_offset: self.common_offset,
+            false_alarms: self.false_alarms,
+            forces_n: self.forces_n()?,
+            ..Setting::default()
+        };
+        let model = Model::fit(&self.solver, source.calibration.clone(), &setting).into_diagnostic();
+        let name = source.path.display();
+        model.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)
+    }
+
+    /// Says which method was fitted to what, and why that one.
+    pub fn tell(&self, source: &Source, model: &Model) -> Result<(), Failure> {
+        let (presses, units) = (model.validity().presses, model.validity().units);
+        tell(&format!("{}, fitted to {presses} presses of {units} units\n", model.fitted().name()))?;
+        tell(&model.fitted().choice().map(chosen).unwrap_or_default())?;
+        if source.is_relative && !self.constant_load {
+            tell("no force_n in the calibration: forces are in units of its typical press\n")?;
+        }
+        Ok(())
+    }
+
+    fn forces_n(&self) -> Result<Option<(f64, f64)>, Failure> {
+        match self.forces_n.as_deref() {
+            Some([least, most]) if least < most => Ok(Some((*least, *most))),
+            None => Ok(None),
+            Some(_) => Err(Failure::usage(miette::miette!("--forces-n takes the least force first, then the most"))),
+        }
+    }
+}
+
+/// Says which units of a calibration are left out of account.
+pub fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
+    for Broken { unit, fault } in fitted.broken() {
+        tell(&format!("{}: unit {} {}, left out\n", path.display(), unit + 1, fault.told()))?;
+    }
+    Ok(())
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if share > 0.0 && share < 1.0 => Ok(share),
+        _ => Err("expected a share between 0 and 1: 0.01 is one in a hundred".to_owned()),
+    }
+}
+
+fn force(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(force_n) if force_n.is_finite() && force_n > 0.0 => Ok(force_n),
+        _ => Err("expected a force over 0 N".to_owned()),
+    }
 }

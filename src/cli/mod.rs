@@ -14,6 +14,7 @@ mod emulate;
 mod evaluate;
 mod exit;
 mod figure_files;
+mod fit;
 mod labels;
 mod method;
 mod ports;
@@ -70,6 +71,7 @@ enum Command {
     Verify(verify::VerifyArgs),
     Rebuild(rebuild::RebuildArgs),
     Evaluate(evaluate::EvaluateArgs),
+    Fit(fit::FitArgs),
     Solve(solve::SolveArgs),
     Report(report::ReportArgs),
     Certificate(certificate::CertificateArgs),
@@ -96,6 +98,7 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => verify::verify_run(args),
         Command::Rebuild(args) => rebuild::rebuild(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
+        Command::Fit(args) => fit::fit(args),
         Command::Solve(args) => solve::solve(args),
         Command::Report(args) => report::report(args),
         Command::Certificate(args) => certificate::certificate(args),

@@ -1,19 +1,16 @@
 //! `palpate solve`: readings of the array in, contacts out, a line for a line.
 
 use super::exit::Failure;
-use super::method::{load, solvers};
-use super::recorded::{read_presses, read_run};
+use super::method::{MethodArgs, Source, tell_left_out};
 use super::solutions::Solutions;
 use super::summary::tell;
-use super::tables::chosen;
 use crate::dataset::answers::{Answer, Answers, Unsolved};
-use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::readings::{Format, Lines, ReadingError, Readings};
-use crate::quantity::ArrayLayout;
-use crate::solver::{BEST, Broken, Calibration, ForceKnown, Session, Setting, Solver as _};
+use crate::dataset::sensor_file::{Card, read_sensor_file};
+use crate::solver::{Broken, Session};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What messages call the input.
@@ -24,6 +21,7 @@ Examples:
   palpate solve --calibration runs/paper < readings.csv > contacts.csv
   palpate solve --calibration grid.csv --solver pearson-lsq < readings.csv
   palpate solve --calibration runs/paper --json < readings.ndjson
+  palpate solve --model sensor.palpate < readings.csv
 
 A reading is a line: as CSV with a header that has out_1..out_n, or numbers
 alone; as NDJSON {\"outputs\": [0.1, 0.2, ...]}, or the bare array. Its id and
@@ -54,11 +52,11 @@ answered.";
 #[command(after_help = EXAMPLES)]
 pub struct SolveArgs {
     /// A run folder, or a table of presses to calibrate on
-    #[arg(long, value_name = "RUN")]
-    calibration: PathBuf,
-    /// The method; best is the one that cross-validation on the calibration finds best
-    #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST]))]
-    solver: String,
+    #[arg(long, value_name = "RUN", required_unless_present = "model")]
+    calibration: Option<PathBuf>,
+    /// A sensor file, as `palpate fit` writes it
+    #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
+    model: Option<PathBuf>,
     /// The format of the readings, if its first character isn't to tell it
     #[arg(long, value_name = "FORMAT", value_enum)]
     input: Option<Format>,
@@ -71,47 +69,38 @@ pub struct SolveArgs {
     /// Don't say which method is used and why
     #[arg(long)]
     quiet: bool,
-    /// Every contact presses as hard as the calibration did
-    #[arg(long)]
-    constant_load: bool,
-    /// All outputs may be off by one and the same amount: solve for it too
-    #[arg(long)]
-    common_offset: bool,
-    /// The share of single contacts that a verdict may wrongly call something else
-    #[arg(long, value_name = "SHARE", default_value_t = Setting::default().false_alarms, value_parser = share)]
-    false_alarms: f64,
-    /// The forces to come, N; else from a tenth of the calibration's to the calibration's
-    #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
-    forces_n: Option<Vec<f64>>,
+    #[command(flatten)]
+    method: MethodArgs,
 }
 
-/// Fits the method, then answers as the readings come in.
+/// What a sensor file has settled.
+const FITTED_BEFORE: [&str; 6] =
+    ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
+
+/// Fits the method or reads it, then answers as the readings come in.
 pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
-    let source = Source::read(&args.calibration, load(args.constant_load))?;
-    let setting = Setting {
-        layout: source.layout.as_ref(),
-        load: load(args.constant_load),
-        common_offset: args.common_offset,
-        false_alarms: args.false_alarms,
-        forces_n: forces_n(args)?,
-        ..Setting::default()
-    };
-    let calibration = &source.calibration;
-    let name = args.calibration.display();
-    let session = Session::new(&args.solver, calibration, setting).into_diagnostic();
-    let session = session.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)?;
-    if !args.quiet {
-        let (presses, units) = (calibration.len(), calibration.units());
-        tell(&format!("{}, fitted to {presses} presses of {units} units\n", session.fitted().name()))?;
-        tell(&session.fitted().choice().map(chosen).unwrap_or_default())?;
-        if source.is_relative && !args.constant_load {
-            tell("no force_n in the calibration: forces are in units of its typical press\n")?;
+    let model = match (&args.model, &args.calibration) {
+        (Some(file), _) => {
+            let (card, model) = read_sensor_file(file).map_err(Failure::usage)?;
+            if !args.quiet {
+                tell(&format!("{}\n", told(&card)))?;
+            }
+            tell_left_out(file, model.fitted())?;
+            model
         }
-    }
-    for Broken { unit, fault } in session.broken() {
-        tell(&format!("{name}: unit {} {}, left out\n", unit + 1, fault.told()))?;
-    }
-    let mut answers = Answers::new(Readings::new(SOURCE, calibration.units(), args.input), session);
+        (None, Some(calibration)) => {
+            let source = Source::read(calibration, args.method.load())?;
+            let model = args.method.fit(&source)?;
+            if !args.quiet {
+                args.method.tell(&source, &model)?;
+            }
+            tell_left_out(calibration, model.fitted())?;
+            model
+        }
+        (None, None) => return Err(Failure::usage(miette::miette!("--calibration or --model is required"))),
+    };
+    let readings = Readings::new(SOURCE, model.validity().units, args.input);
+    let mut answers = Answers::new(readings, Session::new(model));
     let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going);
     match answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions, args.keep_going) {
         Ok(Ok(())) => Ok(ExitCode::SUCCESS),
@@ -122,9 +111,15 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     }
 }
 
+/// What a sensor file says about itself, in a line.
+fn told(card: &Card) -> String {
+    let of = card.sensor.as_ref().map_or(String::new(), |sensor| format!(" of sensor {sensor}"));
+    format!("{}, fitted to {} presses of {} units{of}", card.method, card.valid.presses, card.valid.units)
+}
+
 /// An answer for each line; whatever the end is, what came before it is out.
 fn answer(
-    answers: &mut Answers<'_>,
+    answers: &mut Answers,
     lines: &mut Lines<impl Read>,
     solutions: &mut Solutions<impl Write>,
     keep_going: bool,
@@ -153,48 +148,4 @@ fn answer(
     };
     solutions.flush()?;
     Ok(end)
-}
-
-/// What is calibrated on.
-struct Source {
-    calibration: Calibration,
-    layout: Option<ArrayLayout>,
-    /// Its forces aren't newtons.
-    is_relative: bool,
-}
-
-impl Source {
-    fn read(path: &Path, load: ForceKnown) -> Result<Source, Failure> {
-        if path.is_dir() {
-            let (recorded, rig) = read_run(path)?;
-            let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
-            return Ok(Source { calibration, layout: Some(rig.array.layout), is_relative: false });
-        }
-        let table = read_presses(path)?;
-        let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
-        let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
-        Ok(Source { calibration, layout: None, is_relative })
-    }
-}
-
-fn forces_n(args: &SolveArgs) -> Result<Option<(f64, f64)>, Failure> {
-    match args.forces_n.as_deref() {
-        Some([least, most]) if least < most => Ok(Some((*least, *most))),
-        None => Ok(None),
-        Some(_) => Err(Failure::usage(miette::miette!("--forces-n takes the least force first, then the most"))),
-    }
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(share) if share > 0.0 && share < 1.0 => Ok(share),
-        _ => Err("expected a share between 0 and 1: 0.01 is one in a hundred".to_owned()),
-    }
-}
-
-fn force(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(force_n) if force_n.is_finite() && force_n > 0.0 => Ok(force_n),
-        _ => Err("expected a force over 0 N".to_owned()),
-    }
 }

@@ -5,9 +5,9 @@ use crate::solver::{Broken, Session, Solution, Unanswered};
 use miette::Diagnostic;
 
 /// Answers one line after another: a line in, its answer out.
-pub struct Answers<'a> {
+pub struct Answers {
     readings: Readings,
-    session: Session<'a>,
+    session: Session,
 }
 
 /// The answer to a line that holds a reading, or should hold one.
@@ -33,14 +33,14 @@ pub enum Unsolved {
     Unanswered(#[from] Unanswered),
 }
 
-impl<'a> Answers<'a> {
+impl Answers {
     /// Lines as `readings` takes them, solved as `session` does.
-    pub fn new(readings: Readings, session: Session<'a>) -> Self {
+    pub fn new(readings: Readings, session: Session) -> Self {
         Answers { readings, session }
     }
 
     /// The method, and which units are left out.
-    pub fn session(&self) -> &Session<'a> {
+    pub fn session(&self) -> &Session {
         &self.session
     }
 

@@ -120,12 +120,12 @@ impl Draft {
     }
 }
 
-/// Puts a text in a file's place when it is on the disk, whole or not at all, with the permissions of the file that it replaces. It
+/// Puts a content in a file's place when it is on the disk, whole or not at all, with the permissions of the file that it replaces. It
 /// is written beside it first, under a name of this program's own.
 ///
 /// # Errors
 /// The operating system's; nothing is left beside the place then.
-pub fn place(path: &Path, text: &str) -> io::Result<()> {
+pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let beside = path.with_file_name(format!(".palpate-{}.new", std::process::id()));
     let mut file = File::create_new(&beside)?; // what lies there is somebody's
     let permitted = match fs::metadata(path) {
@@ -134,7 +134,7 @@ pub fn place(path: &Path, text: &str) -> io::Result<()> {
         Err(error) => Err(error),
     };
     let placed = permitted
-        .and_then(|()| file.write_all(text.as_bytes()))
+        .and_then(|()| file.write_all(content.as_ref()))
         .and_then(|()| file.sync_all())
         .and_then(|()| fs::rename(&beside, path));
     if placed.is_err() {

@@ -166,7 +166,23 @@ impl Texts {
 /// # Errors
 /// No run, or its journal can't be read.
 pub fn journal_sha256(run: &Path) -> Result<String, DatasetError> {
+    Ok(journal_fingerprint(run)?.sha256)
+}
+
+/// What presses are read from, by its content: the journal of a run folder, or a table. Its name is that of the run or the table.
+///
+/// # Errors
+/// No run, or the file can't be read.
+pub fn source_fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if path.is_dir() {
+        return Ok(Fingerprint { name, ..journal_fingerprint(path)? });
+    }
+    let table = std::fs::read(path).map_err(DatasetError::io("reading", path))?;
+    Ok(Fingerprint::of(&name, &table))
+}
+
+fn journal_fingerprint(run: &Path) -> Result<Fingerprint, DatasetError> {
     check_run(run)?;
-    let read = Fingerprint::of_file(run, JOURNAL);
-    read.map(|fingerprint| fingerprint.sha256).map_err(DatasetError::io("reading", run.join(JOURNAL)))
+    Fingerprint::of_file(run, JOURNAL).map_err(DatasetError::io("reading", run.join(JOURNAL)))
 }

@@ -16,7 +16,7 @@ pub(super) struct Field {
 }
 
 /// The rectangle that calibration points span, mm.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Area {
     /// Lower left corner.
     pub least: Place,

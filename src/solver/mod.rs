@@ -46,6 +46,7 @@ mod heldout;
 mod knn;
 mod kriging;
 mod method;
+mod model;
 mod noise;
 mod normal;
 mod pattern_map;
@@ -76,6 +77,7 @@ pub use evaluation::{
 };
 pub use fitted::{Candidate, Choice, Fitted};
 pub use knn::{NEIGHBOURS, PearsonKnn};
+pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array, plane_through};
 pub use prepared::Prepared;

@@ -1,8 +1,6 @@
 //! One reading after another, broken units left out.
 
-use super::{
-    Broken, Calibration, Fault, FitError, Fitted, Prepared, Setting, Solution, SolveError, Solver, Verdict, Workspace,
-};
+use super::{Broken, Fault, FitError, Fitted, Model, Solution, SolveError, Solver, Verdict, Workspace};
 
 /// Solves one reading after another, and leaves a unit that breaks on the way out of account from then on.
 ///
@@ -12,11 +10,8 @@ use super::{
 /// A forward method says of a reading which unit contradicts all others, if one does. Such verdicts are summed up, for each unit, by
 /// a cumulative sum test (Page 1954): a broken unit is named by every other contact or more, a good one by one of fifty or fewer.
 /// Readings of one and the same contact are one witness, however many there are.
-pub struct Session<'a> {
-    name: String,
-    calibration: &'a Calibration,
-    setting: Setting<'a>,
-    fitted: Fitted,
+pub struct Session {
+    model: Model,
     /// Fits for readings that lack outputs.
     partial: Vec<Partial>,
     /// For each unit, how much more likely than not it is broken: a logarithm, 0 at least.
@@ -42,6 +37,9 @@ pub enum Unanswered {
     /// No output is left.
     #[error("every output is missing")]
     NoOutputs,
+    /// There are no presses to fit the method to without the missing units.
+    #[error("outputs are missing, and the sensor file has no room for the presses that a fit without them takes")]
+    NoPresses,
     /// The calibration doesn't do without the missing units.
     #[error("outputs are missing, and the method can't be fitted to the others: {0}")]
     Unfit(FitError),
@@ -61,30 +59,26 @@ const ENOUGH: f64 = 13.8;
 /// How many sd two contacts are apart that aren't the same.
 const APART_SD: f64 = 3.0;
 
-impl<'a> Session<'a> {
-    /// Fits the method of that name.
-    pub fn new(name: &str, calibration: &'a Calibration, setting: Setting<'a>) -> Result<Self, FitError> {
-        let fitted = super::fit(name, calibration, &setting)?;
-        Ok(Session {
-            name: fitted.name().to_owned(),
-            calibration,
-            setting,
-            evidence: vec![0.0; calibration.units()],
-            fitted,
+impl Session {
+    /// Solves with a model.
+    pub fn new(model: Model) -> Self {
+        Session {
+            evidence: vec![0.0; model.validity().units],
+            model,
             partial: Vec::new(),
             witness: None,
             workspace: Workspace::default(),
-        })
+        }
     }
 
-    /// The method.
-    pub fn fitted(&self) -> &Fitted {
-        &self.fitted
+    /// The model: without the units that were found broken.
+    pub fn model(&self) -> &Model {
+        &self.model
     }
 
     /// The units that are left out, in the order in which they were found.
     pub fn broken(&self) -> &[Broken] {
-        self.fitted.broken()
+        self.model.fitted().broken()
     }
 
     /// The contact behind the next reading; a missing output is NaN.
@@ -92,7 +86,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// A reading without an answer, or whose missing outputs can't be done without.
     pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
-        let (expected, found) = (self.calibration.units(), outputs.len());
+        let (expected, found) = (self.evidence.len(), outputs.len());
         if found != expected {
             return Err(SolveError::Channels { expected, found }.into());
         }
@@ -100,7 +94,7 @@ impl<'a> Session<'a> {
         let is_missing = |unit: &usize| outputs[*unit].is_nan() && !is_left_out(*unit);
         let missing: Vec<usize> = (0..found).filter(is_missing).collect();
         let fitted = if missing.is_empty() {
-            &self.fitted
+            self.model.fitted()
         } else {
             let index = self.partial(&missing)?;
             self.partial[index].fitted.as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
@@ -115,13 +109,13 @@ impl<'a> Session<'a> {
         if let Some(index) = self.partial.iter().position(|partial| partial.missing == missing) {
             return Ok(index);
         }
-        if missing.len() + self.broken().len() >= self.calibration.units() {
+        if missing.len() + self.broken().len() >= self.evidence.len() {
             return Err(Unanswered::NoOutputs);
         }
         if self.partial.len() == MOST_PARTIAL {
             return Err(Unanswered::TooMany);
         }
-        let fitted = self.fit_without(missing, Fault::Missing);
+        let fitted = self.model.fit_without(missing, Fault::Missing).ok_or(Unanswered::NoPresses)?;
         self.partial.push(Partial { missing: missing.to_vec(), fitted });
         Ok(self.partial.len() - 1)
     }
@@ -145,20 +139,13 @@ impl<'a> Session<'a> {
             *evidence = (*evidence + ratio.ln()).max(0.0);
         }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
-            // an array that has too few units left goes on with those it has
-            if let Ok(fitted) = self.fit_without(&[unit], Fault::Contradicts) {
-                self.fitted = fitted;
+            // an array that has too few units left, or a model without presses, goes on with the units it has
+            if let Some(Ok(fitted)) = self.model.fit_without(&[unit], Fault::Contradicts) {
+                self.model.replace(fitted);
                 self.partial.clear();
             }
             self.evidence.fill(0.0);
         }
-    }
-
-    /// The method fitted without these units, beside those that are left out already.
-    fn fit_without(&self, units: &[usize], fault: Fault) -> Result<Fitted, FitError> {
-        let mut broken = self.fitted.broken().to_vec();
-        broken.extend(units.iter().map(|&unit| Broken { unit, fault }));
-        Prepared::without(self.calibration.clone(), &self.setting, broken)?.fit(&self.name)
     }
 }
 

@@ -10,7 +10,7 @@ use palpate::dataset::{
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
-use palpate::solver::{Calibration, CalibrationPoint, Session, Setting};
+use palpate::solver::{Calibration, CalibrationPoint, Model, Session, Setting};
 use std::io::{self, Read};
 
 /// Contacts that are recorded; each would take more than a kilobyte if it were held.
@@ -80,7 +80,7 @@ fn readings_are_answered_and_none_is_held() {
     }
     let calibration = calibration();
     for (readings, format) in [(CSV_READINGS, Format::Csv), (JSON_READINGS, Format::Ndjson)] {
-        let session = Session::new("pearson", &calibration, Setting::default()).unwrap();
+        let session = Session::new(Model::fit("pearson", calibration.clone(), &Setting::default()).unwrap());
         let mut answers = Answers::new(Readings::new("stdin", 3, Some(format)), session);
         let mut lines = Lines::new("stdin", Repeated { block: block(readings), at: 0, left: READINGS / 1000 });
         let (mut answered, mut unsolved, mut before) = (0, 0, 0);

@@ -9,6 +9,7 @@ mod golden;
 mod missing;
 mod paper;
 mod real_skins;
+mod sensor_file;
 mod skin;
 mod solve;
 mod solvers;

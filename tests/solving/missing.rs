@@ -4,7 +4,8 @@ use crate::support::skins::scene_t;
 use palpate::quantity::{ArrayLayout, Place, stream};
 use palpate::scene::Skin;
 use palpate::solver::{
-    Calibration, CalibrationPoint, MOST_PARTIAL, SOLVERS, Session, Setting, Solver as _, Unanswered, Workspace, fit,
+    Calibration, CalibrationPoint, MOST_PARTIAL, Model, SOLVERS, Session, Setting, Solver as _, Unanswered, Workspace,
+    fit,
 };
 
 /// What nine units read of 1 N at 81 places, and of one contact between them.
@@ -55,7 +56,8 @@ fn a_reading_that_lacks_outputs_is_solved_as_by_an_array_without_these_units() {
     let skins = Skins::new();
     let calibration = skins.calibration(&ALL);
     for name in SOLVERS {
-        let mut session = Session::new(name, &calibration, Setting::of_layout(Some(&skins.layout))).unwrap();
+        let mut session =
+            Session::new(Model::fit(name, calibration.clone(), &Setting::of_layout(Some(&skins.layout))).unwrap());
         let whole = session.solve(&skins.reading).unwrap();
         for missing in [&[4][..], &[0, 8]] {
             let kept: Vec<usize> = ALL.into_iter().filter(|unit| !missing.contains(unit)).collect();
@@ -86,7 +88,8 @@ fn a_reading_that_lacks_outputs_is_solved_as_by_an_array_without_these_units() {
 fn so_many_fits_are_kept_and_no_more() {
     let skins = Skins::new();
     let calibration = skins.calibration(&ALL);
-    let mut session = Session::new("pearson", &calibration, Setting::of_layout(Some(&skins.layout))).unwrap();
+    let mut session =
+        Session::new(Model::fit("pearson", calibration.clone(), &Setting::of_layout(Some(&skins.layout))).unwrap());
     assert_eq!(session.solve(&[f64::NAN; 9]), Err(Unanswered::NoOutputs));
     let pairs: Vec<[usize; 2]> = (0..9).flat_map(|a| (a + 1..9).map(move |b| [a, b])).collect();
     for pair in &pairs[..MOST_PARTIAL] {
@@ -101,7 +104,8 @@ fn so_many_fits_are_kept_and_no_more() {
 fn an_infinite_output_is_no_missing_one() {
     let skins = Skins::new();
     let calibration = skins.calibration(&ALL);
-    let mut session = Session::new("pearson", &calibration, Setting::of_layout(Some(&skins.layout))).unwrap();
+    let mut session =
+        Session::new(Model::fit("pearson", calibration.clone(), &Setting::of_layout(Some(&skins.layout))).unwrap());
     let mut reading = skins.reading.clone();
     reading[3] = f64::INFINITY;
     assert_eq!(session.solve(&reading).unwrap_err().to_string(), "output 4 is not a finite number");

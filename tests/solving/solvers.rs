@@ -9,7 +9,7 @@ use palpate::mechanics::Medium;
 use palpate::quantity::{ArrayLayout, Place, Stream, stream};
 use palpate::scene::{Elastomer, Skin, SkinSpec, Taxels};
 use palpate::solver::{
-    BEST, Calibration, CalibrationPoint, Fitted, Session, Setting, Solution, Solver, Verdict, Workspace, fit,
+    BEST, Calibration, CalibrationPoint, Fitted, Model, Session, Setting, Solution, Solver, Verdict, Workspace, fit,
 };
 use rand::RngExt;
 
@@ -259,7 +259,8 @@ fn a_dead_centre_is_found_and_left_out() {
     let setting = Setting::of_layout(Some(&bench.layout));
     let layout = bench.layout.clone();
     let alone = fit("surrogate", &calibration, &setting).unwrap();
-    let mut session = Session::new("surrogate", &calibration, Setting::of_layout(Some(&layout))).unwrap();
+    let mut session =
+        Session::new(Model::fit("surrogate", calibration.clone(), &Setting::of_layout(Some(&layout))).unwrap());
     let mut workspace = Workspace::default();
     for _ in 0..300 {
         session.solve(&bench.random().outputs).unwrap();

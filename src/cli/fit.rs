@@ -1,0 +1,59 @@
+//! `palpate fit`: a calibrated sensor as a file.
+
+use super::exit::Failure;
+use super::method::{MethodArgs, Source, tell_left_out};
+use super::summary::print;
+use crate::dataset::sensor_file::{SensorFile, SensorFileError, check_replaceable};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate fit runs/paper --out sensor.palpate
+  palpate fit grid.csv --solver surrogate --out A-017.palpate
+  palpate solve --model sensor.palpate < readings.csv
+
+The file holds the method, fitted, and answers as solve --calibration does, to the
+last bit, without fitting again. Its first two lines are text: what it is, what
+it was made from, and the area and the forces that it is valid for. It has 32 MB at
+most; where the presses find no room in it, readings that lack an output have
+no answer.
+
+Exit code: 0 written, 2 bad input, 5 the file could not be written.";
+
+/// Fit a method to a calibration and write the calibrated sensor to a file
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct FitArgs {
+    /// A run folder, or a table of presses
+    calibration: PathBuf,
+    /// Where to write; a sensor file that is there is replaced
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    #[command(flatten)]
+    method: MethodArgs,
+}
+
+/// Fits, and writes the file.
+pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
+    check_replaceable(&args.out).map_err(Failure::usage)?;
+    let source = Source::read(&args.calibration, args.method.load())?;
+    let model = args.method.fit(&source)?;
+    args.method.tell(&source, &model)?;
+    tell_left_out(&source.path, model.fitted())?;
+    let made_from = vec![source.fingerprint()?];
+    let file = SensorFile::new(model, source.sensor, made_from).map_err(Failure::usage)?;
+    write(&file, &args.out)
+}
+
+/// Writes a sensor file, and says what is in it.
+pub fn write(file: &SensorFile, out: &std::path::Path) -> Result<ExitCode, Failure> {
+    file.write(out).map_err(|error| match error {
+        SensorFileError::Taken { .. } => Failure::usage(error),
+        error => Failure::unwritten(error),
+    })?;
+    let kept = if file.card.keeps_presses { "" } else { ", without its presses" };
+    let kb = file.card.bytes.div_ceil(1000);
+    print(&format!("{}: {}, {kb} kB{kept}\n", out.display(), file.card.method))?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,191 @@
+//! `palpate fit` and `palpate solve --model`: a calibrated sensor as a file.
+
+use crate::support::{Bench, Told};
+use palpate::solver::{Calibration, CalibrationPoint, Model, SOLVERS, Session, Setting};
+use serde_json::Value;
+use std::fs::{self, File};
+use std::path::Path;
+
+/// A calibration of 49 presses on four units, and readings.
+const CALIBRATION: &str = include_str!("sensor_files/calibration.csv");
+const READINGS: &str = include_str!("sensor_files/readings.csv");
+
+/// Methods whose parts are all that any method has.
+const WRITTEN: [&str; 6] = ["pearson", "pearson-knn", "whitened", "surrogate", "blend", "extra-trees"];
+
+#[test]
+fn a_model_that_is_read_answers_to_the_last_bit() {
+    // a fifth unit that is dead: it is left out
+    let rows: Vec<Vec<f64>> = numbers(CALIBRATION).map(|row| row.into_iter().chain([0.7]).collect()).collect();
+    let calibration = Calibration::new(&rows.iter().map(|row| point(row)).collect::<Vec<_>>()).unwrap();
+    let mut readings: Vec<Vec<f64>> =
+        numbers(READINGS).map(|row| row.into_iter().chain([f64::NAN]).collect()).collect();
+    readings[1][2] = f64::NAN;
+    readings[3][0] = f64::INFINITY;
+    readings[5].pop();
+    for name in SOLVERS.into_iter().filter(|name| *name != "physics").chain(["best"]) {
+        let made = Model::fit(name, calibration.clone(), &Setting::default()).unwrap();
+        let bytes = made.to_bytes().unwrap();
+        let read = Model::from_bytes(&bytes).unwrap();
+        assert_eq!(read.to_bytes().unwrap(), bytes, "{name}");
+        let [mut made, mut read] = [made, read].map(Session::new);
+        for reading in &readings {
+            let answers = [made.solve(reading), read.solve(reading)].map(|answer| format!("{answer:?}"));
+            assert_eq!(answers[0], answers[1], "{name}: {reading:?}");
+        }
+        assert_eq!(read.broken().len(), 1, "{name}");
+    }
+}
+
+/// When a struct that a model holds is changed, files that are out there can't be read any more: then `sensor_file::MARK` counts on, and
+/// these are made again (`palpate fit calibration.csv --solver NAME --out NAME.palpate`, `palpate solve --model`).
+#[test]
+fn files_of_this_version_answer_as_when_they_were_written() {
+    for name in WRITTEN {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
+        let bench = Bench::with([]);
+        let file = folder.join(format!("{name}.palpate"));
+        let told = solved(&bench, &format!("--model {} --quiet", file.display()), 0);
+        let expected = fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
+        for (found, expected) in told.out.lines().zip(expected.lines()) {
+            let cells = found.split(',').zip(expected.split(','));
+            for (found, expected) in cells {
+                let pair = found.parse::<f64>().ok().zip(expected.parse::<f64>().ok());
+                let alike = pair.is_some_and(|(found, expected)| (found - expected).abs() < 2e-6);
+                assert!(alike || found == expected, "{name}: {found} for {expected}");
+            }
+        }
+        assert_eq!(told.out.lines().count(), expected.lines().count(), "{name}");
+    }
+}
+
+#[test]
+fn a_sensor_file_answers_as_its_calibration_does() {
+    let bench = Bench::with([("a.csv", CALIBRATION)]);
+    let told = bench.palpate("fit a.csv --out sensor.palpate");
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert!(told.out.starts_with("sensor.palpate: ") && told.out.ends_with(" kB\n"), "{}", told.out);
+    assert!(told.err.contains("chosen by cross-validation"), "{}", told.err);
+    let by_file = solved(&bench, "--model sensor.palpate", 0);
+    assert_eq!(by_file.out, solved(&bench, "--calibration a.csv", 0).out);
+    assert!(by_file.err.ends_with(", fitted to 49 presses of 4 units\n"), "{}", by_file.err);
+
+    let bytes = fs::read(bench.path("sensor.palpate")).unwrap();
+    let mut lines = bytes.splitn(3, |byte| *byte == b'\n');
+    assert_eq!(lines.next(), Some(&b"palpate sensor 1"[..]));
+    let card: Value = serde_json::from_slice(lines.next().unwrap()).unwrap();
+    assert_eq!(card["valid"]["x_mm"], serde_json::json!([-3.0, 3.0]), "{card}");
+    assert_eq!(card["valid"]["force_n"], serde_json::json!([0.8, 1.2]), "{card}");
+    assert_eq!(card["made_from"][0]["name"], "a.csv", "{card}");
+    assert_eq!(card["bytes"], lines.next().unwrap().len(), "{card}");
+    // fitted again, it takes the place of the old one
+    assert_eq!(bench.palpate("fit a.csv --solver pearson --out sensor.palpate").code, Some(0));
+}
+
+#[test]
+fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
+    let bench = Bench::with([("a.csv", CALIBRATION)]);
+    assert_eq!(bench.palpate("fit a.csv --solver pearson --out a.palpate").code, Some(0));
+    let whole = fs::read(bench.path("a.palpate")).unwrap();
+    let refused = |bytes: &[u8]| {
+        fs::write(bench.path("b.palpate"), bytes).unwrap();
+        let told = solved(&bench, "--model b.palpate", 2);
+        assert_eq!(told.out, "", "no line was answered");
+        told.running()
+    };
+    let end = whole.len() - 1;
+    let text = String::from_utf8_lossy(&whole).into_owned();
+    for (bytes, said) in [
+        (Vec::new(), "b.palpate isn't a sensor file: it doesn't begin with `palpate sensor 1`"),
+        (CALIBRATION.as_bytes().to_vec(), "b.palpate isn't a sensor file"),
+        (whole[..10].to_vec(), "isn't a sensor file"),
+        (b"palpate sensor 1".to_vec(), "b.palpate is damaged: its first line doesn't end"),
+        (whole[..40].to_vec(), "b.palpate is damaged: its second line doesn't end"),
+        (whole[..end].to_vec(), "b.palpate is damaged: its model has"),
+        ([&whole[..end], &[!whole[end]]].concat(), "its model isn't as it was written: its SHA-256 differs"),
+        (whole.repeat(2), "b.palpate is damaged: its model has"),
+        (b"palpate sensor 2\n{}\n".to_vec(), "is a sensor file of version 2; this program reads version 1"),
+        (b"palpate sensor 1\n{\"method\": 1}\n".to_vec(), "b.palpate is damaged: its second line: "),
+    ] {
+        let told = refused(&bytes);
+        assert!(told.contains(said), "{said}\n{told}");
+    }
+    // numbers that aren't a model, with their own hash
+    let card = text.lines().nth(1).unwrap();
+    let card: Value = serde_json::from_str(card).unwrap();
+    for numbers in [&b""[..], b"\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", &[0; 64]] {
+        let mut card = card.clone();
+        card["bytes"] = numbers.len().into();
+        card["sha256"] = sha256(numbers).into();
+        let told = refused(&[format!("palpate sensor 1\n{card}\n").as_bytes(), numbers].concat());
+        assert!(told.contains("is damaged: the numbers of the model can't be read"), "{told}");
+    }
+}
+
+#[test]
+fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
+    let bench = Bench::with([("a.csv", CALIBRATION)]);
+    let told = bench.palpate("fit a.csv --out a.csv");
+    assert_eq!(told.code, Some(2));
+    assert!(told.running().contains("a.csv is there already, and isn't a sensor file"), "{}", told.err);
+    assert_eq!(bench.read("a.csv"), CALIBRATION);
+    let told = bench.palpate("fit a.csv --out none/a.palpate");
+    assert_eq!(told.code, Some(5), "{}", told.err);
+    assert!(told.running().contains("writing none/a.palpate: "), "{}", told.err);
+    for words in ["--solver pearson", "--constant-load", "--calibration a.csv", "--false-alarms 0.1"] {
+        let told = bench.palpate(&format!("solve --model a.palpate {words}"));
+        assert_eq!(told.code, Some(2));
+        assert!(told.err.contains("cannot be used with"), "{words}: {}", told.err);
+    }
+    assert!(bench.palpate("solve").err.contains("--calibration <RUN>"));
+    let told = solved(&bench, "--model none.palpate", 2);
+    assert!(told.running().contains("reading none.palpate: "), "{}", told.err);
+}
+
+#[test]
+fn presses_that_find_no_room_are_left_out() {
+    let rows: Vec<Vec<f64>> = (0..36 * 90)
+        .map(|press| {
+            let (x_mm, y_mm) = ((press % 6) as f64, (press / 6 % 6) as f64);
+            let unit = |unit: usize| {
+                let wobble = ((press * 31 + unit * 17) % 97) as f64 / 9700.0;
+                1.0 + (0.2 * x_mm + unit as f64).sin() + (0.2 * y_mm - 3.0 * unit as f64).cos() + wobble
+            };
+            [x_mm, y_mm, 1.0].into_iter().chain((0..700).map(unit)).collect()
+        })
+        .collect();
+    let calibration = Calibration::new(&rows.iter().map(|row| point(row)).collect::<Vec<_>>()).unwrap();
+    let model = Model::fit("whitened", calibration, &Setting::default()).unwrap();
+    let file = palpate::dataset::sensor_file::SensorFile::new(model, None, Vec::new()).unwrap();
+    assert!(!file.card.keeps_presses && file.card.bytes < 32 << 20, "{:?}", file.card);
+    let bench = Bench::with([]);
+    file.write(&bench.path("large.palpate")).unwrap();
+    let (_, model) = palpate::dataset::sensor_file::read_sensor_file(&bench.path("large.palpate")).unwrap();
+    let mut session = Session::new(model);
+    let mut reading = rows[100][3..].to_vec();
+    assert_eq!(session.solve(&reading).unwrap().place.x_mm, rows[100][0]);
+    reading[7] = f64::NAN;
+    let error = session.solve(&reading).unwrap_err().to_string();
+    assert!(error.starts_with("outputs are missing, and the sensor file has no room for the presses"), "{error}");
+}
+
+fn point(row: &[f64]) -> CalibrationPoint<'_> {
+    let place = palpate::quantity::Place::new(row[0], row[1]);
+    CalibrationPoint { place, force_n: row[2], outputs: &row[3..] }
+}
+
+fn numbers(table: &str) -> impl Iterator<Item = Vec<f64>> {
+    table.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
+}
+
+fn solved(bench: &Bench, words: &str, code: i32) -> Told {
+    bench.write("readings", READINGS);
+    let input = File::open(bench.path("readings")).unwrap();
+    let told: Told = bench.command(&format!("solve {words}")).stdin(input).output().unwrap().into();
+    assert_eq!(told.code, Some(code), "palpate solve {words}\n{}\n{}", told.out, told.err);
+    told
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    palpate::dataset::Fingerprint::of("", bytes).sha256
+}
