@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::method::{MethodArgs, Source, tell_left_out};
 use super::summary::print;
 use crate::dataset::sensor_file::{SensorFile, SensorFileError, check_replaceable};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -13,11 +13,11 @@ Examples:
   palpate fit grid.csv --solver surrogate --out A-017.palpate
   palpate solve --model sensor.palpate < readings.csv
 
-The file holds the method, fitted, and answers as solve --calibration does, to the
-last bit, without fitting again. Its first two lines are text: what it is, what
-it was made from, and the area and the forces that it is valid for. It has 32 MB at
-most; where the presses find no room in it, readings that lack an output have
-no answer.
+The file holds the fitted method and answers as `solve --calibration` does, to
+the last bit, without fitting again. Its first two lines are text: what it is,
+what it was made from, and the area and the forces that it is valid for. It has
+32 MB at most. Where the presses find no room in it, readings that lack an
+output have no answer.
 
 Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 
@@ -47,7 +47,7 @@ pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Writes a sensor file, and says what is in it.
-pub fn write(file: &SensorFile, out: &std::path::Path) -> Result<ExitCode, Failure> {
+pub fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
     file.write(out).map_err(|error| match error {
         SensorFileError::Taken { .. } => Failure::usage(error),
         error => Failure::unwritten(error),

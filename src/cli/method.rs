@@ -5,6 +5,7 @@ use super::recorded::{read_presses, read_run};
 use super::summary::tell;
 use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
+use crate::dataset::sensor_file::{is_sensor_file, read_sensor_file};
 use crate::dataset::{Fingerprint, source_fingerprint};
 use crate::quantity::ArrayLayout;
 use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _};
@@ -53,7 +54,7 @@ pub struct Source {
     /// The sensor's ID, where the run has one.
     pub sensor: Option<String>,
     /// Its forces aren't newtons.
-    is_relative: bool,
+    pub is_relative: bool,
 }
 
 impl Source {
@@ -72,7 +73,22 @@ impl Source {
         Ok(Source { path, calibration, layout: None, sensor: None, is_relative })
     }
 
-    /// The journal or the table by its content.
+    /// Reads a sensor file too, which keeps its presses.
+    pub fn read_older(path: &Path, load: ForceKnown) -> Result<Source, Failure> {
+        if !is_sensor_file(path) {
+            return Source::read(path, load);
+        }
+        let (card, model) = read_sensor_file(path).map_err(Failure::usage)?;
+        let Some(calibration) = model.calibration() else {
+            let help = "name the run or the table that it was made from";
+            return Err(Failure::usage(miette::miette!(help = help, "{} holds no presses", path.display())));
+        };
+        let (calibration, layout) = (calibration.clone(), model.setting().layout.cloned());
+        let is_relative = card.valid.force_n.is_none();
+        Ok(Source { path: path.to_owned(), calibration, layout, sensor: card.sensor, is_relative })
+    }
+
+    /// The journal or the file by its content.
     pub fn fingerprint(&self) -> Result<Fingerprint, Failure> {
         source_fingerprint(&self.path).map_err(Failure::dataset)
     }
@@ -84,17 +100,26 @@ impl MethodArgs {
         load(self.constant_load)
     }
 
-    /// Fits the method to a calibration.
-    pub fn fit(&self, source: &Source) -> Result<Model, Failure> {
-        let setting = Setting {
+    /// The name of the method.
+    pub fn solver(&self) -> &str {
+        &self.solver
+    }
+
+    /// The setting for a calibration.
+    pub fn setting<'s>(&self, source: &'s Source) -> Result<Setting<'s>, Failure> {
+        Ok(Setting {
             layout: source.layout.as_ref(),
             load: self.load(),
             common_offset: self.common_offset,
             false_alarms: self.false_alarms,
             forces_n: self.forces_n()?,
             ..Setting::default()
-        };
-        let model = Model::fit(&self.solver, source.calibration.clone(), &setting).into_diagnostic();
+        })
+    }
+
+    /// Fits the method to a calibration.
+    pub fn fit(&self, source: &Source) -> Result<Model, Failure> {
+        let model = Model::fit(&self.solver, source.calibration.clone(), &self.setting(source)?).into_diagnostic();
         let name = source.path.display();
         model.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)
     }

@@ -4,6 +4,7 @@
 //! 1 not accepted by the rule or not decided, 2 bad recipe, rig or usage (nothing moved), 3 a device, 4 a safety trip, 5 could not record,
 //! 130 cancelled (and parked).
 
+mod adapt;
 mod align;
 mod certificate;
 mod check;
@@ -72,6 +73,7 @@ enum Command {
     Rebuild(rebuild::RebuildArgs),
     Evaluate(evaluate::EvaluateArgs),
     Fit(fit::FitArgs),
+    Adapt(adapt::AdaptArgs),
     Solve(solve::SolveArgs),
     Report(report::ReportArgs),
     Certificate(certificate::CertificateArgs),
@@ -99,6 +101,7 @@ pub fn main() -> ExitCode {
         Command::Rebuild(args) => rebuild::rebuild(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Fit(args) => fit::fit(args),
+        Command::Adapt(args) => adapt::adapt(args),
         Command::Solve(args) => solve::solve(args),
         Command::Report(args) => report::report(args),
         Command::Certificate(args) => certificate::certificate(args),

@@ -185,12 +185,17 @@ impl SensorFile {
 pub fn check_replaceable(path: &Path) -> Result<(), SensorFileError> {
     let io = |why| SensorFileError::Io { doing: "writing", path: path.to_owned(), why };
     files::check_replaceable(path).map_err(io)?;
-    let mut start = [0; KIND.len()];
-    match fs::File::open(path).and_then(|mut file| file.read_exact(&mut start)) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Ok(()) if start == *KIND.as_bytes() => Ok(()),
-        _ => Err(SensorFileError::Taken { path: path.to_owned() }),
+    if path.symlink_metadata().is_err() || is_sensor_file(path) {
+        return Ok(());
     }
+    Err(SensorFileError::Taken { path: path.to_owned() })
+}
+
+/// Whether a regular file begins as a sensor file of any version does.
+pub fn is_sensor_file(path: &Path) -> bool {
+    let mut start = [0; KIND.len()];
+    let mut read = || fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
+    path.is_file() && read().is_ok() && start == *KIND.as_bytes()
 }
 
 /// Reads a sensor file: its card and its model.

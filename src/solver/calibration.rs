@@ -100,6 +100,11 @@ impl Calibration {
         }
     }
 
+    /// The same presses with other outputs, row-major points x units.
+    pub(super) fn with_outputs(&self, outputs: Vec<f64>) -> Calibration {
+        Calibration { outputs, ..self.clone() }
+    }
+
     /// Some of the units, in this order.
     pub(super) fn of_units(&self, units: &[usize]) -> Calibration {
         let row = |point: usize| units.iter().map(move |&unit| self.outputs[point * self.units + unit]);

@@ -16,6 +16,8 @@ pub struct Fitted {
     kept: Option<Vec<usize>>,
     broken: Vec<Broken>,
     choice: Option<Choice>,
+    /// By what the stated errors of location and of force are multiplied.
+    widened: [f64; 2],
 }
 
 /// A method that says how sure its answers are: by its own map, or by what held-out presses showed.
@@ -55,7 +57,7 @@ pub struct Candidate {
 impl Fitted {
     /// A method for all of so many units.
     pub(super) fn new(solver: Answering, units: usize) -> Self {
-        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None }
+        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None, widened: [1.0; 2] }
     }
 
     /// The same for an array of `units` of which some are left out.
@@ -67,6 +69,30 @@ impl Fitted {
 
     pub(super) fn chosen(self, choice: Choice) -> Self {
         Fitted { choice: Some(choice), ..self }
+    }
+
+    /// Multiplies what is stated of the errors of location and of force, beside what it is multiplied by already.
+    pub(super) fn widen(&mut self, location: f64, force: f64) {
+        self.widened = [self.widened[0] * location, self.widened[1] * force];
+    }
+
+    /// The same, with what is stated of the errors multiplied as another fit's is.
+    pub(super) fn widened_as(self, other: &Fitted) -> Self {
+        Fitted { widened: other.widened, ..self }
+    }
+
+    /// What is stated of the errors, widened. Numbers beyond all bounds end here: a reading out of all proportion has no answer, an error
+    /// that isn't a number isn't stated.
+    fn stated(&self, solution: Solution) -> Result<Solution, SolveError> {
+        let Solution { place, force_n, covariance, half_widths, misfit, .. } = solution;
+        if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {
+            return Err(SolveError::OutOfProportion);
+        }
+        let [location, force] = self.widened;
+        let covariance = covariance.map(|sd| sd.widened([location, location, force]));
+        let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
+        let half_widths = half_widths.map(|half| half.times(location, force)).filter(HalfWidths::is_finite);
+        Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
     }
 
     /// How the method was chosen; none where it was asked for by name.
@@ -88,7 +114,7 @@ impl Solver for Fitted {
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let Some(kept) = &self.kept else {
             check(outputs, self.units)?;
-            return contained(self.solver.solver().solve(outputs, workspace)?);
+            return self.stated(self.solver.solver().solve(outputs, workspace)?);
         };
         if outputs.len() != self.units {
             return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
@@ -105,21 +131,11 @@ impl Solver for Fitted {
         if let Verdict::ChannelFault(unit) = &mut solution.verdict {
             *unit = kept[*unit];
         }
-        contained(solution)
+        self.stated(solution)
     }
 
     fn expected(&self, place: Place, force_n: f64) -> Option<Covariance> {
-        self.solver.solver().expected(place, force_n)
+        let [location, force] = self.widened;
+        self.solver.solver().expected(place, force_n).map(|sd| sd.widened([location, location, force]))
     }
-}
-
-/// Numbers beyond all bounds end here: a reading out of all proportion has no answer, an error that can't be told isn't.
-fn contained(solution: Solution) -> Result<Solution, SolveError> {
-    let Solution { place, force_n, covariance, half_widths, misfit, .. } = solution;
-    if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {
-        return Err(SolveError::OutOfProportion);
-    }
-    let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
-    let half_widths = half_widths.filter(HalfWidths::is_finite);
-    Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
 }

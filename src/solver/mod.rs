@@ -29,6 +29,8 @@
 //! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in `prepared`.
 //! A [`Model`] is a fit with what a session needs beside; it goes into a file and comes back as it was.
 
+mod adapt;
+mod adapted;
 mod appraised;
 mod best;
 mod blend;
@@ -69,6 +71,8 @@ mod whitened;
 mod widths;
 mod workspace;
 
+pub use adapt::{Change, Extent};
+pub use adapted::{AdaptError, Adapted, FEWEST_PRESSES, HeldOut, MeanErrors};
 pub use broken::{Broken, Fault};
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{

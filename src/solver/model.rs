@@ -115,7 +115,13 @@ impl Model {
         let mut broken = self.fitted.broken().to_vec();
         broken.extend(units.iter().map(|&unit| Broken { unit, fault }));
         let name = super::Solver::name(&self.fitted);
-        Some(Prepared::without(calibration, &self.setting(), broken).and_then(|prepared| prepared.fit(name)))
+        let fitted = Prepared::without(calibration, &self.setting(), broken).and_then(|prepared| prepared.fit(name));
+        Some(fitted.map(|fitted| fitted.widened_as(&self.fitted)))
+    }
+
+    /// Multiplies what is stated of the errors of location and of force.
+    pub(super) fn widen(&mut self, location: f64, force: f64) {
+        self.fitted.widen(location, force);
     }
 
     /// Puts another fit in the place of the one that there is.

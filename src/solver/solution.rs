@@ -36,6 +36,15 @@ impl Solution {
 pub struct Covariance(pub [[f64; 3]; 3]);
 
 impl Covariance {
+    /// The same with the standard deviations of x, y and force multiplied.
+    pub(super) fn widened(self, by: [f64; 3]) -> Self {
+        let Covariance(mut covariance) = self;
+        for (i, row) in covariance.iter_mut().enumerate() {
+            row.iter_mut().zip(by).for_each(|(value, other)| *value *= by[i] * other);
+        }
+        Covariance(covariance)
+    }
+
     /// One-sigma error of x, mm.
     pub fn x_mm(&self) -> f64 {
         self.0[0][0].sqrt()

@@ -22,12 +22,17 @@ impl HalfWidths {
     /// The same where a reading fits worse than one contact does: by how much, as a misfit says.
     pub(super) fn widened(self, misfit: f64) -> Self {
         let by = misfit.sqrt().max(1.0);
+        self.times(by, by)
+    }
+
+    /// The same, multiplied: of location, and of force.
+    pub(super) fn times(self, location: f64, force: f64) -> Self {
         let HalfWidths { half68_mm, half95_mm, half68_n, half95_n } = self;
         HalfWidths {
-            half68_mm: by * half68_mm,
-            half95_mm: by * half95_mm,
-            half68_n: by * half68_n,
-            half95_n: by * half95_n,
+            half68_mm: location * half68_mm,
+            half95_mm: location * half95_mm,
+            half68_n: force * half68_n,
+            half95_n: force * half95_n,
         }
     }
 
@@ -68,13 +73,9 @@ impl Widths {
 
     /// A covariance that noise alone explains, enlarged to the errors that there were. The scale of the location is the square root of
     /// the sum of both variances, of which 68 % of normal errors keep to 1.07; the scale of the force is one standard deviation.
-    pub fn applied(&self, Covariance(mut covariance): Covariance) -> Covariance {
+    pub fn applied(&self, covariance: Covariance) -> Covariance {
         let of_location = (self.location[0] / NORMAL_68).max(1.0);
-        let by = [of_location, of_location, self.force[0].max(1.0)];
-        for (i, row) in covariance.iter_mut().enumerate() {
-            row.iter_mut().zip(by).for_each(|(value, other)| *value *= by[i] * other);
-        }
-        Covariance(covariance)
+        covariance.widened([of_location, of_location, self.force[0].max(1.0)])
     }
 
     /// Half-widths where the scales of the errors are these.
@@ -88,15 +89,28 @@ impl Widths {
     }
 }
 
-/// The scores that [`SHARES`] of a further score stay below: of n, the one of rank (n + 1) p, rounded up.
-fn quantiles(mut scores: Vec<f64>) -> Option<[f64; 2]> {
+/// The scores that [`SHARES`] of a further score stay below; none of few.
+fn quantiles(scores: Vec<f64>) -> Option<[f64; 2]> {
+    let scores = sorted(scores);
+    (scores.len() >= FEWEST_TRIALS).then(|| SHARES.map(|share| ranked(&scores, share)))
+}
+
+/// The score that 68 % of a further score stay below, of however few; none of none.
+pub(super) fn rank_68(scores: Vec<f64>) -> Option<f64> {
+    let scores = sorted(scores);
+    (!scores.is_empty()).then(|| ranked(&scores, SHARES[0]))
+}
+
+fn sorted(mut scores: Vec<f64>) -> Vec<f64> {
     scores.retain(|score| !score.is_nan());
-    if scores.len() < FEWEST_TRIALS {
-        return None;
-    }
     scores.sort_by(f64::total_cmp);
+    scores
+}
+
+/// Of n sorted scores the one of rank (n + 1) p, rounded up.
+fn ranked(scores: &[f64], share: f64) -> f64 {
     let n = scores.len();
-    Some(SHARES.map(|share| scores[(((n + 1) as f64 * share).ceil() as usize).clamp(1, n) - 1]))
+    scores[(((n + 1) as f64 * share).ceil() as usize).clamp(1, n) - 1]
 }
 
 #[cfg(test)]

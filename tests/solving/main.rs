@@ -4,6 +4,7 @@
 mod support;
 
 mod acceptance;
+mod adapt;
 mod evaluate;
 mod golden;
 mod missing;

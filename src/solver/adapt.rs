@@ -1,0 +1,214 @@
+//! A calibration brought up to date by few presses.
+
+use super::response::Response;
+use super::surrogate::surrogate;
+use super::{Calibration, CalibrationPoint, FitError};
+use crate::quantity::Place;
+use nalgebra::{Matrix3, Vector3};
+
+/// How the array reads now, against an older calibration of it or of a sibling: each unit's gain, and from where it feels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// By what the outputs of each unit are multiplied.
+    pub gains: Vec<f64>,
+    /// By how much each unit moved, specimen frame, mm.
+    pub moved: Vec<Place>,
+    /// How much more the new presses stray from the changed map than the old ones did from theirs: standard deviations.
+    pub strays: f64,
+}
+
+/// Standard deviations of what all units have in common, and then of what each has for itself: of the gain, and of the place over the
+/// longer side of the area. 0 is no change at all.
+const GAINS: [f64; 6] = [0.0, 0.01, 0.03, 0.1, 0.3, 1.0];
+const MOVES: [f64; 6] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1];
+
+/// Variances of the new presses about the map, over what the old ones have, that are tried: powers of two.
+const STRAYS: i32 = 14;
+
+/// Rounds in which a map that bends is made straight.
+const ROUNDS: usize = 4;
+
+/// A unit, or all of them: relative gain, and move in x and in y, mm.
+type Moved = Vector3<f64>;
+
+/// What of an array is taken to have changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// The gain that all units have in common: places are solved as before.
+    CommonGain,
+    /// The gain of each unit.
+    Gains,
+    /// The gain and the place of each unit.
+    GainsAndPlaces,
+}
+
+impl Extent {
+    /// The least first.
+    pub const ALL: [Extent; 3] = [Extent::CommonGain, Extent::Gains, Extent::GainsAndPlaces];
+}
+
+/// An old calibration and its smooth map.
+pub(super) struct Older<'a> {
+    calibration: &'a Calibration,
+    response: Response,
+}
+
+impl<'a> Older<'a> {
+    pub fn new(calibration: &'a Calibration) -> Result<Self, FitError> {
+        Ok(Older { calibration, response: surrogate(calibration)? })
+    }
+
+    /// What changed between the old calibration and new presses of the same units. The old presses' smooth map is moved and scaled, unit
+    /// by unit, as far as the new presses make it likely: the mean over all standard deviations of these changes that are tried, each
+    /// weighed by its marginal likelihood (Rasmussen and Williams 2006, equation 2.30, of a linear model with three weights a unit).
+    pub fn change(&self, new: &Calibration, extent: Extent) -> Change {
+        let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
+        let fit = Fit { response: &self.response, new, forces_are_known };
+        let all: Vec<usize> = (0..new.units()).collect();
+        let side_mm = self.response.field.area().side_mm();
+        let places =
+            if extent == Extent::GainsAndPlaces { MOVES.map(|place| place * side_mm).to_vec() } else { vec![0.0] };
+        // without forces nothing tells a common gain
+        let common_gains = if forces_are_known { &GAINS[..] } else { &[0.0] };
+        let own_gains = if extent == Extent::CommonGain { &[0.0] } else { &GAINS[..] };
+        // first what all have in common, then what each has for itself
+        let (common, _) = fit.likeliest(std::slice::from_ref(&all), Moved::zeros(), common_gains, &places);
+        let each: Vec<Vec<usize>> = all.into_iter().map(|unit| vec![unit]).collect();
+        let (own, variance) = fit.likeliest(&each, common[0], own_gains, &places);
+        Change {
+            gains: own.iter().map(|moved| 1.0 + moved[0]).collect(),
+            moved: own.iter().map(|moved| Place::new(-moved[1], -moved[2])).collect(),
+            strays: variance.sqrt(),
+        }
+    }
+
+    /// The old calibration as the array would have read it after a change.
+    pub fn changed(&self, change: &Change) -> Calibration {
+        let mut here = vec![0.0; self.calibration.units()];
+        let row = |point: CalibrationPoint<'_>| {
+            self.response.field.value(point.place, &mut here);
+            let of_unit = |(unit, (gain, moved)): (usize, (&f64, &Place))| {
+                let back = Moved::new(0.0, -moved.x_mm, -moved.y_mm);
+                let [there, ..] = felt(&self.response, unit, point.place, &back);
+                gain * (point.outputs[unit] + point.force_n * (there - here[unit]))
+            };
+            change.gains.iter().zip(&change.moved).enumerate().map(of_unit).collect::<Vec<f64>>()
+        };
+        self.calibration.with_outputs(self.calibration.points().flat_map(row).collect())
+    }
+}
+
+/// New presses, and the map that they are compared with.
+struct Fit<'a> {
+    response: &'a Response,
+    new: &'a Calibration,
+    forces_are_known: bool,
+}
+
+/// An output: what a change of gain and place makes of it, what is left of it, and the variance of that.
+struct Row {
+    slopes: Vector3<f64>,
+    left: f64,
+    variance: f64,
+}
+
+impl Fit<'_> {
+    /// The changes of groups of units about a change that is known, and the variance of what they leave, over the noise.
+    fn likeliest(&self, groups: &[Vec<usize>], about: Moved, gains: &[f64], places: &[f64]) -> (Vec<Moved>, f64) {
+        let (mut moved, mut variance) = (vec![about; groups.len()], 1.0);
+        let sds = gains.iter().flat_map(|&gain| places.iter().map(move |&place| Vector3::new(gain, place, place)));
+        let tried: Vec<_> = sds.flat_map(|sd| (0..STRAYS).map(move |doubled| (sd, 2f64.powi(doubled)))).collect();
+        for _ in 0..ROUNDS {
+            let rows: Vec<Vec<Row>> =
+                groups.iter().zip(&moved).map(|(of, moved)| self.rows(of, moved, about)).collect();
+            let found: Vec<Vec<Posterior>> = tried
+                .iter()
+                .map(|(sd, times)| rows.iter().map(|rows| Posterior::of(rows, *sd, *times)).collect())
+                .collect();
+            let evidence: Vec<f64> = found.iter().map(|of| of.iter().map(|of_group| of_group.evidence).sum()).collect();
+            let most = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let weights: Vec<f64> = evidence.iter().map(|evidence| (evidence - most).exp()).collect();
+            let sum: f64 = weights.iter().sum();
+            variance = weights.iter().zip(&tried).map(|(weight, (_, times))| weight * times).sum::<f64>() / sum;
+            for (group, moved) in moved.iter_mut().enumerate() {
+                let weighed = found.iter().zip(&weights).map(|(of, weight)| of[group].moved * *weight);
+                *moved = about + weighed.sum::<Moved>() / sum;
+            }
+        }
+        (moved, variance)
+    }
+
+    /// The outputs of some units, as straight functions of a change about `about`, straightened at `at`.
+    fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
+        let response = self.response;
+        let mut leverage = vec![0.0; self.new.units()];
+        let mut rows = Vec::with_capacity(units.len() * self.new.len());
+        for point in self.new.points() {
+            response.leverage.value(point.place, &mut leverage);
+            let force_n = if self.forces_are_known { point.force_n } else { self.force_n(&point, at) };
+            for &unit in units {
+                let [value, along_x, along_y] = felt(response, unit, point.place, at);
+                let gain = 1.0 + at[0];
+                let slopes = force_n * Vector3::new(value, gain * along_x, gain * along_y);
+                let left = point.outputs[unit] - force_n * gain * value + slopes.dot(&(at - about));
+                let variance = response.variance(unit, force_n, gain * value, leverage[unit]);
+                rows.push(Row { slopes, left, variance });
+            }
+        }
+        rows
+    }
+
+    /// The force that the map makes of a press whose force isn't known.
+    fn force_n(&self, point: &CalibrationPoint<'_>, at: &Moved) -> f64 {
+        let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);
+        for (unit, output) in point.outputs.iter().enumerate() {
+            let value = (1.0 + at[0]) * felt(self.response, unit, point.place, at)[0];
+            let weight = 1.0 / self.response.noise.variance(unit, point.force_n * value);
+            along += weight * output * value;
+            square += weight * value * value;
+        }
+        (along / square).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// What a unit reads of a newton at a place once it moved the other way, and how that changes along x and y. Beyond the area the map is
+/// continued straight.
+fn felt(response: &Response, unit: usize, place: Place, moved: &Moved) -> [f64; 3] {
+    let channels = response.field.channels();
+    let [mut value, mut along_x, mut along_y] = [(); 3].map(|()| vec![0.0; channels]);
+    let there = Place::new(place.x_mm + moved[1], place.y_mm + moved[2]);
+    let known = response.field.area().clamp(there);
+    response.field.value_and_gradient(known, &mut value, &mut along_x, &mut along_y);
+    let (dx, dy) = (there.x_mm - known.x_mm, there.y_mm - known.y_mm);
+    [value[unit] + along_x[unit] * dx + along_y[unit] * dy, along_x[unit], along_y[unit]]
+}
+
+/// What some rows say of the change behind them.
+struct Posterior {
+    moved: Moved,
+    /// Logarithm of the marginal likelihood.
+    evidence: f64,
+}
+
+impl Posterior {
+    /// Of changes with these standard deviations about 0, and of `times` the rows' variance.
+    fn of(rows: &[Row], sd: Vector3<f64>, times: f64) -> Self {
+        let (mut normal, mut right) = (Matrix3::identity(), Vector3::zeros());
+        let (mut squares, mut logs) = (0.0, 0.0);
+        for Row { slopes, left, variance } in rows {
+            let variance = times * variance;
+            let scaled = slopes.component_mul(&sd);
+            normal += scaled * scaled.transpose() / variance;
+            right += scaled * (left / variance);
+            squares += left * left / variance;
+            logs += variance.ln();
+        }
+        let Some(factor) = normal.cholesky() else {
+            return Posterior { moved: Moved::zeros(), evidence: f64::NEG_INFINITY };
+        };
+        let solved = factor.solve(&right);
+        let determinant: f64 = 2.0 * factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
+        let evidence = -0.5 * (logs + determinant + squares - right.dot(&solved));
+        Posterior { moved: solved.component_mul(&sd), evidence }
+    }
+}

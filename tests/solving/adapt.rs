@@ -1,0 +1,175 @@
+//! `palpate adapt`: an old calibration brought up to date by few presses.
+
+use crate::support::Bench;
+use crate::support::skins::scene_t;
+use palpate::quantity::{ArrayLayout, Place, stream};
+use palpate::scene::{Skin, SkinSpec, Taxels};
+use palpate::solver::{Adapted, Calibration, CalibrationPoint, Fitted, Setting, Solver as _, Verdict, Workspace, fit};
+use rand::RngExt;
+
+/// Sensors of one design: gains differ by 20 %, places by 0.1 mm.
+fn sibling(seed: u64) -> Skin {
+    let taxels = Taxels { gain_spread_percent: 20.0, place_spread_mm: 0.1, ..Taxels::default() };
+    Skin::new(&SkinSpec { taxels, ..scene_t() }, &ArrayLayout::grid(3, 3, 4.5), 2.0, seed)
+}
+
+type Row = (Place, f64, Vec<f64>);
+
+fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, seed: u64) -> Vec<Row> {
+    let mut rng = stream(seed, 1, "contacts");
+    let mut press = |(place, force_n): (Place, f64)| {
+        skin.draw_contact(&mut rng);
+        let mut outputs = vec![0.0; skin.len()];
+        skin.outputs(force_n, place, &mut outputs);
+        (place, force_n, outputs)
+    };
+    contacts.into_iter().map(&mut press).collect()
+}
+
+fn calibration(rows: &[Row]) -> Calibration {
+    let point = |(place, force_n, outputs): &'_ Row| (*place, *force_n, outputs.clone());
+    let rows: Vec<Row> = rows.iter().map(point).collect();
+    let points: Vec<CalibrationPoint<'_>> = rows
+        .iter()
+        .map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs })
+        .collect();
+    Calibration::new(&points).unwrap()
+}
+
+fn grid(side: usize, half_mm: f64) -> Vec<(Place, f64)> {
+    let at = |i: usize| -half_mm + 2.0 * half_mm * i as f64 / (side - 1) as f64;
+    (0..side * side).map(|i| (Place::new(at(i % side), at(i / side)), 1.0)).collect()
+}
+
+/// So many presses, spread over the area.
+fn few(count: usize) -> Vec<(Place, f64)> {
+    match count {
+        5 => [(0.0, 0.0), (4.0, 4.0), (-4.0, 4.0), (4.0, -4.0), (-4.0, -4.0)]
+            .map(|(x_mm, y_mm)| (Place::new(x_mm, y_mm), 1.0))
+            .to_vec(),
+        9 => grid(3, 4.5),
+        count => spread(count),
+    }
+}
+
+/// Places that fill the area evenly, in any order.
+fn spread(count: usize) -> Vec<(Place, f64)> {
+    let at = |i: usize, step: f64| 11.0 * ((0.5 + (i + 1) as f64 * step).fract() - 0.5);
+    (0..count).map(|i| (Place::new(at(i, 0.754_877_666), at(i, 0.569_840_291)), 1.0)).collect()
+}
+
+/// Mean errors, the share of single contacts that are called something else, and the share of errors within the 68 % half-width.
+#[derive(Debug, Default)]
+struct Found {
+    location_mm: f64,
+    force_n: f64,
+    doubted: f64,
+    within_68: f64,
+}
+
+impl Found {
+    fn of(fitted: &Fitted, test: &[Row]) -> Self {
+        let (mut workspace, mut found) = (Workspace::default(), Found::default());
+        let each = 1.0 / test.len() as f64;
+        for (place, force_n, outputs) in test {
+            let solution = fitted.solve(outputs, &mut workspace).unwrap();
+            let off_mm = solution.place.distance_mm(*place);
+            found.location_mm += each * off_mm;
+            found.force_n += each * (solution.force_n - force_n).abs();
+            found.doubted += each * f64::from(u8::from(solution.verdict != Verdict::Ok));
+            let half68_mm = solution.half_widths.map_or(f64::INFINITY, |half_widths| half_widths.half68_mm);
+            found.within_68 += each * f64::from(u8::from(off_mm <= half68_mm));
+        }
+        found
+    }
+}
+
+/// The mean over some siblings: with the old calibration, brought up to date, and calibrated in full.
+fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> (Found, Vec<Found>, Found) {
+    const SEEDS: u64 = 3;
+    let add = |sum: &mut Found, one: Found| {
+        let each = 1.0 / SEEDS as f64;
+        sum.location_mm += each * one.location_mm;
+        sum.force_n += each * one.force_n;
+        sum.doubted += each * one.doubted;
+        sum.within_68 += each * one.within_68;
+    };
+    let old = calibration(&pressed(&mut sibling(100), grid(25, 6.0), 100));
+    let fitted = |calibration: &Calibration| fit("surrogate", calibration, &Setting::default()).unwrap();
+    let (mut before, mut full) = (Found::default(), Found::default());
+    let mut after: Vec<Found> = counts.iter().map(|_| Found::default()).collect();
+    for seed in 1..=SEEDS {
+        let mut skin = sibling(seed);
+        let mut rng = stream(seed, 2, "contacts");
+        let mut along = || rng.random_range(-6.0..=6.0);
+        let places: Vec<Place> = (0..400).map(|_| Place::new(along(), along())).collect();
+        let contacts: Vec<_> = places.into_iter().map(|place| (place, rng.random_range(0.1..=1.0))).collect();
+        let test = pressed(&mut skin, contacts, seed + 10);
+        add(&mut before, Found::of(&fitted(&old), &test));
+        add(&mut full, Found::of(&fitted(&calibration(&pressed(&mut skin, grid(25, 6.0), seed + 20))), &test));
+        for (count, after) in counts.iter().zip(&mut after) {
+            let new = calibration(&pressed(&mut skin, contacts_of(*count), seed + 30));
+            let adapted = Adapted::new("surrogate", &old, &new, &Setting::default()).unwrap();
+            let one = Found::of(adapted.model.fitted(), &test);
+            println!("{seed}, {count}: {:?} {:?} {one:?}", adapted.extent, adapted.held_out);
+            add(after, one);
+        }
+    }
+    println!("old {before:?}");
+    counts.iter().zip(&after).for_each(|(count, after)| println!("{count}: {after:?}"));
+    println!("full {full:?}");
+    (before, after, full)
+}
+
+#[test]
+fn a_sibling_needs_few_presses() {
+    let (before, after, full) = found(&[5, 9, 50], few);
+    for (after, (most_mm, most_times)) in after.iter().zip([(0.27, 2.0), (0.24, 1.25), (0.23, 1.25)]) {
+        assert!(after.location_mm <= most_mm, "{after:?}");
+        assert!(after.force_n <= most_times * full.force_n, "{after:?} {full:?}");
+        assert!(after.within_68 >= 0.6, "{after:?}");
+    }
+    assert!(before.location_mm > 0.4, "{before:?}");
+}
+
+#[test]
+fn places_of_the_new_presses_may_be_any() {
+    let (_, after, _) = found(&[5, 9], spread);
+    let most_mm = [0.27, 0.25];
+    assert!(after.iter().zip(most_mm).all(|(after, most_mm)| after.location_mm <= most_mm), "{after:?}");
+}
+
+#[test]
+fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
+    let table = |rows: &[Row]| {
+        let row = |(place, force_n, outputs): &Row| {
+            let outputs: Vec<String> = outputs.iter().map(f64::to_string).collect();
+            format!("{},{},{force_n},{}\n", place.x_mm, place.y_mm, outputs.join(","))
+        };
+        let header = "x_mm,y_mm,force_n,out_1,out_2,out_3,out_4,out_5,out_6,out_7,out_8,out_9\n";
+        header.to_owned() + &rows.iter().map(row).collect::<String>()
+    };
+    let old = table(&pressed(&mut sibling(100), grid(13, 6.0), 100));
+    let nine = pressed(&mut sibling(1), few(9), 31);
+    let bench = Bench::with([("old.csv", &*old), ("few.csv", &table(&nine)), ("four.csv", &table(&nine[..4]))]);
+    let told = bench.palpate_ends(0, "adapt --from old.csv --with few.csv --solver surrogate --out a.palpate");
+    assert!(told.out.starts_with("gains     x ") && told.out.contains("\n9 new presses, mean error\n"), "{}", told.out);
+    assert!(told.out.lines().all(|line| line.chars().count() < 80), "{}", told.out);
+    let bytes = std::fs::read(bench.path("a.palpate")).unwrap();
+    let text = String::from_utf8_lossy(&bytes);
+    assert!(text.contains("\"name\":\"old.csv\"") && text.contains("\"name\":\"few.csv\""), "{}", &text[..600]);
+    // a sensor file stands in for the presses that it keeps
+    bench.palpate_ends(0, "fit old.csv --solver surrogate --out old.palpate");
+    let again = bench.palpate_ends(0, "adapt --from old.palpate --with few.csv --solver surrogate --out a.palpate");
+    assert_eq!(again.out, told.out);
+    let told = bench.palpate_ends(2, "adapt --from old.csv --with four.csv --out b.palpate");
+    assert!(told.running().contains("there are 4 new presses; 5 are required"), "{}", told.err);
+    bench.write("two.csv", "x_mm,y_mm,out_1,out_2\n0,0,1,2\n");
+    let told = bench.palpate_ends(2, "adapt --from old.csv --with two.csv --out b.palpate");
+    assert!(
+        told.running().contains("the old calibration has 9 outputs a press, the new presses have 2"),
+        "{}",
+        told.err
+    );
+    assert!(!bench.has("b.palpate"));
+}
