@@ -5,5 +5,6 @@ mod support;
 
 mod daqmx;
 mod emulate;
+mod outliers;
 mod programs;
 mod servers;
