@@ -43,6 +43,9 @@ pub struct MethodArgs {
     forces_n: Option<Vec<f64>>,
 }
 
+/// What the forces of a calibration without forces are.
+pub const FORCES_ARE_RELATIVE: &str = "no force_n in the calibration: forces are in units of its typical press\n";
+
 /// What a method is fitted to.
 pub struct Source {
     /// The run folder or the table.
@@ -130,7 +133,7 @@ impl MethodArgs {
         tell(&format!("{}, fitted to {presses} presses of {units} units\n", model.fitted().name()))?;
         tell(&model.fitted().choice().map(chosen).unwrap_or_default())?;
         if source.is_relative && !self.constant_load {
-            tell("no force_n in the calibration: forces are in units of its typical press\n")?;
+            tell(FORCES_ARE_RELATIVE)?;
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! `palpate solve`: readings of the array in, contacts out, a line for a line.
 
 use super::exit::Failure;
-use super::method::{MethodArgs, Source, tell_left_out};
+use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, tell_left_out};
 use super::solutions::Solutions;
 use super::summary::tell;
 use crate::dataset::answers::{Answer, Answers, Unsolved};
@@ -83,7 +83,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
         (Some(file), _) => {
             let (card, model) = read_sensor_file(file).map_err(Failure::usage)?;
             if !args.quiet {
-                tell(&format!("{}\n", told(&card)))?;
+                tell(&told(&card))?;
             }
             tell_left_out(file, model.fitted())?;
             model
@@ -111,10 +111,14 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-/// What a sensor file says about itself, in a line.
+/// What a sensor file says about itself.
 fn told(card: &Card) -> String {
     let of = card.sensor.as_ref().map_or(String::new(), |sensor| format!(" of sensor {sensor}"));
-    format!("{}, fitted to {} presses of {} units{of}", card.method, card.valid.presses, card.valid.units)
+    let forces = match card.valid.force_n {
+        None if !card.constant_load => FORCES_ARE_RELATIVE,
+        _ => "",
+    };
+    format!("{}, fitted to {} presses of {} units{of}\n{forces}", card.method, card.valid.presses, card.valid.units)
 }
 
 /// An answer for each line; whatever the end is, what came before it is out.

@@ -18,6 +18,7 @@
 //! | `physics` | `physics` | an elastic map with four parameters a unit, inverted |
 //! | `gaussian-process` | `gaussian_process` | a regression from readings to places |
 //! | `pattern-map` | `pattern_map` | a smooth map of the pattern, inverted with the errors of all units correlated |
+//! | `blend` | `blend` | the weighed mean of `gaussian-process` and a map |
 //! | `extra-trees` | `extra_trees` | extremely randomised trees from readings to places |
 //!
 //! The first three search a table (`scan`). `surrogate` and `physics` each make a `Response` (map, its error, noise), which
@@ -27,7 +28,8 @@
 //! `gaussian-process` share. What [`fit`] gives is a [`Fitted`]; a [`Session`] solves one reading after another with it.
 //!
 //! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in `prepared`.
-//! A [`Model`] is a fit with what a session needs beside; it goes into a file and comes back as it was.
+//! A [`Model`] is a fit with what a session needs beside; it goes into a file and comes back as it was. [`Adapted`] is
+//! a model of an older calibration, changed by few new presses (`adapt`).
 
 mod adapt;
 mod adapted;
