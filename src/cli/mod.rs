@@ -28,6 +28,7 @@ mod resume;
 mod rig_file;
 mod run;
 mod session;
+mod shipped;
 mod signals;
 mod solutions;
 mod solve;
@@ -84,6 +85,7 @@ enum Command {
     Emulate(emulate::EmulateArgs),
     Ports(ports::PortsArgs),
     Drivers(drivers::DriversArgs),
+    List(shipped::ListArgs),
 }
 
 /// Parses the command line, does what it says, and turns the outcome into an exit code.
@@ -112,6 +114,7 @@ pub fn main() -> ExitCode {
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
         Command::Drivers(args) => drivers::drivers(args),
+        Command::List(args) => shipped::list(args),
     };
     outcome.unwrap_or_else(|failure| failure.report())
 }

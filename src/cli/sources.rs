@@ -1,12 +1,13 @@
 //! Recipes and rigs as a person names them.
 
 use super::exit::Failure;
+use super::shipped::{self, RECIPES, RIGS, Shipped};
 use super::which_way::ConfirmArgs;
 use crate::control::Strategy;
 use crate::dataset::{Origins, Texts};
 use crate::document::TEXT_MAX_BYTES;
 use crate::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
-use crate::rig::{self, MappedDevice, RigSpec, SIM_RIG};
+use crate::rig::{self, MappedDevice, RigSpec};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -71,7 +72,7 @@ impl OneRigArgs {
 impl Sources {
     /// Reads a recipe and a rig from their files.
     pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
-        let text = read(recipe)?;
+        let text = read_named(recipe, RECIPES, "recipes")?;
         let beside = |name: &str| bounded(&recipe.with_file_name(name));
         Sources::of(parse_recipe(recipe, text, &beside), read_rig(&rig.rig), rig)
     }
@@ -163,10 +164,7 @@ fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure
 
 /// A rig's text and what it says.
 pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
-    let text = match read(path) {
-        Err(_) if path == Path::new(DEFAULT_RIG) && !path.exists() => SIM_RIG.to_owned(),
-        text => text?,
-    };
+    let text = read_named(path, RIGS, "rigs")?;
     let beside = |name: &str| bounded(&path.with_file_name(name));
     let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
     Ok((text, spec))
@@ -179,13 +177,24 @@ pub fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Fail
 
 /// A file that a person wrote, as text.
 pub fn read(path: &Path) -> Result<String, Failure> {
-    bounded(path).map_err(|error| {
-        let help = match error.kind() {
-            io::ErrorKind::InvalidData => "name a TOML text: this file holds something else",
-            _ => "name a file that is there; shipped ones are in recipes/ and rigs/",
-        };
-        Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
-    })
+    bounded(path).map_err(|error| unread(path, &error, "name a file that is there"))
+}
+
+/// The same, or a shipped file of that name; a file at that path wins.
+fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, Failure> {
+    if let Some(shipped) = shipped::named(shipped, folder, path) {
+        return Ok(shipped.text.to_owned());
+    }
+    let help = || format!("name a file that is there, or one that is shipped: {}", shipped::names(shipped));
+    bounded(path).map_err(|error| unread(path, &error, &help()))
+}
+
+fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
+    let help = match error.kind() {
+        io::ErrorKind::InvalidData => "name a TOML text: this file holds something else",
+        _ => help,
+    };
+    Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
 }
 
 fn bounded(path: &Path) -> io::Result<String> {

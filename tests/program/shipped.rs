@@ -148,3 +148,21 @@ fn assert_complete(bench: &Bench) {
     assert!(rows.iter().all(String::is_empty), "flagged rows: {rows:?}");
     assert_eq!(bench.column("run/scene.csv", "press").len(), rows.len());
 }
+
+#[test]
+fn shipped_files_are_found_by_name_from_any_folder_and_a_file_of_the_user_wins() {
+    let bench = Bench::new();
+    let by_path = bench.palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display())).out;
+    for name in ["paper", "paper.toml", "recipes/paper.toml"] {
+        assert_eq!(bench.palpate_ends(0, &format!("check {name}")).out, by_path, "{name}");
+    }
+    bench.palpate_ends(0, "check paper --rig bench-fast");
+    let listed = bench.palpate_ends(0, "list").out;
+    assert!(listed.lines().all(|line| line.chars().count() <= 80), "{listed}");
+    assert!(listed.contains("\n  paper         The paper's whole protocol"), "{listed}");
+
+    bench.write("paper", SMALL);
+    assert!(bench.palpate_ends(0, "check paper").out != by_path, "the file named paper is read");
+    let told = bench.palpate_ends(2, "check papr").running();
+    assert!(told.contains("name a file that is there, or one that is shipped: paper, calibrate,"), "{told}");
+}

@@ -1,0 +1,114 @@
+//! Recipes and rigs that come with the program, and `palpate list`, which names them.
+
+use super::exit::Failure;
+use super::summary::{beside, print};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// A file that comes with the program.
+pub struct Shipped {
+    /// Its name without the folder and the ending.
+    pub name: &'static str,
+    /// Its text.
+    pub text: &'static str,
+}
+
+macro_rules! shipped {
+    ($folder:literal: $($name:literal),+) => {
+        [$(Shipped { name: $name, text: include_str!(concat!("../../", $folder, "/", $name, ".toml")) }),+]
+    };
+}
+
+/// The recipes: `recipes/NAME.toml`.
+pub const RECIPES: &[Shipped] = &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench");
+
+/// The rigs: `rigs/NAME.toml`.
+pub const RIGS: &[Shipped] =
+    &shipped!("rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "process");
+
+/// The shipped file that a path names, where nothing is at the path: `paper`, `paper.toml` or `recipes/paper.toml`.
+pub fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
+    if path.symlink_metadata().is_ok() {
+        return None;
+    }
+    let path = path.to_str()?;
+    let name = path.strip_prefix(&format!("{folder}/")).unwrap_or(path);
+    let name = name.strip_suffix(".toml").unwrap_or(name);
+    shipped.iter().find(|shipped| shipped.name == name)
+}
+
+/// The names of all, for a message.
+pub fn names(shipped: &[Shipped]) -> String {
+    shipped.iter().map(|shipped| shipped.name).collect::<Vec<_>>().join(", ")
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate list
+  palpate check paper
+  palpate run paper --rig bench-fast
+
+A name is found from any folder: paper, paper.toml and recipes/paper.toml name
+the same recipe. A file of yours at that path wins.";
+
+/// List the recipes and rigs that come with the program
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct ListArgs {}
+
+/// Lists them, a paragraph each.
+pub fn list(_: &ListArgs) -> Result<ExitCode, Failure> {
+    print(&format!("recipes: palpate run NAME\n{}\nrigs: --rig NAME\n{}", listed(RECIPES), listed(RIGS)))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn listed(shipped: &[Shipped]) -> String {
+    shipped.iter().map(|shipped| beside(&format!("  {}", shipped.name), COLUMNS, &shipped.about())).collect()
+}
+
+/// Where what is said of a file begins, columns.
+const COLUMNS: usize = 16;
+
+impl Shipped {
+    /// The first sentence of its first comment.
+    fn about(&self) -> String {
+        let comment = self.text.lines().map_while(|line| line.strip_prefix('#'));
+        let text = comment.map(str::trim).collect::<Vec<_>>().join(" ");
+        match text.split_once(". ") {
+            Some((first, _)) => format!("{first}."),
+            None => text,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_file_that_is_shipped_is_listed_with_what_it_is() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        for (folder, shipped) in [("recipes", RECIPES), ("rigs", RIGS)] {
+            let files = std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().file_name());
+            let files: BTreeSet<String> = files.map(|name| name.into_string().unwrap()).collect();
+            assert_eq!(shipped.iter().map(|shipped| format!("{}.toml", shipped.name)).collect::<BTreeSet<_>>(), files);
+            for shipped in shipped {
+                let about = shipped.about();
+                assert!(about.ends_with('.') && about.len() > 20, "{}: {about}", shipped.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_name_stands_for_a_file_that_is_not_there() {
+        let found = |path: &str| named(RECIPES, "recipes", Path::new(path)).map(|shipped| shipped.name);
+        for path in ["no-folder/paper", "recipes/none.toml", "papers", "rigs/paper.toml", "", "../recipes/paper.toml"] {
+            assert_eq!(found(path), None, "{path}");
+        }
+        assert_eq!(found("paper"), Some("paper"));
+        assert_eq!(found("paper.toml"), Some("paper"));
+        // tests run in the project's folder, where this one is a file
+        assert_eq!(found("recipes/paper.toml"), None);
+    }
+}
