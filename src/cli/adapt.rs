@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::fit::write;
-use super::method::{MethodArgs, Source, tell_left_out};
+use super::method::{MethodArgs, Source, fitted_to, tell_left_out};
 use super::summary::{print, tell};
 use crate::dataset::sensor_file::{SensorFile, check_replaceable};
 use crate::quantity::Place;
@@ -55,7 +55,7 @@ pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let adapted = adapted
         .wrap_err_with(|| format!("{}: can't be brought up to date", old.path.display()))
         .map_err(Failure::usage)?;
-    tell(&format!("{}, fitted to {} presses\n", adapted.model.fitted().name(), old.calibration.len()))?;
+    tell(&format!("{}\n", fitted_to(adapted.model.fitted().name(), adapted.model.validity())))?;
     tell_left_out(&old.path, adapted.model.fitted())?;
     print(&told(&adapted, old.is_relative || new.is_relative))?;
     let made_from = vec![old.fingerprint()?, new.fingerprint()?];

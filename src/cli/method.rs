@@ -8,7 +8,7 @@ use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::sensor_file::{is_sensor_file, read_sensor_file};
 use crate::dataset::{Fingerprint, source_fingerprint};
 use crate::quantity::ArrayLayout;
-use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _};
+use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
 use clap::builder::PossibleValuesParser;
 use miette::{IntoDiagnostic, WrapErr};
 use std::path::{Path, PathBuf};
@@ -129,8 +129,7 @@ impl MethodArgs {
 
     /// Says which method was fitted to what, and why that one.
     pub fn tell(&self, source: &Source, model: &Model) -> Result<(), Failure> {
-        let (presses, units) = (model.validity().presses, model.validity().units);
-        tell(&format!("{}, fitted to {presses} presses of {units} units\n", model.fitted().name()))?;
+        tell(&format!("{}\n", fitted_to(model.fitted().name(), model.validity())))?;
         tell(&model.fitted().choice().map(chosen).unwrap_or_default())?;
         if source.is_relative && !self.constant_load {
             tell(FORCES_ARE_RELATIVE)?;
@@ -145,6 +144,11 @@ impl MethodArgs {
             Some(_) => Err(Failure::usage(miette::miette!("--forces-n takes the least force first, then the most"))),
         }
     }
+}
+
+/// Which method was fitted to how much.
+pub fn fitted_to(method: &str, Validity { presses, units, .. }: &Validity) -> String {
+    format!("{method}, fitted to {presses} presses of {units} units")
 }
 
 /// Says which units of a calibration are left out of account.

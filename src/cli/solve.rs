@@ -1,7 +1,7 @@
 //! `palpate solve`: readings of the array in, contacts out, a line for a line.
 
 use super::exit::Failure;
-use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, tell_left_out};
+use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, fitted_to, tell_left_out};
 use super::solutions::Solutions;
 use super::summary::tell;
 use crate::dataset::answers::{Answer, Answers, Unsolved};
@@ -118,7 +118,7 @@ fn told(card: &Card) -> String {
         None if !card.constant_load => FORCES_ARE_RELATIVE,
         _ => "",
     };
-    format!("{}, fitted to {} presses of {} units{of}\n{forces}", card.method, card.valid.presses, card.valid.units)
+    format!("{}{of}\n{forces}", fitted_to(&card.method, &card.valid))
 }
 
 /// An answer for each line; whatever the end is, what came before it is out.

@@ -13,8 +13,6 @@ pub struct Change {
     pub gains: Vec<f64>,
     /// By how much each unit moved, specimen frame, mm.
     pub moved: Vec<Place>,
-    /// How much more the new presses stray from the changed map than the old ones did from theirs: standard deviations.
-    pub strays: f64,
 }
 
 /// Standard deviations of what all units have in common, and then of what each has for itself: of the gain, and of the place over the
@@ -72,25 +70,23 @@ impl<'a> Older<'a> {
         let common_gains = if forces_are_known { &GAINS[..] } else { &[0.0] };
         let own_gains = if extent == Extent::CommonGain { &[0.0] } else { &GAINS[..] };
         // first what all have in common, then what each has for itself
-        let (common, _) = fit.likeliest(std::slice::from_ref(&all), Moved::zeros(), common_gains, &places);
+        let common = fit.likeliest(std::slice::from_ref(&all), Moved::zeros(), common_gains, &places);
         let each: Vec<Vec<usize>> = all.into_iter().map(|unit| vec![unit]).collect();
-        let (own, variance) = fit.likeliest(&each, common[0], own_gains, &places);
+        let own = fit.likeliest(&each, common[0], own_gains, &places);
         Change {
             gains: own.iter().map(|moved| 1.0 + moved[0]).collect(),
             moved: own.iter().map(|moved| Place::new(-moved[1], -moved[2])).collect(),
-            strays: variance.sqrt(),
         }
     }
 
     /// The old calibration as the array would have read it after a change.
     pub fn changed(&self, change: &Change) -> Calibration {
-        let mut here = vec![0.0; self.calibration.units()];
         let row = |point: CalibrationPoint<'_>| {
-            self.response.field.value(point.place, &mut here);
             let of_unit = |(unit, (gain, moved)): (usize, (&f64, &Place))| {
                 let back = Moved::new(0.0, -moved.x_mm, -moved.y_mm);
                 let [there, ..] = felt(&self.response, unit, point.place, &back);
-                gain * (point.outputs[unit] + point.force_n * (there - here[unit]))
+                let [here, ..] = self.response.field.channel(unit, point.place);
+                gain * (point.outputs[unit] + point.force_n * (there - here))
             };
             change.gains.iter().zip(&change.moved).enumerate().map(of_unit).collect::<Vec<f64>>()
         };
@@ -113,9 +109,9 @@ struct Row {
 }
 
 impl Fit<'_> {
-    /// The changes of groups of units about a change that is known, and the variance of what they leave, over the noise.
-    fn likeliest(&self, groups: &[Vec<usize>], about: Moved, gains: &[f64], places: &[f64]) -> (Vec<Moved>, f64) {
-        let (mut moved, mut variance) = (vec![about; groups.len()], 1.0);
+    /// The changes of groups of units about a change that is known.
+    fn likeliest(&self, groups: &[Vec<usize>], about: Moved, gains: &[f64], places: &[f64]) -> Vec<Moved> {
+        let mut moved = vec![about; groups.len()];
         let sds = gains.iter().flat_map(|&gain| places.iter().map(move |&place| Vector3::new(gain, place, place)));
         let tried: Vec<_> = sds.flat_map(|sd| (0..STRAYS).map(move |doubled| (sd, 2f64.powi(doubled)))).collect();
         for _ in 0..ROUNDS {
@@ -129,13 +125,12 @@ impl Fit<'_> {
             let most = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let weights: Vec<f64> = evidence.iter().map(|evidence| (evidence - most).exp()).collect();
             let sum: f64 = weights.iter().sum();
-            variance = weights.iter().zip(&tried).map(|(weight, (_, times))| weight * times).sum::<f64>() / sum;
             for (group, moved) in moved.iter_mut().enumerate() {
                 let weighed = found.iter().zip(&weights).map(|(of, weight)| of[group].moved * *weight);
                 *moved = about + weighed.sum::<Moved>() / sum;
             }
         }
-        (moved, variance)
+        moved
     }
 
     /// The outputs of some units, as straight functions of a change about `about`, straightened at `at`.
@@ -174,13 +169,11 @@ impl Fit<'_> {
 /// What a unit reads of a newton at a place once it moved the other way, and how that changes along x and y. Beyond the area the map is
 /// continued straight.
 fn felt(response: &Response, unit: usize, place: Place, moved: &Moved) -> [f64; 3] {
-    let channels = response.field.channels();
-    let [mut value, mut along_x, mut along_y] = [(); 3].map(|()| vec![0.0; channels]);
     let there = Place::new(place.x_mm + moved[1], place.y_mm + moved[2]);
     let known = response.field.area().clamp(there);
-    response.field.value_and_gradient(known, &mut value, &mut along_x, &mut along_y);
+    let [value, along_x, along_y] = response.field.channel(unit, known);
     let (dx, dy) = (there.x_mm - known.x_mm, there.y_mm - known.y_mm);
-    [value[unit] + along_x[unit] * dx + along_y[unit] * dy, along_x[unit], along_y[unit]]
+    [value + along_x * dx + along_y * dy, along_x, along_y]
 }
 
 /// What some rows say of the change behind them.

@@ -2,7 +2,7 @@
 
 use super::adapt::{Change, Extent, Older};
 use super::widths::rank_68;
-use super::{BEST, Calibration, FitError, Fitted, HalfWidths, Model, Setting, Solver as _, Workspace, fit};
+use super::{Calibration, FitError, Fitted, HalfWidths, Model, Setting, Solver as _, Workspace, fit};
 use crate::parallel::in_parallel;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -81,14 +81,12 @@ impl Adapted {
         if new.len() < FEWEST_PRESSES {
             return Err(AdaptError::TooFew { presses: new.len() });
         }
-        // the method is that of the old calibration: few presses don't tell which is best
-        let method = if name == BEST { fit(name, old, setting)?.name() } else { name };
-        let trials = Trials::new(method, old, new, setting)?;
+        let trials = Trials::new(name, old, new, setting)?;
         let held_out = trials.held_out()?;
         let extent = chosen(&held_out);
         let after = &held_out[extent as usize];
         let change = trials.older.change(new, extent);
-        let mut model = Model::fit(method, trials.older.changed(&change), setting)?;
+        let mut model = Model::fit(trials.unchanged.name(), trials.older.changed(&change), setting)?;
         let [location, force] = beyond(&model, new, after);
         let forces_are_known = old.forces_are_known() && new.forces_are_known();
         model.widen(location, if forces_are_known { force } else { 1.0 });
@@ -102,9 +100,8 @@ impl Adapted {
 struct Trials<'a> {
     older: Older<'a>,
     new: &'a Calibration,
-    method: &'a str,
     setting: Setting<'a>,
-    /// Fitted to the old calibration as it was.
+    /// Fitted to the old calibration as it was. The method is the best for that: few presses don't tell which is best.
     unchanged: Fitted,
     /// The part that each new press is held out in; those at one place share one.
     part_of: Vec<usize>,
@@ -115,12 +112,7 @@ struct Trials<'a> {
 type Errors = Vec<Option<MeanErrors>>;
 
 impl<'a> Trials<'a> {
-    fn new(
-        method: &'a str,
-        old: &'a Calibration,
-        new: &'a Calibration,
-        setting: &Setting<'a>,
-    ) -> Result<Self, FitError> {
+    fn new(name: &str, old: &'a Calibration, new: &'a Calibration, setting: &Setting<'a>) -> Result<Self, FitError> {
         let setting = Setting { appraised: false, ..*setting };
         let spots = new.by_place();
         let parts = spots.len().min(MOST_PARTS);
@@ -128,8 +120,8 @@ impl<'a> Trials<'a> {
         for (spot, presses) in spots.iter().enumerate() {
             presses.iter().for_each(|&press| part_of[press] = spot % parts);
         }
-        let unchanged = fit(method, old, &setting)?;
-        Ok(Trials { older: Older::new(old)?, new, method, setting, unchanged, part_of, parts })
+        let unchanged = fit(name, old, &setting)?;
+        Ok(Trials { older: Older::new(old)?, new, setting, unchanged, part_of, parts })
     }
 
     /// The presses of some parts.
@@ -161,7 +153,9 @@ impl<'a> Trials<'a> {
         Ok(match extent {
             // what is fitted to outputs that all became larger solves a reading as the old one solves it made smaller
             Extent::CommonGain => errors(&self.unchanged, self.new, &held, change.gains[0]),
-            _ => errors(&fit(self.method, &self.older.changed(&change), &self.setting)?, self.new, &held, 1.0),
+            _ => {
+                errors(&fit(self.unchanged.name(), &self.older.changed(&change), &self.setting)?, self.new, &held, 1.0)
+            }
         })
     }
 }

@@ -125,6 +125,19 @@ impl Field {
         }
     }
 
+    /// The same of one channel alone: value, and how it changes with x and with y.
+    pub fn channel(&self, channel: usize, place: Place) -> [f64; 3] {
+        let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
+        let mut sums = [0.0; 3];
+        for (row, (wy, sy)) in y.weights.into_iter().zip(y.slopes).enumerate() {
+            for (column, (wx, sx)) in x.weights.into_iter().zip(x.slopes).enumerate() {
+                let c = self.node(x.first + column, y.first + row)[channel];
+                sums.iter_mut().zip([wx * wy, sx * wy, wx * sy]).for_each(|(sum, weight)| *sum += weight * c);
+            }
+        }
+        sums
+    }
+
     fn node(&self, x: usize, y: usize) -> &[f64] {
         &self.coefficients[(y * self.x.coefficients() + x) * self.channels..][..self.channels]
     }

@@ -1,7 +1,7 @@
 //! A fit with all that a session needs of it: what a sensor file holds.
 
 use super::field::Area;
-use super::{Broken, Calibration, Fault, FitError, Fitted, ForceKnown, Prepared, Setting};
+use super::{Broken, Calibration, Fault, FitError, Fitted, ForceKnown, Prepared, Setting, Solver as _};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
@@ -114,7 +114,7 @@ impl Model {
         let calibration = self.calibration.clone()?;
         let mut broken = self.fitted.broken().to_vec();
         broken.extend(units.iter().map(|&unit| Broken { unit, fault }));
-        let name = super::Solver::name(&self.fitted);
+        let name = self.fitted.name();
         let fitted = Prepared::without(calibration, &self.setting(), broken).and_then(|prepared| prepared.fit(name));
         Some(fitted.map(|fitted| fitted.widened_as(&self.fitted)))
     }

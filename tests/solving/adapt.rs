@@ -27,8 +27,6 @@ fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, se
 }
 
 fn calibration(rows: &[Row]) -> Calibration {
-    let point = |(place, force_n, outputs): &'_ Row| (*place, *force_n, outputs.clone());
-    let rows: Vec<Row> = rows.iter().map(point).collect();
     let points: Vec<CalibrationPoint<'_>> = rows
         .iter()
         .map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs })
