@@ -1,5 +1,6 @@
 //! How alike outputs are at two places.
 
+use faer::Mat;
 use serde::{Deserialize, Serialize};
 
 /// How alike the outputs at two places are.
@@ -48,6 +49,11 @@ impl Correlation {
         }
     }
 
+    /// The same for each distance below a matrix' diagonal, and on it.
+    pub fn of_lower(&self, apart: &Mat<f64>) -> Mat<f64> {
+        Mat::from_fn(apart.nrows(), apart.ncols(), |i, j| if i >= j { self.at(apart[(i, j)]) } else { 0.0 })
+    }
+
     /// The distance over which outputs look smooth, in the places' unit.
     pub fn grain(&self) -> f64 {
         match self.smoothness {
@@ -79,23 +85,22 @@ const LONGEST: f64 = 4.0;
 /// How often the step between lengths is halved around the best.
 const HALVINGS: usize = 3;
 
-/// The correlation of the largest likelihood, and that.
+/// The correlation of the largest likelihood, and that, of places that are so far [apart](distances).
 pub(super) fn likeliest(
-    places: &[f64],
-    dimensions: usize,
+    apart: &Mat<f64>,
     smoothnesses: &[Smoothness],
     likelihood: impl Fn(Correlation) -> f64,
 ) -> (Correlation, f64) {
-    let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
-    let apart = |i: usize, j: usize| distance(rows[i], rows[j]);
-    let extent = (0..rows.len()).map(|i| apart(0, i)).fold(0.0, f64::max);
+    let count = apart.nrows();
+    let apart = |i: usize, j: usize| apart[(i.max(j), i.min(j))];
+    let extent = (0..count).map(|i| apart(0, i)).fold(0.0, f64::max);
     if extent == 0.0 {
         // one place only: any length will do
         return (Correlation { smoothness: Smoothness::Smooth, length: 1.0 }, 0.0);
     }
-    let others = |i: usize| (0..rows.len()).filter(move |&j| j != i);
+    let others = |i: usize| (0..count).filter(move |&j| j != i);
     let nearest = |i: usize| others(i).map(|j| apart(i, j)).filter(|apart| *apart > 0.0).fold(extent, f64::min);
-    let spacing = (0..rows.len()).map(nearest).fold(extent, f64::min).max(extent / 1000.0);
+    let spacing = (0..count).map(nearest).fold(extent, f64::min).max(extent / 1000.0);
     let (least, most) = (spacing.ln(), (LONGEST * extent).ln());
     let scored = |smoothness: Smoothness, log_length: f64| {
         let correlation = Correlation { smoothness, length: log_length.exp() };
@@ -136,6 +141,12 @@ pub(super) fn farthest_apart(places: &[f64], dimensions: usize, count: usize) ->
         next = (0..rows.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b]).then(b.cmp(&a))).unwrap_or(0);
     }
     chosen
+}
+
+/// How far each place is from each (row-major, places x dimensions): the lower triangle.
+pub(super) fn distances(places: &[f64], dimensions: usize) -> Mat<f64> {
+    let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
+    Mat::from_fn(rows.len(), rows.len(), |i, j| if i > j { distance(rows[i], rows[j]) } else { 0.0 })
 }
 
 /// The distance between two places.

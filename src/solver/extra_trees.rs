@@ -1,6 +1,7 @@
 //! Extremely randomised trees.
 
 use super::gaussian_process::places_in_turn;
+use super::method::EXTRA_TREES;
 use super::view::{View, has_several_lengths};
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
 use crate::parallel::in_parallel;
@@ -101,7 +102,7 @@ impl ExtraTrees {
 
 impl Locate for ExtraTrees {
     fn name(&self) -> &'static str {
-        "extra-trees"
+        EXTRA_TREES
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {

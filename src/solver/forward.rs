@@ -6,7 +6,7 @@ use super::method::{PHYSICS, SURROGATE};
 use super::normal::{Normal, inverse};
 use super::response::Response;
 use super::starts::Starts;
-use super::threshold::{WEAK_SHARE, chi2_quantile, one_contact, upper};
+use super::threshold::{Unexplained, WEAK_SHARE, chi2_quantile, upper};
 use super::widths::Widths;
 use super::{
     Calibration, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
@@ -64,6 +64,9 @@ struct Limits {
     known: f64,
     /// How much larger sums of squares are than noise alone would make them.
     excess: f64,
+    /// Whether what the map leaves of its own calibration is nothing but noise: asked before it is written to a file only.
+    #[serde(skip)]
+    is_noise: bool,
 }
 
 /// Readings that no contact explains look broken where they are this many sd from silence, or over the loudest.
@@ -86,7 +89,8 @@ impl Forward {
         }
         let (units, rate) = (loudest.len(), setting.false_alarms);
         let left = |units: usize| chi2_quantile(units.saturating_sub(setting.unknowns()), rate);
-        let one_contact = one_contact(&response, calibration, setting);
+        let unexplained = Unexplained::of(&response, calibration, setting);
+        let one_contact = unexplained.limit(rate);
         let limits = Limits {
             one_contact,
             without_a_unit: one_contact * left(units.saturating_sub(1)) / left(units),
@@ -95,6 +99,7 @@ impl Forward {
             inside: chi2_quantile(1, 2.0 * rate),
             known: response.known_leverage,
             excess: (one_contact / left(units)).max(1.0),
+            is_noise: unexplained.is_noise(),
         };
         Forward {
             widths: None,
@@ -114,7 +119,8 @@ impl Forward {
     pub fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let residues = answered().map(|(_, located)| located.residue).collect();
-        if let Some(most) = upper(residues, setting.false_alarms) {
+        // where noise is all that contacts leave, held-out ones leave more only as the map without them is worse
+        if let Some(most) = upper(residues, setting.false_alarms).filter(|_| !self.limits.is_noise) {
             let limit = self.limits.one_contact.max(most);
             self.limits.without_a_unit *= limit / self.limits.one_contact;
             self.limits.one_contact = limit;

@@ -1,8 +1,9 @@
 //! A Gaussian process from outputs to the place.
 
 use super::correlation::Smoothness;
-use super::kriging::{Kriging, Regression, Sought};
+use super::kriging::Kriging;
 use super::process::{self, Process};
+use super::sought::{Regression, Sought};
 use super::view::View;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
 use crate::quantity::{Place, stream};
@@ -67,7 +68,7 @@ impl GaussianProcess {
         let mut views = View::suitable(calibration, load);
         let sought = |view: &View, manner| {
             let Seen { inputs, answers } = Seen::of(calibration, view, MOST_TO_SEEK_WITH)?;
-            Some(Kriging::seek(&inputs, view.dimensions(), &answers, ANSWERS, manner))
+            Some(Sought::of(&inputs, view.dimensions(), &answers, ANSWERS, manner))
         };
         if views.len() > 1 {
             let likelihood = |view: &View| sought(view, OF_VIEWS).map_or(f64::NEG_INFINITY, |sought| sought.likelihood);

@@ -1,7 +1,9 @@
 //! Smooth functions of a place, regressed from what was measured.
 
-use super::correlation::{Correlation, Smoothness, distance, farthest_apart, likeliest};
+use super::centred::{Centred, scale_both, scale_rows};
+use super::correlation::{Correlation, distance, distances};
 use super::process::Process;
+use super::sought::{Regression, Sought, likeliest_noise};
 use faer::{Mat, MatRef, Side};
 
 /// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the
@@ -22,29 +24,6 @@ pub(super) struct Kriging {
     eigen: Eigen,
 }
 
-/// The likeliest correlation of some values.
-#[derive(Clone, Debug)]
-pub(super) struct Sought {
-    pub correlation: Correlation,
-    /// Noise variance over the process' variance, one an output.
-    pub noise_ratio: Vec<f64>,
-    /// Logarithm of the marginal likelihood of the places it was sought with.
-    pub likelihood: f64,
-    /// Whether places count for as much as they were measured, or all alike.
-    is_weighted: bool,
-}
-
-/// How a process is regressed.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Regression {
-    /// Whether each output strays about its mean, or about 0.
-    pub about_mean: bool,
-    /// The most places that the correlation is sought with.
-    pub most_to_seek_with: usize,
-    /// The smoothnesses that are tried.
-    pub of: &'static [Smoothness],
-}
-
 /// What a process regressed without one of its places says there.
 pub(super) struct HeldOut {
     /// Measured less predicted, row-major places x outputs.
@@ -56,51 +35,9 @@ pub(super) struct HeldOut {
 /// The most places a process is regressed from; of more, those farthest apart are taken. The cost grows with the cube.
 pub(super) const MOST_PLACES: usize = 1200;
 
-/// Places whose counts are within this factor count alike: forces within 1.5 count as one.
-const ALIKE: f64 = 2.25;
-
-/// Noise ratios that are tried: 10^(-8 + i / 4).
-const NOISE_RATIOS: i32 = 36;
-
-/// Standard deviation of the logarithm of the noise ratios of one array's units: a factor of 4.5.
-const NOISE_ALIKE: f64 = 1.5;
-
-/// Rounds in which the noise ratios and their mean find each other.
-const ROUNDS_OF_NOISE: usize = 5;
-
 impl Kriging {
-    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions). At least one place;
-    /// everything finite.
-    pub fn fit(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
-        let sought = Self::seek(places, dimensions, values, outputs, manner);
-        Self::fit_with(places, dimensions, values, outputs, manner, &sought)
-    }
-
-    /// The likeliest correlation of values that may be unequally noisy: `counts` says how many typical measurements the one at each
-    /// place is worth. Whether they count so, or all alike, is the likelihood's choice too.
-    pub fn seek_weighted(
-        places: &[f64],
-        dimensions: usize,
-        values: &[f64],
-        outputs: usize,
-        manner: Regression,
-        counts: &[f64],
-    ) -> Sought {
-        let alike = Self::seek(places, dimensions, values, outputs, manner);
-        let (least, most) = counts.iter().fold((f64::MAX, 0.0f64), |(l, m), count| (l.min(*count), m.max(*count)));
-        if most < ALIKE * least {
-            return alike;
-        }
-        let weighted = Self::seek_counting(places, dimensions, values, outputs, manner, Some(counts));
-        if weighted.likelihood > alike.likelihood { weighted } else { alike }
-    }
-
-    /// The likeliest correlation of values as [`fit`](Self::fit) takes them.
-    pub fn seek(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Sought {
-        Self::seek_counting(places, dimensions, values, outputs, manner, None)
-    }
-
-    /// Regresses such values with a correlation that is known.
+    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions) with a correlation that is known. At
+    /// least one place; everything finite.
     pub fn fit_with(
         places: &[f64],
         dimensions: usize,
@@ -110,34 +47,6 @@ impl Kriging {
         sought: &Sought,
     ) -> Self {
         Self::fit_counting(places, dimensions, values, outputs, manner, sought, None)
-    }
-
-    fn seek_counting(
-        places: &[f64],
-        dimensions: usize,
-        values: &[f64],
-        outputs: usize,
-        manner: Regression,
-        counts: Option<&[f64]>,
-    ) -> Sought {
-        let centred = Centred::new(values, outputs, manner);
-        let few = farthest_apart(places, dimensions, manner.most_to_seek_with.min(places.len() / dimensions));
-        let few_places: Vec<f64> =
-            few.iter().flat_map(|&row| &places[row * dimensions..][..dimensions]).copied().collect();
-        let few_counts: Option<Vec<f64>> = counts.map(|counts| few.iter().map(|&row| counts[row]).collect());
-        let mut few_values = Mat::from_fn(few.len(), outputs, |row, output| centred.at(few[row], output));
-        scale_rows(&mut few_values, few_counts.as_deref());
-        let noise = |correlation: Correlation| {
-            let eigen = Eigen::of(&few_places, dimensions, correlation, few_counts.as_deref());
-            let turned = eigen.vectors.transpose() * &few_values;
-            eigen.likeliest_noise(&turned)
-        };
-        let likelihood = |correlation| noise(correlation).iter().map(|noise| noise.likelihood).sum::<f64>();
-        let (correlation, likelihood) = likeliest(&few_places, dimensions, manner.of, likelihood);
-        let noise_ratio = noise(correlation).iter().map(|noise| noise.ratio).collect();
-        // scaling the rows scaled the determinant too
-        let scaled = few_counts.map_or(0.0, |counts| 0.5 * outputs as f64 * counts.iter().map(|c| c.ln()).sum::<f64>());
-        Sought { correlation, noise_ratio, likelihood: likelihood + scaled, is_weighted: counts.is_some() }
     }
 
     /// The same of values that may be unequally noisy.
@@ -151,13 +60,13 @@ impl Kriging {
         counts: Option<&[f64]>,
     ) -> Self {
         let counts = counts.filter(|_| is_weighted);
-        let centred = Centred::new(values, outputs, manner);
+        let centred = Centred::new(values, outputs, manner.about_mean);
         let count = places.len() / dimensions;
         let eigen = Eigen::of(places, dimensions, correlation, counts);
         let mut scaled = Mat::from_fn(count, outputs, |row, output| centred.at(row, output));
         scale_rows(&mut scaled, counts);
         let turned = eigen.vectors.transpose() * scaled;
-        let noise = eigen.likeliest_noise(&turned);
+        let noise = likeliest_noise(&turned, |ratio| eigen.with_ridge(ratio, &turned));
 
         let scaled =
             Mat::from_fn(count, outputs, |i, output| turned[(i, output)] / (eigen.values[i] + noise[output].ratio));
@@ -248,38 +157,9 @@ impl Kriging {
     }
 }
 
-/// Values less the mean of their column, where a process is about that.
-struct Centred<'a> {
-    values: &'a [f64],
-    mean: Vec<f64>,
-    /// Columns that are 0 throughout once centred, and not what rounding leaves.
-    flat: Vec<bool>,
-}
-
-impl<'a> Centred<'a> {
-    fn new(values: &'a [f64], outputs: usize, manner: Regression) -> Self {
-        match manner.about_mean {
-            true => Centred { values, mean: column_means(values, outputs), flat: flat_columns(values, outputs) },
-            false => Centred { values, mean: vec![0.0; outputs], flat: vec![false; outputs] },
-        }
-    }
-
-    fn at(&self, row: usize, output: usize) -> f64 {
-        let value = self.values[row * self.mean.len() + output];
-        if self.flat[output] { 0.0 } else { value - self.mean[output] }
-    }
-}
-
 /// A matrix' values, row by row.
 fn rows(matrix: &Mat<f64>) -> impl Iterator<Item = f64> {
     (0..matrix.nrows()).flat_map(move |i| (0..matrix.ncols()).map(move |j| matrix[(i, j)]))
-}
-
-/// Multiplies each row by the root of its count, if they count.
-fn scale_rows(matrix: &mut Mat<f64>, counts: Option<&[f64]>) {
-    for column in matrix.col_iter_mut().filter(|_| counts.is_some()) {
-        column.iter_mut().zip(counts.into_iter().flatten()).for_each(|(value, count)| *value *= count.sqrt());
-    }
 }
 
 /// Squares every value.
@@ -296,97 +176,38 @@ struct Eigen {
     vectors: Mat<f64>,
 }
 
-/// A noise ratio, and how likely an output's values are under it.
-#[derive(Clone, Copy)]
-struct NoiseRatio {
-    /// Noise variance over the process' variance.
-    ratio: f64,
-    /// Logarithm of the marginal likelihood, less what doesn't depend on the ratio.
-    likelihood: f64,
-}
-
 impl Eigen {
     /// Each row and each column is multiplied by the root of its count, if they count: the noise is then the same everywhere.
     fn of(places: &[f64], dimensions: usize, correlation: Correlation, counts: Option<&[f64]>) -> Self {
-        let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
-        let mut correlations = Mat::from_fn(rows.len(), rows.len(), |i, j| match i >= j {
-            true => correlation.at(distance(rows[i], rows[j])),
-            false => 0.0,
-        });
-        scale_rows(&mut correlations, counts);
-        for (column, count) in correlations.col_iter_mut().zip(counts.into_iter().flatten()) {
-            column.iter_mut().for_each(|value| *value *= count.sqrt());
-        }
+        let mut correlations = correlation.of_lower(&distances(places, dimensions));
+        scale_both(&mut correlations, counts);
         match correlations.self_adjoint_eigen(Side::Lower) {
             Ok(eigen) => Eigen {
                 values: eigen.S().column_vector().iter().map(|value| value.max(0.0)).collect(),
                 vectors: eigen.U().to_owned(),
             },
             // Finite, symmetric matrices decompose; should one not, nothing is correlated and every prediction is the mean.
-            Err(_) => Eigen { values: vec![1.0; rows.len()], vectors: Mat::identity(rows.len(), rows.len()) },
+            Err(_) => Eigen {
+                values: vec![1.0; correlations.nrows()],
+                vectors: Mat::identity(correlations.nrows(), correlations.nrows()),
+            },
         }
     }
-
-    /// The likeliest noise ratio of each output, given its values in the eigenvectors' frame.
-    ///
-    /// Of few places the likelihood alone can take the smoothest noise for signal. The units of one array are alike, though: their
-    /// ratios are drawn from one log-normal distribution, whose mean is found with them.
-    fn likeliest_noise(&self, turned: &Mat<f64>) -> Vec<NoiseRatio> {
-        let ratios = (0..NOISE_RATIOS).map(|i| 10f64.powf(-8.0 + f64::from(i) / 4.0));
-        let precisions: Vec<(f64, f64, Vec<f64>)> = ratios
-            .map(|ratio| {
-                let determinant = self.values.iter().map(|value| (value + ratio).ln()).sum();
-                (ratio, determinant, self.values.iter().map(|value| 1.0 / (value + ratio)).collect())
-            })
-            .collect();
-        let of_output = |output: usize| -> Vec<NoiseRatio> {
-            let turned = turned.col_as_slice(output);
-            let is_flat = turned.iter().map(|value| value * value).sum::<f64>() <= f64::MIN_POSITIVE;
-            let tried = precisions.iter().map(|(ratio, determinant, precision)| {
-                let squares = turned.iter().zip(precision).map(|(turned, precision)| turned * turned * precision);
-                let count = turned.len() as f64;
-                let scale = squares.sum::<f64>() / count;
-                // an output that is the same everywhere is as likely under any ratio
-                let likelihood = if is_flat { 0.0 } else { -0.5 * (count * scale.ln() + determinant) };
-                NoiseRatio { ratio: *ratio, likelihood }
-            });
-            tried.collect()
+    /// The logarithm of the determinant of the correlations with `ridge` added to their diagonal, and for each column of values in the
+    /// eigenvectors' frame the sum of squares that its inverse measures.
+    fn with_ridge(&self, ridge: f64, turned: &Mat<f64>) -> (f64, Vec<f64>) {
+        let precisions: Vec<f64> = self.values.iter().map(|value| 1.0 / (value + ridge)).collect();
+        let square = |output: usize| {
+            let terms = turned.col_as_slice(output).iter().zip(&precisions);
+            terms.map(|(turned, precision)| turned * turned * precision).sum()
         };
-        let curves: Vec<Vec<NoiseRatio>> = (0..turned.ncols()).map(of_output).collect();
-        let in_common = |i: &usize| curves.iter().map(|curve| curve[*i].likelihood).sum::<f64>();
-        let together = (0..precisions.len()).max_by(|a, b| in_common(a).total_cmp(&in_common(b))).unwrap_or(0);
-        let mut mean = precisions[together].0.ln();
-        let mut chosen = Vec::new();
-        for _ in 0..ROUNDS_OF_NOISE {
-            let prior = |noise: &NoiseRatio| -0.5 * ((noise.ratio.ln() - mean) / NOISE_ALIKE).powi(2);
-            let posterior = |noise: NoiseRatio| NoiseRatio { likelihood: noise.likelihood + prior(&noise), ..noise };
-            let best = |curve: &Vec<NoiseRatio>| {
-                curve.iter().map(|noise| posterior(*noise)).max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))
-            };
-            chosen = curves.iter().filter_map(best).collect();
-            mean = chosen.iter().map(|noise| noise.ratio.ln()).sum::<f64>() / chosen.len().max(1) as f64;
-        }
-        chosen
+        (self.values.iter().map(|value| (value + ridge).ln()).sum(), (0..turned.ncols()).map(square).collect())
     }
-}
-
-pub(super) fn column_means(values: &[f64], columns: usize) -> Vec<f64> {
-    let rows = (values.len() / columns).max(1) as f64;
-    (0..columns).map(|column| values[column..].iter().step_by(columns).sum::<f64>() / rows).collect()
-}
-
-/// Which columns hold one value throughout, but for rounding.
-fn flat_columns(values: &[f64], columns: usize) -> Vec<bool> {
-    let is_flat = |column: usize| {
-        let of_column = || values[column..].iter().step_by(columns);
-        let (least, most) = of_column().fold((f64::MAX, f64::MIN), |(l, m), v| (l.min(*v), m.max(*v)));
-        most - least <= 1e-9 * most.abs().max(least.abs())
-    };
-    (0..columns).map(is_flat).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::correlation::Smoothness;
     use super::*;
     use crate::quantity::stream;
     use rand::distr::Distribution;
@@ -420,15 +241,20 @@ mod tests {
         ((0..170).map(&mut square).sum::<f64>() / 170.0).sqrt()
     }
 
+    fn fit(places: &[f64], values: &[f64]) -> Kriging {
+        let sought = Sought::of(places, 1, values, 1, MANNER);
+        Kriging::fit_with(places, 1, values, 1, MANNER, &sought)
+    }
+
     fn fit_weighted(places: &[f64], values: &[f64], counts: &[f64]) -> Kriging {
-        let sought = Kriging::seek_weighted(places, 1, values, 1, MANNER, counts);
+        let sought = Sought::weighted(places, 1, values, 1, MANNER, counts);
         Kriging::fit_counting(places, 1, values, 1, MANNER, &sought, Some(counts))
     }
 
     #[test]
     fn what_was_measured_badly_counts_little() {
         let (places, values, counts) = unequal();
-        let alike = Kriging::fit(&places, 1, &values, 1, MANNER);
+        let alike = fit(&places, &values);
         let weighted = fit_weighted(&places, &values, &counts);
         assert!(weighted.is_weighted());
         assert!(error(&weighted) < 0.5 * error(&alike), "{} {}", error(&weighted), error(&alike));
@@ -437,7 +263,7 @@ mod tests {
     #[test]
     fn held_out_predictions_are_those_of_a_regression_without_the_place() {
         let (places, values, counts) = unequal();
-        let sought = Kriging::seek_counting(&places, 1, &values, 1, MANNER, Some(&counts));
+        let sought = Sought::counting(&places, 1, &values, 1, MANNER, Some(&counts));
         let whole = Kriging::fit_counting(&places, 1, &values, 1, MANNER, &sought, Some(&counts));
         let HeldOut { residuals, leverage } = whole.held_out();
         let eigen = |rows: &[usize]| -> (Vec<f64>, Mat<f64>) {
@@ -462,6 +288,6 @@ mod tests {
         let (places, values, _) = unequal();
         let counts: Vec<f64> = (0..60).map(|i| if i % 3 == 0 { 1.4 } else { 0.8 }).collect();
         let weighted = fit_weighted(&places, &values, &counts);
-        assert_eq!(weighted.process.weights, Kriging::fit(&places, 1, &values, 1, MANNER).process.weights);
+        assert_eq!(weighted.process.weights, fit(&places, &values).process.weights);
     }
 }

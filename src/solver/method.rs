@@ -27,6 +27,7 @@ pub(super) const PHYSICS: &str = "physics";
 pub(super) const PROCESS: &str = "gaussian-process";
 pub(super) const PATTERN_MAP: &str = "pattern-map";
 pub(super) const BLEND: &str = "blend";
+pub(super) const EXTRA_TREES: &str = "extra-trees";
 
 impl Method {
     fn inner(&self) -> &dyn Locate {

@@ -2,7 +2,8 @@
 
 use super::correlation::Smoothness;
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Regression};
+use super::kriging::Kriging;
+use super::sought::{Regression, Sought};
 use super::spots::coordinates;
 use super::view::has_several_lengths;
 use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
@@ -17,7 +18,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// The pattern is the reading over its length; under a constant load, the reading itself. Where the calibration has readings of
 /// several lengths at one place, the pattern changes with the logarithm of the length too, in proportion.
-#[derive(Serialize, Deserialize)]
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct PatternMap {
     load: ForceKnown,
     /// The whitened pattern of a reading of typical length; behind it how it changes with the logarithm of the length, if it does.
@@ -66,17 +67,31 @@ const LONGEST_STEP: f64 = 0.1;
 /// The least variance of a whitened unit, over the mean of all.
 const LEAST_VARIANCE: f64 = 1e-9;
 
+/// The likeliest correlations of a pattern map.
+#[derive(Default)]
+pub(super) struct Correlations {
+    pattern: Option<Sought>,
+    slopes: Option<Sought>,
+    log_force: Option<Sought>,
+}
+
 impl PatternMap {
-    pub fn fit(calibration: &Calibration, load: ForceKnown) -> Result<Self, FitError> {
+    /// Fits the map, with the correlations of a larger calibration where they are known. Returns those that it was fitted with.
+    pub fn fit(
+        calibration: &Calibration,
+        load: ForceKnown,
+        known: &Correlations,
+    ) -> Result<(Self, Correlations), FitError> {
         let units = calibration.units();
         let mut presses = Presses::of(calibration, load);
         let places = presses.places();
         let area = Area::around(places.iter().copied()).ok_or(FitError::NothingToTellApart)?;
         let log_lengths = presses.log_lengths();
         let has_slopes = load == ForceKnown::Unknown && has_several_lengths(calibration);
-        let slopes = if has_slopes { presses.take_slopes(units, log_lengths[0]) } else { None };
+        let slopes = if has_slopes { presses.take_slopes(units, log_lengths[0], &known.slopes) } else { None };
+        let (slopes, of_slopes) = slopes.unzip();
         let means = presses.means(units);
-        let kriging = Kriging::fit(&coordinates(places.iter().copied()), 2, &means, units, MANNER);
+        let (kriging, of_pattern) = kriging(&places, &means, units, &known.pattern);
         let residuals = presses.held_out(&means, &kriging.held_out().residuals, units);
         let whitening = whitening(&residuals, units, places.len());
         let matrix = MatRef::from_row_major_slice(&whitening, units, units);
@@ -99,11 +114,13 @@ impl PatternMap {
             field.value(*place, pattern);
         }
         let power = if calibration.has_several_forces() { presses.power() } else { 1.0 };
-        let forces = Kriging::fit(&coordinates(places.iter().copied()), 2, &presses.log_forces(power), 1, MANNER);
+        let (forces, of_force) = self::kriging(&places, &presses.log_forces(power), 1, &known.log_force);
         let sample = |places: &[Place]| forces.predict_all(&coordinates(places.iter().copied()));
         let log_force = Field::new(area, forces.grain() / CELLS_A_GRAIN, 1, sample);
         let force_n = calibration.typical_force_n();
-        Ok(PatternMap { load, field, log_lengths, whitening, starts, patterns, log_force, power, force_n })
+        let correlations = Correlations { pattern: Some(of_pattern), slopes: of_slopes, log_force: Some(of_force) };
+        let map = PatternMap { load, field, log_lengths, whitening, starts, patterns, log_force, power, force_n };
+        Ok((map, correlations))
     }
 
     /// The best fit to the whitened reading near a place: where, its sum of squares, and its standard error in the measure of the
@@ -197,6 +214,13 @@ impl Locate for PatternMap {
     }
 }
 
+/// Regresses values on places, with a correlation that is known or the likeliest.
+fn kriging(places: &[Place], values: &[f64], outputs: usize, known: &Option<Sought>) -> (Kriging, Sought) {
+    let places = coordinates(places.iter().copied());
+    let sought = known.clone().unwrap_or_else(|| Sought::of(&places, 2, values, outputs, MANNER));
+    (Kriging::fit_with(&places, 2, values, outputs, MANNER, &sought), sought)
+}
+
 /// Presses by their place.
 struct Presses {
     spots: Vec<Spot>,
@@ -238,7 +262,7 @@ impl Presses {
 
     /// How the pattern changes with the logarithm of the length, from place to place, which is taken from each press: what is left is
     /// the pattern at the typical length.
-    fn take_slopes(&mut self, units: usize, typical: f64) -> Option<Kriging> {
+    fn take_slopes(&mut self, units: usize, typical: f64, known: &Option<Sought>) -> Option<(Kriging, Sought)> {
         let (mut places, mut slopes) = (Vec::new(), Vec::new());
         for Spot { place, presses } in &self.spots {
             let count = presses.len() as f64;
@@ -254,7 +278,7 @@ impl Presses {
         if places.len() < FEWEST_SLOPES {
             return None;
         }
-        let kriging = Kriging::fit(&coordinates(places.iter().copied()), 2, &slopes, units, MANNER);
+        let (kriging, sought) = kriging(&places, &slopes, units, known);
         let mut slope = vec![0.0; units];
         for Spot { place, presses } in &mut self.spots {
             kriging.predict(&[place.x_mm, place.y_mm], &mut slope);
@@ -262,7 +286,7 @@ impl Presses {
                 pattern.iter_mut().zip(&slope).for_each(|(value, slope)| *value -= (*log_length - typical) * slope);
             }
         }
-        Some(kriging)
+        Some((kriging, sought))
     }
 
     /// The mean pattern at each place, row-major places x units.
@@ -407,7 +431,7 @@ mod tests {
             .collect();
         let calibration = Calibration::new(&points).unwrap();
         let methods = [
-            Method::PatternMap(PatternMap::fit(&calibration, ForceKnown::Unknown).unwrap()),
+            Method::PatternMap(PatternMap::fit(&calibration, ForceKnown::Unknown, &Correlations::default()).unwrap().0),
             Method::PearsonKnn(PearsonKnn::fit(&calibration).unwrap()),
         ];
         let errors = methods.map(|method| {

@@ -9,11 +9,12 @@ use super::fitted::Answering;
 use super::forward::{Forward, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
 use super::heldout::{FOLDS, Folds, HeldPress};
-use super::method::{BLEND, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
-use super::pattern_map::PatternMap;
+use super::method::{BLEND, EXTRA_TREES, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
+use super::pattern_map::{Correlations, PatternMap};
 use super::physics::physics;
 use super::response::Response;
 use super::surrogate::{surrogate, surrogate_with};
+use super::threshold::Unexplained;
 use super::{
     BEST, Broken, Calibration, Choice, FitError, Fitted, ForceRule, Pearson, PearsonKnn, SOLVERS, Setting, Whitened,
     best,
@@ -37,6 +38,8 @@ pub struct Prepared<'a> {
     response: OnceLock<Result<Response, FitError>>,
     /// What the Gaussian process sees of a reading, and its correlation.
     process: OnceLock<Result<Likeliest, FitError>>,
+    /// The pattern map of the calibration, and its correlations.
+    pattern: OnceLock<Result<(PatternMap, Correlations), FitError>>,
     /// The trials of each method, by [`SOLVERS`].
     trials: [Trials; SOLVERS.len()],
 }
@@ -50,6 +53,12 @@ struct Trials {
 
 /// The lead over the next method, standard deviations, from which `blend` is worth the work of two.
 const WORTH_TWO_SIGMAS: f64 = 2.0;
+
+/// Methods that learn the place, or the pattern, from the readings alone, at many times the cost of the smooth map.
+const REGRESSIONS: [&str; 3] = [PROCESS, PATTERN_MAP, EXTRA_TREES];
+
+/// The mean error of location that is little, over the longer side of the area.
+const LITTLE_OF_AREA: f64 = 0.05;
 
 /// The places a unit from which the correlations of all units can be learned.
 const PLACES_A_UNIT: usize = 10;
@@ -89,6 +98,7 @@ impl<'a> Prepared<'a> {
             units,
             response: OnceLock::new(),
             process: OnceLock::new(),
+            pattern: OnceLock::new(),
             trials: Default::default(),
         };
         if broken.is_empty() {
@@ -127,11 +137,12 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// The method that errs least on places that are held out. After the first part of these, methods that are far behind are tried no
-    /// further.
+    /// The method that errs least on places that are held out. Where the smooth map explains the calibration, no other regression is
+    /// tried. After the first part of the places, methods that are far behind are tried no further.
     fn best(&self) -> Result<Fitted, FitError> {
-        self.response()?;
-        let names: Vec<&'static str> = SOLVERS.into_iter().filter(|name| self.is_candidate(name)).collect();
+        let is_explained = self.is_explained()?;
+        let is_tried = |name: &&str| self.is_candidate(name) && !(is_explained && REGRESSIONS.contains(name));
+        let names: Vec<&'static str> = SOLVERS.into_iter().filter(is_tried).collect();
         let first = |&solver: &&'static str| Tried { solver, trials: self.first_trials(solver).unwrap_or_default() };
         let mut tried = in_parallel(&names, first);
         // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
@@ -169,6 +180,18 @@ impl<'a> Prepared<'a> {
             BLEND => false,
             _ => true,
         }
+    }
+
+    /// Whether the smooth map leaves nothing but noise of the calibration, and that noise moves a place by little: no regression can
+    /// then be nearer by much. Under a noise that moves it by more, one that stays near the mean of all places can.
+    fn is_explained(&self) -> Result<bool, FitError> {
+        let (response, setting) = (self.response()?, self.setting());
+        if !Unexplained::of(response, &self.calibration, &setting).is_noise() {
+            return Ok(false);
+        }
+        let tried = Tried { solver: SURROGATE, trials: self.first_trials(SURROGATE)? };
+        let most_mm = LITTLE_OF_AREA * response.field.area().side_mm();
+        Ok(tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm))
     }
 
     /// The methods that are blended: a regression and a map.
@@ -230,6 +253,12 @@ impl<'a> Prepared<'a> {
         self.process.get_or_init(seek).as_ref().map_err(Clone::clone)
     }
 
+    /// The pattern map of the calibration, and its correlations.
+    fn pattern(&self) -> Result<&(PatternMap, Correlations), FitError> {
+        let fit = || PatternMap::fit(&self.calibration, self.setting.load, &Correlations::default());
+        self.pattern.get_or_init(fit).as_ref().map_err(Clone::clone)
+    }
+
     /// A method that has learned from its trials how sure its answers are.
     fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Fitted, FitError> {
         let setting = self.setting();
@@ -252,6 +281,7 @@ impl<'a> Prepared<'a> {
                 let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
                 Ok(Method::Blend(Blend::new([self.method(one)?, self.method(other)?], errors)))
             }
+            PATTERN_MAP => Ok(Method::PatternMap(self.pattern()?.0.clone())),
             name => self.fit_to(&self.calibration, name),
         }
     }
@@ -264,12 +294,12 @@ impl<'a> Prepared<'a> {
             SURROGATE => self.forward(MapKind::Smooth, surrogate_with(part, self.response()?.sought.as_ref())?, part),
             PHYSICS => self.forward(MapKind::Elastic, physics(part, setting.layout)?, part),
             PROCESS => Method::GaussianProcess(GaussianProcess::fit_with(part, setting.load, self.process()?)?),
-            PATTERN_MAP => Method::PatternMap(PatternMap::fit(part, setting.load)?),
+            PATTERN_MAP => Method::PatternMap(PatternMap::fit(part, setting.load, &self.pattern()?.1)?.0),
             "pearson" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::ClosestUnit)?),
             "pearson-lsq" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::LeastSquares)?),
             "pearson-knn" => Method::PearsonKnn(PearsonKnn::fit(part)?),
             "whitened" => Method::Whitened(Whitened::fit(part, &self.response()?.typical_sd())?),
-            "extra-trees" => Method::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
+            EXTRA_TREES => Method::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
             name => return Err(FitError::UnknownSolver { name: name.to_owned() }),
         })
     }

@@ -1,7 +1,8 @@
 //! A regression from many coordinates that only predicts.
 
+use super::centred::column_means;
 use super::correlation::Correlation;
-use super::kriging::{Sought, column_means};
+use super::sought::Sought;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 use serde::{Deserialize, Serialize};

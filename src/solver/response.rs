@@ -2,8 +2,8 @@
 
 use super::Calibration;
 use super::field::Field;
-use super::kriging::Sought;
 use super::noise::{Noise, Residual};
+use super::sought::Sought;
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 

@@ -2,8 +2,9 @@
 
 use super::correlation::Smoothness;
 use super::field::{Area, Field};
-use super::kriging::{Kriging, Regression, Sought};
+use super::kriging::Kriging;
 use super::response::Response;
+use super::sought::{Regression, Sought};
 use super::spots::{Spots, coordinates};
 use super::{Calibration, FitError};
 use crate::quantity::Place;
@@ -20,7 +21,7 @@ const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 14
 pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError> {
     let (spots, units) = (Spots::of(calibration), calibration.units());
     let places = coordinates(spots.places());
-    let sought = Kriging::seek_weighted(&places, 2, &spots.per_newton(), units, MANNER, &spots.counts());
+    let sought = Sought::weighted(&places, 2, &spots.per_newton(), units, MANNER, &spots.counts());
     map(calibration, &spots, &sought)
 }
 

@@ -16,43 +16,77 @@ pub(super) const WEAK_SHARE: f64 = 0.25;
 /// How many forces each held press is rescaled to.
 const FORCES_A_PRESS: usize = 4;
 
-/// What the sum of squares of a single contact's residuals exceeds as rarely as asked, learned from the calibration's own presses,
-/// each held against a map made without it and rescaled over the forces to come.
-///
-/// The sums of these presses give a gamma distribution by their mean and variance (for perfect weights a chi-squared one): of
-/// some hundreds of presses, the tail itself says much less than these two.
-pub(super) fn one_contact(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> f64 {
-    let units = response.field.channels();
-    let mut rng = stream(0, 0, "thresholds");
-    let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
-    let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
-    let (least, most) = setting.shares(calibration);
-    let columns = [true, true, setting.load == ForceKnown::Unknown, setting.common_offset];
-    for (index, held) in response.held.iter().enumerate() {
-        response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
-        for part in 0..FORCES_A_PRESS {
-            // evenly over the forces, shuffled over the presses
-            let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / FORCES_A_PRESS as f64).fract();
-            let share = least + (most - least) * quantile;
-            let force_n = share * held.force_n;
-            let rows = held.residuals.iter().enumerate().map(|(unit, residual)| {
-                let g = value[unit];
-                let variance = response.variance_from(held.force_n, unit, force_n, g, residual.leverage);
-                let normal: f64 = StandardNormal.sample(&mut rng);
-                let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g, 1.0];
-                (share * residual.residual + response.missing_noise(unit, share) * normal, 1.0 / variance, jacobian)
-            });
-            sums.push(left_over(rows, columns));
+/// What single contacts leave unexplained: the sum of squares of a contact's residuals over their noise, learned from the calibration's
+/// own presses, each compared with a map made without it and rescaled over the forces to come.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Unexplained {
+    mean: f64,
+    variance: f64,
+    /// How many more units there are than unknowns.
+    free: usize,
+    /// How many places it was learned from.
+    places: usize,
+}
+
+/// A map explains a calibration where mean and variance of what it leaves are those of noise alone, to within these shares.
+const MEAN_OF_NOISE: f64 = 0.15;
+const VARIANCE_OF_NOISE: f64 = 0.35;
+/// The fewest places from which that can be told.
+const FEWEST_TO_TELL: usize = 100;
+
+impl Unexplained {
+    /// What a map leaves of its calibration.
+    pub fn of(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
+        let units = response.field.channels();
+        let mut rng = stream(0, 0, "thresholds");
+        let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
+        let mut sums = Vec::with_capacity(response.held.len() * FORCES_A_PRESS);
+        let (least, most) = setting.shares(calibration);
+        let columns = [true, true, setting.load == ForceKnown::Unknown, setting.common_offset];
+        for (index, held) in response.held.iter().enumerate() {
+            response.field.value_and_gradient(held.place, &mut value, &mut along_x, &mut along_y);
+            for part in 0..FORCES_A_PRESS {
+                // evenly over the forces, shuffled over the presses
+                let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / FORCES_A_PRESS as f64).fract();
+                let share = least + (most - least) * quantile;
+                let force_n = share * held.force_n;
+                let rows = held.residuals.iter().enumerate().map(|(unit, residual)| {
+                    let g = value[unit];
+                    let variance = response.variance_from(held.force_n, unit, force_n, g, residual.leverage);
+                    let normal: f64 = StandardNormal.sample(&mut rng);
+                    let jacobian = [force_n * along_x[unit], force_n * along_y[unit], g, 1.0];
+                    (share * residual.residual + response.missing_noise(unit, share) * normal, 1.0 / variance, jacobian)
+                });
+                sums.push(left_over(rows, columns));
+            }
         }
+        let count = sums.len().max(1) as f64;
+        let mean = sums.iter().sum::<f64>() / count;
+        let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / count;
+        let (free, places) = (units.saturating_sub(setting.unknowns()), calibration.by_place().len());
+        Unexplained { mean, variance, free, places }
     }
-    let count = sums.len().max(1) as f64;
-    let mean = sums.iter().sum::<f64>() / count;
-    let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / count;
-    Gamma::new(mean * mean / variance, mean / variance)
-        .map(|gamma| gamma.inverse_cdf(1.0 - setting.false_alarms))
-        .ok()
-        .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
-        .unwrap_or_else(|| chi2_quantile(units.saturating_sub(setting.unknowns()), setting.false_alarms))
+
+    /// What is exceeded as rarely as asked. Mean and variance of the sums give a gamma distribution (for perfect weights a chi-squared
+    /// one): of some hundreds of presses, the tail itself says much less than these two.
+    pub fn limit(&self, false_alarms: f64) -> f64 {
+        let Unexplained { mean, variance, free, .. } = *self;
+        Gamma::new(mean * mean / variance, mean / variance)
+            .map(|gamma| gamma.inverse_cdf(1.0 - false_alarms))
+            .ok()
+            .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
+            .unwrap_or_else(|| chi2_quantile(free, false_alarms))
+    }
+
+    /// Whether it is nothing but noise, of each unit for itself: a chi-squared variable's mean is its degrees of freedom, and its
+    /// variance twice that.
+    pub fn is_noise(&self) -> bool {
+        let free = self.free as f64;
+        let off = |found: f64, expected: f64| (found / expected - 1.0).abs();
+        self.places >= FEWEST_TO_TELL
+            && off(self.mean, free) <= MEAN_OF_NOISE
+            && off(self.variance, 2.0 * free) <= VARIANCE_OF_NOISE
+    }
 }
 
 /// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
