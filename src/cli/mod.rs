@@ -16,6 +16,7 @@ mod evaluate;
 mod exit;
 mod figure_files;
 mod fit;
+mod init;
 mod labels;
 mod method;
 mod ports;
@@ -28,6 +29,7 @@ mod resume;
 mod rig_file;
 mod run;
 mod session;
+mod shell;
 mod shipped;
 mod signals;
 mod solutions;
@@ -36,6 +38,7 @@ mod sources;
 mod study;
 mod summary;
 mod tables;
+mod texts;
 mod verdict;
 mod verify;
 mod which_way;
@@ -86,6 +89,11 @@ enum Command {
     Ports(ports::PortsArgs),
     Drivers(drivers::DriversArgs),
     List(shipped::ListArgs),
+    Init(init::InitArgs),
+    Schema(texts::SchemaArgs),
+    Reference(texts::ReferenceArgs),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
 }
 
 /// Parses the command line, does what it says, and turns the outcome into an exit code.
@@ -115,6 +123,11 @@ pub fn main() -> ExitCode {
         Command::Ports(args) => ports::ports(args),
         Command::Drivers(args) => drivers::drivers(args),
         Command::List(args) => shipped::list(args),
+        Command::Init(args) => init::init(args),
+        Command::Schema(args) => texts::print_schema(args),
+        Command::Reference(args) => texts::print_reference(args),
+        Command::Completions(args) => shell::completions(args),
+        Command::Man(args) => shell::man(args),
     };
     outcome.unwrap_or_else(|failure| failure.report())
 }

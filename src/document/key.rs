@@ -45,6 +45,17 @@ impl Bounds {
         self.unit
     }
 
+    /// The least and the most.
+    pub const fn ends(&self) -> (f64, f64) {
+        (self.min, self.max)
+    }
+
+    /// The interval and the unit.
+    pub(super) fn stated(&self) -> String {
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
+        format!("{}{unit}", self.interval())
+    }
+
     /// Whether a number lies within.
     pub fn admit(&self, value: f64) -> bool {
         value <= self.max && if self.above_min { value > self.min } else { value >= self.min }
@@ -169,6 +180,17 @@ impl Key {
 }
 
 impl Kind {
+    /// The unit of its numbers; empty where it has none.
+    pub(super) fn unit(&self) -> &'static str {
+        let of = |kind: &Kind| match kind {
+            Kind::Number(bounds) | Kind::Range(bounds) | Kind::PerUnit(bounds) | Kind::Places(bounds) => {
+                Some(bounds.unit())
+            }
+            _ => None,
+        };
+        self.pick(of).unwrap_or_default()
+    }
+
     /// What is picked from this kind or one of its alternatives.
     pub(super) fn pick<T>(&self, pick: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         match self {

@@ -7,6 +7,8 @@
 mod difference;
 mod key;
 mod problem;
+mod reference;
+mod schema;
 mod table;
 
 pub use difference::{Change, Given, differences};
@@ -14,6 +16,8 @@ pub use key::{Absent, Bounds, Case, Key, Keys, Kind, Listed, Value};
 pub(crate) use key::{keys, row, words};
 pub(crate) use problem::printable;
 pub use problem::{PROBLEMS_MAX, Problem, Problems};
+pub use reference::reference;
+pub use schema::schema;
 pub use table::{Span, Table};
 pub(crate) use table::{all, with_nearest};
 #[cfg(test)]

@@ -23,6 +23,9 @@ use crate::document::Keys;
 /// Every key that a recipe may have.
 pub const KEYS: Keys = keys::root::KEYS;
 
+/// Every key that an acceptance file may have.
+pub const RULE_KEYS: Keys = accept::accept::KEYS;
+
 /// Most presses one recipe may come to unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
 /// 20,000.
 pub const PRESSES_MAX: usize = 100_000;

@@ -1,0 +1,180 @@
+//! `palpate schema` and `palpate reference`: what recipes, rigs and other texts may contain, for editors and for people.
+
+use super::exit::Failure;
+use super::summary::print;
+use crate::document::{Keys, reference, schema};
+use crate::{driver, recipe, rig};
+use clap::{CommandFactory, ValueEnum};
+use std::process::ExitCode;
+
+/// A kind of text that a person writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Text {
+    /// What to press, how, and how to evaluate it
+    Recipe,
+    /// The devices, the limits of the specimen and where it is
+    Rig,
+    /// The Modbus registers of a load cell or an array
+    RegisterMap,
+    /// An acceptance rule in a file of its own
+    Acceptance,
+}
+
+impl Text {
+    /// The title of its schema and of its page.
+    fn title(self) -> &'static str {
+        match self {
+            Text::Recipe => "Recipe",
+            Text::Rig => "Rig",
+            Text::RegisterMap => "Register map",
+            Text::Acceptance => "Acceptance rule",
+        }
+    }
+
+    fn keys(self) -> Keys {
+        match self {
+            Text::Recipe => recipe::KEYS,
+            Text::Rig => rig::KEYS,
+            Text::RegisterMap => driver::modbus::KEYS,
+            Text::Acceptance => recipe::RULE_KEYS,
+        }
+    }
+
+    /// The rules that its keys alone don't show.
+    fn rules(self) -> &'static str {
+        match self {
+            Text::Recipe => include_str!("texts/recipe.md"),
+            Text::Rig => include_str!("texts/rig.md"),
+            Text::RegisterMap => include_str!("texts/register-map.md"),
+            Text::Acceptance => include_str!("texts/acceptance.md"),
+        }
+    }
+
+    /// Its JSON Schema.
+    pub fn schema(self) -> String {
+        format!("{:#}\n", schema(&format!("palpate: {}", self.title().to_lowercase()), &self.keys()))
+    }
+
+    fn page(self) -> String {
+        let begin = format!("# {}\n\n{}", self.title(), self.rules());
+        reference(&begin, "The whole file", &self.keys())
+    }
+}
+
+const SCHEMA_EXAMPLES: &str = "\
+Example:
+  palpate schema recipe > recipe.schema.json
+
+An editor with a TOML plug-in checks a file that begins with
+  #:schema recipe.schema.json
+The program itself checks more: palpate check RECIPE --rig RIG.";
+
+/// Print the JSON Schema of a recipe, a rig or another text, for editors
+#[derive(Debug, clap::Args)]
+#[command(after_help = SCHEMA_EXAMPLES)]
+pub struct SchemaArgs {
+    /// Which text
+    text: Text,
+}
+
+/// Prints the schema.
+pub fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
+    print(&args.text.schema())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What has a reference page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Page {
+    /// The keys of a recipe
+    Recipe,
+    /// The keys of a rig
+    Rig,
+    /// The keys of a register map
+    RegisterMap,
+    /// The keys of an acceptance rule
+    Acceptance,
+    /// All commands and their options
+    Commands,
+}
+
+const REFERENCE_EXAMPLES: &str = "\
+Example:
+  palpate reference rig | less";
+
+/// Print a reference page as Markdown: every key with type, bounds, default and example, or every command
+#[derive(Debug, clap::Args)]
+#[command(after_help = REFERENCE_EXAMPLES)]
+pub struct ReferenceArgs {
+    /// Which page
+    page: Page,
+}
+
+/// Prints the page.
+pub fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure> {
+    print(&match args.page {
+        Page::Recipe => Text::Recipe.page(),
+        Page::Rig => Text::Rig.page(),
+        Page::RegisterMap => Text::RegisterMap.page(),
+        Page::Acceptance => Text::Acceptance.page(),
+        Page::Commands => commands(),
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A page with the help of every command.
+fn commands() -> String {
+    let mut page = "# Commands\n\nEach section is the output of `palpate COMMAND --help`.\n".to_owned();
+    // as wide as the help of a terminal of 80 columns
+    let mut all = super::CommandLine::command().term_width(80);
+    all.build();
+    let groups = all.get_subcommands_mut().filter(|command| command.get_name() != "help");
+    for command in groups {
+        let inner: Vec<String> = command
+            .get_subcommands_mut()
+            .filter(|inner| inner.get_name() != "help")
+            .map(|inner| section(3, inner))
+            .collect();
+        page += &section(2, command);
+        inner.iter().for_each(|inner| page += inner);
+    }
+    page
+}
+
+fn section(level: usize, command: &mut clap::Command) -> String {
+    let help = command.render_long_help().to_string();
+    let lines = help.lines().map(str::trim_end).collect::<Vec<_>>().join("\n");
+    let name = command.get_bin_name().unwrap_or(command.get_name());
+    format!("\n{} {name}\n\n```text\n{}\n```\n", "#".repeat(level), lines.trim_end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reference_pages_in_docs_are_those_that_the_program_prints() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference");
+        let pages = [
+            ("recipe", Text::Recipe.page()),
+            ("rig", Text::Rig.page()),
+            ("register-map", Text::RegisterMap.page()),
+            ("acceptance", Text::Acceptance.page()),
+            ("commands", commands()),
+        ];
+        for (name, page) in pages {
+            let kept = std::fs::read_to_string(folder.join(name).with_extension("md")).unwrap_or_default();
+            assert!(kept == page, "regenerate: palpate reference {name} > docs/reference/{name}.md");
+        }
+    }
+
+    #[test]
+    fn every_key_is_on_its_page() {
+        for text in [Text::Recipe, Text::Rig, Text::RegisterMap, Text::Acceptance] {
+            let page = text.page();
+            for listed in text.keys().walk() {
+                assert!(page.contains(&format!("\n| `{}` | ", listed.key.name)), "{}", listed.path);
+            }
+        }
+    }
+}

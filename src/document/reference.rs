@@ -1,0 +1,86 @@
+//! Reference pages made from lists of keys.
+
+use super::key::{Absent, Key, Keys, Kind};
+use std::fmt::Write;
+
+/// A Markdown page with every key of a text: after `begin` a section for each table, the outermost under the heading `root`, with type,
+/// bounds and unit, default, meaning and an example of each key.
+pub fn reference(begin: &str, root: &str, keys: &Keys) -> String {
+    let mut page = begin.to_owned();
+    section(&mut page, root, "", keys);
+    page
+}
+
+const HEADING: &str = "| key | value | default | meaning | example |\n|---|---|---|---|---|";
+
+/// Writes the section of a table and those of the tables in it.
+fn section(page: &mut String, heading: &str, path: &str, keys: &Keys) {
+    let mut line = |text: String| writeln!(page, "{text}").unwrap_or_default(); // a string takes everything
+    line(format!("\n## {heading}\n"));
+    line(HEADING.to_owned());
+    keys.always.iter().for_each(|key| line(row(key)));
+    match keys.by {
+        Some(by) => {
+            for case in keys.cases {
+                line(format!("\nWith `{} = \"{}\"`:\n", by.name, case.name));
+                line(HEADING.to_owned());
+                case.keys.iter().for_each(|key| line(row(key)));
+            }
+        }
+        None if keys.cases.iter().any(|case| case.keys.len() > 1) => {
+            for case in keys.cases {
+                line(format!("\nWith `{}`:\n", case.name));
+                line(HEADING.to_owned());
+                case.keys.iter().for_each(|key| line(row(key)));
+            }
+        }
+        None if !keys.cases.is_empty() => {
+            let names: Vec<String> = keys.cases.iter().map(|case| format!("`{}`", case.name)).collect();
+            line(format!("\nExactly one of {}:\n", names.join(", ")));
+            line(HEADING.to_owned());
+            keys.cases.iter().flat_map(|case| case.keys).for_each(|key| line(row(key)));
+        }
+        None => (),
+    }
+    for key in keys.all() {
+        let Some(inner) = key.inner() else { continue };
+        let path = if path.is_empty() { key.name.to_owned() } else { format!("{path}.{}", key.name) };
+        let heading = match key.kind {
+            Kind::Tables(_) => format!("`[[{path}]]`"),
+            _ => format!("`[{path}]`"),
+        };
+        section(page, &heading, &path, inner);
+    }
+}
+
+fn row(key: &Key) -> String {
+    let default = match key.absent {
+        Absent::Refused => "required".to_owned(),
+        Absent::Allowed => "optional".to_owned(),
+        Absent::Is(value) => format!("`{value}`"),
+    };
+    let example = if key.example.is_empty() { String::new() } else { format!("`{}`", key.example) };
+    let cells = [format!("`{}`", key.name), value(&key.kind), default, key.meaning.to_owned(), example];
+    format!("| {} |", cells.map(|cell| cell.replace('|', "\\|")).join(" | "))
+}
+
+/// The type of a value, its bounds and unit.
+fn value(kind: &Kind) -> String {
+    let words = |words: &[&str]| words.iter().map(|word| format!("`\"{word}\"`")).collect::<Vec<_>>().join(", ");
+    match kind {
+        Kind::Number(bounds) => format!("number, {}", bounds.stated()),
+        Kind::Range(bounds) => format!("`[from, to]`, each {}", bounds.stated()),
+        Kind::PerUnit(bounds) => format!("list, one number for each unit, {}", bounds.stated()),
+        Kind::Places(bounds) => format!("list of `[x, y]`, each {}", bounds.stated()),
+        Kind::Whole(min, max) => format!("integer, {min} to {max}"),
+        Kind::Wholes(min, max) => format!("list of integers, {min} to {max}"),
+        Kind::Flag => "`true` or `false`".to_owned(),
+        Kind::Text => "string".to_owned(),
+        Kind::Texts => "list of strings".to_owned(),
+        Kind::Word(list) => words(list),
+        Kind::Words(list) => format!("list of {}", words(list)),
+        Kind::Table(_) => "table".to_owned(),
+        Kind::Tables(_) => "list of tables".to_owned(),
+        Kind::Either(kinds) => kinds.iter().map(value).collect::<Vec<_>>().join("; or "),
+    }
+}

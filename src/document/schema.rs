@@ -1,0 +1,109 @@
+//! JSON Schemas made from lists of keys.
+
+use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
+use serde_json::{Map, Value as Json, json};
+
+/// The JSON Schema (draft 7, which editors read) of a text whose root table has these keys. It refuses unknown and missing keys and
+/// values of a wrong type or out of their bounds. It accepts more than the reader does: rules between keys, `nan` and files that
+/// must be there are the reader's to check.
+pub fn schema(title: &str, keys: &Keys) -> Json {
+    let mut root = table(keys);
+    root.insert("$schema".to_owned(), json!("http://json-schema.org/draft-07/schema#"));
+    root.insert("title".to_owned(), json!(title));
+    Json::Object(root)
+}
+
+fn table(keys: &Keys) -> Map<String, Json> {
+    let properties: Map<String, Json> = keys.all().map(|key| (key.name.to_owned(), property(key))).collect();
+    let mut table = object(json!({ "type": "object", "additionalProperties": false, "properties": properties }));
+    table.insert("required".to_owned(), json!(required(keys.always)));
+    let cases: Vec<Json> = keys.cases.iter().map(|case| of_case(keys, case)).collect();
+    if !cases.is_empty() {
+        let rule = if keys.by.is_some() { "allOf" } else { "oneOf" };
+        table.insert(rule.to_owned(), Json::Array(cases));
+    }
+    table
+}
+
+/// What a table must and may not have in one of its cases: with `by`, if its word chooses it; without, as one of several.
+fn of_case(keys: &Keys, case: &Case) -> Json {
+    let foreign = keys.all().filter(|key| !keys.always.iter().chain(case.keys).any(|own| own.name == key.name));
+    let foreign: Map<String, Json> = foreign.map(|key| (key.name.to_owned(), json!(false))).collect();
+    let mut names = required(case.keys);
+    match keys.by {
+        Some(by) => json!({
+            "if": { "properties": { by.name: { "const": case.name } }, "required": [by.name] },
+            "then": { "required": names, "properties": foreign },
+        }),
+        None => {
+            if !names.contains(&case.name) {
+                names.push(case.name);
+            }
+            json!({ "required": names, "properties": foreign })
+        }
+    }
+}
+
+fn required(keys: &[Key]) -> Vec<&'static str> {
+    keys.iter().filter(|key| key.absent == Absent::Refused).map(|key| key.name).collect()
+}
+
+fn property(key: &Key) -> Json {
+    let mut property = object(kind(&key.kind));
+    let description = match (key.example, key.kind.unit()) {
+        ("", _) => key.meaning.to_owned(),
+        (example, "") => format!("{}. Example: {example}", key.meaning),
+        (example, unit) => format!("{}, {unit}. Example: {example}", key.meaning),
+    };
+    property.insert("description".to_owned(), json!(description));
+    if let Some(default) = key.default() {
+        property.insert("default".to_owned(), of_value(default));
+    }
+    Json::Object(property)
+}
+
+fn kind(kind: &Kind) -> Json {
+    let list = |item: Json| json!({ "type": "array", "items": item });
+    let pair = |item: Json| json!({ "type": "array", "items": item, "minItems": 2, "maxItems": 2 });
+    let whole = |min: u64, max: u64| json!({ "type": "integer", "minimum": min, "maximum": max });
+    match kind {
+        Kind::Number(bounds) => number(bounds),
+        Kind::Range(bounds) => pair(number(bounds)),
+        Kind::PerUnit(bounds) => list(number(bounds)),
+        Kind::Places(bounds) => list(pair(number(bounds))),
+        Kind::Whole(min, max) => whole(*min, *max),
+        Kind::Wholes(min, max) => list(whole(*min, *max)),
+        Kind::Flag => json!({ "type": "boolean" }),
+        Kind::Text => json!({ "type": "string" }),
+        Kind::Texts => list(json!({ "type": "string" })),
+        Kind::Word(words) => json!({ "enum": words }),
+        Kind::Words(words) => list(json!({ "enum": words })),
+        Kind::Table(keys) => Json::Object(table(keys)),
+        Kind::Tables(keys) => list(Json::Object(table(keys))),
+        Kind::Either(kinds) => json!({ "anyOf": kinds.iter().map(self::kind).collect::<Vec<_>>() }),
+    }
+}
+
+fn number(bounds: &Bounds) -> Json {
+    let (least, most) = bounds.ends();
+    let least_key = if bounds.admit(least) { "minimum" } else { "exclusiveMinimum" };
+    json!({ "type": "number", least_key: least, "maximum": most })
+}
+
+fn of_value(value: Value) -> Json {
+    match value {
+        Value::Number(number) => json!(number),
+        Value::Range(from, to) => json!([from, to]),
+        Value::Whole(number) => json!(number),
+        Value::Flag(flag) => json!(flag),
+        Value::Word(word) => json!(word),
+        Value::Texts(texts) => json!(texts),
+    }
+}
+
+fn object(json: Json) -> Map<String, Json> {
+    match json {
+        Json::Object(object) => object,
+        _ => Map::new(),
+    }
+}
