@@ -1,6 +1,6 @@
 //! palpate calibrates tactile sensors. It drives a three-axis stage, a load cell and a sensor array through their real
 //! protocols, presses the sensor where a TOML recipe says with the force it says, keeps every press, and solves the inverse
-//! problem on what it kept: where and how hard an unknown contact is.
+//! problem on what it kept: location and force of unknown contacts.
 //!
 //! # The house
 //!

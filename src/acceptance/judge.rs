@@ -163,10 +163,9 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
 fn notes(measured: &Measured) -> Vec<String> {
     let Measured { at_calibrated_places: at, flagged_presses: flagged, test_presses, .. } = measured;
     let all = [
-        (*at > 0)
-            .then(|| format!("{at} of {test_presses} test presses are at places that the calibration pressed too")),
-        (*flagged > 0).then(|| format!("{flagged} flagged presses are left out")),
-        measured.constant_load.then(|| "every contact was taken to press as hard as the calibration did".to_owned()),
+        (*at > 0).then(|| format!("{at} of {test_presses} test presses are at places of the calibration")),
+        (*flagged > 0).then(|| format!("{flagged} flagged presses are excluded")),
+        measured.constant_load.then(|| "every contact was assumed to have the force of the calibration".to_owned()),
     ];
     all.into_iter().flatten().collect()
 }
@@ -174,15 +173,15 @@ fn notes(measured: &Measured) -> Vec<String> {
 /// Why nothing can be decided whatever the limits.
 fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
     let fewer = |what: &str, found: usize, least: usize| {
-        (found < least).then(|| format!("{found} {what} presses count; the rule requires {least}"))
+        (found < least).then(|| format!("{found} valid {what} presses; the rule requires {least}"))
     };
     // a rule that limits neither places nor forces needs no presses for them
     let is_of_test = rule.limits.iter().any(|limit| limit.figure.is_of_test());
     let (repeated, twice) = (measured.test_repeats_calibration, measured.test_repeats_itself);
-    let twice = (twice > 0)
-        .then(|| format!("{twice} of {} test presses repeat another one to the last digit", measured.test_presses));
+    let twice =
+        (twice > 0).then(|| format!("{twice} of {} test presses are identical to another one", measured.test_presses));
     let repeats = (repeated > 0)
-        .then(|| format!("{repeated} of {} test presses are calibration presses, no test", measured.test_presses));
+        .then(|| format!("{repeated} of {} test presses are identical to calibration presses", measured.test_presses));
     let all = [
         measured.incomplete.clone(),
         repeats,
@@ -231,7 +230,7 @@ fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
     let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == Verdict::Accepted;
     let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
         let (bound, unit) = (figure.shown(*bound, figure.digits()), figure.unit());
-        format!("within the limit, but {n} readings leave it open up to {bound} {unit}")
+        format!("within the limit, but with {n} readings its bound is {bound} {unit}")
     });
     let bound = bound.ok().filter(|_| decision == Decision::Guarded);
     Check { value: Some(value), bound, n, verdict, reason, warning, ..blank }
@@ -258,7 +257,7 @@ fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
             let Worst { value, upper, n, missing, .. } = *worst.ok_or("it was not measured")?;
             if missing > 0 {
                 let noun = if figure == Figure::Noise { "channels" } else { "units" };
-                return Err(format!("{missing} {noun} have no value: not measured, or without an output"));
+                return Err(format!("{missing} {noun} have no value (not measured, or without an output)"));
             }
             Ok(Found { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
         }
@@ -309,7 +308,7 @@ fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, S
 fn unknown_truth(figure: Figure) -> String {
     match figure {
         Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
-            "the uncertainty of the places isn't known (`certificate` in [stage] of the rig)".to_owned()
+            "the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)".to_owned()
         }
         _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig)".to_owned(),
     }
@@ -451,7 +450,7 @@ mod tests {
         assert_eq!(found, Verdict::NotDecided);
         assert_eq!(
             why,
-            "location error, mean: the uncertainty of the places isn't known (`certificate` in [stage] of the rig)"
+            "location error, mean: the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)"
         );
     }
 
@@ -468,7 +467,7 @@ mod tests {
         let within = (Figure::LocationWithin, 0.98, Some(5.0));
         assert_eq!(verdict(Decision::Simple, within, &unsolved).0, Verdict::NotAccepted);
         let twice = Measured { test_repeats_itself: 99, ..measured() };
-        let told = "99 of 100 test presses repeat another one to the last digit".to_owned();
+        let told = "99 of 100 test presses are identical to another one".to_owned();
         assert_eq!(verdict(Decision::Simple, limit, &twice), (Verdict::NotDecided, told));
         let stopped = Measured { incomplete: Some("run is stopped: 90 of 100 presses".to_owned()), ..measured() };
         assert_eq!(verdict(Decision::Simple, limit, &stopped).0, Verdict::NotDecided);
@@ -476,7 +475,7 @@ mod tests {
         unmeasured.worst[0].missing = 1;
         assert_eq!(verdict(Decision::Simple, (Figure::Repeatability, 5.0, None), &unmeasured).0, Verdict::NotDecided);
         let repeated = Measured { test_repeats_calibration: 100, ..measured() };
-        let told = "100 of 100 test presses are calibration presses, no test".to_owned();
+        let told = "100 of 100 test presses are identical to calibration presses".to_owned();
         assert_eq!(verdict(Decision::Simple, limit, &repeated), (Verdict::NotDecided, told));
         let untested = Measured { location: None, ..measured() };
         assert_eq!(verdict(Decision::Simple, limit, &untested).1, "location error, mean: no test was evaluated");

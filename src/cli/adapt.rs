@@ -1,4 +1,4 @@
-//! `palpate adapt`: an older calibration, or that of a sibling, brought up to date by few presses.
+//! `palpate adapt`: updates an older calibration, or that of a similar sensor, with a few new presses.
 
 use super::exit::Failure;
 use super::fit::write;
@@ -16,19 +16,19 @@ Examples:
   palpate adapt --from runs/monday --with runs/tuesday --out sensor.palpate
   palpate adapt --from sibling.csv --with few.csv --out A-018.palpate
 
-The old presses are changed to what the sensor would read now: each unit's gain
-and place, as far as the new presses make a change likely. Then the method is
-fitted to them. 5 new presses are required. They should be spread over the
-area, one near each unit if there are as many.
+The old presses are corrected to what the sensor would read now: each unit's gain
+and position change where the new presses show a change. Then the method is
+fitted to them. At least 5 new presses are required. Spread them over the
+area, one near each unit if possible.
 
-It prints what changed, and the mean errors on the new presses: with the old
-calibration, and brought up to date without the places that are solved. Gains
-of single units and places change only where that lowers the second error
-beyond chance. The 68 % half-widths of the file contain 68 % of these errors.
+The command prints the changes and two mean errors on the new presses: with the
+old calibration, and with the updated one (cross-validated). Gains and positions
+of single units change only where this lowers the second error by more than
+chance. The file's 68 % half-widths contain 68 % of these errors.
 
 Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 
-/// Bring an older calibration, or that of a sibling sensor, up to date by few presses
+/// Update an older calibration, or that of a similar sensor, with a few new presses
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct AdaptArgs {
@@ -38,7 +38,7 @@ pub struct AdaptArgs {
     /// The new presses: a run folder or a table
     #[arg(long, value_name = "RUN")]
     with: PathBuf,
-    /// Where to write the sensor file; one that is there is replaced
+    /// Output file; an existing sensor file is replaced
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
@@ -53,7 +53,7 @@ pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let setting = args.method.setting(&old)?;
     let adapted = Adapted::new(args.method.solver(), &old.calibration, &new.calibration, &setting).into_diagnostic();
     let adapted = adapted
-        .wrap_err_with(|| format!("{}: can't be brought up to date", old.path.display()))
+        .wrap_err_with(|| format!("{}: can't update this calibration", old.path.display()))
         .map_err(Failure::usage)?;
     tell(&format!("{}\n", fitted_to(adapted.model.fitted().name(), adapted.model.validity())))?;
     tell_left_out(&old.path, adapted.model.fitted())?;
@@ -63,7 +63,7 @@ pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     write(&file, &args.out)
 }
 
-/// What changed, and what the new presses show. Without forces nothing is said of them.
+/// What changed, and what the new presses show. Without forces, force errors are left out.
 fn told(adapted: &Adapted, is_relative: bool) -> String {
     let Adapted { change, extent, held_out: HeldOut { presses, before, after }, .. } = adapted;
     let errors = |errors: &MeanErrors| match is_relative {
@@ -72,7 +72,7 @@ fn told(adapted: &Adapted, is_relative: bool) -> String {
     };
     format!(
         "gains     {}\nplaces    {}\n{presses} new presses, mean error\n  with the old calibration  {}\n  \
-         brought up to date        {} (each press held out)\n",
+         updated                   {} (cross-validated)\n",
         gains(change),
         places(change, *extent),
         errors(before),
@@ -89,17 +89,17 @@ fn gains(change: &Change) -> String {
         return String::new();
     };
     if least == most {
-        return format!("x {mean:.3}, all units alike");
+        return format!("x {mean:.3}, the same for all units");
     }
-    format!("x {mean:.3} in the mean; from x {least:.3} (unit {}) to x {most:.3} (unit {})", low + 1, high + 1)
+    format!("x {mean:.3} on average; from x {least:.3} (unit {}) to x {most:.3} (unit {})", low + 1, high + 1)
 }
 
 fn places(change: &Change, extent: Extent) -> String {
     if extent != Extent::GainsAndPlaces {
-        return "kept: moving them would not lower the held-out error".to_owned();
+        return "unchanged: moving them would not lower the cross-validated error".to_owned();
     }
     let count = change.moved.len() as f64;
     let (x_mm, y_mm) = change.moved.iter().fold((0.0, 0.0), |(x, y), moved| (x + moved.x_mm, y + moved.y_mm));
     let farthest = change.moved.iter().map(|moved| moved.distance_mm(Place::default())).fold(0.0, f64::max);
-    format!("{:+.3}, {:+.3} mm in the mean; no unit by more than {farthest:.3} mm", x_mm / count, y_mm / count)
+    format!("{:+.3}, {:+.3} mm on average; at most {farthest:.3} mm for one unit", x_mm / count, y_mm / count)
 }

@@ -20,17 +20,17 @@ Examples:
   palpate align rigs/esp301.toml
   palpate align rigs/sim.toml --dry-run
 
-Presses 5 x 5 places around where the array should be, with half of the force limit, and writes what it finds into the
-[frame] of the rig file; the rest of the file stays as it is. A poor fit is refused and nothing is written,
-nor is what --simulate finds in a real rig's place.";
+Presses 5 x 5 places around the expected position of the array, with half of the force limit, and writes the result into
+[frame] of the rig file; the rest of the file doesn't change. A poor fit is refused and nothing is written.
+With --simulate, the frame of a real rig is not written either.";
 
-/// Find where the specimen lies by pressing it, and write the rig's [frame]
+/// Locate the specimen by pressing it, and write the rig's [frame]
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct AlignArgs {
     #[command(flatten)]
     rig: OneRigArgs,
-    /// Print what was found, and write nothing
+    /// Print the result, and write nothing
     #[arg(long)]
     dry_run: bool,
 }
@@ -38,12 +38,12 @@ pub struct AlignArgs {
 /// The least uncertainty of the origin that is written, mm.
 const LEAST_MM: f64 = 1e-4;
 
-/// Presses, fits, tells, and writes.
+/// Presses, fits, reports, and writes.
 pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let (text, spec, invented) = args.rig.read()?;
     let (file, seed) = (&args.rig.rig, args.rig.seed);
     let plan = align_plan(&spec, seed).map_err(Failure::usage)?;
-    let cancel = heed(First::Stop, Some("stopping: the stage is brought to rest and parked"))?;
+    let cancel = heed(First::Stop, Some("stopping: the stage is stopped and parked"))?;
     let mut progress = Progress::new(&plan, 0, false, cancel.clone());
     let found = runtime(spec.is_simulated())?.block_on(align(&spec, seed, &cancel, &mut progress));
     progress.end();
@@ -53,7 +53,9 @@ pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
         other => Failure::not_accepted(
             Err::<(), _>(other)
                 .into_diagnostic()
-                .wrap_err("the rig file is left as it is: check `array.grid`, the order of its channels, and `frame.origin_mm`")
+                .wrap_err(
+                    "the rig file is unchanged: check `array.grid`, the order of its channels, and `frame.origin_mm`",
+                )
                 .unwrap_err(),
         ),
     })?;
@@ -61,7 +63,7 @@ pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let written = with_frame(&text, &found).into_diagnostic().map_err(Failure::usage)?;
     check_text(file, &written)?;
     if args.dry_run || invented {
-        let why = if args.dry_run { "--dry-run" } else { "a real rig isn't where a simulated one is" };
+        let why = if args.dry_run { "--dry-run" } else { "a simulated frame doesn't apply to a real rig" };
         print(&format!("\nnot written ({why})\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
@@ -77,12 +79,12 @@ fn described(found: &Alignment) -> String {
     let lies = if *surface_mm < 0.0 { "higher" } else { "deeper" };
     let indent = " ".repeat(12);
     format!(
-        "from {presses} presses, seen from the frame so far\n  \
+        "from {presses} presses, relative to the current frame\n  \
          array     x {:+.3}, y {:+.3} mm, each +-{origin_sigma_mm:.3} mm\n\
-         {indent}turned by {turned_deg:+.2} degrees, +-{rotation_sigma_deg:.2}\n\
-         {indent}its units lie {misfit_mm:.3} mm off the layout (rms)\n  \
-         surface   {:.3} mm {lies} than believed\n\
-         {indent}its plane rises {tilt_mm:.3} mm to the edge; a touch is +-{touch_sigma_mm:.4} mm\n\n\
+         {indent}rotated by {turned_deg:+.2} degrees, +-{rotation_sigma_deg:.2}\n\
+         {indent}its units are {misfit_mm:.3} mm off the layout (rms)\n  \
+         surface   {:.3} mm {lies} than in the current frame\n\
+         {indent}its plane rises {tilt_mm:.3} mm to the edge; one touch: +-{touch_sigma_mm:.4} mm\n\n\
          [frame]\n\
          surface_mm = {{ z = {surface_z_mm:.3}, uncertainty = {uncertainty_mm:.3} }}\n\
          origin_mm = {{ x = {:.3}, y = {:.3} }}\n\

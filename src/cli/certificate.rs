@@ -20,7 +20,7 @@ Examples:
 Writes OUT.html, which prints on A4, and OUT.xml, a Digital Calibration
 Certificate of the PTB (schema 3.2.0, units in D-SI). It isn't signed: the SHA-256
 of the journals is on it. Exit code 0 once both are written, 2 where
-certificate.toml lacks something that a certificate must say.";
+certificate.toml lacks required information.";
 
 /// Write the calibration certificate of a sensor
 #[derive(Debug, clap::Args)]
@@ -29,13 +29,13 @@ pub struct CertificateArgs {
     /// The run folders of the sensor
     #[arg(required = true)]
     runs: Vec<PathBuf>,
-    /// What no run knows: laboratory, customer, item, procedure
+    /// TOML file with laboratory, customer, item and procedure
     #[arg(long, value_name = "FILE")]
     with: PathBuf,
-    /// Where to write, without an ending [default: certificate in the first run's folder]
+    /// Output path without extension [default: certificate in the first run's folder]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Runs without a sensor ID are of the same sensor
+    /// Treat runs without a sensor ID as runs of the same sensor
     #[arg(long)]
     same_sensor: bool,
     #[command(flatten)]
@@ -76,7 +76,7 @@ fn check_free_xml(xml: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     let help = "choose another --out: only a certificate that palpate wrote is replaced";
-    Err(Failure::usage(miette::miette!(help = help, "{} is there already", xml.display())))
+    Err(Failure::usage(miette::miette!(help = help, "{} already exists", xml.display())))
 }
 
 /// The largest certificate that is looked at, bytes.

@@ -18,12 +18,12 @@ Examples:
   palpate check recipes/test.toml --rig rigs/esp301.toml --seed 7
   palpate check recipes/bench.toml --strategy guarded
 
-Exit code: 0 the recipe can be run, 2 it can't: every problem is told at its line.";
+Exit code: 0 the recipe can be run, 2 it can't: each problem is reported with its line.";
 
 /// What the links of a rig take together, quick and slow, s: it is timed when a run begins.
 const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
 
-/// Print what a recipe would do on a rig, without moving anything
+/// Print what a recipe would do on a rig; nothing moves
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct CheckArgs {
@@ -55,12 +55,12 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
         }
     }
     let _ = writeln!(text, "{}", counted("together", &plan.entries, rig));
-    let _ = writeln!(text, "held against the rig");
+    let _ = writeln!(text, "limits of the rig");
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
     let limits = &rig.limits;
     let _ = writeln!(text, "  largest force {} N, limit {} N{}", plan.most_n(), limits.force_n, distance(plan, rig));
-    let _ = writeln!(text, "  depth at most {} mm below the surface as touched", limits.depth_mm);
+    let _ = writeln!(text, "  depth at most {} mm below the measured surface", limits.depth_mm);
     let (steps, descent_s) = first_descent(rig);
     let _ = writeln!(
         text,
@@ -78,11 +78,11 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
 fn distance(plan: &Plan, rig: &RigSpec) -> String {
     let (set_n, limit_n) = (plan.most_n(), rig.limits.force_n);
     let Some(u_n) = rig.load_cell.standard_uncertainty_n(set_n) else {
-        return if set_n < limit_n { String::new() } else { ": beyond it by whatever the load cell errs".to_owned() };
+        return if set_n < limit_n { String::new() } else { ": exceeded by any error of the load cell".to_owned() };
     };
     let true_n = set_n + COVERAGE * u_n;
-    let beyond = if true_n > limit_n { ", beyond the limit" } else { "" };
-    format!(": by the\n  load cell's stated error up to {true_n:.3} N{beyond}")
+    let beyond = if true_n > limit_n { ", exceeds the limit" } else { "" };
+    format!(": with the\n  load cell's stated error up to {true_n:.3} N{beyond}")
 }
 
 /// What the permit bounds every move to, whatever becomes of the host.
@@ -96,8 +96,8 @@ fn permitted(rig: &RigSpec) -> String {
     let [fast, slow] = EXCHANGES_S.map(|exchanges_s| speed(exchanges_s).min(rig.stage.speed_mm_s));
     format!(
         "  a move ends at most {:.3} mm beyond the earliest contact ({} N at {} N/mm),\n  \
-         before the first touch beyond what was measured to be free,\n  \
-         and toward it at most at {slow:.2} to {fast:.2} mm/s (links of {:.0} to {:.0} ms)",
+         before the first touch: beyond the depth measured to be free,\n  \
+         and approaches at no more than {slow:.2} to {fast:.2} mm/s (links of {:.0} to {:.0} ms)",
         limits.force_n / limits.stiffness_n_mm,
         limits.force_n,
         limits.stiffness_n_mm,

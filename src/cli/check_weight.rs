@@ -26,19 +26,19 @@ const GAIN_DECIMALS: i32 = 6;
 /// A check of the load cell with a known weight.
 #[derive(Debug, clap::Args)]
 pub struct WeightArgs {
-    /// Check the load cell with a known weight of this force, N, put on the tip when asked
+    /// Check the load cell with a weight of this force, N; palpate asks when to put it on the tip
     #[arg(long, value_name = "N")]
     check_weight_n: Option<f64>,
-    /// How well the weight's force is known, N: expanded uncertainty, k = 2 [default: 0.5 % of it]
+    /// Expanded uncertainty (k = 2) of the weight's force, N [default: 0.5 % of the force]
     #[arg(long, value_name = "N", requires = "check_weight_n")]
     check_weight_u_n: Option<f64>,
-    /// The weight acts as contact does; the default
+    /// The weight acts in the direction of contact (default)
     #[arg(long, requires = "check_weight_n", conflicts_with = "pull")]
     push: bool,
-    /// The weight hangs from the tip and acts the other way
+    /// The weight hangs from the tip and acts against the direction of contact
     #[arg(long, requires = "check_weight_n")]
     pull: bool,
-    /// Divide readings by the gain that the check finds, from now on
+    /// From now on, divide readings by the gain that this check measures
     #[arg(long, requires = "check_weight_n")]
     adjust: bool,
 }
@@ -78,20 +78,20 @@ impl WeightArgs {
         // asked for what must hold, so that a NaN is refused
         let is_borne = weight_n > 0.0 && weight_n <= limit_n;
         if !is_borne {
-            let help = "take a lighter weight: nothing was moved";
+            let help = "use a lighter weight; nothing was moved";
             let told = miette::miette!(
                 help = help,
-                "--check-weight-n is {weight_n} N, expected over 0 and at most the rig's force limit of {limit_n} N"
+                "--check-weight-n is {weight_n} N; it must be above 0 and at most the rig's force limit of {limit_n} N"
             );
             return Err(Failure::usage(told));
         }
         let (u_n, most_n) = (self.check_weight_u_n.unwrap_or(UNSTATED_SHARE * weight_n), U_SHARE_MOST * weight_n);
         let is_known = u_n > 0.0 && u_n <= most_n;
         if !is_known {
-            let help = "a weight that is known worse says too little of a gain: nothing was moved";
+            let help = "use a weight with a smaller uncertainty; nothing was moved";
             let told = miette::miette!(
                 help = help,
-                "--check-weight-u-n is {u_n} N, expected over 0 and at most {most_n} N, {} % of the weight",
+                "--check-weight-u-n is {u_n} N; it must be above 0 and at most {most_n} N, {} % of the weight",
                 100.0 * U_SHARE_MOST
             );
             return Err(Failure::usage(told));
@@ -109,7 +109,9 @@ pub fn ask(what: Ask, weight: Option<KnownWeight>) {
             let how = if pull { "hang the weight from the tip" } else { "put the weight on the tip" };
             tell(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
         }
-        Ask::TakeOff(time) => tell(&format!("take it off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n")),
+        Ask::TakeOff(time) => {
+            tell(&format!("take the weight off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
+        }
     };
 }
 
@@ -132,8 +134,8 @@ pub fn concluded(
     // a gain that readings are adjusted for is changed only where a person asks for it, or where it is wrong
     let stays = judged.verdict == Verdict::Verified && !check.adjusted && adjusted_before.is_some();
     let unwritten = match (stays, invented) {
-        (true, _) => Some("the rig's `check` stays as it is"),
-        (false, true) => Some("not written: a real load cell's gain isn't a simulated one's"),
+        (true, _) => Some("the rig's `check` is unchanged"),
+        (false, true) => Some("not written: the gain of a simulated load cell doesn't apply to a real one"),
         _ => None,
     };
     if unwritten.is_none() {
@@ -153,19 +155,18 @@ fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) 
     let WeightCheck { weight_n, weight_u_n, gain, gain_sd, times, adjusted, .. } = check;
     let Judged { verdict, off, explained } = judged;
     let (off_percent, explained_percent) = (100.0 * off, 100.0 * explained);
-    let from = adjusted_before.map_or_else(String::new, |gain| format!(" from the {gain} adjusted for"));
+    let from = adjusted_before.map_or_else(String::new, |gain| format!(" relative to the adjusted gain {gain}"));
     let verdict = match verdict {
-        Verdict::Verified => format!("verified: {off_percent:+.2} %{from}; {explained_percent:.2} % is explained"),
-        Verdict::Off => format!("off by {off_percent:+.2} %{from}; {explained_percent:.2} % is explained"),
+        Verdict::Verified => {
+            format!("verified: {off_percent:+.2} %{from}; {explained_percent:.2} % is within the uncertainty")
+        }
+        Verdict::Off => format!("off by {off_percent:+.2} %{from}; {explained_percent:.2} % is within the uncertainty"),
         Verdict::WrongSign => "its sign is wrong".to_owned(),
-        Verdict::Fault(_) => "a fault: too far off to be adjusted for".to_owned(),
+        Verdict::Fault(_) => "a fault: too large to adjust".to_owned(),
     };
     let mut lines = vec![
-        format!("{gain:.4} of a weight of {weight_n} N, known within {weight_u_n} N"),
-        format!(
-            "standard uncertainty {:.5}; {gain_sd:.5} (sd) from time to time, {times} times",
-            check.standard_uncertainty()
-        ),
+        format!("{gain:.4} of a weight of {weight_n} N (U = {weight_u_n} N, k = 2)"),
+        format!("standard uncertainty {:.5}; {gain_sd:.5} (sd) of {times} repeats", check.standard_uncertainty()),
         verdict,
     ];
     if *adjusted {
@@ -207,37 +208,41 @@ fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failur
         Verdict::Verified => return None,
         Verdict::Off => {
             let (off_percent, explained_percent) = (100.0 * judged.off, 100.0 * judged.explained);
-            let told = format!("its gain is off by {off_percent:+.2} %, and {explained_percent:.2} % can be explained");
+            let told =
+                format!("its gain is off by {off_percent:+.2} %, but the uncertainty is only {explained_percent:.2} %");
             let help = if is_sound {
-                "readings are no longer adjusted for, since the cell reads right by itself: was it repaired?"
+                "readings are no longer adjusted: the cell is correct without it. Was it repaired?"
             } else {
-                "say --adjust, or repair the cell and check it again"
+                "add --adjust, or repair the cell and check it again"
             };
             (told, help.to_owned())
         }
         Verdict::WrongSign => {
             let (acted, read, other) =
                 if *pull { ("pulled", "positive", "--push") } else { ("pressed", "negative", "--pull") };
-            let told = format!("its sign is wrong. The weight {acted}, and the cell read it {read} ({gain:.3} of it)");
+            let told =
+                format!("its sign is wrong. The weight {acted}, but the cell read {read} ({gain:.3} of the weight)");
             (
                 told,
-                format!("swap the cell's signal wires or set its sign; did the weight act the other way, say {other}"),
+                format!("swap the cell's signal wires or set its sign; if the weight acted the other way, add {other}"),
             )
         }
         Verdict::Fault(cause) => {
             let most_percent = 100.0 * GAIN_OFF_MOST;
             let told = format!(
-                "it read {gain:.4} of the weight. Farther off than {most_percent} % is a fault, and isn't adjusted for"
+                "it read {gain:.4} of the weight. An error over {most_percent} % is a fault and isn't adjusted"
             );
             let help = match cause {
-                Some(cause) => format!("it looks as if {cause}"),
-                None => "is the cell's range in the transmitter the one on its plate, and is this the right weight?"
-                    .to_owned(),
+                Some(cause) => format!("probable cause: {cause}"),
+                None => {
+                    "check that the transmitter's range matches the cell's rating plate, and that the weight is correct"
+                        .to_owned()
+                }
             };
             (told, help)
         }
     };
-    let until = if is_sound { "" } else { ". A run on this rig is refused until then" };
+    let until = if is_sound { "" } else { ". Until then palpate refuses to run on this rig" };
     let help = format!("{help}{until}");
     Some(Failure::untrusted(miette::miette!(help = help, "checking the load cell with {weight_n} N: {told}")))
 }

@@ -21,11 +21,11 @@ Examples:
   palpate doctor rigs/paper.toml --json
   palpate doctor rigs/esp301.toml --check-weight-n 0.5 --check-weight-u-n 0.0005
 
-With a check weight it asks for the weight on the tip, and off again, three times; the load
-cell shows when. What it finds is written to `check` of the rig's [load_cell]. Readings are
+With a check weight, palpate asks three times to put the weight on the tip and to take it off; the load
+cell detects both. The result is written to `check` in the rig's [load_cell]. Readings are
 adjusted only with --adjust.
 
-Homes what isn't homed (z first, away from the specimen) and withdraws to the clear; presses nothing.
+Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height; presses nothing.
 Exit code: 0 the rig can be used, 2 a bad rig file, 3 a device doesn't work, 4 the load cell can't be trusted.";
 
 /// Bars of the histogram of reaction times, and the columns of the longest.
@@ -47,7 +47,7 @@ const ZERO_SHARE: f64 = 0.5;
 /// An approach slower than this makes the search for the surface the longest part of a press, mm/s.
 const SLOW_MM_S: f64 = 1.0;
 
-/// Look at a rig: identify and check its devices, measure zero, noise and reaction time
+/// Check a rig: identify its devices, measure zero, noise and reaction time
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
@@ -60,7 +60,7 @@ pub struct DoctorArgs {
     weight: WeightArgs,
 }
 
-/// Looks, and tells what follows.
+/// Checks the rig and reports what to do.
 pub fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let (text, rig, invented) = args.rig.read()?;
     let weight = args.weight.weight(&rig)?;
@@ -107,7 +107,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
     for (role, device) in &found.devices {
         let _ = match device {
             Ok(identity) => write!(text, "{}", beside(role, 11, &identity.identity)),
-            Err(_) => writeln!(text, "{role:<11}doesn't work: see below"),
+            Err(_) => writeln!(text, "{role:<11}fails: see below"),
         };
     }
     let _ = writeln!(text, "\n{:<11}{:>10}{:>10}{:>10}", "exchange", "shortest", "median", "longest");
@@ -125,14 +125,17 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             zero.offset_n,
             1000.0 * zero.sigma_n
         );
-        let _ = writeln!(text, "{:<11}{:.0} % of the readings are new ones", "", 100.0 * fresh_share);
+        let _ = writeln!(text, "{:<11}{:.0} % of the readings are new", "", 100.0 * fresh_share);
         if let Some(hum) = zero.hum {
             let _ = writeln!(text, "{:<11}{}", "", hum_told(&hum));
         }
         if spec.load_cell.air_n.is_none() {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
-            let _ =
-                writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would refuse any other zero", "");
+            let _ = writeln!(
+                text,
+                "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would refuse a zero outside this range",
+                ""
+            );
         }
         let noise = match spec.array.unit.as_str() {
             "V" => format!("{:.2} mV", 1000.0 * outputs_sigma_v),
@@ -141,20 +144,20 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         let _ = writeln!(text, "{:<11}noise of the noisiest output {noise}", "");
     }
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s) {
-        let _ = writeln!(text, "\nreaction   from a force to the stage's answer to a command");
+        let _ = writeln!(text, "\nreaction   from a change of force to the stage's response");
         text.push_str(&histogram(&found.reactions_s));
         let (worst_ms, limits) = (1000.0 * reaction.worst_s(), &spec.limits);
         let _ =
-            writeln!(text, "\n{:<11}{worst_ms:.1} ms are reckoned with: half as much again, and 10 ms of servo", "");
+            writeln!(text, "\n{:<11}{worst_ms:.1} ms are assumed: 1.5 times the longest, plus 10 ms for the servo", "");
         let _ = writeln!(
             text,
-            "{:<11}so that an approach is at most at {approach_mm_s:.2} mm/s\n{:<11}({} N at {} N/mm, {} mm/s^2)",
+            "{:<11}fastest safe approach: {approach_mm_s:.2} mm/s\n{:<11}({} N at {} N/mm, {} mm/s^2)",
             "", "", limits.force_n, limits.stiffness_n_mm, spec.stage.acceleration_mm_s2
         );
     }
     let _ = match advice {
-        [] => writeln!(text, "\nnothing to put right"),
-        advice => writeln!(text, "\nto put right\n{}", wrapped(advice)),
+        [] => writeln!(text, "\nno problems found"),
+        advice => writeln!(text, "\nto do\n{}", wrapped(advice)),
     };
     text
 }
@@ -164,11 +167,11 @@ fn hum_told(hum: &Hum) -> String {
     let (hz, amplitude_mn) = (hum.hz, 1000.0 * hum.amplitude_n);
     match hum.whole_s {
         Some(whole_s) => {
-            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: means take whole periods, {:.0} ms", 1000.0 * whole_s)
+            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: means span whole periods, {:.0} ms", 1000.0 * whole_s)
         }
         None => {
             let left_mn = 1000.0 * hum.left_n(WINDOW_S);
-            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: too slow a cell, {left_mn:.1} mN stay in a window")
+            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: the cell is too slow, {left_mn:.1} mN remain in a window")
         }
     }
 }
@@ -207,21 +210,21 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
             let sigma_n = air.zero.sigma_n;
             if sigma_n > NOISE_SHARE * limit_n {
                 advice.push(format!(
-                    "load_cell: its noise of {sigma_n:.4} N is over {} % of the force limit: a run won't begin. Filter it, or \
-                     take a cell of a smaller range",
+                    "load_cell: its noise of {sigma_n:.4} N is over {} % of the force limit: a run won't start. Filter it, or \
+                     use a cell with a smaller range",
                     100.0 * NOISE_SHARE
                 ));
             }
             if air.zero.offset_n.abs() > ZERO_SHARE * limit_n {
                 advice.push(format!(
-                    "load_cell: it reads {:.3} N in air. That is taken off, but is it preloaded, or is something touching?",
+                    "load_cell: it reads {:.3} N in air. This is subtracted, but check whether it is preloaded or something touches it",
                     air.zero.offset_n
                 ));
             }
             if air.fresh_share < FRESH_SHARE && air.zero.frozen_after.is_some() {
                 advice.push(format!(
-                    "load_cell: only {:.0} % of the readings are new: does it really convert {} times a second \
-                     (`conversions_hz`)?",
+                    "load_cell: only {:.0} % of the readings are new: check whether it converts {} times a second \
+                     (`conversions_hz`)",
                     100.0 * air.fresh_share,
                     spec.load_cell.conversions_hz
                 ));
@@ -233,7 +236,7 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s)
         && approach_mm_s < SLOW_MM_S
     {
-        let told = "an approach is slow";
+        let told = "the approach is slow";
         advice.push(format!("{told}: {approach_mm_s:.2} mm/s. {}", slowest_part(reaction)));
     }
     advice
@@ -244,13 +247,13 @@ fn slowest_part(reaction: &Reaction) -> String {
     let Reaction { conversion_s, load_cell_s, stage_s, lag_s } = *reaction;
     let parts = [
         (conversion_s, "the time between two conversions of the load cell: raise its rate"),
-        (load_cell_s, "the load cell's link: raise its line rate, or take TCP"),
-        (stage_s, "the stage's link: raise its line rate"),
-        (lag_s, "the load cell's own filter (`lag_ms`): open it"),
+        (load_cell_s, "the load cell's link: raise its baud rate, or use TCP"),
+        (stage_s, "the stage's link: raise its baud rate"),
+        (lag_s, "the load cell's filter (`lag_ms`): raise its cut-off frequency"),
     ];
     let (seconds, what) = parts.into_iter().fold((0.0, ""), |most, part| if part.0 > most.0 { part } else { most });
     format!(
-        "Its largest part is {what} ({:.1} ms); or is `limits.stiffness_n_mm` larger than it need be?",
+        "The largest part is {what} ({:.1} ms). A smaller `limits.stiffness_n_mm` also helps, if the specimen allows it",
         1000.0 * seconds
     )
 }

@@ -9,13 +9,13 @@ const EXAMPLES: &str = "\
 Example:
   palpate drivers
 
-A family goes into a rig file as driver = \"esp301\", or as driver = { modbus = \"labjack-t7\" } with its keys.
+In a rig file, write driver = \"esp301\", or driver = { modbus = \"labjack-t7\" } with its keys.
 Every family can be simulated: link = \"sim\", or --simulate.";
 
 /// Where what is said of a family begins, columns.
 const INDENT: usize = 12;
 
-/// List the families of devices that a rig may name
+/// List the device families that a rig can use
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DriversArgs {}

@@ -22,25 +22,25 @@ Examples:
   palpate emulate rigs/esp301.toml --json
   palpate emulate rigs/xps.toml --port stage=5001 --port array=1502
 
-Serial devices are pseudo-terminals, network devices ports of this machine (127.0.0.1); --port puts any of them on a port.
-All devices of the rig act on one scene. Ends when it is told to stop (Ctrl-C).";
+Serial devices are pseudo-terminals, network devices are ports of this machine (127.0.0.1); --port puts any device on a port.
+All devices of the rig act on one scene. Ctrl-C ends the program.";
 
-/// Serve a rig's emulators in real time, for any program to talk to
+/// Serve a rig's emulators in real time, for use by any program
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct EmulateArgs {
     /// The rig
     rig: PathBuf,
-    /// Print one JSON object a device: device, protocol, listen
+    /// Print one JSON object per device: device, protocol, listen
     #[arg(long)]
     json: bool,
-    /// Put a device (stage, load_cell, array) on this TCP port; 0 is any that is free
+    /// Put a device (stage, load_cell, array) on this TCP port; 0 selects a free port
     #[arg(long = "port", value_name = "NAME=PORT", value_parser = port)]
     ports: Vec<(String, u16)>,
-    /// Listen at this address, for other machines too: anyone who reaches it can use the emulators
+    /// Listen at this address, also for other machines: anyone who can reach it can use the emulators
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     listen: IpAddr,
-    /// What the specimen and all noise are drawn from
+    /// Random seed for the specimen and all noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 }
@@ -54,7 +54,7 @@ struct Offer<'a> {
     listen: Option<&'a str>,
 }
 
-/// Serves until it is told to stop.
+/// Serves until it is stopped.
 pub fn emulate(args: &EmulateArgs) -> Result<ExitCode, Failure> {
     let (_, spec) = read_rig(&args.rig)?;
     let runtime = Builder::new_current_thread().enable_all().build().into_diagnostic().map_err(Failure::usage)?;
@@ -70,11 +70,11 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
         let Some((device, _)) = devices.iter().find(|(_, role)| role == name) else {
             return Err(Failure::usage(miette::miette!(
                 help = "stage, load_cell and array are the devices of a rig",
-                "--port {name}=...: there is no device of that name"
+                "--port {name}=...: there is no device with this name"
             )));
         };
         if device.instrument().is_none() {
-            let help = "programs find it as a library, not at a port";
+            let help = "programs load it as a library; it has no port";
             return Err(Failure::usage(miette::miette!(
                 help = help,
                 "--port {name}=...: {} has no socket",
@@ -101,7 +101,7 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
             let line = serde_json::to_string(&offer).into_diagnostic().map_err(Failure::usage)?;
             print(&format!("{line}\n"))?;
         } else {
-            let listen = listen.unwrap_or("no socket: only within a simulated run");
+            let listen = listen.unwrap_or("no socket: available only within a simulated run");
             print(&format!("{role:<12}{:<14}{listen}\n", device.protocol))?;
         }
     }

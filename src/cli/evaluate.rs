@@ -29,38 +29,38 @@ Examples:
   palpate evaluate runs/paper --solver all
   palpate evaluate --calibration grid.csv --test random.csv --accept data/example/accept.toml
 
-Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. Where the
-calibration has no force_n, a press counts as long as its row of outputs is,
-beside all others: its proportions are what counts, and of the test only the
-location is evaluated. With --constant-load every press then counts as 1 N.
+Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. If the
+calibration has no force_n, the method uses only the proportions of the
+outputs of each press, and evaluates only the location errors of the test.
+With --constant-load, every press then counts as 1 N.
 
-The verdict is by the acceptance rule: [accept] of the run's recipe, or
---accept FILE. Without a rule there is none.
+The verdict uses the acceptance rule: [accept] of the run's recipe, or
+--accept FILE. Without a rule there is no verdict.
 Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
 
-/// Solve the test presses of a run, or of two tables, and print how far off the answers are
+/// Solve the test presses of a run, or of two tables, and print the errors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct EvaluateArgs {
-    /// A run folder: its calibration presses against its test presses
+    /// A run folder with calibration and test presses
     #[arg(required_unless_present_any = ["calibration", "test"])]
     run: Option<PathBuf>,
-    /// A table of presses to calibrate on
+    /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     calibration: Option<PathBuf>,
-    /// A table of presses to solve; without force_n, location only
+    /// A table of test presses; without force_n, only location is evaluated
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     test: Option<PathBuf>,
-    /// The method; best is the one that cross-validation on the calibration finds best
+    /// The method; best selects by cross-validation on the calibration
     #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST, ALL]))]
     solver: String,
-    /// Every contact presses as hard as the calibration did
+    /// Assume that every contact has the force of the calibration
     #[arg(long)]
     constant_load: bool,
-    /// Print one JSON object for each solver, a line each, instead of tables
+    /// Print one JSON object per solver and line instead of tables
     #[arg(long)]
     json: bool,
-    /// What repeatability means in the characteristics of a run's units
+    /// Definition of repeatability in the characteristics
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
     #[command(flatten)]
@@ -98,7 +98,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not
-        _ => Err(Failure::usage(miette::miette!("evaluate needs a run folder, or two tables"))),
+        _ => Err(Failure::usage(miette::miette!("a run folder, or --calibration and --test, is required"))),
     }
 }
 

@@ -1,4 +1,4 @@
-//! `palpate report --figures`: each figure of a page as an SVG file, and the numbers behind it as a CSV file of the same name.
+//! `palpate report --figures`: each figure of a page as an SVG file, and the numbers as a CSV file of the same name.
 
 use super::exit::Failure;
 use crate::chart::SVG_MARK;
@@ -24,7 +24,7 @@ impl<'a> FigureFiles<'a> {
             for path in [svg, csv] {
                 let why = match files::check_replaceable(&path) {
                     Ok(()) if is_ours || path.symlink_metadata().is_err() => continue,
-                    Ok(()) => "is there already".to_owned(),
+                    Ok(()) => "already exists".to_owned(),
                     Err(why) => format!("can't be written: {why}"),
                 };
                 let help = "choose another --figures: only figures that palpate wrote are replaced";
@@ -51,7 +51,7 @@ impl<'a> FigureFiles<'a> {
             files::place(path, text)
         };
         put().map_err(|why| {
-            let help = "choose another --figures, or make room and set the permissions right; the page is written";
+            let help = "choose another --figures, or free disk space and check the permissions; the page is written";
             Failure::unwritten(miette::miette!(help = help, "writing the figure {}: {why}", path.display()))
         })
     }

@@ -13,11 +13,11 @@ Examples:
   palpate fit grid.csv --solver surrogate --out A-017.palpate
   palpate solve --model sensor.palpate < readings.csv
 
-The file holds the fitted method and answers as `solve --calibration` does, to
-the last bit, without fitting again. Its first two lines are text: what it is,
-what it was made from, and the area and the forces that it is valid for. It has
-32 MB at most. Where the presses find no room in it, readings that lack an
-output have no answer.
+The file holds the fitted method. `solve --model` gives the same answers as
+`solve --calibration`, bit for bit, without fitting. Its first two lines are text:
+the source, and the area and the forces that it is valid for. Its size is
+32 MB at most. If the presses don't fit into it, readings with a missing
+output can't be solved.
 
 Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 
@@ -27,7 +27,7 @@ Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 pub struct FitArgs {
     /// A run folder, or a table of presses
     calibration: PathBuf,
-    /// Where to write; a sensor file that is there is replaced
+    /// Output file; an existing sensor file is replaced
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]

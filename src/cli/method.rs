@@ -26,25 +26,25 @@ pub fn load(is_constant: bool) -> ForceKnown {
 /// The method, and what contacts to expect.
 #[derive(Debug, clap::Args)]
 pub struct MethodArgs {
-    /// The method; best is the one that cross-validation on the calibration finds best
+    /// The method; best selects by cross-validation on the calibration
     #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST]))]
     solver: String,
-    /// Every contact presses as hard as the calibration did
+    /// Assume that every contact has the force of the calibration
     #[arg(long)]
     constant_load: bool,
-    /// All outputs may be off by one and the same amount: solve for it too
+    /// Also solve for an offset that is the same for all outputs
     #[arg(long)]
     common_offset: bool,
-    /// The share of single contacts that a verdict may wrongly call something else
+    /// Accepted share of single contacts with a wrong verdict
     #[arg(long, value_name = "SHARE", default_value_t = Setting::default().false_alarms, value_parser = share)]
     false_alarms: f64,
-    /// The forces to come, N; else from a tenth of the calibration's to the calibration's
+    /// Expected forces, N [default: from a tenth of the calibration force to the calibration force]
     #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
     forces_n: Option<Vec<f64>>,
 }
 
 /// What the forces of a calibration without forces are.
-pub const FORCES_ARE_RELATIVE: &str = "no force_n in the calibration: forces are in units of its typical press\n";
+pub const FORCES_ARE_RELATIVE: &str = "no force_n in the calibration: forces are relative to its typical press\n";
 
 /// What a method is fitted to.
 pub struct Source {
@@ -56,7 +56,7 @@ pub struct Source {
     pub layout: Option<ArrayLayout>,
     /// The sensor's ID, where the run has one.
     pub sensor: Option<String>,
-    /// Its forces aren't newtons.
+    /// Its forces are relative, not in newtons.
     pub is_relative: bool,
 }
 
@@ -83,8 +83,8 @@ impl Source {
         }
         let (card, model) = read_sensor_file(path).map_err(Failure::usage)?;
         let Some(calibration) = model.calibration() else {
-            let help = "name the run or the table that it was made from";
-            return Err(Failure::usage(miette::miette!(help = help, "{} holds no presses", path.display())));
+            let help = "give the run or the table that it was made from";
+            return Err(Failure::usage(miette::miette!(help = help, "{} contains no presses", path.display())));
         };
         let (calibration, layout) = (calibration.clone(), model.setting().layout.cloned());
         let is_relative = card.valid.force_n.is_none();
@@ -124,7 +124,7 @@ impl MethodArgs {
     pub fn fit(&self, source: &Source) -> Result<Model, Failure> {
         let model = Model::fit(&self.solver, source.calibration.clone(), &self.setting(source)?).into_diagnostic();
         let name = source.path.display();
-        model.wrap_err_with(|| format!("{name}: can't be calibrated on")).map_err(Failure::usage)
+        model.wrap_err_with(|| format!("{name}: can't be used as a calibration")).map_err(Failure::usage)
     }
 
     /// Says which method was fitted to what, and why that one.
@@ -141,7 +141,9 @@ impl MethodArgs {
         match self.forces_n.as_deref() {
             Some([least, most]) if least < most => Ok(Some((*least, *most))),
             None => Ok(None),
-            Some(_) => Err(Failure::usage(miette::miette!("--forces-n takes the least force first, then the most"))),
+            Some(_) => {
+                Err(Failure::usage(miette::miette!("--forces-n: the first force must be smaller than the second")))
+            }
         }
     }
 }
@@ -162,13 +164,13 @@ pub fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
 fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(share) if share > 0.0 && share < 1.0 => Ok(share),
-        _ => Err("expected a share between 0 and 1: 0.01 is one in a hundred".to_owned()),
+        _ => Err("expected a number between 0 and 1, such as 0.01".to_owned()),
     }
 }
 
 fn force(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(force_n) if force_n.is_finite() && force_n > 0.0 => Ok(force_n),
-        _ => Err("expected a force over 0 N".to_owned()),
+        _ => Err("expected a force above 0 N".to_owned()),
     }
 }

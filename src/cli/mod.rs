@@ -59,8 +59,8 @@ Examples:
   palpate report runs/paper
   palpate solve --calibration runs/paper < readings.csv";
 
-/// Calibrates tactile sensors: presses the sensor where a recipe says, as hard as it says, keeps every press, and solves
-/// where and how hard an unknown contact is.
+/// Calibrates tactile sensors: presses a sensor at the places and forces of a recipe, records every press, and solves
+/// location and force of unknown contacts.
 #[derive(Debug, Parser)]
 #[command(name = "palpate", version, after_help = EXAMPLES, max_term_width = 100)]
 struct CommandLine {
@@ -96,7 +96,7 @@ enum Command {
     Man(shell::ManArgs),
 }
 
-/// Parses the command line, does what it says, and turns the outcome into an exit code.
+/// Parses the command line, runs the command, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
     let command = CommandLine::parse().command; // usage errors exit with 2 by themselves
     // a link or a path is one word: it isn't broken at its slashes

@@ -10,7 +10,7 @@ const EXAMPLES: &str = "\
 Example:
   palpate ports
 
-A port goes into a rig file as link = \"serial://PORT?baud=RATE\".";
+In a rig file, write link = \"serial://PORT?baud=RATE\".";
 
 /// List the serial ports of this machine
 #[derive(Debug, clap::Args)]
@@ -20,10 +20,10 @@ pub struct PortsArgs {}
 /// Lists the ports, one line each.
 pub fn ports(_: &PortsArgs) -> Result<ExitCode, Failure> {
     let mut ports = serialport::available_ports()
-        .map_err(|error| Failure::usage(miette::miette!("this system doesn't list its serial ports: {error}")))?;
+        .map_err(|error| Failure::usage(miette::miette!("can't list the serial ports of this system: {error}")))?;
     ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));
     if ports.is_empty() {
-        summary::tell("no serial ports\n")?;
+        summary::tell("no serial ports found found\n")?;
     }
     print(&ports.iter().map(line).collect::<String>())?;
     Ok(ExitCode::SUCCESS)

@@ -139,7 +139,7 @@ impl Listener for Progress {
     fn retouched(&mut self, retouch: &Retouch) {
         let Retouch { place, before_mm, touched_mm, .. } = retouch;
         let moved_um = 1000.0 * (touched_mm - before_mm);
-        self.line(&format!("touched again at {:.2}, {:.2} mm: {moved_um:+.0} um from before", place.x_mm, place.y_mm));
+        self.line(&format!("touched again at {:.2}, {:.2} mm: moved by {moved_um:+.0} um", place.x_mm, place.y_mm));
     }
 
     fn rests(&mut self, seconds: f64) {
@@ -151,7 +151,7 @@ impl Listener for Progress {
         if is_attended {
             forget_typed();
             self.line(&format!(
-                "paused after {} of {} presses, parked: Enter goes on, Ctrl-C ends",
+                "paused after {} of {} presses, stage parked: Enter continues, Ctrl-C ends",
                 self.done, self.planned
             ));
             go_on_at_enter(&self.cancel);

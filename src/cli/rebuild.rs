@@ -12,10 +12,10 @@ const EXAMPLES: &str = "\
 Examples:
   palpate rebuild runs/paper
 
-The journal stays as it is, except for a last record that a power cut has torn.
-Where manifest or tables hold presses that the journal lacks, nothing is changed
+The journal doesn't change, except that an incomplete last record is removed.
+If manifest or tables hold presses that the journal lacks, nothing is changed
 (exit code 2): restore the journal from a copy. Without a copy, --accept-loss
-regenerates everything from what the journal holds, and records that it did.";
+regenerates everything from the journal, and records the loss.";
 
 /// Regenerate a run's tables and manifest from its journal
 #[derive(Debug, clap::Args)]
@@ -23,7 +23,7 @@ regenerates everything from what the journal holds, and records that it did.";
 pub struct RebuildArgs {
     /// The run folder
     run: PathBuf,
-    /// Go on with what the journal holds, although the other files of the run hold more presses
+    /// Continue with the presses of the journal, although other files of the run hold more
     #[arg(long)]
     accept_loss: bool,
 }

@@ -22,7 +22,7 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     if texts.rig().is_empty() {
         let help = "restore journal.log from a copy; nothing was changed";
         let path = run.join("journal.log");
-        return Err(Failure::usage(miette::miette!(help = help, "{} has lost its beginning", path.display())));
+        return Err(Failure::usage(miette::miette!(help = help, "{}: the beginning is missing", path.display())));
     }
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
@@ -33,7 +33,7 @@ pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
     warn_of_table(table)?;
     for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {
         tell(&format!(
-            "warning: {}: column `{column}` looks like {looks_like} and isn't used ({read_from} is)\n",
+            "warning: {}: column `{column}` looks like {looks_like} but isn't used (only {read_from})\n",
             table.display()
         ))?;
     }

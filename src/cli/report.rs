@@ -24,35 +24,35 @@ Examples:
   palpate report --compare runs/batch-* --out batch.html
   palpate report runs/paper --figures figures
 
-Runs of one page are of one sensor, each phase from one of them. The page is one
-file that needs nothing else: it opens without a network and prints. --figures
-saves each of its figures too, as an SVG file in light colours, and the numbers
-behind it as a CSV file of the same name.
-Exit code: 0 accepted or no rule, 1 not accepted or not decided; of a comparison
-0 once it is written.";
+All runs of a page must be of one sensor, with each phase in one run. The page is one
+self-contained file: it opens without a network and can be printed. --figures
+also saves each figure as an SVG file in light colours, and its numbers
+as a CSV file of the same name.
+Exit code: 0 accepted or no rule, 1 not accepted or not decided; --compare: 0 when
+the page is written.";
 
-/// Write a page about a run, or about many of them side by side
+/// Write a page about one run, or a comparison of many
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReportArgs {
     /// The run folders
     #[arg(required = true)]
     runs: Vec<PathBuf>,
-    /// Compare the runs: sensors of a batch, or one sensor over time
+    /// Compare runs: sensors of a batch, or one sensor over time
     #[arg(long)]
     compare: bool,
-    /// The file to write [default: report.html in the first run's folder, or comparison.html]
+    /// Output file [default: report.html in the first run's folder, or comparison.html]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// A folder for the page's figures, each as SVG with its numbers as CSV
+    /// Folder for the figures, each as SVG with its numbers as CSV
     #[arg(long, value_name = "DIR")]
     figures: Option<PathBuf>,
-    /// Runs without a sensor ID are of the same sensor
+    /// Treat runs without a sensor ID as runs of the same sensor
     #[arg(long, conflicts_with = "compare")]
     same_sensor: bool,
     #[command(flatten)]
     accept: AcceptArgs,
-    /// The method that stands beside pearson in a comparison; best costs most
+    /// The method shown in addition to pearson in a comparison; best is the slowest
     #[arg(long, value_name = "NAME", default_value = "surrogate", requires = "compare", value_parser = solvers([BEST]))]
     solver: String,
 }
@@ -133,10 +133,10 @@ pub(super) fn check_free(out: &Path, certificate: bool) -> Result<(), Failure> {
     }
     if out.symlink_metadata().is_ok() && !is_ours() {
         let help = "choose another --out: only a page that palpate wrote is replaced";
-        return Err(Failure::usage(miette::miette!(help = help, "{} is there already", out.display())));
+        return Err(Failure::usage(miette::miette!(help = help, "{} already exists", out.display())));
     }
     if out.file_name().is_none() {
-        return Err(Failure::usage(miette::miette!("{} names no file to write", out.display())));
+        return Err(Failure::usage(miette::miette!("{} is not a file name", out.display())));
     }
     Ok(())
 }
@@ -150,7 +150,7 @@ const BEGINNING: &str = "<!DOCTYPE html>";
 /// Puts the page in its place, whole or not at all.
 pub(super) fn write(out: &Path, html: &str) -> Result<(), Failure> {
     put(out, html).map_err(|why| {
-        let help = "no page was written; choose another --out, or make room and set the permissions right";
+        let help = "no page was written; choose another --out, or free disk space and check the permissions";
         Failure::unwritten(miette::miette!(help = help, "writing the page {}: {why}", out.display()))
     })
 }

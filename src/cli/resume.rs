@@ -18,20 +18,20 @@ Examples:
   palpate resume runs/paper
   palpate resume runs/paper-3 --after-trip
 
-The devices are identified again, and three places touched again: the run goes
-on only if they are where they were. A staircase that was interrupted is
-repeated whole. A complete run is left alone.";
+palpate identifies the devices again and touches three places again: the run
+continues only if they haven't moved. An interrupted staircase is repeated
+from its start. A complete run is not changed.";
 
-/// Go on with a run that was stopped
+/// Continue a run that was stopped
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ResumeArgs {
     /// The run folder
     run: PathBuf,
-    /// Go on with this rig: links and the commands of processes may differ, limits may be tighter
+    /// Continue with this rig: links and commands of processes may differ, limits may be tighter
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
-    /// Go on although a safety rule was broken: a person has found the cause
+    /// Continue after a safety trip, once you have found its cause
     #[arg(long)]
     after_trip: bool,
     #[command(flatten)]
@@ -58,7 +58,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
     if folder.manifest().status == Status::Tripped && !args.after_trip {
         let trip = folder.manifest().trip.as_ref().map(|trip| trip.to_string()).unwrap_or_default();
-        let help = "find the cause; then say --after-trip";
+        let help = "find the cause; then add --after-trip";
         return Err(Failure::usage(miette::miette!(help = help, "the run ended with a safety trip: {trip}")));
     }
     if folder.manifest().status == Status::Complete {
@@ -101,7 +101,7 @@ fn changes(path: &Path, texts: &Texts, now: &str) -> Result<Vec<RigChange>, Fail
     }
     let each = |d: &Difference| format!("\n  `{}` is {}; the run began with {}", d.path, d.now, d.before);
     let each: String = refused.iter().map(each).collect();
-    let help = "put the values back, or begin a new run: a run is made on one rig. Links, commands of processes and tighter \
-                limits may change";
+    let help = "restore the values, or start a new run: only links, commands of processes and tighter limits may \
+                change";
     Err(Failure::usage(miette::miette!(help = help, "{} isn't the rig that the run began with:{each}", path.display())))
 }

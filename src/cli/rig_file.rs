@@ -17,7 +17,7 @@ pub fn check_text(file: &Path, text: &str) -> Result<(), Failure> {
 pub fn replace(file: &Path, read: &str, text: &str) -> Result<(), Failure> {
     put(file, read, text)
         .into_diagnostic()
-        .wrap_err_with(|| format!("{} couldn't be written, and is as it was", file.display()))
+        .wrap_err_with(|| format!("{} couldn't be written; the file is unchanged", file.display()))
         .map_err(Failure::unwritten)
 }
 

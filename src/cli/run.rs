@@ -17,10 +17,10 @@ Examples:
   palpate run recipes/bench.toml --strategy guarded
   palpate run recipes/paper.toml --rig rigs/esp301.toml --simulate
 
-Ctrl-C finishes the press under way and pauses, a second one stops at once;
-both park the stage and keep what was measured. `palpate resume RUN` goes on.";
+Ctrl-C finishes the current press and pauses; a second Ctrl-C stops immediately.
+Both park the stage and keep all presses. `palpate resume RUN` continues.";
 
-/// Carry out a recipe on a rig and keep every press
+/// Run a recipe on a rig and record every press
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct RunArgs {
@@ -30,7 +30,7 @@ pub struct RunArgs {
     rig: RigArgs,
     #[command(flatten)]
     labels: LabelArgs,
-    /// The folder to make; else runs/NAME, runs/NAME-2, ...
+    /// Output folder [default: runs/NAME, runs/NAME-2, ...]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]

@@ -19,13 +19,13 @@ use tokio::runtime::{Builder, Runtime};
 /// How a run is shown and paced.
 #[derive(Debug, clap::Args)]
 pub struct SessionArgs {
-    /// Print one JSON line for each row that is on disk
+    /// Print one JSON line for each row when it is stored on disk
     #[arg(long)]
     pub json: bool,
-    /// Run a simulation at X times real time, not as fast as it goes
+    /// Run a simulation at X times real time instead of as fast as possible
     #[arg(long, value_name = "X", value_parser = positive)]
     pub pace: Option<f64>,
-    /// What an acknowledged press survives: a power cut (full), or only the program's end (fast)
+    /// Acknowledged presses survive a power failure (full), or only the end of the program (fast)
     #[arg(long, value_name = "NAME", value_enum, default_value_t)]
     pub durability: Durability,
     #[command(flatten)]
@@ -36,7 +36,7 @@ impl SessionArgs {
     /// Whether they fit a rig; asked before anything is made.
     pub fn check(&self, spec: &RigSpec) -> Result<(), Failure> {
         if self.pace.is_some() && !spec.is_simulated() {
-            return Err(Failure::usage(miette::miette!("--pace is for simulated rigs: a real one has its own pace")));
+            return Err(Failure::usage(miette::miette!("--pace is only for simulated rigs")));
         }
         spec.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))
     }
@@ -54,7 +54,7 @@ pub fn carry_out(
     let spec = &args.confirm.of(spec.clone());
     let began = Instant::now();
     let runtime = runtime(virtual_time)?;
-    let cancel = heed(First::Pause, Some("stopping: the stage is brought to rest and parked"))?;
+    let cancel = heed(First::Pause, Some("stopping: the stage is stopped and parked"))?;
     let mut progress = Progress::new(plan, folder.manifest().presses_done as usize, args.json, cancel.clone());
     let ending = runtime.block_on(async {
         if let Some(pace) = args.pace {
@@ -101,6 +101,6 @@ pub fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(pace) if pace.is_finite() && pace > 0.0 => Ok(pace),
-        _ => Err("expected a number over 0: 1 is real time, 60 a minute a second".to_owned()),
+        _ => Err("expected a number above 0: 1 is real time, 60 is one minute per second".to_owned()),
     }
 }

@@ -48,10 +48,10 @@ Examples:
   palpate check paper
   palpate run paper --rig bench-fast
 
-A name is found from any folder: paper, paper.toml and recipes/paper.toml name
-the same recipe. A file of yours at that path wins.";
+Names work in any folder: paper, paper.toml and recipes/paper.toml are
+the same recipe. If a file exists at that path, it is used instead.";
 
-/// List the recipes and rigs that come with the program
+/// List the recipes and rigs shipped with the program
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ListArgs {}

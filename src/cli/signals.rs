@@ -56,7 +56,7 @@ pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure>
         while let Some(is_gentle) = signals.next().await {
             // a run that went on after a pause may be paused again
             if is_gentle && first == First::Pause && asked.pause() {
-                say(&format!("\nthis press is finished first, then {}; Ctrl-C again stops at once", then()));
+                say(&format!("\nfinishing this press, then {}; Ctrl-C again stops immediately", then()));
             } else {
                 asked.ask();
                 told.into_iter().for_each(|told| say(&format!("\n{told}")));
@@ -112,7 +112,7 @@ pub fn go_on_at_enter(cancel: &Cancel) {
         _ => cancel.ask(),
     };
     if thread::Builder::new().name("enter".to_owned()).spawn(wait).is_err() {
-        say("nobody can be heard: the run ends here");
+        say("no terminal input is possible: the run ends here");
     }
 }
 

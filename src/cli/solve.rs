@@ -23,50 +23,50 @@ Examples:
   palpate solve --calibration runs/paper --json < readings.ndjson
   palpate solve --model sensor.palpate < readings.csv
 
-A reading is a line: as CSV with a header that has out_1..out_n, or numbers
-alone; as NDJSON {\"outputs\": [0.1, 0.2, ...]}, or the bare array. Its id and
-t_s, if it has them, come back with its contact.
+Each line is a reading: CSV with a header that has out_1..out_n, or numbers
+only; or NDJSON {\"outputs\": [0.1, 0.2, ...]}, or only the array. The columns id
+and t_s, if present, are copied to the answer.
 
-A contact is x_mm, y_mm, force_n, their standard deviations sd_..., the
-half-widths half68_... and half95_... that 68 and 95 % of errors keep to,
-other_x_mm and other_y_mm where another place fits nearly as well, misfit
-(above 1: no single contact reads like this) and verdict: ok, weak-signal,
-outside-area, not-one-contact, channel-fault (unit says which), or unsolved where
-the reading has no answer at all. A table without force_n is calibrated on by
-proportions: force_n is then in units of its typical press.
+An answer has x_mm, y_mm, force_n, their standard deviations sd_..., the
+half-widths half68_... and half95_... that contain 68 and 95 % of the errors,
+other_x_mm and other_y_mm if another place fits nearly as well, misfit
+(above 1: not a single contact) and verdict: ok, weak-signal,
+outside-area, not-one-contact, channel-fault (unit: which one), or unsolved if
+the reading has no answer. With a table without force_n, only proportions are
+calibrated: force_n is then relative to its typical press.
 
-A missing channel is null or NaN, in CSV nan or an empty cell. The reading is
+A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are
 kept.
 
-An invalid line ends the program. With --keep-going it is answered
-unsolved, with its line and what is wrong with it (error), and the next one is
+An invalid line ends the program. With --keep-going, its answer is
+unsolved, with the line number and the problem (error), and the next line is
 solved. Every answer then has its line; CSV always has the columns line, id, t_s
-and error. A header that can't be used still ends the program.
+and error. An invalid header still ends the program.
 
-Exit code: 0 every line was answered, 2 bad input: those before it were
+Exit code: 0 every line was answered, 2 bad input: the lines before it were
 answered.";
 
-/// Read outputs of the array line by line and print the contact behind each
+/// Read outputs of the array line by line and print the contact for each
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct SolveArgs {
-    /// A run folder, or a table of presses to calibrate on
+    /// A run folder, or a table of calibration presses
     #[arg(long, value_name = "RUN", required_unless_present = "model")]
     calibration: Option<PathBuf>,
-    /// A sensor file, as `palpate fit` writes it
+    /// A sensor file, written by `palpate fit`
     #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
     model: Option<PathBuf>,
-    /// The format of the readings, if its first character isn't to tell it
+    /// Input format [default: detected from the first character]
     #[arg(long, value_name = "FORMAT", value_enum)]
     input: Option<Format>,
-    /// Print one JSON object a line instead of CSV
+    /// Print one JSON object per line instead of CSV
     #[arg(long)]
     json: bool,
-    /// Answer an invalid line with what is wrong with it, and go on
+    /// Answer an invalid line with its problem, and continue
     #[arg(long)]
     keep_going: bool,
-    /// Don't say which method is used and why
+    /// Don't print which method is used and why
     #[arg(long)]
     quiet: bool,
     #[command(flatten)]

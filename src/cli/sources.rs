@@ -31,16 +31,16 @@ pub struct RigArgs {
     /// The rig to use
     #[arg(long, value_name = "RIG", default_value = DEFAULT_RIG)]
     pub rig: PathBuf,
-    /// Put our emulators in place of the rig's links, in virtual time
+    /// Simulate: replace the rig's links by emulators, in virtual time
     #[arg(long)]
     pub simulate: bool,
     /// Random seed for places, forces and simulated noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// How every press finds its force, whatever the recipe says: guarded, velocity or map
+    /// Strategy for all presses, instead of the recipe's: guarded, velocity or map
     #[arg(long, value_name = "NAME", value_parser = strategy)]
     pub strategy: Option<Strategy>,
-    /// The most presses that a plan may have
+    /// Largest number of presses in a plan
     #[arg(long, value_name = "N", value_parser = presses_max)]
     pub presses_max: Option<usize>,
 }
@@ -50,10 +50,10 @@ pub struct RigArgs {
 pub struct OneRigArgs {
     /// The rig
     pub rig: PathBuf,
-    /// Put our emulators in place of the rig's links, in virtual time
+    /// Simulate: replace the rig's links by emulators, in virtual time
     #[arg(long)]
     pub simulate: bool,
-    /// What a simulated specimen and all noise are drawn from
+    /// Random seed for the simulated specimen and all noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     #[command(flatten)]
@@ -114,7 +114,7 @@ impl Sources {
         Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, beside } })
     }
 
-    /// The plan, held against the rig.
+    /// The plan, limits of the rig.
     pub fn plan(&self, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipe, &self.rig.ground(), seed).map_err(Failure::usage)
     }
@@ -136,7 +136,7 @@ fn parse_recipe(path: &Path, text: String, beside: &dyn Fn(&str) -> io::Result<S
     let Some(Accept::File(name)) = recipe.accept.clone() else { return Ok(ReadRecipe { recipe, text, rule: None }) };
     let file = path.with_file_name(&name).display().to_string();
     let rule_text = beside(&name).map_err(|why| {
-        let help = "the recipe names it in `accept`: it must lie beside the recipe";
+        let help = "the recipe names it in `accept`: it must be in the recipe's folder";
         Failure::usage(miette::miette!(help = help, "{file}: {why}"))
     })?;
     let rule = recipe::parse_rule(&file, &rule_text).map_err(Failure::usage)?;
@@ -177,7 +177,7 @@ pub fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Fail
 
 /// A file that a person wrote, as text.
 pub fn read(path: &Path) -> Result<String, Failure> {
-    bounded(path).map_err(|error| unread(path, &error, "name a file that is there"))
+    bounded(path).map_err(|error| unread(path, &error, "give an existing file"))
 }
 
 /// The same, or a shipped file of that name; a file at that path wins.
@@ -185,13 +185,13 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
     if let Some(shipped) = shipped::named(shipped, folder, path) {
         return Ok(shipped.text.to_owned());
     }
-    let help = || format!("name a file that is there, or one that is shipped: {}", shipped::names(shipped));
+    let help = || format!("give an existing file or a shipped one: {}", shipped::names(shipped));
     bounded(path).map_err(|error| unread(path, &error, &help()))
 }
 
 fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     let help = match error.kind() {
-        io::ErrorKind::InvalidData => "name a TOML text: this file holds something else",
+        io::ErrorKind::InvalidData => "give a TOML file: this file isn't text",
         _ => help,
     };
     Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))

@@ -36,15 +36,17 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     }
     let flagged = manifest.rows_flagged;
     if flagged > 0 {
-        let _ = writeln!(text, "flagged: {flagged} rows; they are kept, and left out of evaluations");
+        let _ = writeln!(text, "flagged: {flagged} rows; they are stored but not evaluated");
     }
     match (manifest.status, manifest.presses_done) {
         (Status::Complete, _) => {}
         (Status::Failed | Status::Tripped, 0) => {
-            _ = writeln!(text, "nothing was pressed: put right what is wrong and run again")
+            _ = writeln!(text, "nothing was pressed: correct the problem and run again")
         }
-        (Status::Tripped, _) => _ = writeln!(text, "to go on: palpate resume {} --after-trip", folder.path().display()),
-        _ => _ = writeln!(text, "to go on: palpate resume {}", folder.path().display()),
+        (Status::Tripped, _) => {
+            _ = writeln!(text, "to continue: palpate resume {} --after-trip", folder.path().display())
+        }
+        _ => _ = writeln!(text, "to continue: palpate resume {}", folder.path().display()),
     }
     let there: Vec<&str> = TABLES.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
     if manifest.presses_done > 0 {
@@ -57,7 +59,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
 pub fn unfinished(folder: &RunFolder) -> String {
     let (manifest, path) = (folder.manifest(), folder.path().display());
     format!(
-        "not finished: {} of {} presses, safe in the journal of {path}\nto go on: palpate resume {path}\n",
+        "not finished: {} of {} presses, stored in the journal of {path}\nto continue: palpate resume {path}\n",
         manifest.presses_done, manifest.facts.presses_planned
     )
 }

@@ -205,21 +205,21 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
     text += &filled(terms::SOURCES, "");
     text.push_str(SHARED_ERROR_NOTE);
     if staircases.left_out > 0 {
-        let _ = writeln!(text, "left out: {} flagged levels", staircases.left_out);
+        let _ = writeln!(text, "excluded: {} flagged levels", staircases.left_out);
     }
     text
 }
 
 const SHARED_ERROR_NOTE: &str = "\
-simulated taxels draw one error a contact, for both branches: there, the
-unloading repeatability is not modelled apart\n";
+simulated taxels have one random error per contact, for both branches: the
+unloading repeatability is not modelled separately\n";
 
 fn footnotes(evaluations: &[&Evaluation]) -> String {
     let mut text = String::new();
     if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
         let _ = writeln!(
             text,
-            "{} of {} test presses are at places that the calibration pressed too",
+            "{} of {} test presses are at places of the calibration",
             evaluation.at_calibrated_places,
             evaluation.points + evaluation.unsolved.len()
         );
@@ -228,7 +228,7 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
     if let Some(left_out) = evaluations.first().map(|evaluation| &evaluation.left_out) {
         let (calibration, test) = (left_out.calibration_flagged, left_out.test_flagged);
         if calibration + test > 0 {
-            let _ = writeln!(text, "left out, flagged: {calibration} calibration and {test} test presses");
+            let _ = writeln!(text, "excluded, flagged: {calibration} calibration and {test} test presses");
         }
     }
     // the best is one of them once more
@@ -238,7 +238,7 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
         if let Some(first) = unsolved.first() {
             let _ = writeln!(
                 text,
-                "left out, unsolved by {solver}: {} test presses, the first as\n  {}",
+                "excluded, unsolved by {solver}: {} test presses; reason of the first:\n  {}",
                 unsolved.len(),
                 first.reason
             );
@@ -246,7 +246,7 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
     }
     for Evaluation { solver, verdicts, .. } in each() {
         text += &doubted(*verdicts)
-            .map(|counts| filled(&format!("doubted by {solver}: {counts}"), "  "))
+            .map(|counts| filled(&format!("verdicts of {solver} other than ok: {counts}"), "  "))
             .unwrap_or_default();
     }
     text + &evaluations.iter().filter_map(|evaluation| evaluation.choice.as_ref()).map(chosen).collect::<String>()

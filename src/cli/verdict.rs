@@ -17,7 +17,7 @@ pub const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of the recip
 /// A rule in place of the one that the run's recipe gave.
 #[derive(Debug, clap::Args)]
 pub struct AcceptArgs {
-    /// Judge by the acceptance rule of this file, not by the recipe's
+    /// Use the acceptance rule of this file instead of the recipe's
     #[arg(long, value_name = "FILE")]
     accept: Option<PathBuf>,
 }
@@ -40,7 +40,7 @@ impl AcceptArgs {
         for run in runs {
             match (&agreed, rule_of(run)?) {
                 (Some(first), Some(rule)) if *first != rule => {
-                    let help = "name the one that counts with --accept FILE";
+                    let help = "select one with --accept FILE";
                     return Err(Failure::usage(miette::miette!(
                         help = help,
                         "the runs have different acceptance rules"

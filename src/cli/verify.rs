@@ -13,7 +13,7 @@ Examples:
   palpate verify runs/paper
   palpate verify runs/calibrate --certificate A-017.xml
 
-Exit code 1 where something isn't as it was written.";
+Exit code 1 if a file has changed.";
 
 /// Compare a run's files with its journal and their SHA-256
 #[derive(Debug, clap::Args)]
@@ -35,11 +35,11 @@ pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
         Err(error) => return Err(Failure::dataset(error)),
     };
     let verified = verify(&args.run, layout.as_ref()).map_err(Failure::dataset)?;
-    let whole = format!("{} records in the journal, {} files as they were written", verified.records, verified.sound);
+    let whole = format!("{} records in the journal, {} files unchanged", verified.records, verified.sound);
     if verified.problems.is_empty() {
         let state = match (verified.is_under_way, verified.has_ended) {
-            (true, _) => "; the run is under way: its tables weren't compared",
-            (false, false) => "; the run hasn't ended: `palpate resume` goes on",
+            (true, _) => "; the run is in progress: its tables weren't compared",
+            (false, false) => "; the run isn't complete: `palpate resume` continues it",
             (false, true) => "",
         };
         let losses = |loss: &Loss| format!("{}: presses were lost, accepted {}\n", args.run.display(), loss.accepted);
@@ -66,11 +66,14 @@ fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
     let stated = stated.concat();
     let file = certificate.display();
     if stated.is_empty() {
-        return Err(Failure::usage(miette::miette!("{file} states no SHA-256 of a journal: is it a certificate?")));
+        return Err(Failure::usage(miette::miette!(
+            "{file} states no SHA-256 of a journal: check that it is a certificate"
+        )));
     }
     if !stated.contains(&sha256.as_str()) {
-        let help = "the run was gone on with or changed after the certificate, or it is another run's";
-        let told = format!("{file} doesn't rest on the journal of {}", run.display());
+        let help =
+            "the run was continued or changed after the certificate was written, or the certificate is of another run";
+        let told = format!("{file} doesn't match the journal of {}", run.display());
         return Err(Failure::not_accepted(miette::miette!(help = help, "{told}: its SHA-256 is {sha256}")));
     }
     let others = match stated.len() - 1 {

@@ -31,7 +31,7 @@ pub enum Confirmed {
 /// What a person has made sure of before a rig that isn't simulated moves.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ConfirmArgs {
-    /// What a person has made sure of, for programs: without it and without a terminal a new stage isn't moved
+    /// Confirm that `frame.down` is right, for use in programs: without a terminal, a new stage moves only with this option
     #[arg(long, value_name = "WHAT", value_enum)]
     pub confirmed: Vec<Confirmed>,
 }
@@ -68,14 +68,14 @@ impl WhichWay for Person {
         let Identity { identity, link, .. } = stage;
         if !is_attended() {
             return Err(format!(
-                "nobody has confirmed which way z goes on this stage ({identity} at {link}), and there is no terminal to ask at: \
-                 nothing was moved. Run `palpate doctor` at a terminal once, or say --confirmed down if `frame.down` is right"
+                "the direction of z isn't confirmed on this stage ({identity} at {link}), and there is no terminal to ask at: \
+                 nothing was moved. Run `palpate doctor` at a terminal once, or add --confirmed down if `frame.down` is right"
             ));
         }
         let told = format!(
-            "\n{identity} at {link} is driven for the first time with this `frame.down`.\n\
-             z now moves {way_mm} mm away from the specimen, or looks for its home there. Watch it.\n\
-             If it stands at that end already and can't move, answer no, move it a few mm by hand and begin again.\n"
+            "\n{identity} at {link} moves for the first time with this `frame.down`.\n\
+             z now moves {way_mm} mm away from the specimen, or homes there. Watch it.\n\
+             If z is already at that end and can't move, answer no, move it a few mm by hand and start again.\n"
         );
         tell(&told).map_err(|_| "the terminal is closed: nothing was moved".to_owned())
     }
@@ -84,12 +84,12 @@ impl WhichWay for Person {
         let _ = tell("Did z move away from the specimen? [y/N] ");
         let answer = typed_line(is_cancelled).unwrap_or_default();
         if !matches!(answer.trim().to_lowercase().as_str(), "y" | "yes") {
-            return Err("z is to move away from the specimen and wasn't seen to: turn `frame.down` round, check \
-                        the wiring of z, and look again with `palpate doctor`"
+            return Err("z should move away from the specimen but didn't: reverse `frame.down`, check the wiring \
+                        of z, and run `palpate doctor` again"
                 .to_owned());
         }
         if let Err(error) = self.keep(stage, down) {
-            let _ = tell(&format!("that can't be kept ({error}): it will be asked again\n"));
+            let _ = tell(&format!("the answer can't be stored ({error}): palpate will ask again\n"));
         }
         Ok(())
     }
@@ -97,7 +97,7 @@ impl WhichWay for Person {
 
 impl Person {
     fn keep(&self, stage: &Identity, down: Down) -> io::Result<()> {
-        let path = self.kept.as_ref().ok_or_else(|| io::Error::other("no folder for it: set XDG_STATE_HOME"))?;
+        let path = self.kept.as_ref().ok_or_else(|| io::Error::other("no folder to store it: set XDG_STATE_HOME"))?;
         path.parent().map_or(Ok(()), fs::create_dir_all)?;
         let Identity { identity, link, .. } = stage;
         let mut file = OpenOptions::new().create(true).append(true).open(path)?;

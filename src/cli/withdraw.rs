@@ -13,11 +13,11 @@ Examples:
   palpate withdraw rigs/esp301.toml
   palpate withdraw rigs/esp301.toml --confirmed down
 
-For the minute after a crash: stops the stage and takes z to the end that is away from the specimen. x and y stay
+Use it after a crash: stops the stage and moves z to the end away from the specimen. x and y stay
 where they are. The load cell is read if it answers, and a force that rises stops the stage.
 Exit code: 0 z is away, 2 a bad rig file, 3 the stage doesn't work, 4 the force rose.";
 
-/// Take z away from the specimen, and do nothing else
+/// Move z away from the specimen, and do nothing else
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct WithdrawArgs {

@@ -11,7 +11,7 @@ pub struct Budget {
     /// The load cell: what its certificate states of such a force, or its check with a known weight (type B). None: neither.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell_n: Option<f64>,
-    /// The zero between the air before and after: noise of both means (type A), and what the zero may have done between them but go
+    /// The zero, interpolated between the air before and after: noise of both means (type A), and what the zero may have done between them but go
     /// evenly from one to the other (type B, rectangular).
     pub zero_n: f64,
     /// The noise of the readings in the window (type A).

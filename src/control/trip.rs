@@ -127,55 +127,59 @@ impl Rule {
     /// What to look at first.
     pub fn check(self) -> &'static str {
         match self {
-            Rule::OverForce => "is the specimen stiffer than `limits.stiffness_n_mm` says?",
-            Rule::Guarded => "what did the indenter press on? The controller's guard ended the motion",
-            Rule::WrongSign => "is the load cell wired so that pressing reads positive?",
-            Rule::Frozen => "does the transmitter still convert? Reconnect the load cell",
-            Rule::Unhealthy => "is the load cell within its range and its cable whole?",
-            Rule::NotFinite => "does the register map fit the transmitter?",
-            Rule::Stale => "is the load cell's link slow or broken?",
-            Rule::ZeroDrifted => "does something touch the indenter, or has the cell drifted since it was zeroed?",
-            Rule::Noisy => "does the cell stand free of vibration, and is its range right for this force limit?",
-            Rule::NoResponse => "does the load cell still measure, and has the specimen not slipped away?",
-            Rule::Fallen => "has the specimen slipped or torn, or has the load cell's cable come loose?",
-            Rule::HardContact => "what does the indenter press on? Is `limits.stiffness_n_mm` right for it?",
+            Rule::OverForce => "check whether the specimen is stiffer than `limits.stiffness_n_mm`",
+            Rule::Guarded => "the controller's guard ended the motion: check what the indenter pressed on",
+            Rule::WrongSign => "check the load cell's wiring: pressing must read positive",
+            Rule::Frozen => "check that the transmitter still converts; reconnect the load cell",
+            Rule::Unhealthy => "check that the load cell is within its range and its cable is undamaged",
+            Rule::NotFinite => "check that the register map fits the transmitter",
+            Rule::Stale => "check whether the load cell's link is slow or broken",
+            Rule::ZeroDrifted => {
+                "check whether something touches the indenter, or the cell has drifted since it was zeroed"
+            }
+            Rule::Noisy => "check the cell for vibration, and that its range suits this force limit",
+            Rule::NoResponse => "check that the load cell still measures, and that the specimen hasn't slipped",
+            Rule::Fallen => "check whether the specimen slipped or tore, or the load cell's cable is loose",
+            Rule::HardContact => {
+                "check what the indenter presses on, and whether `limits.stiffness_n_mm` is right for it"
+            }
             Rule::SofterThanDeclared => {
-                "does the load cell read too little (`palpate doctor --check-weight-n`)? Or is the specimen softer than \
-                 `limits.stiffness_least_n_mm`?"
+                "check whether the load cell reads too little (`palpate doctor --check-weight-n`), or the specimen is \
+                 softer than `limits.stiffness_least_n_mm`"
             }
             Rule::SofterThanTaught => {
-                "does the load cell read less than before (`palpate doctor --check-weight-n`)? Or has the specimen torn or slipped?"
+                "check whether the load cell reads less than before (`palpate doctor --check-weight-n`), or the specimen tore or slipped"
             }
-            Rule::StageSilent => "is the stage's link slow or broken? The motion has ended by itself",
+            Rule::StageSilent => "the motion ended without a command: check whether the stage's link is slow or broken",
             Rule::NoContact => {
-                "is the specimen where `frame.surface_mm` says? With a larger `uncertainty`, `palpate align` finds it"
+                "check that `frame.surface_mm` is right; with a larger `uncertainty`, `palpate align` finds the surface"
             }
-            Rule::StillTouching => "does the indenter stick, or is the surface higher than learned?",
-            Rule::OutOfReach => "is the specimen softer than expected, or `limits.depth_mm` too small for this force?",
-            Rule::NoConvergence => "is the load cell much noisier than when it was zeroed?",
-            Rule::SurfaceMoved => "was the specimen or the rig touched since? Put it back, or begin a new run",
+            Rule::StillTouching => "check whether the indenter sticks, or the surface is higher than measured before",
+            Rule::OutOfReach => {
+                "check whether the specimen is softer than expected, or `limits.depth_mm` is too small for this force"
+            }
+            Rule::NoConvergence => "check why the load cell is much noisier than when it was zeroed",
+            Rule::SurfaceMoved => "check whether the specimen or the rig has moved; put it back, or start a new run",
             Rule::SurfaceElsewhere => {
-                "the specimen is nearer than `frame.surface_mm` says: with a larger `uncertainty`, `palpate align` finds it"
+                "the specimen is nearer than `frame.surface_mm`; with a larger `uncertainty`, `palpate align` finds the surface"
             }
             Rule::ForceRose => {
-                "is `frame.down` right, and is nothing in the way of z? The stage stands where it stopped: free the indenter by hand"
+                "the stage has stopped and wasn't parked: free the indenter by hand, then check `frame.down` and the way of z"
             }
-            Rule::ForceFell => "does something pull at the indenter, or is the load cell wired the wrong way round?",
+            Rule::ForceFell => "check whether something pulls at the indenter, or the load cell's wires are swapped",
             Rule::ZeroOutside => {
-                "does something touch the indenter? If not, `load_cell.air_n` says what the cell may read in air"
+                "check whether something touches the indenter; if not, correct `load_cell.air_n`, the allowed range in air"
             }
-            Rule::ZeroInContact => "something touches the indenter where homing leaves it: free it",
-            Rule::OutputsMoved => "does the load cell measure? The array felt something that the load cell didn't",
+            Rule::ZeroInContact => "something touches the indenter after homing: remove it",
+            Rule::OutputsMoved => "the array detected a contact but the load cell didn't: check the load cell",
             Rule::GainOff => {
                 "the rig's `check` found that the load cell's gain is off: repair it and check it again, or adjust with \
                  `palpate doctor --check-weight-n N --adjust`"
             }
-            Rule::NoWeight => "was the weight put on, did it hang or lie still, and does the load cell measure?",
-            Rule::WeightLeftOn => "was the weight taken off, and does nothing touch the tip?",
-            Rule::WeightUnsteady => {
-                "does the weight act straight along z each time, and is it heavy enough for this cell?"
-            }
-            Rule::NotPermitted => "are `limits` and `frame` of the rig right?",
+            Rule::NoWeight => "check that the weight was put on and didn't move, and that the load cell measures",
+            Rule::WeightLeftOn => "check that the weight was taken off, and that nothing touches the tip",
+            Rule::WeightUnsteady => "check that the weight acts along z each time, and is heavy enough for this cell",
+            Rule::NotPermitted => "check `limits` and `frame` of the rig",
         }
     }
 }

@@ -179,7 +179,7 @@ pub fn check_sound(reading: &ForceReading) -> Result<(), Trip> {
         return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N"));
     }
     if reading.health.saturated || reading.health.fault {
-        return Err(Trip::new(Rule::Unhealthy, reading.force_n, 0.0, "N as read"));
+        return Err(Trip::new(Rule::Unhealthy, reading.force_n, 0.0, "N (raw reading)"));
     }
     Ok(())
 }

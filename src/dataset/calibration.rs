@@ -9,7 +9,7 @@ use miette::Diagnostic;
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum CalibrateError {
     /// There is no press of the kind asked for.
-    #[error("{source_name}: there is no {phase} press to evaluate with ({flagged} are flagged and left out)")]
+    #[error("{source_name}: no valid {phase} press ({flagged} are flagged and excluded)")]
     #[diagnostic(help(
         "an evaluation needs presses of both phases, or two tables: \
          --calibration runs/calibrate/presses.csv --test runs/test/presses.csv"
@@ -23,7 +23,7 @@ pub enum CalibrateError {
         flagged: usize,
     },
     /// A press can't be calibrated on.
-    #[error("{at}, column `{column}`: the press can't be calibrated on")]
+    #[error("{at}, column `{column}`: this press can't be used for a calibration")]
     #[diagnostic(help("correct the row, or remove it"))]
     Press {
         /// Where it stands.
@@ -34,7 +34,7 @@ pub enum CalibrateError {
         source: CalibrationError,
     },
     /// The method can't be fitted.
-    #[error("{source_name}: can't be calibrated on")]
+    #[error("{source_name}: can't be used as a calibration")]
     Fit {
         /// The calibration's run or table.
         source_name: String,

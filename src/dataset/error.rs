@@ -26,7 +26,7 @@ pub enum DatasetError {
     Journal(#[from] JournalError),
     /// There is no journal where a run was expected.
     #[error("{} is not a run folder (journal.log not found)", path.display())]
-    #[diagnostic(help("name the folder of a run, such as runs/paper"))]
+    #[diagnostic(help("give the folder of a run, such as runs/paper"))]
     NoRun {
         /// The folder that was named.
         path: PathBuf,
@@ -38,23 +38,23 @@ pub enum DatasetError {
         /// What is to hold it.
         path: PathBuf,
     },
-    /// The folder to be made is there already.
-    #[error("{} is there already", path.display())]
-    #[diagnostic(help("choose another --out; a folder that exists is never touched"))]
+    /// The folder to be made already exists.
+    #[error("{} already exists", path.display())]
+    #[diagnostic(help("choose another --out; palpate never changes an existing folder"))]
     Exists {
         /// The folder.
         path: PathBuf,
     },
     /// Another program holds the run.
     #[error("{} is being written by another program", path.display())]
-    #[diagnostic(help("wait for it to end, or end it: a run has one writer at a time"))]
+    #[diagnostic(help("wait for it to end, or end it: only one program can write a run"))]
     Held {
         /// The folder.
         path: PathBuf,
     },
     /// A text that a run goes by isn't the one it began with.
-    #[error("{} isn't the one that the run began with", path.display())]
-    #[diagnostic(help("put it back, or begin a new run: this one would mix the presses of two plans"))]
+    #[error("{} has changed since the start of the run", path.display())]
+    #[diagnostic(help("restore it, or start a new run: this run would mix the presses of two plans"))]
     Changed {
         /// The file.
         path: PathBuf,
@@ -63,7 +63,7 @@ pub enum DatasetError {
     #[error("{}: presses are missing from the journal: {}", path.display(), lost.join("; "))]
     #[diagnostic(help(
         "restore journal.log from a copy. Without one, copy the folder first: then `palpate rebuild --accept-loss` regenerates the \
-         tables from what the journal holds. Nothing was changed"
+         tables from the journal. Nothing was changed"
     ))]
     Lost {
         /// The folder.

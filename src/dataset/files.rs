@@ -75,8 +75,10 @@ fn beside(path: &Path) -> PathBuf {
 /// What to do about an error that came back from a file of a run.
 pub(super) fn advice(why: &io::Error) -> &'static str {
     match why.kind() {
-        ErrorKind::InvalidInput => "remove it, or put a copy of the file in its place; nothing was changed",
-        _ => "make room or set the permissions right, then `palpate resume` the run: what was acknowledged is safe",
+        ErrorKind::InvalidInput => "remove it, or replace it by a copy of the file; nothing was changed",
+        _ => {
+            "free disk space or correct the permissions, then continue with `palpate resume`: acknowledged presses are stored"
+        }
     }
 }
 

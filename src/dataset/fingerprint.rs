@@ -34,7 +34,7 @@ impl Fingerprint {
     /// The same of its first bytes, at most so many.
     pub(super) fn of_start(folder: &Path, name: &str, most_bytes: u64) -> io::Result<Fingerprint> {
         if !is_plain(name) {
-            let told = format!("{name:?} is not the name of a file in a run folder");
+            let told = format!("{name:?} is not a valid name of a file in a run folder");
             return Err(io::Error::new(ErrorKind::InvalidInput, told));
         }
         let mut file = files::open(&folder.join(name))?.take(most_bytes);
@@ -49,9 +49,9 @@ impl Fingerprint {
         Ok(match Fingerprint::of_file(folder, name) {
             Ok(found) if found == *self => None,
             Ok(found) if found.bytes != self.bytes => {
-                Some(format!("{name} has {} bytes; it was written with {}", found.bytes, self.bytes))
+                Some(format!("{name} has {} bytes, but was written with {}", found.bytes, self.bytes))
             }
-            Ok(_) => Some(format!("{name} isn't as it was written: its SHA-256 differs")),
+            Ok(_) => Some(format!("{name} has changed since it was written (its SHA-256 differs)")),
             Err(error) if error.kind() == ErrorKind::NotFound => Some(format!("{name} is missing")),
             Err(error) if error.kind() == ErrorKind::InvalidInput => Some(error.to_string()),
             Err(error) => return Err(error),

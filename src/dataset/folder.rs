@@ -51,7 +51,7 @@ impl RunFolder {
     /// Makes the folder of a new run: at `out`, or under `runs/` with the first free name. It appears by one rename, whole.
     ///
     /// # Errors
-    /// The folder is there already, or can't be made.
+    /// The folder already exists, or can't be made.
     pub fn create(
         out: Option<&Path>,
         origins: &Origins,

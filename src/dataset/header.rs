@@ -81,7 +81,7 @@ impl Header<'_> {
         const NEAR: f64 = 0.7;
         let only = self.names.get(0).unwrap_or_default();
         if self.names.len() == 1 && only.contains([';', '\t']) {
-            return "columns are separated by commas".to_owned();
+            return "separate the columns by commas".to_owned();
         }
         let is_read = |column: &Column| matches!(column.presence, Presence::Needed | Presence::Optional);
         let known: Vec<&str> = COLUMNS.iter().filter(|column| is_read(column)).map(|column| column.name).collect();
@@ -90,7 +90,7 @@ impl Header<'_> {
         let scored = unknown.map(|name| (strsim::jaro_winkler(column, &name.to_lowercase()), name));
         match scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(similarity, _)| *similarity > NEAR) {
             Some((_, name)) => {
-                format!("`{}` is there: rename it to `{column}` if that is what it holds", quoted(name))
+                format!("the header has `{}`: rename it to `{column}` if it holds that", quoted(name))
             }
             None => self.help.to_owned(),
         }

@@ -34,12 +34,12 @@ impl Index {
     /// No plan has such an entry.
     pub fn insert(&mut self, press: u64, offset: u64) -> Result<(), String> {
         let entry = usize::try_from(press).ok().filter(|&entry| entry < ENTRIES_MAX);
-        let entry = entry.ok_or_else(|| format!("no plan has a press {press}"))?;
+        let entry = entry.ok_or_else(|| format!("the plan has no press {press}"))?;
         if entry >= self.offsets.len() {
             self.offsets.resize(entry + 1, NOWHERE);
         }
         if self.offsets[entry] != NOWHERE {
-            return Err(format!("press {press} stands here a second time"));
+            return Err(format!("press {press} is repeated here"));
         }
         self.done += 1;
         self.offsets[entry] = offset;
@@ -66,7 +66,7 @@ impl Contacts<'_> {
     fn at(&mut self, offset: u64) -> Result<Contact, JournalError> {
         match self.records.at(offset)? {
             Record::Contact(contact) => Ok(contact),
-            _ => Err(self.records.damaged(offset, "not a contact any more".to_owned())),
+            _ => Err(self.records.damaged(offset, "no longer a contact".to_owned())),
         }
     }
 }

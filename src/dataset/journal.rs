@@ -164,7 +164,7 @@ impl Journal {
 
     fn add(&mut self, record: &Record, durability: Durability) -> Result<u64, JournalError> {
         if self.broken {
-            return Err(failed(&self.path)(io::Error::other("it can't be added to since a write failed")));
+            return Err(failed(&self.path)(io::Error::other("nothing can be appended after a failed write")));
         }
         let text = serde_json::to_string(record).map_err(|error| failed(&self.path)(error.into()))?;
         self.line.clear();
@@ -186,7 +186,7 @@ impl Journal {
     fn check_line(&self, record: &Record) -> io::Result<()> {
         let bytes = self.line.len() as u64;
         if bytes >= RECORD_MAX_BYTES || self.end + bytes > JOURNAL_MAX_BYTES {
-            let told = format!("a record of {bytes} bytes is too much for a journal of {}", self.end);
+            let told = format!("a record of {bytes} bytes is too long for a journal of {}", self.end);
             return Err(io::Error::new(io::ErrorKind::FileTooLarge, told));
         }
         let unreadable = |problem| io::Error::other(format!("the record couldn't be read again: {problem}"));
@@ -332,11 +332,11 @@ fn checked(line: &[u8]) -> Result<(u64, &str), String> {
     let text = text.strip_suffix('\n').ok_or("no line end")?;
     let mut parts = text.splitn(3, ' ');
     let (Some(sequence), Some(sum), Some(json)) = (parts.next(), parts.next(), parts.next()) else {
-        return Err("not `sequence checksum json`".to_owned());
+        return Err("not of the form `sequence checksum json`".to_owned());
     };
     let sequence = sequence.parse().map_err(|_| format!("sequence number {sequence}"))?;
     if u32::from_str_radix(sum, 16) != Ok(checksum(sequence, json)) {
-        return Err("the checksum doesn't fit".to_owned());
+        return Err("the checksum is wrong".to_owned());
     }
     Ok((sequence, json))
 }
@@ -420,7 +420,7 @@ mod tests {
         bytes[second + 40] ^= 1;
         bytes[last] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        assert!(open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("the checksum doesn't fit"));
+        assert!(open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("the checksum is wrong"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes, "and nothing is changed");
     }
 

@@ -49,11 +49,11 @@ impl Known {
     pub fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
         self.end = None;
         match record {
-            Record::Run(_) if offset > 0 => return Err("the run begins a second time".to_owned()),
+            Record::Run(_) if offset > 0 => return Err("a second start of the run".to_owned()),
             Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
-            _ if offset == 0 => return Err("it doesn't say what the run is".to_owned()),
+            _ if offset == 0 => return Err("the first record is missing".to_owned()),
             Record::Text(text) if !is_plain(&text.name) => {
-                return Err(format!("{:?} is not the name of a file in a run folder", text.name));
+                return Err(format!("{:?} is not a valid name of a file in a run folder", text.name));
             }
             Record::Text(text) => self.texts.push(text.clone()),
             Record::Contact(contact) => {
@@ -64,7 +64,7 @@ impl Known {
                 let channels = self.channels.or(first);
                 let is_of_it = |press: &Press| press.press == contact.press && Some(press.outputs.len()) == channels;
                 if !contact.levels.iter().all(is_of_it) {
-                    return Err(format!("its levels aren't those of press {} on this array", contact.press));
+                    return Err(format!("its levels don't match press {} on this array", contact.press));
                 }
                 self.channels = channels;
                 self.contacts.insert(contact.press, offset)?;

@@ -3,7 +3,7 @@
 use super::{Contact, DatasetError, Record};
 use std::collections::BTreeSet;
 
-/// What a walk needs of a record: what is there already, and where what it measures goes.
+/// What a walk needs of a record: what already exists, and where what it measures goes.
 pub trait Ledger {
     /// Whether an entry of the plan is recorded, by its number.
     fn has(&self, press: u64) -> bool;

@@ -39,7 +39,7 @@ pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetE
         let is_missing = |press: &u64| !known.contacts.has(*press) && !tripped(press);
         let missing: BTreeSet<u64> = presses_in(&folder.join(table))?.into_iter().filter(is_missing).collect();
         if !missing.is_empty() {
-            lost.push(format!("{table} holds {} that {JOURNAL} doesn't", stretches(&missing)));
+            lost.push(format!("{table} holds {}, which {JOURNAL} doesn't", stretches(&missing)));
         }
     }
     for (phase, table) in MATRICES {
@@ -58,22 +58,16 @@ fn beyond(folder: &Path, manifest: &Manifest, known: &Known) -> Result<Vec<Strin
         let start = Fingerprint::of_start(folder, JOURNAL, vouched.bytes)
             .map_err(DatasetError::io("reading", folder.join(JOURNAL)))?;
         if start.bytes < vouched.bytes {
-            lost.push(format!(
-                "{MANIFEST} vouches for {} bytes of {JOURNAL}, which has {}",
-                vouched.bytes, start.bytes
-            ));
+            lost.push(format!("{MANIFEST} states {} bytes for {JOURNAL}, which has {}", vouched.bytes, start.bytes));
         } else if start != *vouched {
-            lost.push(format!(
-                "the first {} bytes of {JOURNAL} aren't those that {MANIFEST} vouches for",
-                vouched.bytes
-            ));
+            lost.push(format!("the SHA-256 of the first {} bytes of {JOURNAL} differs from {MANIFEST}", vouched.bytes));
         }
     }
     let (told, found) = (manifest.presses_done, known.manifest.presses_done);
     if told > found {
         lost.push(format!("{MANIFEST} counts {told} presses, {JOURNAL} holds {found}"));
     } else if manifest.status == Status::Complete && lost.is_empty() {
-        lost.push(format!("{MANIFEST} says that the run is complete, {JOURNAL} doesn't end so"));
+        lost.push(format!("{MANIFEST} states that the run is complete, but {JOURNAL} doesn't"));
     }
     Ok(lost)
 }

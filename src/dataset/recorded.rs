@@ -95,13 +95,13 @@ impl Recorded {
             if let Some(problem) =
                 text.problem_in(&self.path).map_err(DatasetError::io("reading", self.path.join(&text.name)))?
             {
-                warnings.push(format!("{path}: {problem}; the text that the journal keeps was read"));
+                warnings.push(format!("{path}: {problem}; the text in the journal was read instead"));
             }
         }
         Ok(warnings)
     }
 
-    /// In what a table, named by its path, isn't what the journal says; none where it is.
+    /// In what a table, named by its path, differs from the journal; none where it is.
     ///
     /// # Errors
     /// A file that can't be read.
@@ -118,7 +118,7 @@ impl Recorded {
             Ok(found) if found == expected.as_bytes() => Ok(None),
             // an array without a press has no channels that the journal knows
             Ok(_) if presses.presses.is_empty() => Ok(None),
-            Ok(_) => Ok(Some("isn't what the journal says")),
+            Ok(_) => Ok(Some("differs from the journal")),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(Some("is missing")),
             Err(error) if error.kind() == ErrorKind::InvalidInput => Ok(Some("isn't a regular file with one name")),
             Err(error) => Err(DatasetError::io("reading", table)(error)),

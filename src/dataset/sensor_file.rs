@@ -45,7 +45,7 @@ pub struct Card {
     pub constant_load: bool,
     /// Whether one offset of all outputs is solved for.
     pub common_offset: bool,
-    /// The share of single contacts that a verdict may wrongly call something else.
+    /// Accepted share of single contacts with a wrong verdict.
     pub false_alarms: f64,
     /// Whether the presses are in the file too: without them no reading that lacks an output can be solved.
     pub keeps_presses: bool,
@@ -78,7 +78,7 @@ pub enum SensorFileError {
         why: io::Error,
     },
     /// Something else is at the place of the file.
-    #[error("{} is there already, and isn't a sensor file", path.display())]
+    #[error("{} already exists and isn't a sensor file", path.display())]
     #[diagnostic(help("choose another --out: only a sensor file is replaced"))]
     Taken {
         /// The file.
@@ -93,7 +93,7 @@ pub enum SensorFileError {
     },
     /// Another version of the format.
     #[error("{} is a sensor file of version {found}; this program reads version 1", path.display())]
-    #[diagnostic(help("fit the sensor again with this program, or use the one that wrote the file"))]
+    #[diagnostic(help("fit the sensor again with this program, or use the version that wrote the file"))]
     Version {
         /// The file.
         path: PathBuf,
@@ -111,7 +111,9 @@ pub enum SensorFileError {
     },
     /// It would be too large.
     #[error("the model has {} MB without its presses; a sensor file holds {} MB", bytes >> 20, MOST_BYTES >> 20)]
-    #[diagnostic(help("choose another --solver: maps of many channels are large, `pearson` and `whitened` are small"))]
+    #[diagnostic(help(
+        "choose another --solver: models of many channels are large, those of `pearson` and `whitened` are small"
+    ))]
     TooLarge {
         /// Its size.
         bytes: usize,
@@ -210,18 +212,18 @@ pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     if !rest.starts_with(KIND.as_bytes()) {
         return Err(SensorFileError::NoSensorFile { path: path.to_owned() });
     }
-    let mark = line(&mut rest, MARK.len() + 8).ok_or_else(|| damaged("its first line doesn't end"))?;
+    let mark = line(&mut rest, MARK.len() + 8).ok_or_else(|| damaged("its first line is incomplete"))?;
     if mark != MARK.as_bytes() {
         let found = String::from_utf8_lossy(&mark[KIND.len()..]).into_owned();
         return Err(SensorFileError::Version { path: path.to_owned(), found });
     }
-    let card = line(&mut rest, CARD_MOST_BYTES).ok_or_else(|| damaged("its second line doesn't end"))?;
+    let card = line(&mut rest, CARD_MOST_BYTES).ok_or_else(|| damaged("its second line is incomplete"))?;
     let card: Card = serde_json::from_slice(card).map_err(|why| damaged(&format!("its second line: {why}")))?;
     if rest.len() as u64 != card.bytes {
-        return Err(damaged(&format!("its model has {} bytes; it was written with {}", rest.len(), card.bytes)));
+        return Err(damaged(&format!("its model has {} bytes, but was written with {}", rest.len(), card.bytes)));
     }
     if Fingerprint::of("", rest).sha256 != card.sha256 {
-        return Err(damaged("its model isn't as it was written: its SHA-256 differs"));
+        return Err(damaged("its model has changed since it was written (its SHA-256 differs)"));
     }
     let model = Model::from_bytes(rest).map_err(|why| damaged(&why.to_string()))?;
     Ok((card, model))

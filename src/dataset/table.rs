@@ -17,7 +17,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 /// What a table needs.
-const HELP: &str = "needed are x_mm, y_mm and out_1, out_2, ... without a gap";
+const HELP: &str = "required: x_mm, y_mm and out_1, out_2, ... without a gap";
 
 /// Reads a table: at least one press, at least one channel, every number finite.
 ///
@@ -286,7 +286,7 @@ mod tests {
             ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; `y-mm` is there"),
             ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; `X_MM` is there"),
             ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; needed are"),
-            ("x_mm;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; columns are separated by commas"),
+            ("x_mm;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; separate the columns by commas"),
             ("x_mm,y_mm\n1,2\n", "column `out_1` is missing"),
             ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing"),
             ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "column `out_0` doesn't count as an output; outputs are numbered"),

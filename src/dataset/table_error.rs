@@ -18,11 +18,11 @@ pub const MAX_COLUMNS: usize = 4096;
 pub enum TableError {
     /// Not there, not a file, not permitted.
     #[error("{file}: can't be read")]
-    #[diagnostic(help("name a table that exists; `palpate rebuild` regenerates that of a run"))]
+    #[diagnostic(help("give an existing table; `palpate rebuild` regenerates the table of a run"))]
     Unreadable { file: String, source: io::Error },
     /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
     #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
-    #[diagnostic(help("leave out columns that aren't needed, or average repeated presses first"))]
+    #[diagnostic(help("remove columns that aren't needed, or average repeated presses first"))]
     TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
     /// Not text.
     #[error("{file}, line {line}: not UTF-8 text")]
@@ -30,7 +30,7 @@ pub enum TableError {
     NotText { file: String, line: u64 },
     /// No row below the header, or no header.
     #[error("{file}: the table has no rows")]
-    #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row below it"))]
+    #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row"))]
     NoRows { file: String },
     /// A needed column isn't there.
     #[error("{file}, line {line}: column `{column}` is missing")]
@@ -42,20 +42,20 @@ pub enum TableError {
         help: String,
     },
     /// Two columns of one name.
-    #[error("{file}, line {line}: column `{column}` stands in the header twice")]
+    #[error("{file}, line {line}: column `{column}` is in the header twice")]
     #[diagnostic(help("keep one of them, or rename the other"))]
     DuplicateColumn { file: String, line: u64, column: String },
     /// An output column with a number that doesn't count from 1.
-    #[error("{file}, line {line}: column `{column}` doesn't count as an output")]
-    #[diagnostic(help("outputs are numbered out_1, out_2, ... from 1, without leading zeros"))]
+    #[error("{file}, line {line}: invalid output column `{column}`")]
+    #[diagnostic(help("use out_1, out_2, ..., without leading zeros"))]
     OutputNumber { file: String, line: u64, column: String },
     /// A row of another length than the header.
     #[error("{file}, line {line}: {found} cells where the header has {expected} (up to column `{column}`)")]
-    #[diagnostic(help("every row needs one cell a column; numbers are written with a point, not a comma"))]
+    #[diagnostic(help("every row needs one cell per column; write decimals with a point, not a comma"))]
     Ragged { file: String, line: u64, column: String, expected: usize, found: usize },
     /// A cell that isn't what its column holds.
     #[error("{file}, line {line}, column `{column}`: expected {expected}, found `{found}`")]
-    #[diagnostic(help("write what the column holds, or remove the row"))]
+    #[diagnostic(help("correct the cell, or remove the row"))]
     Cell { file: String, line: u64, column: String, expected: &'static str, found: String },
 }
 

@@ -54,7 +54,7 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     verified.losses.clone_from(&known.manifest.losses);
     verified.compare(path, known.manifest.texts())?;
     let Some(layout) = layout else {
-        verified.problems.push(format!("{JOURNAL} has lost its beginning: it doesn't say what the run is"));
+        verified.problems.push(format!("{JOURNAL} has lost its beginning: the first record is missing"));
         return Ok(verified);
     };
     if !verified.has_ended && is_held(path) {
@@ -74,10 +74,10 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
             let vouched: Vec<Fingerprint> = told.files.iter().filter(|file| !is_text(file)).cloned().collect();
             verified.compare(path, &vouched)?;
             for file in found.iter().filter(|file| !told.files.iter().any(|other| other.name == file.name)) {
-                verified.problems.push(format!("{MANIFEST} doesn't vouch for {}", file.name));
+                verified.problems.push(format!("{MANIFEST} has no SHA-256 of {}", file.name));
             }
             if told != (Manifest { files: told.files.clone(), ..known.manifest.clone() }) {
-                verified.problems.push(format!("{MANIFEST} doesn't say what the journal says"));
+                verified.problems.push(format!("{MANIFEST} differs from the journal"));
             }
         }
     }
@@ -85,7 +85,7 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     for name in TABLES {
         let of = |files: &[Fingerprint]| files.iter().find(|file| file.name == name).cloned();
         if of(&again) != of(&found) {
-            verified.problems.push(format!("{name} isn't what the journal says"));
+            verified.problems.push(format!("{name} differs from the journal"));
         }
     }
     Ok(verified)
@@ -152,7 +152,7 @@ fn stray_lines(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Optio
         }
         number += 1;
         if !expected.contains(&hasher.hash_one(line.as_slice())) {
-            return Ok(Some(format!("{PRESSES}, line {number} isn't what the journal says")));
+            return Ok(Some(format!("{PRESSES}, line {number} differs from the journal")));
         }
     }
 }

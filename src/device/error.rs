@@ -34,13 +34,13 @@ pub enum DeviceProblem {
         expected: String,
     },
     /// The device refused, in its own words.
-    #[error("it says: {}", shown(.0))]
+    #[error("it reports: {}", shown(.0))]
     Refused(String),
     /// The device is in order but isn't what the rig file says.
     #[error("{}", shown(.0))]
     Mismatch(String),
     /// The controller ended a motion by itself, at the force that its guard was given.
-    #[error("it ended the motion by itself: its guard saw a force of {limit_n:.3} N or more")]
+    #[error("its guard ended the motion at a force of {limit_n:.3} N or more")]
     Guarded {
         /// The guard's force, N, the cell's own zero included.
         limit_n: f64,
@@ -57,17 +57,17 @@ impl Diagnostic for DeviceError {
                 "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports"
             }
             DeviceProblem::Claim(_) => {
-                "one program at a time drives an instrument: it locks a file in the temporary folder meanwhile"
+                "only one program at a time can use a device; palpate uses a lock file in the temporary folder"
             }
             DeviceProblem::Misfit { .. } => {
                 "check that the driver in the rig file fits the device, and that no other program talks to it"
             }
             DeviceProblem::Refused(_) => {
-                "look the message up in the device's manual; clear its cause, then `palpate resume` the run"
+                "find the message in the device's manual and clear its cause, then continue with `palpate resume`"
             }
-            DeviceProblem::Mismatch(_) => "correct the rig file or the device's settings so that they agree",
-            DeviceProblem::Guarded { .. } => "look at the specimen and the load cell before going on",
-            DeviceProblem::Motion(_) => "look for what holds the stage; clear it, then `palpate resume` the run",
+            DeviceProblem::Mismatch(_) => "change the rig file or the device's settings so that they agree",
+            DeviceProblem::Guarded { .. } => "check the specimen and the load cell before you continue",
+            DeviceProblem::Motion(_) => "find what blocks the stage and clear it, then continue with `palpate resume`",
         }))
     }
 }

@@ -70,11 +70,12 @@ pub fn has_key(text: &str, name: &str) -> bool {
 /// A text as TOML.
 fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
     if text.len() > TEXT_MAX_BYTES {
-        let problem = Problem::new(0..0, format!("the text is {} bytes long, over {TEXT_MAX_BYTES}", text.len()));
+        let problem =
+            Problem::new(0..0, format!("the file has {} bytes, but at most {TEXT_MAX_BYTES} are allowed", text.len()));
         return Err(Problems::new(name, "", vec![problem]));
     }
     if let Some(at) = too_deep(text) {
-        let problem = Problem::new(at..at + 1, format!("not TOML: over {DEPTH_MAX} brackets are open here"));
+        let problem = Problem::new(at..at + 1, format!("not valid TOML: more than {DEPTH_MAX} brackets are open here"));
         return Err(Problems::new(name, text, vec![problem.help("close each `[` and `{`")]));
     }
     let (root, errors) = DeTable::parse_recoverable(text);
@@ -84,7 +85,7 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
     let collector = Collector::default();
     for error in &errors {
         let place = error.span().unwrap_or(0..0);
-        collector.add(Problem::new(place, format!("not TOML: {}", error.message())));
+        collector.add(Problem::new(place, format!("not valid TOML: {}", error.message())));
     }
     Err(collector.into_problems(name, text))
 }
@@ -223,7 +224,7 @@ mod tests {
         let keys: String = (0..5000).map(|i| format!("k{i} = 1\n")).collect();
         let told = messages(&keys, NONE, |_| Some(()));
         assert_eq!(told.len(), PROBLEMS_MAX + 1);
-        assert!(told[PROBLEMS_MAX].ends_with("there is more than this wrong"), "{}", told[PROBLEMS_MAX]);
+        assert!(told[PROBLEMS_MAX].ends_with("there are more problems"), "{}", told[PROBLEMS_MAX]);
     }
 
     #[test]

@@ -48,7 +48,7 @@ impl Problems {
     pub fn new(name: &str, text: &str, mut problems: Vec<Problem>) -> Self {
         problems.sort_by_key(|problem| problem.span.start);
         if problems.len() > PROBLEMS_MAX {
-            let more = Problem::new(problems[PROBLEMS_MAX].span.clone(), "there is more than this wrong");
+            let more = Problem::new(problems[PROBLEMS_MAX].span.clone(), "there are more problems");
             problems.truncate(PROBLEMS_MAX);
             problems.push(more);
         }

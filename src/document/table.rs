@@ -154,7 +154,7 @@ impl<'d> Table<'d> {
     /// One of the key's words, as what it means.
     pub fn word<T: Copy>(&self, key: &Key, meanings: &[(&'static str, T)]) -> Option<T> {
         let known = known_words(key);
-        debug_assert!(meanings.iter().all(|(word, _)| known.contains(word)), "`{}` has other words", key.name);
+        debug_assert!(meanings.iter().all(|(word, _)| known.contains(word)), "`{}` has an invalid value", key.name);
         let word = match self.get(key) {
             Some(value) => {
                 let text = self.text_of(key, value)?;
@@ -200,7 +200,9 @@ impl<'d> Table<'d> {
         let ends = self.numbers_of(key, value)?;
         match ends[..] {
             [min, max] if min <= max => Some(Range { min, max }),
-            [min, max] => self.fail(value, format!("`{}` runs backward, from {min} to {max}", key.name)),
+            [min, max] => {
+                self.fail(value, format!("`{}` has its first number above the second: {min} to {max}", key.name))
+            }
             _ => self.fail(value, format!("`{}` has {} numbers, expected [from, to]", key.name, ends.len())),
         }
     }
@@ -258,8 +260,8 @@ impl<'d> Table<'d> {
                 self.complain(with_nearest(problem, name, &known));
             } else if !undecided && !is_in(self.keys.always) && !cases.iter().any(|case| is_in(case.keys)) {
                 let others = self.keys.cases.iter().filter(|case| is_in(case.keys)).map(|case| case.name);
-                let told = format!("`{name}`{} has no meaning here", self.place());
-                let help = format!("it goes with {}", others.collect::<Vec<_>>().join(", "));
+                let told = format!("`{name}`{} can't be used here", self.place());
+                let help = format!("it requires {}", others.collect::<Vec<_>>().join(", "));
                 self.complain(Problem::new(key.span(), told).help(help));
             }
         }
@@ -342,7 +344,7 @@ impl<'d> Table<'d> {
                 let told = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit());
                 self.fail(value, told.trim_end().to_owned())
             }
-            None => self.fail(value, format!("`{name}` is not a number this program can hold")),
+            None => self.fail(value, format!("`{name}` is too large a number")),
         }
     }
 
@@ -352,7 +354,7 @@ impl<'d> Table<'d> {
         let problem = Problem::new(value.span(), format!("`{}` is {article} {kind}, expected {expected}", key.name));
         let helped = expected.contains(" in ") && value.get_ref().is_str();
         self.complain(if helped {
-            problem.help("the unit is in the key's name: write the number alone")
+            problem.help("the unit is in the key's name: write only the number")
         } else {
             problem
         });
@@ -370,7 +372,7 @@ fn expected(key: &Key) -> String {
     let of = |kind: &Kind| match kind {
         Kind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
         Kind::Range(bounds) => Some(format!("[from, to]{}", bounds.in_unit())),
-        Kind::PerUnit(bounds) => Some(format!("a list, one {} a unit", bounds.unit())),
+        Kind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
         Kind::Places(_) => Some("[[x, y], ...]".to_owned()),
         Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
         Kind::Word(words) => Some(format!("one of {}", words.join(", "))),
@@ -418,7 +420,7 @@ pub(crate) fn with_nearest(problem: Problem, name: &str, known: &[&str]) -> Prob
     let nearest = known.iter().max_by(|a, b| score(a).total_cmp(&score(b)));
     match nearest {
         Some(nearest) if score(&nearest) >= SIMILAR => problem.help(format!("did you mean `{nearest}`?")),
-        Some(_) if problem.help.is_none() => problem.help(format!("known here: {}", known.join(", "))),
+        Some(_) if problem.help.is_none() => problem.help(format!("allowed keys: {}", known.join(", "))),
         _ => problem,
     }
 }

@@ -93,7 +93,7 @@ impl Esp301 {
             let (done, places): (Vec<bool>, Vec<f64>) = (done.collect::<Option<_>>()?, places.collect::<Option<_>>()?);
             Some((done.iter().all(|&done| done).then_some(places), complaint))
         };
-        let expected = "0 or 1 and a place for each axis, and an error";
+        let expected = "0 or 1 and a position for each axis, and an error";
         let (places, complaint) =
             self.ask_for(doing, &question, 2 * axes.len() + 1, Some((reins, axes)), expected, read).await?;
         let room = COMPLAINTS_MAX.saturating_sub(self.complaints.len());
@@ -142,13 +142,15 @@ impl Esp301 {
         let (doing, n) = ("checking an axis against the rig", number(axis));
         let units = self.ask_number(doing, &format!("{n}SN?")).await?;
         if units != MILLIMETRES {
-            let told = format!("axis {n} counts in unit {units}, not in mm (2); set it on the controller, not here");
+            let told = format!("axis {n} uses unit {units} instead of mm (2); change it on the controller");
             return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         let fastest = self.ask_number(doing, &format!("{n}VU?")).await?;
         if fastest < usage.speed_mm_s {
-            let told =
-                format!("axis {n} goes at most {fastest} mm/s, under the rig's speed_mm_s of {}", usage.speed_mm_s);
+            let told = format!(
+                "axis {n} reaches at most {fastest} mm/s, less than the rig's speed_mm_s of {}",
+                usage.speed_mm_s
+            );
             return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         Ok(())
@@ -163,7 +165,7 @@ impl Esp301 {
         while self.at_rest(doing, &[axis], reins).await?.is_none() {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
-                let told = format!("axis {n} didn't find its home in time");
+                let told = format!("axis {n} didn't finish homing in time");
                 return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
         }
@@ -174,7 +176,7 @@ impl Esp301 {
     /// z may have been homed before and press: x and y are homed with z at the end that lies away from the specimen. A
     /// z that refused to home, or isn't where it was sent, is an error before anything moves sideways.
     async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
-        let doing = "taking z away from the specimen";
+        let doing = "moving z away from the specimen";
         let end_mm = away_end_mm(usage);
         let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
         self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
@@ -182,7 +184,7 @@ impl Esp301 {
         let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
-            let told = format!("z was sent to {end_mm:.4} mm and is at {at_mm:.4} mm");
+            let told = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
             return Err(self.error(doing, DeviceProblem::Motion(told)));
         }
         Ok(())
@@ -271,7 +273,8 @@ impl Stage for Esp301 {
         self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, usage, reins).await?;
         let (at_mm, end_mm) = (self.position_mm(Axis::Z, &Reins::default()).await?, away_end_mm(usage));
         if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
-            let told = format!("z counts {at_mm:.4} mm at the limit it homed to, the rig's travel ends at {end_mm} mm");
+            let told =
+                format!("z reads {at_mm:.4} mm at the limit where it homed, but the rig's travel ends at {end_mm} mm");
             return Err(self.error("homing", DeviceProblem::Mismatch(told)));
         }
         Ok(true)
@@ -368,7 +371,7 @@ impl Stage for Esp301 {
     async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
         let (question, travel) = (format!("{}TP", number(axis)), self.reach(axis));
         let read = |answers: &[String]| place_in(answers.first()?, travel);
-        let (doing, expected) = ("reading a position", "a place within the travel");
+        let (doing, expected) = ("reading a position", "a position within the travel");
         self.ask_for(doing, &question, 1, Some((reins, &Axis::ALL)), expected, read).await
     }
 

@@ -18,7 +18,7 @@ const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
     /// The TCP port can't be had.
-    #[error("cannot listen on {at}; port 0 takes any that is free")]
+    #[error("can't listen on {at}; port 0 selects a free port")]
     Port {
         /// The address and port that were asked for.
         at: SocketAddr,
@@ -26,7 +26,7 @@ pub enum ListenError {
         source: std::io::Error,
     },
     /// There is no pseudo-terminal to be had.
-    #[error("cannot open a pseudo-terminal; a TCP port would do without one")]
+    #[error("can't open a pseudo-terminal; use a TCP port instead")]
     PseudoTerminal(#[source] tokio_serial::Error),
     /// This system has no pseudo-terminals.
     #[error("this system has no pseudo-terminals: offer the instrument on a TCP port")]

@@ -30,17 +30,17 @@ keys! {
     accept {
         rule: Word(&words(&DECISIONS)), or_word(Decision::Simple.word()),
             "simple: each figure is within its limit; guarded: its one-sided 95 % bound is", "\"guarded\"";
-        method: Word(&CHOOSABLE), or_word(BEST), "the solver that is judged", "\"pearson\"";
+        method: Word(&CHOOSABLE), or_word(BEST), "the solver whose results are judged", "\"pearson\"";
         calibration_presses_least: Whole(1, PRESSES_CEILING as u64), or_whole(1),
-            "the fewest calibration presses that count, flagged ones left out", "500";
+            "smallest number of calibration presses, without flagged ones", "500";
         test_presses_least: Whole(1, PRESSES_CEILING as u64), or_whole(1),
-            "the fewest test presses that count, flagged ones left out", "100";
+            "smallest number of test presses, without flagged ones", "100";
         location_mean_mm: Number(LENGTH), Allowed, "limit of the mean location error", "1.0";
         location_p95_mm: Number(LENGTH), Allowed, "limit of the 95th percentile of the location errors", "2.0";
-        location_within: Table(&location_within::KEYS), Allowed, "limit of the share of small location errors";
+        location_within: Table(&location_within::KEYS), Allowed, "limit of the share of presses with a small location error";
         force_mean_n: Number(FORCE), Allowed, "limit of the mean force error", "0.1";
         force_p95_n: Number(FORCE), Allowed, "limit of the 95th percentile of the force errors", "0.2";
-        force_within: Table(&force_within::KEYS), Allowed, "limit of the share of small force errors";
+        force_within: Table(&force_within::KEYS), Allowed, "limit of the share of presses with a small force error";
         repeatability_percent: Number(PERCENT), Allowed,
             "limit of the loading repeatability of every unit, % of full scale", "4.0";
         hysteresis_percent: Number(PERCENT), Allowed, "limit of the hysteresis of every unit, % of full scale", "6.0";
@@ -50,9 +50,9 @@ keys! {
         zero_return_percent: Number(PERCENT), Allowed, "limit of the zero return of every unit, % of full scale", "1.0";
         noise_percent: Number(PERCENT), Allowed,
             "limit of the noise of every channel in air, % of its largest output in the calibration", "0.5";
-        broken_channels_most: Whole(0, CHANNELS_MAX), Allowed, "the most dead or saturated channels", "0";
+        broken_channels_most: Whole(0, CHANNELS_MAX), Allowed, "largest number of dead or saturated channels", "0";
         flagged_presses_most: Whole(0, PRESSES_CEILING as u64), Allowed,
-            "the most flagged presses of calibration and test together", "5";
+            "largest number of flagged presses in calibration and test together", "5";
     }
 }
 
@@ -60,7 +60,7 @@ keys! {
     /// `location_within` of `[accept]`.
     location_within {
         mm: Number(LENGTH), Refused, "the location error up to which a press counts", "1.0";
-        share: Number(SHARE), Refused, "the least share of the test presses, 0 to 1", "0.9";
+        share: Number(SHARE), Refused, "smallest share of the test presses, 0 to 1", "0.9";
     }
 }
 
@@ -68,7 +68,7 @@ keys! {
     /// `force_within` of `[accept]`.
     force_within {
         n: Number(FORCE), Refused, "the force error up to which a press counts", "0.1";
-        share: Number(SHARE), Refused, "the least share of the test presses, 0 to 1", "0.9";
+        share: Number(SHARE), Refused, "smallest share of the test presses, 0 to 1", "0.9";
     }
 }
 

@@ -41,12 +41,12 @@ pub(super) const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
 keys! {
     /// The whole recipe.
     root {
-        name: Text, Refused, "what the run folder is named after", "\"paper\"";
-        press: Table(&press::KEYS), Allowed, "how every press is made, unless a step says otherwise";
-        step: Tables(&step::KEYS), Allowed, "what to press, one step after the other; there is at least one";
-        evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is done";
+        name: Text, Refused, "name of the run folder", "\"paper\"";
+        press: Table(&press::KEYS), Allowed, "settings of every press, unless a step overrides them";
+        step: Tables(&step::KEYS), Allowed, "the steps, done in this order; at least one is required";
+        evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,
-            "the acceptance rule, or the name of a file beside the recipe that has it; without it there is no verdict",
+            "the acceptance rule, or the name of a file in the recipe's folder that holds it; without it there is no verdict",
             "\"accept.toml\"";
     }
 }
@@ -55,13 +55,13 @@ keys! {
     /// `[press]`, and the same keys in a step.
     press {
         force_tolerance_n: Number(FORCE), or(Manner::PAPER.force_tolerance_n),
-            "how far the force in the window may be from the one that is set", "0.05";
+            "largest difference between the force in the window and the set force", "0.05";
         hold_s: Number(DWELL), or(Manner::PAPER.hold_s), "dwell at the set force before the window", "0.5";
         sample_s: Number(WINDOW), or(Manner::PAPER.sample_s),
             "length of the window in which force and outputs are sampled", "0.1";
-        strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "how the force is found", "\"map\"";
+        strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "strategy that reaches the force", "\"map\"";
         sample_after_s: Number(DWELL), Allowed,
-            "when the window begins, from contact; without it as soon as the strategy is sure of the force", "2.0";
+            "time from contact to the start of the window; without it, the window starts when the force is within the tolerance", "2.0";
     }
 }
 
@@ -76,27 +76,27 @@ keys! {
 keys! {
     /// `[[step]]`
     step {
-        phase: Word(&words(&PHASES)), Refused, "what its presses are made for", "\"calibration\"";
-        force_n: Number(FORCE), Allowed, "the force of every press; a step has this, `staircase` or `random.force_n`", "1.0";
-        staircase: Table(&staircase::KEYS), Allowed, "up to a force and back, in equal steps";
+        phase: Word(&words(&PHASES)), Refused, "purpose of the step's presses", "\"calibration\"";
+        force_n: Number(FORCE), Allowed, "force of every press; a step has this, `staircase` or `random.force_n`", "1.0";
+        staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
     }
     as press { force_tolerance_n, hold_s, sample_s, strategy, sample_after_s }
     one of {
-        grid: Table(&grid::KEYS), Allowed, "press rows of places, both ends included";
-        list: Table(&list::KEYS), Allowed, "press the places of a list";
-        random: Table(&random::KEYS), Allowed, "press places drawn from the run's seed";
+        grid: Table(&grid::KEYS), Allowed, "places on a regular grid, both ends included";
+        list: Table(&list::KEYS), Allowed, "places given as a list";
+        random: Table(&random::KEYS), Allowed, "random places, from the run's random seed";
         units: Either(&[Word(&words(&ALL_UNITS)), Wholes(1, UNITS_MAX)]), Allowed,
-            "press straight above units of the array, which count from 1, or above all of them", "[1, 5, 9]";
+            "places above the centres of these units (numbered from 1), or of all units", "[1, 5, 9]";
     }
 }
 
 keys! {
     /// `grid` of a step.
     grid {
-        x_mm: Range(PLACE), Refused, "the first and the last x", "[-6.0, 6.0]";
-        y_mm: Range(PLACE), Refused, "the first and the last y", "[-6.0, 6.0]";
-        spacing_mm: Number(SPACING), Refused, "from one place to the next; it divides both extents", "0.5";
-        order: Word(&words(&ORDERS)), or_word(Order::Raster.name()), "in which order the places are visited",
+        x_mm: Range(PLACE), Refused, "first and last x", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "first and last y", "[-6.0, 6.0]";
+        spacing_mm: Number(SPACING), Refused, "distance of neighbouring places; both extents must be multiples of it", "0.5";
+        order: Word(&words(&ORDERS)), or_word(Order::Raster.name()), "order in which the places are pressed",
             "\"interleaved\"";
     }
 }
@@ -111,10 +111,10 @@ keys! {
 keys! {
     /// `random` of a step.
     random {
-        count: Whole(1, PRESSES_CEILING as u64), Refused, "how many places", "100";
-        x_mm: Range(PLACE), Refused, "the interval of x", "[-6.0, 6.0]";
-        y_mm: Range(PLACE), Refused, "the interval of y", "[-6.0, 6.0]";
-        force_n: Range(FORCE), Allowed, "the interval of the force, which is drawn for each place", "[0.1, 1.0]";
+        count: Whole(1, PRESSES_CEILING as u64), Refused, "number of places", "100";
+        x_mm: Range(PLACE), Refused, "interval of x", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "interval of y", "[-6.0, 6.0]";
+        force_n: Range(FORCE), Allowed, "interval of the random force of each place", "[0.1, 1.0]";
     }
 }
 
@@ -122,8 +122,8 @@ keys! {
     /// `staircase` of a step.
     staircase {
         to_n: Number(FORCE), Refused, "the largest force", "2.0";
-        step_n: Number(FORCE), Refused, "from one force to the next; it divides `to_n`", "0.5";
-        repeats: Whole(1, 1000), or_whole(1), "how often at each place", "5";
+        step_n: Number(FORCE), Refused, "difference of neighbouring levels; `to_n` must be a multiple of it", "0.5";
+        repeats: Whole(1, 1000), or_whole(1), "number of repeats at each place", "5";
         rest_s: Number(DWELL), or(0.0), "rest between two repeats at a place", "300.0";
     }
 }

@@ -23,8 +23,11 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
     document::read(file, text, &KEYS, |table| {
         let name = table.text(&root::name);
         if let Some(name) = name.filter(|name| !is_folder_name(name)) {
-            let problem = Problem::new(table.span_of(&root::name), format!("`name` is {name:?}, no name for a folder"));
-            table.complain(problem.help("use letters, digits, '-', '_' and '.', not a '.' in front"));
+            let problem = Problem::new(
+                table.span_of(&root::name),
+                format!("`name` is {name:?}, which isn't a valid folder name"),
+            );
+            table.complain(problem.help("use letters, digits, '-', '_' and '.'; the first character can't be '.'"));
         }
         let manner = match table.table(&root::press) {
             Some(press) => read_manner(&press, Manner::default()),
@@ -46,8 +49,8 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         if let Some(steps) = steps.as_ref().filter(|_| !solvers.is_empty()) {
             for phase in [Phase::Calibration, Phase::Test] {
                 if !steps.iter().any(|step| step.phase == phase) {
-                    let told = format!("there is nothing to evaluate: no step has the phase \"{}\"", phase.name());
-                    let help = "add such a step, or leave [evaluate] out and evaluate two runs' tables together";
+                    let told = format!("[evaluate] requires a step with the phase \"{}\"", phase.name());
+                    let help = "add such a step, or remove [evaluate] and evaluate the tables of two runs together";
                     table.complain(Problem::new(table.span_of(&root::evaluate), told).help(help));
                 }
             }
@@ -65,15 +68,17 @@ fn read_accept(table: &Table) -> Option<Option<Accept>> {
     if table.is_text(&root::accept) {
         let name = table.text(&root::accept)?;
         if !name.ends_with(".toml") || name.contains(['/', '\\']) || !is_folder_name(name) {
-            let problem =
-                Problem::new(table.span_of(&root::accept), format!("`accept` is {name:?}, no file beside the recipe"));
-            table.complain(problem.help("name a .toml file in the recipe's folder, such as \"accept.toml\""));
+            let problem = Problem::new(
+                table.span_of(&root::accept),
+                format!("`accept` is {name:?}, which isn't the name of a .toml file in the recipe's folder"),
+            );
+            table.complain(problem.help("write a file name without a folder, such as \"accept.toml\""));
             return None;
         }
         if RUNS_OWN.contains(&name) {
             let problem = Problem::new(
                 table.span_of(&root::accept),
-                format!("`accept` is {name:?}: a run keeps its own file of that name"),
+                format!("`accept` is {name:?}: a run uses this name for its own file"),
             );
             table.complain(problem.help("give the acceptance file another name"));
             return None;
@@ -134,9 +139,11 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     if let Some(least_n) = load.as_ref().map(Load::least_n)
         && manner.force_tolerance_n >= least_n
     {
-        let told =
-            format!("the force tolerance of {} N isn't under the force of {least_n} N", manner.force_tolerance_n);
-        let help = "a press that may miss by its whole force is none: lower `force_tolerance_n`";
+        let told = format!(
+            "the force tolerance of {} N is not smaller than the force of {least_n} N",
+            manner.force_tolerance_n
+        );
+        let help = "the tolerance must be smaller than the force: lower `force_tolerance_n`";
         table.complain(Problem::new(load_span.clone(), told).help(help));
     }
     Some(Step { phase: phase?, places: places?, load: load?, manner, places_span, load_span })
@@ -150,12 +157,12 @@ fn places_key(table: &Table) -> Option<Key> {
         [key] => Some(key),
         [] => {
             let help = format!("add one of {}", keys.map(|key| key.name).collect::<Vec<_>>().join(", "));
-            table.complain(Problem::new(table.span(), "this step doesn't say where to press").help(help));
+            table.complain(Problem::new(table.span(), "this step has no places").help(help));
             None
         }
         [first, second, ..] => {
-            let told = format!("this step says where to press twice: `{}` and `{}`", first.name, second.name);
-            table.complain(Problem::new(table.span_of(&second), told).help("make two steps of it"));
+            let told = format!("this step gives its places twice: `{}` and `{}`", first.name, second.name);
+            table.complain(Problem::new(table.span_of(&second), told).help("split it into two steps"));
             None
         }
     }
@@ -173,11 +180,11 @@ fn read_grid(step: &Table) -> Option<Places> {
             if width > 0.0 && spacing > width {
                 let told = format!("`spacing_mm` is {spacing}, more than the {width} mm of `{name}`");
                 let problem = Problem::new(table.span_of(&grid::spacing_mm), told);
-                table.complain(problem.help("make it smaller than the extent"));
+                table.complain(problem.help("use a spacing smaller than the extent"));
             } else if (spaces - spaces.round()).abs() > WHOLE * spaces.max(1.0) {
                 let (few, many) = (width / spaces.floor().max(1.0), width / spaces.ceil());
                 let told = format!("`spacing_mm` {spacing} doesn't divide the {width} mm of `{name}`");
-                let help = format!("the nearest that do: {many:.4} and {few:.4}");
+                let help = format!("the nearest spacings that do: {many:.4} and {few:.4}");
                 table.complain(Problem::new(table.span_of(&grid::spacing_mm), told).help(help));
             }
         }
@@ -230,9 +237,9 @@ fn read_staircase(step: &Table) -> Option<Load> {
         let span = table.span_of(&staircase::step_n);
         if (steps - steps.round()).abs() > WHOLE * steps.max(1.0) || steps < 0.5 {
             let told = format!("`step_n` {step} doesn't divide `to_n` {to}");
-            table.complain(Problem::new(span, told).help("levels are equal steps from 0 to the top"));
+            table.complain(Problem::new(span, told).help("levels are equal steps from 0 to `to_n`"));
         } else if steps > 1000.0 {
-            table.complain(Problem::new(span, format!("{steps:.0} levels, over 1000 levels")));
+            table.complain(Problem::new(span, format!("{steps:.0} levels, but at most 1000 are allowed")));
         }
     }
     Some(Load::Staircase { to_n: to_n?, step_n: step_n?, repeats: repeats?, rest_s: rest_s? })

@@ -87,11 +87,11 @@ impl Recipe {
     /// It comes to more presses than are allowed, and this step is the first that is over.
     fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
-        let told = format!("the plan comes to {presses} presses, over {}", self.presses_max);
+        let told = format!("the plan has {presses} presses, but at most {} are allowed", self.presses_max);
         let help = if presses > PRESSES_CEILING {
-            format!("split the recipe: no plan may have more than {PRESSES_CEILING}")
+            format!("split the recipe: a plan has at most {PRESSES_CEILING} presses")
         } else {
-            format!("split the recipe, or allow as many with --presses-max {presses}")
+            format!("split the recipe, or add --presses-max {presses}")
         };
         Problem::new(step.places_span.clone(), told).help(help)
     }
@@ -220,7 +220,7 @@ fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
     if most_n > limits.force_n {
         let told = format!("this step presses with {most_n} N, over the specimen's limit of {} N", limits.force_n);
         let help = format!(
-            "ask for at most {} N, or raise `limits.force_n` in the rig if the specimen bears it",
+            "use at most {} N, or raise `limits.force_n` in the rig if the specimen can take it",
             limits.force_n
         );
         problems.push(Problem::new(step.load_span.clone(), told).help(help));
@@ -244,7 +244,7 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
         }
         let (travel, name) = (ground.travel.along(axis), axis.name());
         let message = format!(
-            "({}, {}) mm is off the stage's travel: {name} runs from {} to {} mm",
+            "({}, {}) mm is outside the stage's travel: {name} goes from {} to {} mm",
             place.x_mm, place.y_mm, travel.min, travel.max
         );
         problems.push(Problem::new(span.clone(), message).help("keep places within `stage.travel_mm` of the rig"));

@@ -24,7 +24,7 @@ const MOST_N: f64 = 1.0;
 const SAME: f64 = 1e-6;
 
 /// Whether an array is the paper's and was calibrated and tested by its protocol: 3 x 3 units 4.5 mm apart; 1 N at each of the
-/// 625 points of a grid of 0.5 mm over 12 x 12 mm; 100 presses of 0.1 to 1 N anywhere there. Flagged presses count too.
+/// 625 points of a grid of 0.5 mm over 12 x 12 mm; 100 presses of 0.1 to 1 N anywhere there. Flagged presses are included.
 pub fn is_beside_paper(layout: &ArrayLayout, presses: &Presses) -> bool {
     is_papers_array(layout) && is_calibrated_as_there(presses) && is_tested_as_there(presses)
 }

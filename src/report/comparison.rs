@@ -147,11 +147,11 @@ fn calibrated(presses: &Presses) -> Vec<(Place, f64)> {
 pub fn comparison(runs: &[Compared], solver: &str) -> Page {
     let header = html! {
         h1 { (counted(runs.len(), "run")) " side by side" }
-        p.lede { "In the order they were named: sensors of a batch, or one sensor over time." }
+        p.lede { "In the given order: sensors of a batch, or one sensor over time." }
     };
     let empty = html! {};
     let sections = [
-        Some(section("What each came to", &numbers(runs, solver)).into()),
+        Some(section("Results of each run", &numbers(runs, solver)).into()),
         Section::of_figures("Errors of each run", &empty, errors(runs, solver)),
         Section::of_figures("How the units differ", &empty, changes(runs).into_iter().collect()),
     ];
@@ -165,7 +165,7 @@ fn numbers(runs: &[Compared], solver: &str) -> Markup {
     let unaccepted = unaccepted.filter(|(_, judgement)| judgement.verdict != Verdict::Accepted);
     html! {
         (errors_table(runs, solver))
-        p.note { "Mean errors against the commanded force. Both under: share of the presses under 1 mm and under 0.1 N. Verdict: by the acceptance rule, - where none was given." }
+        p.note { "Mean errors against the commanded force. Both under: share of the presses under 1 mm and under 0.1 N. Verdict: by the acceptance rule, - without one." }
         @for (run, judgement) in unaccepted { p.note { (run.name) ": " (reasons(judgement)) } }
         @for (run, why) in unevaluated { p.note { (run.name) " isn't evaluated: " (why) } }
         (origins_table(runs))
@@ -325,7 +325,7 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
     let (y, height_px) = rows(&alike);
     let figure = Figure {
         title: "Mean output of each unit".to_owned(),
-        subtitle: format!("over the calibration, for each newton, against that of {}", first.told()),
+        subtitle: format!("over the calibration, per newton, relative to {}", first.told()),
         height_px,
         panels: vec![Panel {
             x: ChartAxis::count("output", (0.5, units as f64 + 0.5)),
@@ -336,7 +336,7 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
         notes: match left_out {
             0 => Vec::new(),
             _ => vec![format!(
-                "{} left out: calibrated at other places or forces, or not at all",
+                "{} excluded: calibrated at other places or forces, or not calibrated",
                 counted(left_out, "run")
             )],
         },

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// A part for each run.
 pub fn section(subject: &Subject) -> Option<Markup> {
     let body = html! { @for run in &subject.runs { (of_run(run)) } };
-    Some(framed("What it was made with", &body))
+    Some(framed("Devices, program and files", &body))
 }
 
 fn of_run(run: &Recorded) -> Markup {
@@ -49,7 +49,7 @@ fn of_run(run: &Recorded) -> Markup {
     for touch in &run.retouches {
         let (x_mm, y_mm) = (touch.place.x_mm, touch.place.y_mm);
         let moved_um = 1000.0 * (touch.touched_mm - touch.before_mm);
-        rows.push(("touched again", format!("({x_mm}, {y_mm}) mm: {moved_um:+.1} um from before")));
+        rows.push(("touched again", format!("({x_mm}, {y_mm}) mm: moved by {moved_um:+.1} um")));
     }
     let devices: Vec<[Markup; 3]> = manifest
         .devices
@@ -67,7 +67,7 @@ fn of_run(run: &Recorded) -> Markup {
         @if !devices.is_empty() {
             div.wide {
                 table {
-                    thead { tr { th scope="col" { "device" } th.words scope="col" { "what it says it is" } th.words scope="col" { "link" } } }
+                    thead { tr { th scope="col" { "device" } th.words scope="col" { "reported identity" } th.words scope="col" { "link" } } }
                     tbody {
                         @for [role, identity, link] in &devices {
                             tr { th scope="row" { (role) } td.words { (identity) } td.words { (link) } }
@@ -76,7 +76,7 @@ fn of_run(run: &Recorded) -> Markup {
                 }
             }
         }
-        p.note { "Kept beside it: recipe.toml and rig.toml as given, journal.log, presses.csv; SHA-256 of each in manifest.json." }
+        p.note { "In the same folder: recipe.toml and rig.toml as given, journal.log, presses.csv; SHA-256 of each in manifest.json." }
     }
 }
 
@@ -93,7 +93,7 @@ fn zeros(run: &Recorded) -> String {
     match (offsets().next(), offsets().reduce(f64::min), offsets().reduce(f64::max)) {
         (Some(first), Some(least), Some(most)) => {
             format!(
-                "taken {}, {first:.1} mN at first, {:.1} mN between the extremes",
+                "taken {}, {first:.1} mN at first, {:.1} mN between largest and smallest",
                 if run.zeros.len() == 1 { "once".to_owned() } else { format!("{} times", run.zeros.len()) },
                 most - least
             )

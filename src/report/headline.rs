@@ -78,7 +78,7 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
             |key: &str, e: &Evaluation| Some(percent(&format!("{key}.coverage.{name}"), part(e.coverage.as_ref()?)?));
         rows.push(row(label, blank(), &cell));
     }
-    rows.push(row("doubted by the method", blank(), &|_, e| {
+    rows.push(row("verdict of the method not ok", blank(), &|_, e| {
         Some(words(e.verdicts.doubts().map(|(count, _)| count).iter().sum::<usize>()))
     }));
     html! {
@@ -86,10 +86,10 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
         p.note {
             "Force errors are against the commanded force" @if is_beside_paper { ", as in the paper" }
             "; by the load cell both calibration and test are. "
-            "Stated sd: what a method says of its own answers; 68.3 and 95.4 % lie within one and two where that is right."
+            "Stated sd: the method's own estimate of its errors; if it is right, 68.3 and 95.4 % of errors are within one and two sd."
         }
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
-            p.note { (evaluation.at_calibrated_places) " of the test presses are at places that the calibration pressed too." }
+            p.note { (evaluation.at_calibrated_places) " of the test presses are at places of the calibration." }
         }
         @if evaluations.iter().any(|evaluation| !evaluation.left_out.is_none()) { (left_out_told(evaluations)) }
     }
@@ -101,16 +101,16 @@ type Part = fn(&ErrorSummary) -> f64;
 type Share = fn(&Coverage) -> Option<f64>;
 const COVERAGES: [(&str, &str, Share); 4] = [
     ("location within the stated half-width of 68 %", "location_68", |c| c.location_68),
-    ("location within that of 95 %", "location_95", |c| c.location_95),
+    ("location within the stated half-width of 95 %", "location_95", |c| c.location_95),
     ("force within the stated half-width of 68 %", "force_68", |c| c.force_68),
-    ("force within that of 95 %", "force_95", |c| c.force_95),
+    ("force within the stated half-width of 95 %", "force_95", |c| c.force_95),
 ];
 
 /// What is flagged is left out for all methods, what has no answer by one of them.
 fn left_out_told(evaluations: &[Evaluation]) -> Markup {
     let LeftOut { calibration_flagged, test_flagged, .. } = evaluations.first().map(|e| e.left_out).unwrap_or_default();
     html! {
-        p.note { "Left out: " (calibration_flagged) " calibration and " (test_flagged) " test presses that are flagged"
+        p.note { "Excluded: " (calibration_flagged) " calibration and " (test_flagged) " test presses that are flagged"
             @for evaluation in evaluations { ", " (evaluation.left_out.test_unsolved) " without an answer by " (evaluation.solver) }
             "." }
     }

@@ -17,7 +17,7 @@ struct Controlled {
     over_mn: Option<f64>,
 }
 
-/// The phases, how each is drawn, and what it is called.
+/// The phases, how each is drawn, and name of the item.
 const PHASES: [(Phase, Hue, Shape); 3] = [
     (Phase::Characterisation, Hue::Green, Shape::Triangle),
     (Phase::Calibration, Hue::Blue, Shape::Circle),
@@ -40,7 +40,7 @@ pub fn section(subject: &Subject) -> Option<Section> {
         "error in the window, mean, mN",
         "95th percentile",
         "largest",
-        "largest force over the set one, mN",
+        "largest force above the set force, mN",
         "time a press, median, s",
     ];
     let rows: Vec<Vec<Markup>> = PHASES
@@ -68,11 +68,11 @@ pub fn section(subject: &Subject) -> Option<Section> {
         held.iter().filter_map(|held| Some((held.phase, held.press, held.over_mn?))).collect();
     let drifts = drifts(&subject.runs);
     let drawn = [
-        ("press-force-errors", "Force in the window less the set force", "force error, mN", &errors, true),
-        ("press-overshoots", "Largest true force less the set force", "overshoot, mN", &overshoots, true),
+        ("press-force-errors", "Force in the window minus the set force", "force error, mN", &errors, true),
+        ("press-overshoots", "Largest true force minus the set force", "overshoot, mN", &overshoots, true),
         (
             "press-zero-drift",
-            "Load cell in air after a press, less that before the first",
+            "Load cell in air after a press, minus its reading before the first",
             "zero drift, mN",
             &drifts,
             true,
@@ -87,8 +87,8 @@ pub fn section(subject: &Subject) -> Option<Section> {
         .collect();
     let before = html! {
         (table(&head.map(words), &rows))
-        p.note { "Error: the load cell's mean in the window less the set force. The largest force is the true one, which only a "
-            "simulated run knows; negative: it stayed below. Zero drift: forces count from the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged presses count too." }
+        p.note { "Error: the load cell's mean in the window minus the set force. The largest force is the true one, which only a "
+            "simulated run knows; negative: it stayed below the set force. Zero drift: forces count from the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged presses are included." }
     };
     Some(Section::new("Force control", &before, drawn))
 }

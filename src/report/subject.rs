@@ -33,10 +33,10 @@ pub enum ReportError {
     Dataset(#[from] DatasetError),
     /// Two runs of one page come from two arrays.
     #[error(
-        "{first} has {first_units} units, {second} has {second_units}{}: they aren't of one sensor",
+        "{first} has {first_units} units, {second} has {second_units}{}: they are of different sensors",
         if first_units == second_units { " at other places" } else { "" }
     )]
-    #[diagnostic(help("report them apart; to hold sensors side by side, --compare"))]
+    #[diagnostic(help("report them separately, or add --compare to compare sensors"))]
     Arrays {
         /// A run.
         first: String,
@@ -49,7 +49,7 @@ pub enum ReportError {
     },
     /// Two runs of one page are of two sensors, designs or batches.
     #[error("{first} is of the {label} {of_first}, {second} of {of_second}: a page is about one sensor")]
-    #[diagnostic(help("report them apart; to compare sensors, --compare"))]
+    #[diagnostic(help("report them separately, or add --compare to compare sensors"))]
     Sensors {
         /// What differs.
         label: &'static str,
@@ -73,9 +73,9 @@ pub enum ReportError {
     },
     /// Two runs of one page have outputs in two units.
     #[error(
-        "the outputs of {first} are in {first_unit}, those of {second} in {second_unit}: they aren't of one sensor"
+        "the outputs of {first} are in {first_unit}, those of {second} in {second_unit}: they are of different sensors"
     )]
-    #[diagnostic(help("report them apart; to compare sensors, --compare"))]
+    #[diagnostic(help("report them separately, or add --compare to compare sensors"))]
     Units {
         /// A run.
         first: String,
@@ -87,8 +87,8 @@ pub enum ReportError {
         second_unit: String,
     },
     /// Two runs of one page both have presses of a phase.
-    #[error("{first} and {second} both have {phase} presses: a page takes each phase from one run")]
-    #[diagnostic(help("report them apart; to hold runs side by side, --compare"))]
+    #[error("{first} and {second} both have {phase} presses: a page can use only one run per phase")]
+    #[diagnostic(help("report them separately, or add --compare to compare runs"))]
     Twice {
         /// A run.
         first: String,

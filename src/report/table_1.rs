@@ -15,7 +15,7 @@ const DEFINITIONS: [(Repeatability, &str); 3] =
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 type Interval = fn(&UnitCharacteristics) -> Option<(f64, f64)>;
 
-/// A column of ours: what it is called, of which units, the value and where the true one lies.
+/// A column of ours: name of the item, of which units, the value and where the true one lies.
 struct Column<'a> {
     name: &'a str,
     units: &'a [UnitCharacteristics],
@@ -40,7 +40,7 @@ pub fn section(subject: &Subject) -> Option<Markup> {
         [plain("linearity", |unit| unit.linearity_percent), plain("zero return", |unit| unit.zero_return_percent)];
     let papers = |column: usize| subject.is_beside_paper().then_some(column);
     let body = html! {
-        p.note { "% of full scale, but for the hysteresis of the reading. Below each repeatability: its 95 % interval." }
+        p.note { "% of full scale, except the hysteresis of the reading. Below each repeatability: its 95 % interval." }
         div.tables {
             (one("Repeatability, loading", papers(0), &repeats(|unit| unit.repeatability_loading_percent, loading)))
             (one("Repeatability, unloading", papers(1), &repeats(|unit| unit.repeatability_unloading_percent, unloading)))
@@ -50,7 +50,7 @@ pub fn section(subject: &Subject) -> Option<Markup> {
         @for (definition, name) in DEFINITIONS { p.note { strong { "Repeatability, " (name) } ": " (definition.definition()) "." } }
         @for term in terms::COMMON { p.note { strong { (capital(term.name)) } ": " (term.definition) "." } }
         p.note { (terms::SOURCES) }
-        @if staircases.left_out > 0 { p.note { "Left out: " (staircases.left_out) " flagged levels." } }
+        @if staircases.left_out > 0 { p.note { "Excluded: " (staircases.left_out) " flagged levels." } }
     };
     Some(framed("Characteristics of each unit", &body))
 }

@@ -13,10 +13,12 @@ type Part = (&'static str, &'static str, fn(&Budget) -> Option<f64>);
 /// The parts in the order in which they are listed.
 const PARTS: [Part; 5] = [
     ("load cell", "its certificate, or a check with a known weight", |budget| budget.cell_n),
-    ("zero between the air before and after", "scatter in air; drift, rectangular", |budget| Some(budget.zero_n)),
+    ("zero, interpolated between the air before and after", "scatter in air; drift, rectangular", |budget| {
+        Some(budget.zero_n)
+    }),
     ("noise in the window", "scatter in air", |budget| Some(budget.noise_n)),
     ("resolution", "smallest step read, rectangular", |budget| Some(budget.resolution_n)),
-    ("mains hum", "what whole periods leave, arcsine", |budget| Some(budget.hum_n)),
+    ("mains hum", "rest after averaging whole periods, arcsine", |budget| Some(budget.hum_n)),
 ];
 
 /// A row a part; none where no run kept its budgets.
@@ -53,12 +55,12 @@ pub fn section(subject: &Subject) -> Option<Markup> {
             "After the GUM (JCGM 100): the parts of the standard uncertainty of each force in contact, and their root of the sum of squares, "
             "column u_force_n. "
             @if !is_known {
-                "The rig file has neither a certificate of the load cell nor a check with a known weight: how far its forces are from "
-                "newtons is not known, so no combined uncertainty is stated. palpate doctor --check-weight-n checks it."
+                "The rig file has neither a certificate of the load cell nor a check with a known weight: the error of its forces in "
+                "newtons is unknown, so no combined uncertainty is stated. palpate doctor --check-weight-n checks it."
             }
         }
     };
-    Some(framed("How well the force is known", &body))
+    Some(framed("Uncertainty of the force", &body))
 }
 
 /// The budgets of all levels that pressed.

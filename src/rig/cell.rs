@@ -8,8 +8,8 @@ use crate::quantity::{ForceReading, WeightCheck};
 use std::time::Duration;
 
 /// What is said of a cell whose gain nothing is known of.
-pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a known weight: what it calls a newton rests on its settings \
-                       alone (`palpate doctor --check-weight-n N`)";
+pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a known weight, so the error of its forces isn't known (`palpate \
+                       doctor --check-weight-n N` checks it)";
 
 /// A load cell whose readings are divided by the gain that the rig adjusts for.
 pub struct AdjustedCell {
@@ -50,7 +50,9 @@ fn told(spec: &LoadCellSpec) -> Option<String> {
     match &spec.check {
         Some(check) if check.adjusted => {
             let WeightCheck { gain, weight_n, date, .. } = check;
-            Some(format!("its readings are divided by {gain}, the gain that a check with {weight_n} N found on {date}"))
+            Some(format!(
+                "its readings are divided by {gain}, the gain measured with a weight of {weight_n} N on {date}"
+            ))
         }
         Some(_) => None,
         None if spec.certificate.is_none() => Some(GAIN_UNKNOWN.to_owned()),

@@ -29,8 +29,8 @@ pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
     let (gain, adjusted) = (gain?, adjusted?);
     if adjusted && (gain - 1.0).abs() > GAIN_OFF_MOST {
         let (least, most) = (1.0 - GAIN_OFF_MOST, 1.0 + GAIN_OFF_MOST);
-        let told = format!("`gain` is {gain} and `adjusted`: readings are adjusted by {least} to {most}");
-        let help = "a gain farther off is a fault: check the cell's range, units and sign, then `palpate doctor` again";
+        let told = format!("`gain` is {gain} with `adjusted`, but only gains of {least} to {most} are adjusted");
+        let help = "any other gain is a fault: check the cell's range, units and sign, then run `palpate doctor` again";
         table.complain(Problem::new(table.span_of(&check::gain), told).help(help));
         return None;
     }
@@ -54,7 +54,7 @@ fn read_stated(table: &Table) -> Option<StatedError> {
     let is_scaled = table.has(&certificate::full_scale_n);
     let full_scale_n = table.number(&certificate::full_scale_n);
     if is_scaled && !class_percent {
-        let told = "`full_scale_n` has no meaning without `class_percent`";
+        let told = "`full_scale_n` requires `class_percent`";
         table.complain(Problem::new(table.span_of(&certificate::full_scale_n), told));
         return None;
     }
@@ -152,7 +152,7 @@ mod tests {
             ),
             (
                 "number = \"7\", date = \"2026-05-04\", u_n = 1.0, full_scale_n = 5.0",
-                "`full_scale_n` has no meaning without `class_percent`",
+                "`full_scale_n` requires `class_percent`",
             ),
         ] {
             let problems = read(&format!("certificate = {{ {keys} }}")).unwrap_err();

@@ -10,8 +10,8 @@ use std::sync::Arc;
 /// The stage's `driver` and `link`.
 pub(super) fn read_stage_driver(table: &Table, beside: Beside) -> Option<(Arc<dyn StageDriver>, Link)> {
     if table.text_is(&stage::driver, "marlin") {
-        let told = "Marlin can't press with a force: it tells where a motion will end, not where the axes are, and has no \
-                    byte that stops one at once";
+        let told = "Marlin can't control a force: it reports where a motion will end, not where the axes are, and can't \
+                    stop a motion immediately";
         let help = "GRBL 1.1 runs on most of the same boards: driver = \"grbl\"";
         table.complain(Problem::new(table.span_of(&stage::driver), told).help(help));
         return None;
@@ -49,8 +49,8 @@ fn read<D: Driver + ?Sized + 'static>(
     else {
         let words: Vec<&str> = roles.clone().flat_map(|role| role.words).copied().collect();
         let names: Vec<&str> = roles.filter_map(|role| role.keys.first()).map(|key| key.name).collect();
-        let alone = if words.is_empty() { String::new() } else { format!(", or a name alone: {}", words.join(", ")) };
-        let told = format!("no driver that is known: expected one of {}{alone}", names.join(", "));
+        let alone = if words.is_empty() { String::new() } else { format!(", or only a name: {}", words.join(", ")) };
+        let told = format!("unknown driver: expected one of {}{alone}", names.join(", "));
         inner.complain(Problem::new(inner.span(), told));
         return None;
     };
@@ -69,12 +69,12 @@ fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Optio
     let expected = match links {
         Links::Stream => "sim, serial://PORT?baud=RATE or tcp://HOST:PORT",
         Links::Daqmx => "sim, daqmx, or daqmx:///PATH/OF/THE/LIBRARY",
-        Links::Program => "sim, or no link at all",
+        Links::Program => "sim, or no link",
     };
     if own.is_some() && !table.has(key) {
         return own;
     }
-    if !table.require_as(key, &format!("where it is: {expected}")) {
+    if !table.require_as(key, &format!("address: {expected}")) {
         return None;
     }
     let text = table.text(key)?;

@@ -24,7 +24,7 @@ const CHANNELS_MAX: u64 = 16;
 /// Forces in certificates and of weights.
 const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
-const DATE: &str = "the day, as year-month-day";
+const DATE: &str = "date, as year-month-day";
 /// Largest output of any array.
 const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 
@@ -39,24 +39,24 @@ keys! {
         stage: Table(&stage::KEYS), Refused, "the three-axis stage";
         load_cell: Table(&load_cell::KEYS), Refused, "the load cell under the specimen or over the indenter";
         array: Table(&array::KEYS), Refused, "the sensor array that is calibrated";
-        limits: Table(&limits::KEYS), Refused, "what the specimen bears: the plan and every move keep to it";
+        limits: Table(&limits::KEYS), Refused, "limits of the specimen, for the plan and every move";
         frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";
         scene: Table(&scene::KEYS), Allowed,
-            "what is simulated where the links are; what isn't named isn't modelled; without it the paper's";
+            "the simulated scene; what isn't given isn't modelled; without this table, the paper's scene";
     }
 }
 
 keys! {
     /// `[stage]`
     stage {
-        driver: choices::stage::KIND, Refused, "the family of the controller, and what its driver needs", "\"esp301\"";
+        driver: choices::stage::KIND, Refused, "device family of the controller, and the keys of its driver", "\"esp301\"";
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB0?baud=921600\"";
-        travel_mm: Table(&travel_mm::KEYS), Refused, "how far the axes may go";
-        speed_mm_s: Number(SPEED), or(10.0), "the fastest speed to be used; contact is approached more slowly", "10.0";
-        acceleration_mm_s2: Number(ACCELERATION), or(100.0), "the acceleration to be used", "100.0";
+        travel_mm: Table(&travel_mm::KEYS), Refused, "travel of the axes";
+        speed_mm_s: Number(SPEED), or(10.0), "largest speed; the approach is slower", "10.0";
+        acceleration_mm_s2: Number(ACCELERATION), or(100.0), "acceleration of the axes", "100.0";
         approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
-            "the fastest approach until the specimen was touched for the first time", "0.5";
-        settle_ms: Number(LATER), or(SETTLE_MS), "how long it moves on after its controller calls a motion done", "10.0";
+            "largest approach speed before the first touch of the specimen", "0.5";
+        settle_ms: Number(LATER), or(SETTLE_MS), "how long it still moves after its controller reports the end of a motion", "10.0";
         certificate: Table(&stage_certificate::KEYS), Allowed, "its calibration certificate";
     }
 }
@@ -64,56 +64,56 @@ keys! {
 keys! {
     /// `certificate` of `[stage]`.
     stage_certificate {
-        number: Text, Refused, "its number, 1 to 64 characters", "\"S-2026-0042\"";
+        number: Text, Refused, "certificate number, 1 to 64 characters", "\"S-2026-0042\"";
         date: Text, Refused, DATE, "\"2026-05-04\"";
-        u_mm: Number(UNCERTAIN), Refused, "expanded uncertainty of a place along one axis", "0.005";
+        u_mm: Number(UNCERTAIN), Refused, "expanded uncertainty of a position along one axis", "0.005";
         k: Number(within(1.0, 5.0, "")), or(COVERAGE), "coverage factor of the expanded uncertainty", "2.0";
     }
 }
 
 /// A driver says which kinds of links it takes.
-const LINK: &str = "where it is, or \"sim\"; a program is its own link";
+const LINK: &str = "address of the device, or \"sim\"; not used for a program";
 
 keys! {
     /// `[load_cell]`
     load_cell {
-        driver: choices::load_cell::KIND, Refused, "the family of the transmitter, and what its driver needs",
+        driver: choices::load_cell::KIND, Refused, "device family of the transmitter, and the keys of its driver",
             "{ modbus = \"generic-rs485\" }";
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB1?baud=115200\"";
-        conversions_hz: Number(CONVERSIONS), Refused, "how often it has a new reading", "200.0";
-        lag_ms: Number(LATER), or(0.0), "how long its filter and its transport hold a force back", "2.0";
+        conversions_hz: Number(CONVERSIONS), Refused, "rate of new readings", "200.0";
+        lag_ms: Number(LATER), or(0.0), "delay of a reading by its filter and its transport", "2.0";
         air_n: Range(AIR), Allowed,
-            "the least and the most that it may read in air, its tool included; without it `limits.force_n`, either way",
+            "allowed range of its reading in air, tool included; without it, plus or minus `limits.force_n`",
             "[-0.1, 0.4]";
         certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
-        check: Table(&check::KEYS), Allowed, "its gain as `palpate doctor --check-weight-n` found it";
+        check: Table(&check::KEYS), Allowed, "its gain as measured by `palpate doctor --check-weight-n`";
     }
 }
 
 keys! {
     /// `certificate` of `[load_cell]`.
     certificate {
-        number: Text, Refused, "its number, 1 to 64 characters", "\"K-2026-0815\"";
+        number: Text, Refused, "certificate number, 1 to 64 characters", "\"K-2026-0815\"";
         date: Text, Refused, DATE, "\"2026-05-04\"";
         k: Number(within(1.0, 5.0, "")), or(COVERAGE), "coverage factor of the expanded uncertainty", "2.0";
-        full_scale_n: Number(FORCE), Allowed, "the full scale that `class_percent` is a share of", "5.0";
+        full_scale_n: Number(FORCE), Allowed, "full scale that `class_percent` refers to", "5.0";
     }
     one of {
         u_n: Number(FORCE), Allowed, "expanded uncertainty of a reading", "0.002";
-        u_percent: Number(PERCENT), Allowed, "expanded uncertainty of a reading, as a share of the force", "0.2";
-        class_percent: Number(PERCENT), Allowed, "limit of error either way, as a share of `full_scale_n`", "0.1";
+        u_percent: Number(PERCENT), Allowed, "expanded uncertainty of a reading, in % of the force", "0.2";
+        class_percent: Number(PERCENT), Allowed, "limit of error, + and -, in % of `full_scale_n`", "0.1";
     }
 }
 
 keys! {
     /// `check` of `[load_cell]`.
     check {
-        weight_n: Number(FORCE), Refused, "the known weight's force", "0.5";
+        weight_n: Number(FORCE), Refused, "force of the known weight", "0.5";
         weight_u_n: Number(FORCE), Refused, "its expanded uncertainty, k = 2", "0.0005";
-        pull: Flag, or_flag(false), "whether it hung from the tip", "true";
-        gain: Number(within(-1e6, 1e6, "")), Refused, "what the cell read of it, as a share of it", "1.0101";
-        gain_sd: Number(within(0.0, 1e6, "")), Refused, "standard deviation of that from time to time", "0.0002";
-        times: Whole(1, 1000), Refused, "how often it was put on", "3";
+        pull: Flag, or_flag(false), "whether the weight hung from the tip", "true";
+        gain: Number(within(-1e6, 1e6, "")), Refused, "reading of the cell divided by the weight's force", "1.0101";
+        gain_sd: Number(within(0.0, 1e6, "")), Refused, "standard deviation of the gain between repeats", "0.0002";
+        times: Whole(1, 1000), Refused, "number of repeats", "3";
         date: Text, Refused, DATE, "\"2026-05-04\"";
         adjusted: Flag, or_flag(false), "whether readings are divided by the gain", "true";
     }
@@ -122,61 +122,61 @@ keys! {
 keys! {
     /// `[array]`
     array {
-        driver: choices::array::KIND, Refused, "the family of the converter, and what its driver needs",
+        driver: choices::array::KIND, Refused, "device family of the converter, and the keys of its driver",
             "{ modbus = \"labjack-t7\" }";
         link: Text, Allowed, LINK, "\"tcp://192.168.1.10:502\"";
-        unit: Text, or_word("V"), "the unit of its outputs as it is shown, 1 to 16 characters", "\"counts\"";
+        unit: Text, or_word("V"), "unit of its outputs in tables and figures, 1 to 16 characters", "\"counts\"";
         channels_per_unit: Whole(1, CHANNELS_MAX), or_whole(1),
-            "how many outputs a unit has, one after the other: 3 for chips with three axes", "3";
+            "number of successive outputs of each unit: 3 for chips with three axes", "3";
         range_v: Number(OUTPUT_RANGE), Allowed,
-            "the largest output that it can give, either way; without it the range of NI inputs, or not known", "10.0";
+            "largest possible output, + and -; without it, the range of NI inputs, or not known", "10.0";
     }
     one of {
-        grid: Table(&grid::KEYS), Allowed, "its units lie in rows and columns, centred on the specimen's origin";
-        places_mm: Places(COORDINATE), Allowed, "where its units lie, in the order of its outputs", "[[0.0, 0.0]]";
+        grid: Table(&grid::KEYS), Allowed, "its units are in rows and columns, centred on the specimen's origin";
+        places_mm: Places(COORDINATE), Allowed, "positions of its units, in the order of its outputs", "[[0.0, 0.0]]";
     }
 }
 
 keys! {
     /// `grid` of `[array]`.
     grid {
-        rows: Whole(1, UNITS_MAX), Refused, "how many rows along y", "3";
-        columns: Whole(1, UNITS_MAX), Refused, "how many columns along x; the first row comes first", "3";
-        pitch_mm: Number(PITCH), Refused, "from one unit to the next", "4.5";
+        rows: Whole(1, UNITS_MAX), Refused, "number of rows along y", "3";
+        columns: Whole(1, UNITS_MAX), Refused, "number of columns along x; outputs are in order of rows", "3";
+        pitch_mm: Number(PITCH), Refused, "distance of neighbouring units", "4.5";
     }
 }
 
 keys! {
     /// `travel_mm` of `[stage]`.
     travel_mm {
-        x: Range(COORDINATE), Refused, "the least and the most x", "[-12.5, 12.5]";
-        y: Range(COORDINATE), Refused, "the least and the most y", "[-12.5, 12.5]";
-        z: Range(COORDINATE), Refused, "the least and the most z", "[-12.5, 12.5]";
+        x: Range(COORDINATE), Refused, "smallest and largest x", "[-12.5, 12.5]";
+        y: Range(COORDINATE), Refused, "smallest and largest y", "[-12.5, 12.5]";
+        z: Range(COORDINATE), Refused, "smallest and largest z", "[-12.5, 12.5]";
     }
 }
 
 keys! {
     /// `[limits]`
     limits {
-        force_n: Number(above(0.0, 100.0, "N")), Refused, "the largest force that the specimen bears", "2.0";
+        force_n: Number(above(0.0, 100.0, "N")), Refused, "largest force allowed on the specimen", "2.0";
         depth_mm: Number(above(0.0, 100.0, "mm")), Refused,
-            "the deepest that it may be pressed, from its surface as touched there", "1.6";
+            "largest depth of a press, from the surface touched there", "1.6";
         stiffness_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Refused,
-            "the largest stiffness that it shows, relaxation included", "2.0";
+            "largest stiffness of the specimen, relaxation included", "2.0";
         stiffness_least_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Allowed,
-            "the least that it shows where it is pressed first: a load cell that reads too little is found by it", "0.8";
+            "smallest stiffness at the first press; it detects a load cell that reads too little", "0.8";
     }
 }
 
 keys! {
     /// `[frame]`
     frame {
-        surface_mm: Table(&surface_mm::KEYS), Refused, "where the stage meets the specimen's surface";
-        origin_mm: Table(&origin_mm::KEYS), Allowed, "where the middle of the specimen is; without it at (0, 0)";
-        rotation_deg: Number(ROTATION), or(0.0), "how far the specimen is turned, from x towards y", "0.0";
+        surface_mm: Table(&surface_mm::KEYS), Refused, "position of the specimen's surface";
+        origin_mm: Table(&origin_mm::KEYS), Allowed, "position of the middle of the specimen; without it (0, 0)";
+        rotation_deg: Number(ROTATION), or(0.0), "rotation of the specimen, from x towards y", "0.0";
         u_origin_mm: Number(UNCERTAIN), Allowed,
-            "standard uncertainty of either coordinate of the origin, as `palpate align` found it", "0.02";
-        down: Word(&words(&DOWN)), Refused, "which way of z leads into the specimen", "\"-z\"";
+            "standard uncertainty of each coordinate of the origin, measured by `palpate align`", "0.02";
+        down: Word(&words(&DOWN)), Refused, "direction of z that leads into the specimen", "\"-z\"";
     }
 }
 
@@ -184,7 +184,7 @@ keys! {
     /// `surface_mm` of `[frame]`.
     surface_mm {
         z: Number(COORDINATE), Refused, "z at the surface", "0.0";
-        uncertainty: Number(within(0.01, 10.0, "mm")), Refused, "how far the surface may be off, either way", "0.3";
+        uncertainty: Number(within(0.01, 10.0, "mm")), Refused, "largest error of `z`, + and -", "0.3";
     }
 }
 

@@ -25,7 +25,7 @@ const LABEL_MAX: usize = 16;
 pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems> {
     if document::has_key(text, "step") && !document::has_key(text, root::stage.name) {
         let problem = Problem::new(0..0, "this is a recipe, not a rig");
-        let problem = problem.help("name the recipe first, the rig with --rig");
+        let problem = problem.help("give the recipe first, and the rig with --rig");
         return Err(Problems::new(file, text, vec![problem]));
     }
     document::read(file, text, &root::KEYS, |table| {
@@ -117,7 +117,7 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
             .places(&array::places_mm)
             .map(|places| ArrayLayout::from_places(places.into_iter().map(|(place, _)| place).collect())),
         _ => {
-            let told = "`array` doesn't say where its units are";
+            let told = "`array` has no positions of its units";
             let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...], not both";
             table.complain(Problem::new(table.span(), told).help(help));
             None
@@ -129,7 +129,7 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     let layout_key = if table.has(&array::grid) { array::grid } else { array::places_mm };
     let misfit = match (&driver, &layout) {
         (_, Some(layout)) if layout.len() > keys::OUTPUTS_MAX => {
-            Some((format!("{} outputs, over {}", layout.len(), keys::OUTPUTS_MAX), None))
+            Some((format!("{} outputs, but at most {} are allowed", layout.len(), keys::OUTPUTS_MAX), None))
         }
         (_, Some(layout)) if layout.is_empty() => Some(("an array without units".to_owned(), None)),
         (Some((driver, _)), Some(layout)) => driver.misfit(layout),
@@ -165,7 +165,7 @@ fn read_grid(table: &Table) -> Option<ArrayLayout> {
     let pitch_mm = table.number(&grid::pitch_mm);
     let (rows, columns) = (rows?, columns?);
     if rows * columns > keys::UNITS_MAX {
-        table.complain(Problem::new(table.span(), format!("over {} units", keys::UNITS_MAX)));
+        table.complain(Problem::new(table.span(), format!("more than {} units", keys::UNITS_MAX)));
         return None;
     }
     Some(ArrayLayout::grid(rows as usize, columns as usize, pitch_mm?))
@@ -214,8 +214,8 @@ fn check_links(spec: &RigSpec, table: &Table) {
     let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
     let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
     if simulated != 0 && simulated != links.len() {
-        let told = "some links are simulated and some are real: they can't share one clock";
-        let help = "make all links \"sim\", or none; `--simulate` simulates any rig whole";
+        let told = "some links are simulated and others are real: they can't use the same clock";
+        let help = "set all links to \"sim\", or none; `--simulate` simulates the whole rig";
         table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
     }
 }
@@ -246,16 +246,16 @@ fn check_room(spec: &RigSpec, table: &Table) {
     let least_mm = 2.0 * frame.uncertainty_mm + SEARCH_ROOM_MM;
     if spec.limits.depth_mm < least_mm {
         let told = format!(
-            "`depth_mm` {} ends the search above the deepest the surface may be, {} mm either way",
+            "with `depth_mm` = {} the search ends above the deepest possible surface, {} mm + and -",
             spec.limits.depth_mm, frame.uncertainty_mm
         );
-        let help = format!("at least {least_mm:.2} mm, or a surface that is known better (`surface_mm.uncertainty`)");
+        let help = format!("use at least {least_mm:.2} mm, or a smaller `surface_mm.uncertainty`");
         table.complain(Problem::new(table.span_of(&root::limits), told).help(help));
     }
     if !travel.contains(clear) || !travel.contains(deepest) {
         let Range { min, max } = travel;
         let told =
-            format!("pressing takes z from {clear} to {deepest} mm, but the stage's z runs from {min} to {max} mm");
+            format!("pressing takes z from {clear} to {deepest} mm, but the stage's z goes from {min} to {max} mm");
         let help = "check `surface_mm`, `down`, `limits.depth_mm` and `stage.travel_mm.z` against each other";
         table.complain(Problem::new(table.span_of(&root::frame), told).help(help));
     }
@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn a_rig_that_mixes_real_and_simulated_links_is_refused() {
         let told = problems("link = \"sim\"", "link = \"serial:///dev/ttyUSB0?baud=921600\"");
-        assert_eq!(told, ["some links are simulated and some are real: they can't share one clock"]);
+        assert_eq!(told, ["some links are simulated and others are real: they can't use the same clock"]);
     }
 
     #[test]

@@ -82,7 +82,7 @@ fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
     let wavelength = table.range(&surface::bumps_wavelength_mm);
     let roughness_mm = table.number(&surface::roughness_mm);
     if table.has(&surface::bumps_wavelength_mm) && !table.has(&surface::bumps_mm) {
-        let told = "`bumps_wavelength_mm` without `bumps_mm`: there is nothing of that length";
+        let told = "`bumps_wavelength_mm` requires `bumps_mm`";
         table.complain(Problem::new(table.span_of(&surface::bumps_wavelength_mm), told));
     }
     let Range { min, max } = wavelength?;

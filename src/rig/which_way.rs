@@ -32,10 +32,10 @@ impl WhichWay for Nobody {
     }
 
     fn announce(&self, _: &Identity, _: f64) -> Result<(), String> {
-        Err("nobody has confirmed which way z goes".to_owned())
+        Err("the direction of z isn't confirmed".to_owned())
     }
 
     fn confirm(&self, _: &Identity, _: Down, _: &dyn Fn() -> bool) -> Result<(), String> {
-        Err("nobody has confirmed which way z goes".to_owned())
+        Err("the direction of z isn't confirmed".to_owned())
     }
 }

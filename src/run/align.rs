@@ -49,19 +49,19 @@ pub struct Alignment {
 #[derive(Debug, thiserror::Error)]
 pub enum AlignError {
     /// The presses can't be made on this rig.
-    #[error("the presses that would show its place don't fit the rig")]
+    #[error("the presses required to locate the array don't fit the rig")]
     Plan(#[source] Problems),
     /// The walk ended early.
-    #[error("the walk ended early")]
+    #[error("the presses ended early")]
     Halted(Box<Ending>),
     /// A press gave nothing to go by.
-    #[error("a press gave nothing to go by: {0}")]
+    #[error("a press can't be used: {0}")]
     Press(#[from] CalibrationError),
     /// The fit is poor.
-    #[error("where the array is can't be told: {0}")]
+    #[error("can't locate the array: {0}")]
     Placement(#[from] PlacementError),
     /// The touches don't make a plane.
-    #[error("the touches don't make a plane")]
+    #[error("the touched points don't fit a plane")]
     Surface,
 }
 

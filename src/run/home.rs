@@ -82,7 +82,7 @@ fn hand_of<'a>(
 /// is homed is homed.
 ///
 /// # Errors
-/// The stage doesn't work, nobody has confirmed which way z goes, or the force rises.
+/// The stage doesn't work, the direction of z isn't confirmed, or the force rises.
 pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Withdrawn, Halt> {
     let mut hand = hand_of(spec.open(seed)?, spec, cancel, &|_| {});
     let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;

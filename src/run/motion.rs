@@ -57,7 +57,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let at_mm = self.stage_z_mm(self.z_mm);
         let way = Range { min: from_mm.min(target_mm) - IN_POSITION_MM, max: from_mm.max(target_mm) + IN_POSITION_MM };
         if !way.contains(at_mm) {
-            let told = format!("z went from {from_mm:.4} toward {target_mm:.4} mm and says it is at {at_mm:.4} mm");
+            let told = format!("z moved from {from_mm:.4} toward {target_mm:.4} mm but reports {at_mm:.4} mm");
             return Err(lost(told));
         }
         Ok(())
@@ -303,8 +303,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             return Ok(());
         }
         let complaints = self.stage.complaints().await?;
-        let why = if complaints.is_empty() { "it has no complaint".to_owned() } else { complaints.join("; ") };
-        let told = format!("{} was sent to {target_mm:.4} mm and is at {position_mm:.4} mm; {why}", axis.name());
+        let why = if complaints.is_empty() { "it reports no error".to_owned() } else { complaints.join("; ") };
+        let told = format!("{} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm; {why}", axis.name());
         Err(lost(told))
     }
 

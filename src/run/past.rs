@@ -63,9 +63,9 @@ impl Past {
             None => Ok(()),
             Some((before, now)) => Err(DeviceError {
                 device: now.role.clone(),
-                doing: "identifying it, to go on with the run".to_owned(),
+                doing: "identifying it, to continue the run".to_owned(),
                 problem: DeviceProblem::Mismatch(format!(
-                    "it was \"{before}\" before and is \"{}\" now: connect the one the run began with, or begin a new run",
+                    "it was \"{before}\" and is now \"{}\": connect the original device, or start a new run",
                     now.identity
                 )),
             }),

@@ -42,7 +42,7 @@ pub struct MeanErrors {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AdaptError {
     /// Another array.
-    #[error("the old calibration has {old} outputs a press, the new presses have {new}")]
+    #[error("the old calibration has {old} outputs per press, the new presses have {new}")]
     Units {
         /// Of the old calibration.
         old: usize,

@@ -29,7 +29,7 @@ impl Fault {
     /// In words: what the unit does.
     pub fn told(self) -> &'static str {
         match self {
-            Fault::Dead => "reads the same everywhere",
+            Fault::Dead => "has the same output everywhere",
             Fault::Saturated => "saturates",
             Fault::Contradicts => "contradicts all other units",
             Fault::Missing => "is missing",

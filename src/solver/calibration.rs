@@ -154,10 +154,10 @@ impl Calibration {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// No press at all.
-    #[error("a calibration needs at least one point")]
+    #[error("a calibration requires at least one point")]
     NoPoints,
     /// Presses without outputs.
-    #[error("a calibration needs at least one output a point")]
+    #[error("a calibration requires at least one output per point")]
     NoUnits,
     /// The number of outputs changes.
     #[error("the point has {found} outputs, the first point has {expected}")]

@@ -165,7 +165,7 @@ pub enum EvaluationError {
     #[error("there is no test press to evaluate")]
     NoPresses,
     /// The test doesn't belong to this calibration.
-    #[error("the test doesn't belong to the calibration: {0}")]
+    #[error("the test doesn't match the calibration: {0}")]
     OtherArray(SolveError),
     /// Not one test press could be solved.
     #[error("none of the {presses} test presses could be solved; the first: {first}")]

@@ -186,7 +186,7 @@ pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Resu
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// No method has that name.
-    #[error("no solver is called `{name}`; there are: {BEST}, {}", SOLVERS.join(", "))]
+    #[error("unknown solver `{name}`; expected one of {BEST}, {}", SOLVERS.join(", "))]
     UnknownSolver {
         /// The name asked for.
         name: String,
@@ -200,7 +200,7 @@ pub enum FitError {
         calibration: usize,
     },
     /// Too few places for the method.
-    #[error("the calibration has {places} places, the method needs {needed}")]
+    #[error("the calibration has {places} places, the method requires {needed}")]
     TooFewPlaces {
         /// Places there are.
         places: usize,
@@ -208,10 +208,10 @@ pub enum FitError {
         needed: usize,
     },
     /// At every calibration point all units read the same, so no point can be told from another.
-    #[error("all units read the same at every calibration point: no point can be told from another")]
+    #[error("all units have the same output at every calibration point, so the points can't be distinguished")]
     NothingToTellApart,
     /// The noise can't be divided by.
-    #[error("the noise must be one standard deviation a unit, each finite and above 0")]
+    #[error("the noise must have one standard deviation per unit, each finite and above 0")]
     Noise,
 }
 
@@ -233,10 +233,10 @@ pub enum SolveError {
         unit: usize,
     },
     /// Nothing touches the array, or nothing it can feel: the correlation would be 0/0.
-    #[error("all outputs are equal: such a reading correlates with no place")]
+    #[error("all outputs are equal, so the reading correlates with no place")]
     AllEqual,
     /// The force that comes out is beyond what a number can hold.
-    #[error("the reading is out of all proportion to the calibration: its force is not finite")]
+    #[error("the reading is too large for the calibration: its force is not finite")]
     OutOfProportion,
 }
 

@@ -34,15 +34,15 @@ pub enum PlacementError {
     #[error(transparent)]
     Fit(#[from] FitError),
     /// Fewer units than a rotation needs, with something left to tell the error by.
-    #[error("an array of {units} units doesn't show how it is turned, or how well that is known")]
+    #[error("with {units} units, the rotation of the array or its uncertainty can't be determined")]
     TooFewUnits {
         /// How many it has.
         units: usize,
     },
     /// The units don't lie as the layout has them.
     #[error(
-        "the units' outputs put them {misfit_mm:.2} mm off the layout however it is placed, most of all unit {unit} by \
-         {worst_mm:.2} mm; at most {most_mm:.2} mm could be believed"
+        "the outputs locate the units {misfit_mm:.2} mm off the layout at its best fit, unit {unit} most, by {worst_mm:.2} \
+         mm; at most {most_mm:.2} mm is allowed"
     )]
     Poor {
         /// Root mean square, mm.
@@ -55,7 +55,7 @@ pub enum PlacementError {
         most_mm: f64,
     },
     /// The place has too large an error.
-    #[error("the array's place would be known to {sigma_mm:.2} mm only; at most {most_mm:.2} mm is of use")]
+    #[error("the uncertainty of the array's position is {sigma_mm:.2} mm; at most {most_mm:.2} mm is allowed")]
     Uncertain {
         /// Standard deviation, mm.
         sigma_mm: f64,

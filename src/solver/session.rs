@@ -38,13 +38,13 @@ pub enum Unanswered {
     #[error("every output is missing")]
     NoOutputs,
     /// There are no presses to fit the method to without the missing units.
-    #[error("outputs are missing, and the sensor file has no room for the presses that a fit without them takes")]
+    #[error("outputs are missing, and the sensor file doesn't contain the presses required to fit without them")]
     NoPresses,
     /// The calibration doesn't do without the missing units.
     #[error("outputs are missing, and the method can't be fitted to the others: {0}")]
     Unfit(FitError),
     /// Other units were missing before, too often to fit once more.
-    #[error("outputs are missing in more than {MOST_PARTIAL} combinations: no fit is kept for this one")]
+    #[error("outputs are missing in more than {MOST_PARTIAL} combinations, the largest number of fits")]
     TooMany,
 }
 

@@ -30,7 +30,7 @@ pub enum ForceKnown {
     /// It isn't: only what doesn't depend on the amplitude tells the place.
     #[default]
     Unknown,
-    /// Every contact presses as hard as the calibration did: the amplitude tells of the place too.
+    /// Assume that every contact has the force of the calibration: the amplitude tells of the place too.
     Constant,
 }
 

@@ -34,7 +34,7 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
     let x = ChartAxis::log("time per press, median, s", whole().filter_map(point).map(|p| p.0), (bound_s / 1.1, 1.0));
     let y = ChartAxis::log("force error, 95th percentile, mN", whole().filter_map(point).map(|p| p.1), (2.0, 10.0));
-    let mut marks = vec![Mark::At(bound_s, format!("least time there is: {bound_s:.3} s"))];
+    let mut marks = vec![Mark::At(bound_s, format!("least possible time: {bound_s:.3} s"))];
     let mut legend = Vec::new();
     for bench in Bench::ALL {
         for strategy in Strategy::ALL {
@@ -51,16 +51,16 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
         }
     }
     Figure {
-        title: "How fast, how near: 1 N at one place after another".to_owned(),
+        title: "Speed and accuracy: 1 N at one place after another".to_owned(),
         subtitle: format!(
-            "{0} x {0} places 0.5 mm apart, window 0.1 s; errors by the simulated truth, presses that teach left out",
+            "{0} x {0} places 0.5 mm apart, window 0.1 s; errors by the simulated truth, teaching presses excluded",
             findings.size.main
         ),
         height_px: 420.0,
         panels: vec![Panel { x, y, marks }],
         legend: legend.chunks(Strategy::ALL.len()).map(<[_]>::to_vec).collect(),
         notes: vec![
-            "beside a point: the tolerances asked, mN; ringed: none of its bench is both faster and nearer; not drawn: what a rule ends"
+            "next to a point: the set tolerances, mN; ringed: nothing on its bench is both faster and more exact; not shown: runs ended by a rule"
                 .to_owned(),
         ],
         ..Figure::default()
@@ -87,7 +87,7 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         dots.push((dot(Hue::Grey, shape, false), format!("dead time {:.0} ms", 1000.0 * dead_time_s)));
     }
     let map = Panel {
-        x: ChartAxis::log("true stiffness / reckoned, k/k_hat", [], (0.45, 5.6)),
+        x: ChartAxis::log("true stiffness / assumed, k/k_hat", [], (0.45, 5.6)),
         y: ChartAxis::log("gain x dead time", [], (0.05, 5.0)),
         marks,
     };
@@ -119,7 +119,7 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         marks,
     };
     Figure {
-        title: "The velocity loop: what gain it bears, and what a wrong stiffness does".to_owned(),
+        title: "The velocity loop: its stable gain, and the effect of a wrong stiffness".to_owned(),
         subtitle: format!(
             "left: F' = k v, v = K (F* - F) / k_hat, simulated alone, orders every 10 ms; right: on the wire, 1 N, {0} x {0} places",
             findings.size.small
@@ -165,9 +165,9 @@ fn scenes(findings: &LoopFindings) -> Figure {
     }
     let panel = |label: &str, marks| Panel { x: ChartAxis::log(label, [], (1.0, 1000.0)), y: rows(), marks };
     Figure {
-        title: "What the loop is tried on, one thing changed at a time".to_owned(),
+        title: "Test conditions of the loop, one changed at a time".to_owned(),
         subtitle: format!(
-            "1 N (soft: 0.3 N), tolerance 10 mN, {0} x {0} places on the XPS-like bench, limits as an honest user would set them",
+            "1 N (soft: 0.3 N), tolerance 10 mN, {0} x {0} places on the XPS-like bench, limits set correctly",
             findings.size.scene
         ),
         height_px: 44.0 * SCENES.len() as f64,
@@ -189,14 +189,14 @@ fn caution(findings: &LoopFindings) -> Figure {
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
     let times_s = whole().filter_map(|outcome| outcome.median_s);
     let y = ChartAxis::log("time per press, median, s", times_s, (bound_s / 1.1, 2.0));
-    let mut marks = vec![Mark::Level(bound_s, format!("least time there is: {bound_s:.3} s"))];
+    let mut marks = vec![Mark::Level(bound_s, format!("least possible time: {bound_s:.3} s"))];
     for strategy in Strategy::ALL {
         let of_it = whole().filter(|outcome| outcome.strategy == strategy);
         let points = of_it.filter_map(|outcome| Some((outcome.declared_n_mm, outcome.median_s?))).collect();
         marks.push(Mark::Curve(look(strategy, Bench::XpsLike), points));
     }
     Figure {
-        title: "What caution costs: time per press against the declared stiffness".to_owned(),
+        title: "Cost of caution: time per press against the declared stiffness".to_owned(),
         subtitle: format!(
             "nominal specimen (at 1 N up to 1.6 N/mm, relaxation included), {0} x {0} places, XPS-like bench",
             findings.size.small
@@ -204,7 +204,9 @@ fn caution(findings: &LoopFindings) -> Figure {
         height_px: 360.0,
         panels: vec![Panel { x: ChartAxis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 1000.0)), y, marks }],
         legend: vec![Strategy::ALL.map(named).to_vec()],
-        notes: vec![format!("{SLOW_SIDE} x {SLOW_SIDE} places from {SLOW_N_MM} N/mm on; not drawn: what a rule ends")],
+        notes: vec![format!(
+            "{SLOW_SIDE} x {SLOW_SIDE} places from {SLOW_N_MM} N/mm on; not shown: runs ended by a rule"
+        )],
         ..Figure::default()
     }
 }
@@ -221,14 +223,14 @@ fn calibration(findings: &LoopFindings) -> Figure {
         let curves = strategies.map(|strategy| Mark::Curve(look(strategy, Bench::XpsLike), of(strategy)));
         let ends = (1000.0 * TOLERANCES_N[TOLERANCES_N.len() - 1] / 1.2, 1000.0 * TOLERANCES_N[0] * 1.2);
         Panel {
-            x: ChartAxis::log("force tolerance asked, mN", [], ends),
+            x: ChartAxis::log("set force tolerance, mN", [], ends),
             y: ChartAxis::linear(label, (0.0, 1.15 * most)),
             marks: level.into_iter().chain(curves).collect(),
         }
     };
     let papers = Mark::Level(PAPER_MM, format!("the paper: {PAPER_MM} mm"));
     Figure {
-        title: "What it is for: a calibration, and how well it locates".to_owned(),
+        title: "A calibration and its location error".to_owned(),
         subtitle: format!(
             "{0} x {0} places with 1 N, then {1} random contacts of 0.1 to 1 N, solved by correlation; XPS-like bench",
             findings.size.main, findings.size.tests
@@ -240,7 +242,7 @@ fn calibration(findings: &LoopFindings) -> Figure {
         ],
         legend: vec![strategies.map(named).to_vec()],
         notes: vec![
-            "left out, as in every evaluation: presses that missed the tolerance by what the load cell saw; not drawn: what a rule ends"
+            "excluded, as in every evaluation: presses outside the tolerance by the load cell; not shown: runs ended by a rule"
                 .to_owned(),
         ],
         ..Figure::default()

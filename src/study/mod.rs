@@ -81,7 +81,7 @@ pub enum StudyError {
     #[error("the study can't calibrate: {0}")]
     Calibration(#[from] CalibrationError),
     /// A protocol that was to be carried out broke off.
-    #[error("the protocol broke off with seed {seed}: {why}")]
+    #[error("the protocol ended early with seed {seed}: {why}")]
     Broken {
         /// The seed.
         seed: u64,
@@ -89,6 +89,6 @@ pub enum StudyError {
         why: String,
     },
     /// The operating system refused.
-    #[error("the study can't be carried out: {0}")]
+    #[error("the study can't run: {0}")]
     System(#[from] std::io::Error),
 }

@@ -27,7 +27,7 @@ pub struct Claims {
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
     /// Another program has it.
-    #[error("{link} is held by another palpate{}: end it, or wait for it", of_process(*.process))]
+    #[error("{link} is in use by another palpate{}: end it, or wait for it", of_process(*.process))]
     Held {
         /// The link, as a person knows it.
         link: String,
@@ -35,7 +35,7 @@ pub enum ClaimError {
         process: Option<u32>,
     },
     /// Nobody can tell who has it.
-    #[error("nobody can tell whether {link} is in use: its lock file {} can't be had: {source}; TMPDIR can name another folder for it", .path.display())]
+    #[error("can't check whether {link} is in use: can't open its lock file {}: {source}; set TMPDIR to use another folder", .path.display())]
     Lock {
         /// The link, as a person knows it.
         link: String,
@@ -169,7 +169,7 @@ fn lock(path: &Path) -> io::Result<Lock> {
             Err(TryLockError::Error(error)) => return Err(error),
         }
     }
-    Err(io::Error::other("it is exchanged again and again"))
+    Err(io::Error::other("it is replaced repeatedly"))
 }
 
 /// Opens a lock file, or makes it; none if somebody else made or removed it meanwhile. Temporary folders are everyone's: an
@@ -178,7 +178,7 @@ fn open(path: &Path) -> io::Result<Option<File>> {
     let opened = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => make(path),
         Err(error) => Err(error),
-        Ok(found) if !found.is_file() => Err(io::Error::other("something that isn't a file is in its place")),
+        Ok(found) if !found.is_file() => Err(io::Error::other("it isn't a regular file")),
         Ok(_) => match OpenOptions::new().read(true).write(true).open(path) {
             // made by another user, who has just begun to make it everyone's, or can't: enough for a lock
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => File::open(path),
@@ -211,7 +211,7 @@ fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt;
     let opened = file.metadata()?;
     if opened.nlink() > 1 {
-        return Err(io::Error::other("another file's second name is in its place"));
+        return Err(io::Error::other("it is a hard link of another file"));
     }
     let is_it = |there: fs::Metadata| (there.dev(), there.ino()) == (opened.dev(), opened.ino());
     Ok(fs::symlink_metadata(path).is_ok_and(is_it))

@@ -37,8 +37,8 @@ impl Connector {
             Connector::Memory(dial) => Ok(Box::new(dial())),
             Connector::Real(Link::Tcp { host, port }) => {
                 let dialled = timeout(CONNECT_DEADLINE, TcpStream::connect((host.as_str(), *port))).await;
-                let stream =
-                    dialled.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "no answer to the dialling"))??;
+                let stream = dialled
+                    .map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "no answer to the connection request"))??;
                 stream.set_nodelay(true)?;
                 Ok(Box::new(stream))
             }
@@ -54,7 +54,7 @@ impl Connector {
             }
             Connector::Real(Link::Process(command)) => program::start(command),
             Connector::Real(Link::Sim | Link::Daqmx(_)) => {
-                Err(io::Error::new(io::ErrorKind::Unsupported, "there is no stream of bytes to it"))
+                Err(io::Error::new(io::ErrorKind::Unsupported, "it has no byte stream"))
             }
         }
     }

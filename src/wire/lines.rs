@@ -24,7 +24,7 @@ pub enum WireError {
         waited_ms: u64,
     },
     /// An answer with no end.
-    #[error("an answer of over {most_bytes} bytes without its end")]
+    #[error("an answer of more than {most_bytes} bytes without an end")]
     Endless {
         /// Longest answer that is taken for one, bytes.
         most_bytes: usize,
@@ -93,7 +93,7 @@ impl Lines {
             match count {
                 Ok(0) => {
                     self.close();
-                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the far end closed it").into());
+                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end closed it").into());
                 }
                 Ok(count) => self.inbox.extend_from_slice(&chunk[..count]),
                 Err(error) => {

@@ -57,8 +57,8 @@ impl Link {
         }
         if let Some(rest) = text.strip_prefix("serial://") {
             let form = "expected serial://PORT?baud=RATE, such as serial:///dev/ttyUSB0?baud=921600, or with \
-                        &parity=even and &stop_bits=2 behind it";
-            let (port, query) = rest.split_once('?').ok_or_else(|| format!("no line rate: {form}"))?;
+                        &parity=even and &stop_bits=2 appended";
+            let (port, query) = rest.split_once('?').ok_or_else(|| format!("the baud rate is missing: {form}"))?;
             return serial(port, query).ok_or_else(|| form.to_owned());
         }
         if let Some(rest) = text.strip_prefix("tcp://") {

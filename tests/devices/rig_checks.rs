@@ -86,7 +86,7 @@ fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_sa
     let slow = exchanged(&shipped_text("rigs/sim.toml"), "speed_mm_s = 10.0 ", "speed_mm_s = 100.0 ");
     let told = Bench::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
     assert!(told.running().contains("goes at most 25 mm/s, under the rig's speed_mm_s of 100"), "{}", told.err);
-    assert!(told.out.contains("stage      doesn't work: see below") && told.out.contains("LabJack T7"), "{}", told.out);
+    assert!(told.out.contains("stage      fails: see below") && told.out.contains("LabJack T7"), "{}", told.out);
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn align_writes_nothing_of_a_poor_fit_a_dry_run_or_a_real_rigs_simulation() {
     assert!(told.running().contains("where the array is can't be told"), "{}", told.err);
     assert!(bench.palpate_ends(0, "align sim.toml --dry-run").out.ends_with("not written (--dry-run)\n"));
     let told = bench.palpate_ends(0, "align real.toml --simulate");
-    assert!(told.out.ends_with("not written (a real rig isn't where a simulated one is)\n"), "{}", told.out);
+    assert!(told.out.ends_with("not written (a simulated frame doesn't apply to a real rig)\n"), "{}", told.out);
     for (file, rig) in [("swapped.toml", &swapped), ("sim.toml", &shipped_text("rigs/sim.toml"))] {
         assert_eq!(&bench.read(file), rig);
     }

@@ -105,7 +105,7 @@ fn addresses(emulators: &Live) -> [String; 3] {
     })
 }
 
-/// A number of the array's converter: two registers from an address, over a connection of its own.
+/// A number of converter of the array: two registers from an address, over a connection of its own.
 fn registers(array: &str, address: u16) -> f32 {
     let mut socket = TcpStream::connect(array).expect("connects");
     socket.set_read_timeout(Some(PATIENCE)).expect("a deadline");

@@ -149,7 +149,7 @@ fn what_no_run_knows_must_be_given_and_nothing_is_written_without_it() {
     bench.write("out.xml", "mine");
     let told = bench.palpate_ends(2, "certificate run --with c.toml --out out").running();
     assert!(
-        told.contains("out.xml is there already") && bench.read("out.xml") == "mine" && !bench.has("out.html"),
+        told.contains("out.xml already exists") && bench.read("out.xml") == "mine" && !bench.has("out.html"),
         "{told}"
     );
 }

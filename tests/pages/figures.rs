@@ -105,7 +105,7 @@ fn a_file_that_is_not_ours_stays() {
         std::fs::create_dir(bench.path("figures")).expect("a folder");
         bench.write(&format!("figures/{name}"), text);
         let told = bench.palpate_ends(2, "report all --figures figures").running();
-        assert!(told.contains(&format!("{name} is there already")) && told.contains("another --figures"), "{told}");
+        assert!(told.contains(&format!("{name} already exists")) && told.contains("another --figures"), "{told}");
         assert_eq!(bench.read(&format!("figures/{name}")), text);
         let files: Vec<String> = bench.bytes("figures").into_iter().map(|(name, _)| name).collect();
         assert_eq!(files, [name], "nothing is written beside it");

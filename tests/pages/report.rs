@@ -122,7 +122,7 @@ fn a_page_needs_nothing_else_and_is_the_same_twice() {
         "Errors against the force and against the distance from the edge",
         "Expected location error",
         "Force control",
-        "What it was made with",
+        "Devices, program and files",
     ];
     for title in titles {
         assert!(page.contains(&format!("<h2>{title}</h2>")), "{title}");
@@ -207,7 +207,7 @@ fn only_a_page_of_ours_is_replaced() {
     let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("mine.html", "text")]);
     bench.palpate_ends(0, "run one.toml --out one");
     let told = bench.palpate_ends(2, "report one --out mine.html").running();
-    assert!(told.contains("mine.html is there already"), "{told}");
+    assert!(told.contains("mine.html already exists"), "{told}");
     assert_eq!(bench.read("mine.html"), "text");
     bench.palpate_ends(0, "report one --out pages/one.html");
     bench.palpate_ends(0, "report one --out pages/one.html");
@@ -343,7 +343,7 @@ fn what_is_no_file_is_not_read_and_a_link_stays_one() {
     bench.palpate_ends(0, "run one.toml --out one");
     // such a device gives zeros for ever
     let told = bench.palpate_ends(2, "report one --out /dev/zero").running();
-    assert!(told.contains("/dev/zero is there already"), "{told}");
+    assert!(told.contains("/dev/zero already exists"), "{told}");
     bench.palpate_ends(0, "report one --out page.html");
     std::os::unix::fs::symlink("page.html", bench.path("link.html")).unwrap();
     bench.palpate_ends(0, "report one --out link.html");
@@ -370,7 +370,7 @@ fn a_comparison_says_why_a_run_is_not_evaluated() {
     bench.palpate_ends(0, "run one.toml --rig rig.toml --out lone");
     bench.palpate_ends(0, "report --compare all lone");
     let page = bench.read("comparison.html");
-    assert!(page.contains("lone isn't evaluated: lone: can't be calibrated on: "));
+    assert!(page.contains("lone isn't evaluated: lone: can't be used as a calibration: "));
     let told = bench.palpate_ends(0, "report --compare all").out;
     assert!(told.starts_with("1 run compared, 1 accepted\n"), "{told}");
     assert!(bench.read("comparison.html").contains("<h1>1 run side by side</h1>"));
@@ -386,7 +386,7 @@ fn a_page_rests_on_the_journal_and_what_was_changed_beside_it_is_reported() {
     let rig = bench.read("all/rig.toml");
     bench.write("all/rig.toml", &exchanged(&rig, "pitch_mm = 4.5", "pitch_mm = 4.0"));
     let told = bench.palpate_ends(0, "report all");
-    assert!(told.err.contains("warning: all: presses.csv isn't what the journal says"), "{}", told.err);
+    assert!(told.err.contains("warning: all: presses.csv differs from the journal"), "{}", told.err);
     assert!(told.err.contains("warning: all: rig.toml isn't as it was written"), "{}", told.err);
     assert_eq!(bench.read("all/report.html"), page);
     std::fs::remove_file(bench.path("all/rig.toml")).unwrap();

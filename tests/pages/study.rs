@@ -77,7 +77,7 @@ fn check_condition(row: &Value) {
 fn a_folder_that_is_there_is_not_touched() {
     let bench = Bench::with([("mine", "text")]);
     let told = bench.palpate_ends(2, "study control --quick --out mine");
-    assert!(told.running().contains("mine is there already"), "{}", told.err);
+    assert!(told.running().contains("mine already exists"), "{}", told.err);
     assert_eq!(bench.read("mine"), "text");
 }
 

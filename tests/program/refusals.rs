@@ -81,8 +81,8 @@ fn a_misspelt_place_of_a_step_is_told_with_its_nearest_spelling() {
 #[test]
 fn a_recipe_that_is_not_there_or_not_text_is_told_by_its_name() {
     let bench = Bench::new();
-    assert_refused(&bench, "run none.toml", &["none.toml", "name a file that is there"]);
-    assert_refused(&bench, "check none.toml", &["none.toml", "name a file that is there"]);
+    assert_refused(&bench, "run none.toml", &["none.toml", "give an existing file"]);
+    assert_refused(&bench, "check none.toml", &["none.toml", "give an existing file"]);
     std::fs::write(bench.path("noise.toml"), [0xFF, 0xFE, 0x00]).expect("writes");
     assert_refused(&bench, "run noise.toml", &["noise.toml", "UTF-8"]);
     bench.write("empty.toml", "");
@@ -144,7 +144,7 @@ fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
         assert_refused(&bench, "check r.toml --rig rig.toml", parts);
         assert_refused(&bench, "run r.toml --rig rig.toml", parts);
     }
-    assert_refused(&bench, "run r.toml --rig none.toml", &["none.toml", "name a file that is there"]);
+    assert_refused(&bench, "run r.toml --rig none.toml", &["none.toml", "give an existing file"]);
 }
 
 #[test]
@@ -157,11 +157,11 @@ fn a_folder_that_exists_is_never_touched() {
         }
         let before = bench.bytes(name);
         let words = format!("run r.toml --out {name}");
-        assert_refused(&bench, &words, &[&format!("{name} is there already"), "choose another --out"]);
+        assert_refused(&bench, &words, &[&format!("{name} already exists"), "choose another --out"]);
         assert_eq!(bench.bytes(name), before);
     }
     bench.write("file", "mine");
-    assert_refused(&bench, "run r.toml --out file", &["file is there already"]);
+    assert_refused(&bench, "run r.toml --out file", &["file already exists"]);
     assert_eq!(bench.read("file"), "mine");
 }
 
@@ -179,7 +179,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
         ("resume none", ["none", "journal.log"]),
         ("evaluate none", ["none", "journal.log"]),
-        ("emulate none.toml", ["none.toml", "name a file that is there"]),
+        ("emulate none.toml", ["none.toml", "give an existing file"]),
     ] {
         assert_refused(&bench, words, &parts);
     }

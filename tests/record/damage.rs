@@ -59,7 +59,7 @@ fn a_table_that_was_changed_changes_no_answer_and_is_reported_in_a_line() {
         let (found, warnings) = answers(&bench);
         assert!(found == expected, "row {row}, column {column}");
         for warning in warnings {
-            assert!(warning.starts_with("warning: run: presses.csv isn't what the journal says"), "{warning}");
+            assert!(warning.starts_with("warning: run: presses.csv differs from the journal"), "{warning}");
             assert_eq!(warning.lines().count(), 1);
         }
     }
@@ -81,7 +81,7 @@ fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
     let table = bench.read("run/presses.csv");
     bench.write("run/presses.csv", &table.replacen("calibration,-2,", "calibration,-2.5,", 1));
     let moved = bench.palpate(words);
-    assert!(moved.err.starts_with("warning: run/presses.csv isn't what the journal says; it is read as it is"));
+    assert!(moved.err.starts_with("warning: run/presses.csv differs from the journal; it is read as it is"));
     assert_ne!(moved.out, told.out, "the table counts");
 }
 
@@ -218,7 +218,7 @@ mod links {
                     let _ = fs::remove_dir_all(bench.path("outside"));
                     fs::create_dir(bench.path("outside")).expect("a folder");
                     let (inside, outside) = (bench.path(&format!("run/{name}")), bench.path("outside/file"));
-                    // what is there already stays what it was, so that a program which follows the link goes on
+                    // what already exists stays what it was, so that a program which follows the link goes on
                     let was = fs::read(&inside).unwrap_or_else(|_| b"somebody's".to_vec());
                     let _ = fs::remove_file(&inside);
                     match kind {

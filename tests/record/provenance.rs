@@ -67,7 +67,7 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
     bench.write("run/presses.csv", &presses.replacen("0,0", "0,1", 1));
     let told = bench.palpate_ends(1, "verify run");
     assert!(told.running().contains("doesn't vouch for presses.csv"), "{}", told.err);
-    assert!(told.running().contains("presses.csv isn't what the journal says"), "{}", told.err);
+    assert!(told.running().contains("presses.csv differs from the journal"), "{}", told.err);
     // a complete run whose table was lost is made whole by whoever goes on with it
     let told = bench.palpate_ends(0, "resume run");
     assert!(told.err.contains("its tables were regenerated"), "{}", told.err);
@@ -80,7 +80,7 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
     bench.palpate_ends(0, "run simple.toml --out simple");
     std::fs::copy(bench.path("run/test_matrix.csv"), bench.path("simple/test_matrix.csv")).expect("a copy");
     let told = bench.palpate_ends(1, "verify simple");
-    assert!(told.running().contains("test_matrix.csv isn't what the journal says"), "{}", told.err);
+    assert!(told.running().contains("test_matrix.csv differs from the journal"), "{}", told.err);
     bench.palpate_ends(0, "rebuild simple");
     assert!(!bench.has("simple/test_matrix.csv"));
     bench.palpate_ends(0, "verify simple");
@@ -111,7 +111,7 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
     bench.write("run/journal.log", &journal.replacen("\"force_n\":0", "\"force_n\":1", 1));
     for words in ["verify run", "rebuild run", "resume run"] {
         let told = bench.palpate(words);
-        assert!(told.running().contains("is damaged: the checksum doesn't fit"), "{words}: {}", told.err);
+        assert!(told.running().contains("is damaged: the checksum is wrong"), "{words}: {}", told.err);
         assert_eq!(told.code, Some(if words == "verify run" { 1 } else { 2 }), "{words}");
     }
     bench.write("run/journal.log", &journal);

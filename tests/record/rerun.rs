@@ -138,7 +138,7 @@ fn a_run_does_not_go_on_with_another_device() {
     let rig = bench.read("run/rig.toml");
     change_the_world(&bench, "run", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
     let told = bench.palpate_ends(3, "resume run");
-    let expected = "load_cell: while identifying it, to go on with the run: it was \"generic RS485";
+    let expected = "load_cell: while identifying it, to continue the run: it was \"generic RS485";
     assert!(told.running().contains(expected), "{}", told.err);
     assert_eq!(bench.manifest("run")["status"], "failed");
     change_the_world(&bench, "run", &rig);

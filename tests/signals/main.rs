@@ -230,7 +230,7 @@ fn attended(bench: &Bench) -> (Terminal, Child) {
 /// It stopped before its first press was over, and parked.
 fn assert_stopped_at_once(bench: &Bench, told: Told) {
     assert_eq!(told.code, CANCELLED, "{}", told.err);
-    assert!(told.err.contains("stopping: the stage is brought to rest and parked"), "{}", told.err);
+    assert!(told.err.contains("stopping: the stage is stopped and parked"), "{}", told.err);
     assert!(told.err.contains("stopped: 0 of 11") && !told.err.contains("could not be parked"), "{}", told.err);
     assert_eq!(told.out, "", "nothing is acknowledged");
     assert_stopped_with(bench, 0);

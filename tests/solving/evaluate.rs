@@ -158,7 +158,7 @@ fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
     let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n3,0,5,5\n";
     let bench = Bench::with([("a.csv", flat), ("b.csv", flat)]);
     let told = bench.palpate(&format!("{WORDS} --solver all --json"));
-    let reason = "all units read the same at every calibration point: no point can be told from another";
+    let reason = "all units have the same output at every calibration point, so the points can't be distinguished";
     assert_eq!(told.json_lines()[0], json!({"solver": "pearson", "error": reason}));
     assert_eq!(told.json_lines().len(), SOLVERS.len() + 1);
     let told = bench.palpate(&format!("{WORDS} --solver all"));

@@ -99,10 +99,10 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
         (Vec::new(), "b.palpate isn't a sensor file: it doesn't begin with `palpate sensor 1`"),
         (CALIBRATION.as_bytes().to_vec(), "b.palpate isn't a sensor file"),
         (whole[..10].to_vec(), "isn't a sensor file"),
-        (b"palpate sensor 1".to_vec(), "b.palpate is damaged: its first line doesn't end"),
-        (whole[..40].to_vec(), "b.palpate is damaged: its second line doesn't end"),
+        (b"palpate sensor 1".to_vec(), "b.palpate is damaged: its first line is incomplete"),
+        (whole[..40].to_vec(), "b.palpate is damaged: its second line is incomplete"),
         (whole[..end].to_vec(), "b.palpate is damaged: its model has"),
-        ([&whole[..end], &[!whole[end]]].concat(), "its model isn't as it was written: its SHA-256 differs"),
+        ([&whole[..end], &[!whole[end]]].concat(), "its model has changed since it was written (its SHA-256 differs)"),
         (whole.repeat(2), "b.palpate is damaged: its model has"),
         (b"palpate sensor 2\n{}\n".to_vec(), "is a sensor file of version 2; this program reads version 1"),
         (b"palpate sensor 1\n{\"method\": 1}\n".to_vec(), "b.palpate is damaged: its second line: "),
@@ -127,7 +127,7 @@ fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
     let bench = Bench::with([("a.csv", CALIBRATION)]);
     let told = bench.palpate("fit a.csv --out a.csv");
     assert_eq!(told.code, Some(2));
-    assert!(told.running().contains("a.csv is there already, and isn't a sensor file"), "{}", told.err);
+    assert!(told.running().contains("a.csv already exists, and isn't a sensor file"), "{}", told.err);
     assert_eq!(bench.read("a.csv"), CALIBRATION);
     let told = bench.palpate("fit a.csv --out none/a.palpate");
     assert_eq!(told.code, Some(5), "{}", told.err);

@@ -72,7 +72,7 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
     assert!(lines[3].starts_with("-4.0,"), "{lines:?}");
     let objects = solved(&format!("{WORDS} --json"), "[1,1,1]\n[null,1,1]\n[1,0.3,0.1]\n", 0).json_lines();
     let said = |index: usize| (&objects[index]["verdict"], objects[index].get("error").and_then(Value::as_str));
-    assert_eq!(said(0), (&json!("unsolved"), Some("all outputs are equal: such a reading correlates with no place")));
+    assert_eq!(said(0), (&json!("unsolved"), Some("all outputs are equal, so the reading correlates with no place")));
     assert_eq!(said(1), said(0), "without the missing output the others are equal");
     assert_eq!((&objects[0]["x_mm"], said(2)), (&Value::Null, (&json!("ok"), None)));
 }
@@ -262,7 +262,7 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
 
 #[test]
 fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
-    let note = "no force_n in the calibration: forces are in units of its typical press\n";
+    let note = "no force_n in the calibration: forces are relative to its typical press\n";
     let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();
     let bench = Bench::with([("a.csv", silent.as_str())]);
     let words = "solve --calibration a.csv --solver pearson";
@@ -285,11 +285,11 @@ fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
         ("solve", "--calibration"),
         ("solve --calibration none.csv", "none.csv: can't be read"),
         ("solve --calibration .", "is not a run folder (journal.log not found)"),
-        ("solve --calibration flat.csv --solver pearson", "flat.csv: can't be calibrated on"),
+        ("solve --calibration flat.csv --solver pearson", "flat.csv: can't be used as a calibration"),
         ("solve --calibration a.csv --solver all", "invalid value 'all'"),
         ("solve --calibration a.csv --false-alarms 0", "expected a share between 0 and 1"),
         ("solve --calibration a.csv --false-alarms nan", "expected a share between 0 and 1"),
-        ("solve --calibration a.csv --forces-n 1 0", "expected a force over 0 N"),
+        ("solve --calibration a.csv --forces-n 1 0", "expected a force above 0 N"),
         ("solve --calibration a.csv --forces-n 2 1", "takes the least force first"),
         ("solve --calibration a.csv --forces-n 1 2 --constant-load", "cannot be used with"),
         ("solve --calibration a.csv --input xml", "invalid value 'xml'"),

@@ -136,7 +136,7 @@ fn a_guarded_rule_decides_nothing_on_one_press_or_without_the_benchs_uncertainty
     }
     let unknown = verdict(60, "", 1);
     assert_eq!(unknown["verdict"], "not-decided");
-    assert!(reason(&unknown, 0).contains("the uncertainty of the places isn't known"), "{unknown}");
+    assert!(reason(&unknown, 0).contains("the uncertainty of the positions isn't known"), "{unknown}");
     assert!(reason(&unknown, 3).contains("the uncertainty of the forces isn't known"), "{unknown}");
 }
 
@@ -150,13 +150,13 @@ fn a_table_tested_on_itself_is_not_decided_and_places_pressed_twice_are_counted(
     let tables = "--calibration run/presses.csv --test";
     let same = judged(&bench, 1, &format!("{tables} run/presses.csv --accept limits.toml"));
     assert_eq!(same["verdict"], "not-decided");
-    assert_eq!(same["reasons"][0], "81 of 81 test presses are calibration presses, no test");
+    assert_eq!(same["reasons"][0], "81 of 81 test presses are identical to calibration presses");
     // the same places pressed once more are a test, and are counted
     bench.palpate_ends(0, "run r.toml --seed 2 --out again");
     let words = format!("{tables} again/presses.csv --accept limits.toml");
     assert_eq!(judged(&bench, 0, &words)["verdict"], "accepted");
     let table = bench.palpate_ends(0, &format!("evaluate {words}")).out;
-    assert!(table.contains("81 of 81 test presses are at places that the calibration pressed too"), "{table}");
+    assert!(table.contains("81 of 81 test presses are at places of the calibration"), "{table}");
     let object = bench.palpate_ends(0, &format!("evaluate {words} --json")).json_lines().remove(0);
     assert_eq!(object["at_calibrated_places"], 81);
 }

@@ -21,8 +21,8 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
 fn summary(found: &AblationFindings, out: &Path) -> String {
     let AblationSize { seeds, side, tests, presses } = found.size;
     let mut text = format!(
-        "Each term off and on, all else as in rigs/paper.toml; on less off, and half of\n\
-         its 95 % interval over {seeds} seeds. *: the base has it; blank: it can't touch it\n\n\
+        "Each term off and on, all else as in rigs/paper.toml; on minus off, and half of\n\
+         its 95 % interval over {seeds} seeds. *: part of the base; blank: can't have an effect\n\n\
          mean error of {tests} contacts on ±6 mm, calibrated with 1 N at {} places\n",
         side * side
     );
@@ -111,7 +111,7 @@ fn shown(value: f64, question: &Question) -> String {
 /// Which term is needed for what, and which for nothing.
 fn needs(found: &AblationFindings) -> String {
     let mut text = format!(
-        "\na term is needed where the difference isn't chance and exceeds {:.0} % of the base's\n\
+        "\na term is needed if the difference is significant and exceeds {:.0} % of the base's\n\
          number, 0.01 mm, 1 mN, 0.05 %; of a press 0.3 mN, at its peak 3 mN, 10 ms\n",
         100.0 * SHARE
     );
@@ -125,7 +125,7 @@ fn needs(found: &AblationFindings) -> String {
         }
     }
     for (verdict, told) in
-        [(Needed::No, "waste for every question"), (Needed::Undecided, "undecided, more seeds would tell")]
+        [(Needed::No, "not needed for any question"), (Needed::Undecided, "undecided, more seeds are required")]
     {
         let names: Vec<&str> =
             TERMS.iter().map(|term| term.name).filter(|name| found.verdict(name) == verdict).collect();

@@ -15,10 +15,10 @@ use std::process::ExitCode;
 pub(super) struct Common {
     #[command(flatten)]
     pub(super) output: Output,
-    /// Little of each: a first look in seconds, whose numbers mean little
+    /// A quick preview in seconds with few samples; its numbers are rough
     #[arg(long)]
     pub(super) quick: bool,
-    /// What specimens, contacts and all noise are drawn from
+    /// Random seed for specimens, contacts and all noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) seed: u64,
 }
@@ -26,10 +26,10 @@ pub(super) struct Common {
 /// Where what was found goes.
 #[derive(Debug, clap::Args)]
 pub(super) struct Output {
-    /// The folder to make for figures and rows [default: study-NAME]
+    /// Output folder for figures and rows [default: study-NAME]
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
-    /// Print one JSON object for each row, not a summary
+    /// Print one JSON object per row instead of a summary
     #[arg(long)]
     pub(super) json: bool,
 }

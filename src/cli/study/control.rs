@@ -44,8 +44,8 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
         }
     }
     line(String::new());
-    line("/min: median over the least time there is; peak: over the set force;".to_owned());
-    line("*: none of its bench is both faster and nearer".to_owned());
+    line("/min: median divided by the least possible time; peak: above the set force;".to_owned());
+    line("*: nothing on its bench is both faster and more exact".to_owned());
     line(String::new());
 
     let cell = |outcome: &ConditionOutcome| match &outcome.rule {

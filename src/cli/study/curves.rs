@@ -21,19 +21,19 @@ Examples:
   palpate study curves --rig rigs/sim.toml
   palpate study curves --rig mine.toml --depth-mm 4 --area-mm -5 5 -5 5
 
-Without a rig: the paper's lines of units, and its claims held against what is computed.
-With one: where its units are, how deep, under what; nothing is moved or opened.";
+Without a rig: the paper's lines of units, and its claims compared with computed values.
+With a rig: its array and elastomer; nothing is moved or opened.";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct CurvesArgs {
-    /// Study this rig's array in place of the paper's lines
+    /// Study this rig's array instead of the paper's lines
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
-    /// Put the array under a half-space, its units so deep; for a rig without an elastomer, or in place of its own
+    /// Use a half-space of this depth, mm; for a rig without an elastomer, or instead of its elastomer
     #[arg(long, value_name = "MM", value_parser = depth, requires = "rig")]
     depth_mm: Option<f64>,
-    /// Where contacts may be [default: the units' box and a third of the pitch around]
+    /// Area of contacts [default: the units' bounding box and a third of the pitch around it]
     #[arg(long, num_args = 4, value_names = ["X0", "X1", "Y0", "Y1"], value_parser = coordinate,
         allow_negative_numbers = true, requires = "rig")]
     area_mm: Option<Vec<f64>>,
@@ -72,7 +72,7 @@ fn design(path: &Path, args: &CurvesArgs) -> Result<Design, Failure> {
     let area = args.area_mm.as_deref().map(area).transpose()?;
     Design::new(&rig.array.layout.one_per_unit(), &skin, rig.limits.force_n, area).map_err(|error| {
         let help = match error {
-            DesignError::NoDepth => "say it: --depth-mm 5",
+            DesignError::NoDepth => "add it: --depth-mm 5",
             DesignError::OneUnit | DesignError::SamePlace(..) => "see [array] of the rig: grid or places_mm",
             DesignError::Radius { .. } => "see indenter and taxels in the rig's [scene]",
         };
@@ -84,15 +84,15 @@ fn area(ends: &[f64]) -> Result<Area, Failure> {
     match *ends {
         [x0, x1, y0, y1] if x0 < x1 && y0 < y1 => Ok(Area { x_mm: (x0, x1), y_mm: (y0, y1) }),
         _ => {
-            let help = "first the least and the largest x, then y: --area-mm -6 6 -6 6";
-            Err(Failure::usage(miette::miette!(help = help, "--area-mm: an area without any inside")))
+            let help = "expected smallest and largest x, then y: --area-mm -6 6 -6 6";
+            Err(Failure::usage(miette::miette!(help = help, "--area-mm: the area is empty")))
         }
     }
 }
 
 fn depth(text: &str) -> Result<f64, String> {
     let within = |mm: &f64| *mm > 0.0 && *mm <= DEPTH_MAX_MM;
-    text.parse().ok().filter(within).ok_or_else(|| format!("expected a number in mm, over 0, at most {DEPTH_MAX_MM}"))
+    text.parse().ok().filter(within).ok_or_else(|| format!("expected a number in mm, above 0, at most {DEPTH_MAX_MM}"))
 }
 
 fn coordinate(text: &str) -> Result<f64, String> {
@@ -161,7 +161,7 @@ fn design_summary(found: &DesignFindings) -> String {
     );
     let noise = if found.noise_is_assumed {
         format!(
-            "the rig names no noise, so an sd of {ASSUMED_SD} of the reading for 1 N (the mean of the paper's Table 1)"
+            "the rig states no noise, so an sd of {ASSUMED_SD} of the reading for 1 N (the mean of the paper's Table 1)"
         )
     } else {
         "with the rig's own noise".to_owned()
@@ -169,7 +169,7 @@ fn design_summary(found: &DesignFindings) -> String {
     line(
         "least error",
         match &found.least {
-            None => "none: there are contacts whose place and force the units don't tell".to_owned(),
+            None => "unbounded: for some contacts the units don't determine location and force".to_owned(),
             Some(MeanBound { location_mm, force_n }) => {
                 format!(
                     "{location_mm:.4} mm and {force_n:.4} N, mean over the area and 0.1 to 1 N (Cramér-Rao); {noise}"

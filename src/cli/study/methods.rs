@@ -53,12 +53,12 @@ pub struct Budget {
 /// What was recorded, if it isn't to be simulated.
 #[derive(Debug, clap::Args)]
 struct Source {
-    /// A run folder: its calibration presses against its test presses
+    /// A run folder with calibration and test presses
     run: Option<PathBuf>,
-    /// A table of presses to calibrate on
+    /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     calibration: Option<PathBuf>,
-    /// A table of presses to solve; without force_n, location only
+    /// A table of test presses; without force_n, only location is evaluated
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     test: Option<PathBuf>,
 }
@@ -97,7 +97,7 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
         for trial in &trials {
             text += &speed_accuracy_table(&trial.told, found.iter().filter(|row| row.scene == trial.scene));
         }
-        text + "*: no other method is both faster and nearer; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
+        text + "*: no other method is both faster and more exact; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
     })
 }
 
@@ -206,7 +206,7 @@ fn breaks(noise: NoiseReference, found: &[MethodRow]) -> String {
         let broken = rows.iter().find(|row| !is_good(row));
         broken.map_or("-".to_owned(), |row| row.told.map_or(row.value.to_string(), str::to_owned))
     };
-    format!("{}\nfirst value with a mean error over 1 mm or 0.1 N (-: none)\n", noise.told()) + &table(&cell)
+    format!("{}\nfirst value with a mean error over 1 mm or 0.1 N (-: no value)\n", noise.told()) + &table(&cell)
 }
 
 /// The largest share of a method's answers that are wrong and not flagged.

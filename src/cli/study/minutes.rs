@@ -22,7 +22,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
 /// The ways of a family that no other beats, the soonest done first, and what rules ended.
 fn table(family: Family, found: &[MinutesRow]) -> String {
     let mut text = format!(
-        "{}\nno other way is both sooner done and nearer\n\n{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}\n",
+        "{}\nno other way is both faster and more exact\n\n{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}\n",
         family.told(),
         "minutes",
         "presses",

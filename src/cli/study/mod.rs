@@ -21,7 +21,7 @@ Examples:
   palpate study failures --quick
   palpate study curves --rig rigs/sim.toml";
 
-/// Measure strategies of the force loop, methods that solve, or an array's design, and draw what was found
+/// Study force-control strategies, solving methods, or an array's design, and draw the results
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct StudyArgs {
@@ -31,19 +31,19 @@ pub struct StudyArgs {
 
 #[derive(Debug, clap::Subcommand)]
 enum Study {
-    /// The force loop: every strategy under every condition, a minute or two
+    /// Force control: every strategy under every condition; 1 to 2 minutes
     Control(Common),
-    /// How near each method comes against the time of a solve, on a run or on the paper's array
+    /// Accuracy of each method against its solving time, on a run or on the paper's array
     SpeedAccuracy(methods::SpeedAccuracy),
-    /// How near each method comes against the number of calibration presses, of a run or of the paper's array, a minute
+    /// Accuracy of each method against the number of calibration presses, on a run or on the paper's array; a minute
     Budget(methods::Budget),
-    /// Where each method fails, and whether it says so, a minute or two
+    /// Conditions where each method fails, and whether it reports that; 1 to 2 minutes
     Failures(Common),
-    /// What a calibration comes to against all minutes at the bench, by strategy, places and repeats, some minutes
+    /// Accuracy of a calibration against the total minutes at the bench, by strategy, places and repeats; some minutes
     Minutes(Common),
-    /// How alike two contacts read: the paper's claims, or how good an array is, in less than a second
+    /// Similarity of the outputs of two contacts: the paper's claims, or an array's quality; under a second
     Curves(curves::CurvesArgs),
-    /// Which physical and measurement terms a simulated scene needs, and for what, a minute
+    /// Which physical and measurement terms a simulated scene needs, and for what; a minute
     Ablation(Common),
     /// The paper's protocol with ten specimens, and its numerical study, as a page; half a minute
     Validation(Common),

@@ -8,7 +8,7 @@ use csv::{ByteRecord, StringRecord};
 use serde_json::Value;
 use std::io::{self, Read};
 
-const HELP: &str = "needed are out_1, out_2, ... without a gap; a first line of numbers alone needs no header";
+const HELP: &str = "required: out_1, out_2, ... without a gap; a file of numbers only needs no header";
 
 /// Takes CSV lines apart.
 pub(super) struct Cells {

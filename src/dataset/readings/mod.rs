@@ -63,7 +63,7 @@ pub enum ReadingError {
     Unreadable { file: String, source: io::Error },
     /// Beyond [`MAX_LINE_BYTES`].
     #[error("{file}, line {line}: longer than {MAX_LINE_BYTES} bytes")]
-    #[diagnostic(help("expected one reading a line"))]
+    #[diagnostic(help("expected one reading per line"))]
     TooLong { file: String, line: u64 },
     /// The header or a cell of a CSV line.
     #[error(transparent)]
@@ -71,11 +71,11 @@ pub enum ReadingError {
     Cells(#[from] TableError),
     /// A cell goes on in the next line.
     #[error("{file}, line {line}: a quotation mark isn't closed")]
-    #[diagnostic(help("expected one reading a line"))]
+    #[diagnostic(help("expected one reading per line"))]
     OpenQuote { file: String, line: u64 },
     /// Another array.
     #[error("{file}, line {line}: {found} outputs where the calibration has {expected}")]
-    #[diagnostic(help("a reading has one output a unit of the array that was calibrated"))]
+    #[diagnostic(help("a reading has one output for each output of the calibrated array"))]
     Units { file: String, line: u64, found: usize, expected: usize },
     /// No JSON, or other JSON.
     #[error("{file}, line {line}, column {column}: {reason}")]
@@ -280,7 +280,7 @@ mod tests {
             ("out_1\n1\n", 0, "stdin, line 1: 1 outputs where the calibration has 2"),
             ("out_1,out-2\n1,2\n", 0, "stdin, line 1: 1 outputs where the calibration has 2"),
             ("out_1,out_3\n1,2\n", 0, "stdin, line 1: column `out_2` is missing; needed are out_1"),
-            ("a;b\n1;2\n", 0, "stdin, line 1: column `out_1` is missing; columns are separated by commas"),
+            ("a;b\n1;2\n", 0, "stdin, line 1: column `out_1` is missing; separate the columns by commas"),
             ("out_1,out_1\n1,2\n", 0, "stdin, line 1: column `out_1` stands in the header twice"),
             ("out_1,out_2,note\n1,2,\"a\n1,2,b\"\n", 0, "stdin, line 2: a quotation mark isn't closed"),
             ("[1,2]\n[1,2,3]\n", 1, "stdin, line 2: 3 outputs where the calibration has 2"),
@@ -289,7 +289,7 @@ mod tests {
             ("[1,2]\n[1,2\n", 1, "stdin, line 2, column 4: EOF while parsing a list; expected a reading, as {\"out"),
             ("[1,2] [1,2]\n", 0, "stdin, line 1, column 7: trailing characters"),
             ("{\"id\":[1],\"outputs\":[1,2]}\n", 0, "stdin, line 1, column 1: `id` is neither a number nor a text"),
-            (long.as_str(), 1, "stdin, line 2: longer than 262144 bytes; expected one reading a line"),
+            (long.as_str(), 1, "stdin, line 2: longer than 262144 bytes; expected one reading per line"),
         ] {
             let (found, told) = readings(text, None);
             let told = told.unwrap_or_default();

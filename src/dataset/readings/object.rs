@@ -39,7 +39,7 @@ pub(super) fn read(file: &str, line: &[u8], units: usize, reading: &mut Reading)
     })?;
     for (key, value) in [("id", &object.id), ("t_s", &object.t_s)] {
         if !matches!(value, None | Some(Value::Number(_) | Value::String(_))) {
-            return Err(wrong(1, format!("`{key}` is neither a number nor a text")));
+            return Err(wrong(1, format!("`{key}` must be a number or a text")));
         }
     }
     (reading.id, reading.t_s) = (object.id, object.t_s);

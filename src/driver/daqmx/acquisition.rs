@@ -107,7 +107,7 @@ impl Acquisition {
                 return Ok(());
             }
             if asked.elapsed() > period + SCAN_DEADLINE {
-                let told = format!("no scan came within {} ms", asked.elapsed().as_millis());
+                let told = format!("no scan arrived within {} ms", asked.elapsed().as_millis());
                 return Err(self.error(doing, DeviceProblem::Link(told)));
             }
             sleep(period).await;

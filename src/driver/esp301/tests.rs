@@ -180,7 +180,7 @@ async fn a_place_that_lost_decimals_or_lies_beyond_the_travel_is_no_place() {
             .await
             .unwrap_err()
             .to_string()
-            .contains("a place within the travel")
+            .contains("a position within the travel")
     );
     drop(stage);
     device.await.unwrap();

@@ -103,12 +103,12 @@ fn parse_status(line: &str) -> Option<GrblStatus> {
 /// A refused line in words (error codes of the interface document).
 pub fn error_name(code: u32) -> &'static str {
     match code {
-        2 => "a number is missing or broken",
+        2 => "a number is missing or invalid",
         3 => "unknown $ command",
         5 => "homing is off ($22)",
         8 => "not idle",
         9 => "locked",
-        15 => "the jog goes beyond the travel",
+        15 => "the jog exceeds the travel",
         16 => "not a jog",
         20 => "unknown command",
         22 => "no feed rate",

@@ -49,18 +49,18 @@ impl Grbl {
     async fn status(&mut self, doing: &str, reins: &Reins) -> Result<GrblStatus, DeviceError> {
         let status = self.port.status(doing, (reins, JOG_CANCEL)).await?;
         if self.port.restarted {
-            let told = "it started anew: where it is, is lost".to_owned();
+            let told = "it restarted and lost its position".to_owned();
             return Err(self.port.error(doing, DeviceProblem::Motion(told)));
         }
         if !status.is_machine {
-            let told = "it reports places of the work piece (WPos); set $10=1 for those of the machine".to_owned();
+            let told = "it reports work positions (WPos); set $10=1 for machine positions".to_owned();
             return Err(self.port.error(doing, DeviceProblem::Mismatch(told)));
         }
         if let Some(usage) = &self.usage {
             for axis in Axis::ALL {
                 let place_mm = status.position_mm[axis.index()];
                 if !usage.reach(axis).contains(place_mm) {
-                    let expected = format!("a place within the travel of {}", axis.name());
+                    let expected = format!("a position within the travel of {}", axis.name());
                     return Err(self
                         .port
                         .error(doing, DeviceProblem::Misfit { answer: place_mm.to_string(), expected }));
@@ -77,8 +77,8 @@ impl Grbl {
         // opening the port resets many boards: a welcome before this counts for nothing
         self.port.restarted = false;
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
-            let told = "this is Marlin. It tells where a motion will end, not where the axes are, and has no byte that stops \
-                        one at once: it can't press with a force. GRBL 1.1 runs on most of the same boards";
+            let told = "this is Marlin, which can't control a force: it reports where a motion will end, not where the axes \
+                        are, and can't stop a motion immediately. GRBL 1.1 runs on most of the same boards";
             return Err(self.port.error(doing, DeviceProblem::Mismatch(told.to_owned())));
         }
         asked?;
@@ -103,20 +103,20 @@ impl Grbl {
             return mismatch(format!("it reports inches; set ${REPORT_INCHES}=0"));
         }
         if of(HOMING) != Some(1.0) {
-            return mismatch(format!("its search for home is off, so that it can't know where it is; set ${HOMING}=1"));
+            return mismatch(format!("homing is disabled, so its position is unknown; set ${HOMING}=1"));
         }
         // bit 2: z looks for home toward minus
         let Some(mask) = of(HOMING_DIRECTION) else {
-            return mismatch(format!("it doesn't say which way it looks for home (${HOMING_DIRECTION})"));
+            return mismatch(format!("it doesn't report its homing direction (${HOMING_DIRECTION})"));
         };
         let toward_minus = mask as u64 & 0b100 != 0;
         if toward_minus != (usage.away < 0.0) {
-            return mismatch(format!("its z looks for home toward the specimen; set ${HOMING_DIRECTION}"));
+            return mismatch(format!("its z homes toward the specimen; set ${HOMING_DIRECTION}"));
         }
         let mut warnings = Vec::new();
         if let Some(seek_mm_s) = of(HOMING_SEEK_MM_MIN).map(|rate| rate / 60.0).filter(|&v| v > usage.home_speed_mm_s) {
             warnings.push(format!(
-                "it looks for home at {seek_mm_s:.2} mm/s. Up to {:.2} mm/s it stops within the force limit: \
+                "it homes at {seek_mm_s:.2} mm/s. Up to {:.2} mm/s it stops within the force limit: \
                  ${HOMING_SEEK_MM_MIN}={:.0}",
                 usage.home_speed_mm_s,
                 usage.home_speed_mm_s * 60.0
@@ -127,7 +127,7 @@ impl Grbl {
             let (rate_mm_s, a) = (of(MAX_RATE_MM_MIN + n).map(|rate| rate / 60.0), of(ACCELERATION_MM_S2 + n));
             if rate_mm_s.is_none_or(|rate| rate < usage.speed_mm_s) {
                 let (key, least) = (MAX_RATE_MM_MIN + n, usage.speed_mm_s * 60.0);
-                return mismatch(format!("{} goes at most {rate_mm_s:?} mm/s; set ${key}={least}", axis.name()));
+                return mismatch(format!("{} reaches at most {rate_mm_s:?} mm/s; set ${key}={least}", axis.name()));
             }
             // slower to brake than the rig says, and a stop would come too late
             if a.is_none_or(|a| a < usage.acceleration_mm_s2) {
@@ -140,7 +140,7 @@ impl Grbl {
             let step_mm = of(STEPS_PER_MM + n).map_or(f64::INFINITY, |steps| 1.0 / steps);
             if step_mm > STEP_MOST_MM {
                 warnings
-                    .push(format!("{} moves in steps of {step_mm:.4} mm: too coarse to press by force", axis.name()));
+                    .push(format!("{} moves in steps of {step_mm:.4} mm: too coarse for force control", axis.name()));
             }
         }
         Ok(warnings)
@@ -252,7 +252,7 @@ impl Stage for Grbl {
     async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         self.search(reins).await?;
         self.usage = Some(usage.clone());
-        self.status("reading where it is", &Reins::default()).await?;
+        self.status("reading its position", &Reins::default()).await?;
         self.port.complaints.clear();
         Ok(())
     }

@@ -103,7 +103,7 @@ async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
     let (mut refused, device) = stage(&[(b"$J=G90 G21 G53 Z1.0000 F60.000\n", b"error:15\r\n")]);
     refused.usage = Some(usage());
     let told = refused.begin(&[(Axis::Z, 1.0)], 1.0, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("error 15 (the jog goes beyond the travel)"), "{told}");
+    assert!(told.contains("error 15 (the jog exceeds the travel)"), "{told}");
     drop(refused);
     device.await.unwrap();
 
@@ -116,7 +116,7 @@ async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
     let (mut restarted, device) =
         stage(&[(b"?", b"Grbl 1.1h ['$' for help]\r\n<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n")]);
     let told = restarted.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("it started anew: where it is, is lost"), "{told}");
+    assert!(told.contains("it restarted and lost its position"), "{told}");
     drop(restarted);
     device.await.unwrap();
 }

@@ -96,7 +96,7 @@ impl Client {
                         continue;
                     }
                     _ => {
-                        last = "its answers are out of step".to_owned();
+                        last = "its answers don't match the requests".to_owned();
                         continue;
                     }
                 }
@@ -108,7 +108,7 @@ impl Client {
                     self.context = Some(context);
                     return Ok(words);
                 }
-                Ok(Ok(Ok(words))) => last = format!("{} registers came for {count}", words.len()),
+                Ok(Ok(Ok(words))) => last = format!("{} registers arrived instead of {count}", words.len()),
                 Ok(Ok(Err(exception))) => {
                     self.context = Some(context);
                     let told = format!("{exception} (registers {address} to {})", address.saturating_add(count - 1));

@@ -31,29 +31,29 @@ keys! {
     /// The whole register map.
     root {
         name: Text, Refused, "the device's name in messages", "\"Laumas TLB\"";
-        transport: Word(&words(&TRANSPORTS)), Refused, "what the device itself speaks", "\"rtu\"";
-        unit_id: Whole(0, 255), Refused, "its Modbus unit (slave) id", "1";
-        deadline_ms: Whole(1, 60_000), Refused, "the longest wait for an answer", "200";
-        rest_ms: Whole(0, 1000), or_whole(0), "the least rest between an answer and the next request", "2";
-        registers_max: Whole(1, REGISTERS_MAX), or_whole(REGISTERS_MAX), "most registers that it gives at once", "32";
-        address_base: Whole(0, BASE_MAX), or_whole(0), "the number that its manual gives to the first register", "40001";
-        force: Table(&force::KEYS), Allowed, "where a load cell's force is";
-        status: Table(&status::KEYS), Allowed, "what a load cell says of itself";
-        outputs: Table(&outputs::KEYS), Allowed, "where an array's outputs are, one number a unit, without gaps";
-        probe: Tables(&probe::KEYS), Allowed, "registers whose value is known: they show that the map fits";
+        transport: Word(&words(&TRANSPORTS)), Refused, "protocol of the device", "\"rtu\"";
+        unit_id: Whole(0, 255), Refused, "its Modbus unit (slave) ID", "1";
+        deadline_ms: Whole(1, 60_000), Refused, "longest wait for an answer", "200";
+        rest_ms: Whole(0, 1000), or_whole(0), "shortest pause between an answer and the next request", "2";
+        registers_max: Whole(1, REGISTERS_MAX), or_whole(REGISTERS_MAX), "largest number of registers per request", "32";
+        address_base: Whole(0, BASE_MAX), or_whole(0), "number of the first register in its manual", "40001";
+        force: Table(&force::KEYS), Allowed, "register of a load cell's force";
+        status: Table(&status::KEYS), Allowed, "status of a load cell";
+        outputs: Table(&outputs::KEYS), Allowed, "registers of an array's outputs, one number per unit, without gaps";
+        probe: Tables(&probe::KEYS), Allowed, "registers with a known value, which confirm that the map fits";
     }
 }
 
 keys! {
     /// Where a number is and what it holds.
     register {
-        function: Word(&words(&FUNCTIONS)), or_word("holding"), "which registers are read", "\"input\"";
-        address: Whole(0, ADDRESS_MAX), Refused, "address of its first register, as the manual counts", "40008";
-        number_type = "type": Word(&words(&NUMBER_TYPES)), Refused, "what the registers hold", "\"i32\"";
+        function: Word(&words(&FUNCTIONS)), or_word("holding"), "registers that are read", "\"input\"";
+        address: Whole(0, ADDRESS_MAX), Refused, "address of its first register, numbered as in the manual", "40008";
+        number_type = "type": Word(&words(&NUMBER_TYPES)), Refused, "number format of the registers", "\"i32\"";
         word_order: Word(&words(&WORD_ORDERS)), Allowed,
-            "`big`: the high word at the lower address; of one register there is only one order", "\"big\"";
-        swap_bytes: Flag, or_flag(false), "the two bytes of each register are exchanged", "true";
-        mask: Whole(1, u32::MAX as u64), Allowed, "the bits of a whole number that count; without it all", "255";
+            "`big`: the high word is at the lower address; not used for one register", "\"big\"";
+        swap_bytes: Flag, or_flag(false), "the two bytes of each register are swapped", "true";
+        mask: Whole(1, u32::MAX as u64), Allowed, "bits of a whole number that are used; without it, all", "255";
         shift: Whole(0, 31), or_whole(0), "how far these are shifted down", "4";
     }
 }
@@ -61,11 +61,11 @@ keys! {
 keys! {
     /// `[force]`
     force {
-        newton_per_unit: Number(FORCE_PER_UNIT), Refused, "N for each unit of the device, before its decimals", "0.001";
-        offset: Number(OFFSET), or(0.0), "what the device reads at no force", "12.0";
-        range_n: Number(RANGE), Allowed, "most that it can measure: a reading beyond is damaged", "50.0";
-        decimals: Table(&decimals::KEYS), Allowed, "where the device says how many decimals its integer has";
-        sign: Table(&sign::KEYS), Allowed, "the bit that says a magnitude is negative, read together with the force";
+        newton_per_unit: Number(FORCE_PER_UNIT), Refused, "N per count of the device, before its decimals", "0.001";
+        offset: Number(OFFSET), or(0.0), "reading of the device without force", "12.0";
+        range_n: Number(RANGE), Allowed, "largest force it can measure; a larger reading is invalid", "50.0";
+        decimals: Table(&decimals::KEYS), Allowed, "register with the number of decimals of its integer";
+        sign: Table(&sign::KEYS), Allowed, "sign bit of a magnitude, read together with the force";
     }
     as register { function, address, number_type, word_order, swap_bytes, mask, shift }
 }
@@ -73,7 +73,7 @@ keys! {
 keys! {
     /// `decimals` of `[force]`.
     decimals {
-        mask: Whole(1, u16::MAX as u64), Refused, "the bits that count", "7";
+        mask: Whole(1, u16::MAX as u64), Refused, "bits that are used", "7";
         shift: Whole(0, 15), or_whole(0), "how far these are shifted down", "4";
     }
     as register { address }
@@ -90,8 +90,8 @@ keys! {
 keys! {
     /// `[status]`
     status {
-        saturated_bits: Wholes(0, 15), Allowed, "bits that say the reading is beyond its range", "[2, 3]";
-        fault_bits: Wholes(0, 15), Allowed, "bits that say the cell or its converter is broken", "[0, 1]";
+        saturated_bits: Wholes(0, 15), Allowed, "bits that report a reading out of range", "[2, 3]";
+        fault_bits: Wholes(0, 15), Allowed, "bits that report a fault of the cell or its converter", "[0, 1]";
     }
     as register { address }
 }
@@ -99,7 +99,7 @@ keys! {
 keys! {
     /// `[outputs]`
     outputs {
-        count_max: Whole(1, REGISTERS_MAX), Refused, "most outputs that can be read at once", "14";
+        count_max: Whole(1, REGISTERS_MAX), Refused, "largest number of outputs per reading", "14";
     }
     as register { function, address, number_type, word_order, swap_bytes, mask, shift }
 }

@@ -31,7 +31,7 @@ impl AsyncRead for ModbusLine {
         ready!(Pin::new(&mut self.stream).poll_read(cx, buf))?;
         let is_end = buf.filled().len() == before && buf.remaining() > 0;
         Poll::Ready(match is_end {
-            true => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the far end closed the link")),
+            true => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end closed the link")),
             false => Ok(()),
         })
     }
@@ -45,10 +45,7 @@ impl AsyncWrite for ModbusLine {
             // what is wrong with the line itself shows when the answer is read
             let _ = Pin::new(&mut self.stream).poll_read(cx, &mut stray);
             if !stray.filled().is_empty() {
-                return Poll::Ready(Err(io::Error::new(
-                    io::ErrorKind::InvalidData,
-                    "something came that wasn't asked for",
-                )));
+                return Poll::Ready(Err(io::Error::new(io::ErrorKind::InvalidData, "it sent data without a request")));
             }
         }
         Pin::new(&mut self.stream).poll_write(cx, bytes)

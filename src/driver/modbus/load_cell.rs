@@ -113,7 +113,7 @@ impl LoadCell for ModbusLoadCell {
             decimals = self.client.read_number("reading its decimals", register).await?;
         }
         let Some(scale) = 10_u32.checked_pow(decimals as u32) else {
-            let told = format!("it says its weight has {decimals} decimals: is `decimals` of the register map right?");
+            let told = format!("it reports {decimals} decimals: check `decimals` of the register map");
             return Err(self.client.error("reading its decimals", DeviceProblem::Mismatch(told)));
         };
         self.newton_per_count = self.force.newton_per_unit / f64::from(scale);

@@ -183,9 +183,9 @@ fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
     let force =
         Force { register: register?, newton_per_unit: newton_per_unit?, offset: offset?, range_n, decimals, sign };
     if force.block().1 > registers_max {
-        let told = format!("the sign is {} registers from the force: they can't be read together", force.block().1);
+        let told = format!("the sign is {} registers from the force, too far to read both together", force.block().1);
         let problem = Problem::new(table.span_of(&force::sign), told);
-        table.complain(problem.help("at most `registers_max` apart: both are of one moment"));
+        table.complain(problem.help("they must be at most `registers_max` apart, to be read at the same moment"));
     }
     Some(force)
 }
@@ -232,7 +232,7 @@ fn read_register(table: &Table, base: u64) -> Option<Register> {
     let mask = table.whole(&register::mask).map(|mask| mask as u32);
     let shift = table.whole(&register::shift).map(|shift| shift as u8);
     if mask.is_some() && number.is_some_and(|number| !number.is_whole()) {
-        let told = "`mask` picks bits of a whole number, this is a float";
+        let told = "`mask` requires a whole number, but this is a float";
         table.complain(Problem::new(table.span_of(&register::mask), told));
     }
     let encoding = Encoding { number: number?, word_order: word_order?, swap_bytes: swap_bytes?, mask, shift: shift? };

@@ -70,7 +70,7 @@ async fn a_link_that_the_far_end_closes_is_told_as_that() {
         let mut cell = ModbusLoadCell::new(link, transport, profile, "script", 200.0, Instant::now()).unwrap();
         let told = cell.prepare().await.unwrap_err().to_string();
         assert!(
-            told.ends_with("while reading its decimals: the far end closed the link, 3 times"),
+            told.ends_with("while reading its decimals: the other end closed the link, 3 times"),
             "{transport:?}: {told}"
         );
         drop(cell);

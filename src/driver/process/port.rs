@@ -53,7 +53,7 @@ impl ProgramPort {
             return Err(misfit(format!("\"role\": \"{}\"", self.role)));
         }
         let Some(identity) = said.get("identity").and_then(Value::as_str) else {
-            return Err(misfit("\"identity\" in words".to_owned()));
+            return Err(misfit("\"identity\" as a string".to_owned()));
         };
         let identity = Identity {
             role: self.role.to_owned(),

@@ -75,7 +75,7 @@ impl Stage for ProcessStage {
         let doing = "preparing it";
         self.port.ask_within(doing, "prepare", request, Some(reins), PREPARE_DEADLINE).await?;
         if self.status(doing, None).await?.moving {
-            let told = "it says it is prepared, but moves".to_owned();
+            let told = "it reports that it is prepared, but it moves".to_owned();
             return Err(self.port.error(doing, DeviceProblem::Motion(told)));
         }
         self.usage = Some(usage.clone());
@@ -130,7 +130,7 @@ impl Stage for ProcessStage {
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
-        self.status("reading its complaints", None).await?;
+        self.status("reading its errors", None).await?;
         Ok(std::mem::take(&mut self.complaints))
     }
 }

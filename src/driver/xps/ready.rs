@@ -29,8 +29,8 @@ impl Xps {
             }
             _ if !self.group.home_search => {
                 let told = format!(
-                    "the group {group} doesn't know where it is. Home it with the specimen out of the way, or say \
-                     home_search = true where the way to its home is clear of the specimen"
+                    "the group {group} isn't homed. Home it with the specimen removed, or set home_search = true \
+                     if its way is clear of the specimen"
                 );
                 return Err(self.error(doing, DeviceProblem::Mismatch(told)));
             }
@@ -73,7 +73,7 @@ impl Xps {
             None => {
                 self.kill(doing).await?;
                 self.moves.close();
-                let told = format!("{call} wasn't done within {} s", HOME_DEADLINE.as_secs());
+                let told = format!("{call} didn't finish within {} s", HOME_DEADLINE.as_secs());
                 Err(self.error(doing, DeviceProblem::Motion(told)))
             }
         }
@@ -95,7 +95,7 @@ impl Xps {
             (most_mm_s2, usage.acceleration_mm_s2, "acceleration_mm_s2"),
         ] {
             if most < wanted {
-                let told = format!("{positioner} allows {key} {most} at most, under the rig's {wanted}");
+                let told = format!("{positioner} allows {key} up to {most}, less than the rig's {wanted}");
                 return Err(self.error(doing, DeviceProblem::Mismatch(told)));
             }
         }
@@ -103,7 +103,7 @@ impl Xps {
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
         if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
             let told = format!(
-                "{positioner} runs from {least_mm} to {most_mm} mm, the rig's travel from {} to {} mm",
+                "{positioner} goes from {least_mm} to {most_mm} mm, but the rig's travel is {} to {} mm",
                 travel.min, travel.max
             );
             return Err(self.error(doing, DeviceProblem::Mismatch(told)));
@@ -112,7 +112,7 @@ impl Xps {
         self.ask(doing, &set).await?;
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
         if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
-            let told = format!("{positioner} was limited to the rig's travel and says {least_mm} to {most_mm} mm");
+            let told = format!("{positioner} was limited to the rig's travel but reports {least_mm} to {most_mm} mm");
             return Err(self.error(doing, DeviceProblem::Mismatch(told)));
         }
         let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");

@@ -120,7 +120,7 @@ impl Xps {
         if let Some(usage) = &self.usage
             && !usage.reach(axis).contains(place_mm)
         {
-            let expected = format!("a place within the travel of {}", axis.name());
+            let expected = format!("a position within the travel of {}", axis.name());
             return Err(self.error(doing, DeviceProblem::Misfit { answer: place_mm.to_string(), expected }));
         }
         Ok(place_mm)
@@ -190,12 +190,13 @@ impl Xps {
 
     /// Where an axis rests that was stopped on its way: two answers that agree, since it is told to stay there.
     async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        let doing = "reading where an axis rests";
+        let doing = "reading the position of an axis";
         let alone = Reins::default();
         let (first_mm, again_mm) =
             (self.place_mm(doing, axis, &alone).await?, self.place_mm(doing, axis, &alone).await?);
         if (first_mm - again_mm).abs() > AT_REST_MM {
-            let told = format!("{} is at {first_mm} mm and then at {again_mm} mm, though it rests", axis.name());
+            let told =
+                format!("{} is at {first_mm} mm and then at {again_mm} mm, although it doesn't move", axis.name());
             return Err(self.error(doing, DeviceProblem::Motion(told)));
         }
         Ok(first_mm)
@@ -271,7 +272,7 @@ impl Xps {
                 None => {
                     self.stop().await?;
                     self.moves.close();
-                    let told = format!("no end of it {} s after it should have ended", MOTION_MARGIN.as_secs());
+                    let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
                     Err(self.error(doing, DeviceProblem::Motion(told)))
                 }
             },
@@ -370,8 +371,8 @@ impl Stage for Xps {
         let state = self.until_still(doing, MOTION_MARGIN).await?;
         let identity = format!("{version}, group {} ({})", self.group.name, self.group.positioners.join(", "));
         let homes = !matches!(state, GroupState::Ready | GroupState::Disabled) && self.group.home_search;
-        let told = "it looks for home at the speed of its own file of stages (stages.ini), which palpate can't change: make \
-                    sure that it stops within the force limit";
+        let told = "it homes at the speed set in its stages.ini, which palpate can't change: make sure that it stops within \
+                    the force limit";
         let warnings = homes.then(|| told.to_owned()).into_iter().collect();
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
@@ -391,7 +392,7 @@ impl Stage for Xps {
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         // a group takes one motion at a time; what is under way ends by itself, where it is safe
         let until = Instant::now() + MOTION_MARGIN;
-        while self.until_ended("waiting for the motion before", until, reins).await?.is_none() {
+        while self.until_ended("waiting for the previous motion", until, reins).await?.is_none() {
             if reins.stopped() && reins.take().is_some() {
                 self.stop().await?;
             }

@@ -86,15 +86,15 @@ impl Request {
     }
 
     fn verb(&self) -> Result<&str, String> {
-        self.0.get("do").and_then(Value::as_str).ok_or_else(|| "what to do isn't said".into())
+        self.0.get("do").and_then(Value::as_str).ok_or_else(|| "\"do\" is missing".into())
     }
 
     fn number(&self, key: &str) -> Result<f64, String> {
-        self.0.get(key).and_then(Value::as_f64).ok_or_else(|| format!("{key} is no number"))
+        self.0.get(key).and_then(Value::as_f64).ok_or_else(|| format!("{key} is not a number"))
     }
 
     fn object(&self, key: &str) -> Result<&Map<String, Value>, String> {
-        self.0.get(key).and_then(Value::as_object).ok_or_else(|| format!("{key} is no object"))
+        self.0.get(key).and_then(Value::as_object).ok_or_else(|| format!("{key} is not an object"))
     }
 }
 
@@ -133,7 +133,7 @@ fn identity(role: &str) -> Map<String, Value> {
 }
 
 fn unknown(verb: &str) -> String {
-    format!("{verb:?} is nothing this device does")
+    format!("unknown request {verb:?}")
 }
 
 /// The members of what `json!` made.

@@ -122,16 +122,15 @@ impl ProcessStage {
         for (limits_mm, axis) in limits_mm.iter_mut().zip(Axis::ALL) {
             let ends_mm =
                 travel_mm.get(axis.name()).and_then(|ends| serde_json::from_value::<[f64; 2]>(ends.clone()).ok());
-            let [min, max] =
-                ends_mm.ok_or_else(|| format!("travel_mm doesn't say from where to where {} goes", axis.name()))?;
+            let [min, max] = ends_mm.ok_or_else(|| format!("travel_mm has no range for {}", axis.name()))?;
             if !(-END_MM <= min && min < max && max <= END_MM) {
-                return Err(format!("{} can't go from {min} to {max} mm", axis.name()));
+                return Err(format!("{} can't travel from {min} to {max} mm", axis.name()));
             }
             *limits_mm = Range { min, max };
         }
         let away = request.number("away")?;
         if away.abs() != 1.0 {
-            return Err("away is neither +1 nor -1".into());
+            return Err("away must be +1 or -1".into());
         }
         let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
         let acceleration_mm_s2 = within(request.number("acceleration_mm_s2")?, MOST_MM_S2, "mm/s^2")?;
@@ -154,7 +153,7 @@ impl ProcessStage {
             }
             if from_s > now_s + SEARCH_MOST_S {
                 self.stop(scene, now_s);
-                return Err("home wouldn't be found in time at this speed".into());
+                return Err("homing would take too long at this speed".into());
             }
         }
         Ok(limits_mm)
@@ -181,9 +180,9 @@ impl ProcessStage {
                 .into_iter()
                 .find(|axis| axis.name() == name)
                 .ok_or_else(|| format!("there is no axis {name:?}"))?;
-            let target_mm = target.as_f64().ok_or_else(|| format!("{name} is to go to what is no number"))?;
+            let target_mm = target.as_f64().ok_or_else(|| format!("the target of {name} is not a number"))?;
             if !limits_mm[axis.index()].contains(target_mm) {
-                return Err(format!("{name} = {target_mm} mm is beyond the travel"));
+                return Err(format!("{name} = {target_mm} mm exceeds the travel"));
             }
             targets_mm[axis.index()] = Some(scene.target_mm(target_mm).clamp(-END_MM, END_MM));
         }
@@ -224,7 +223,7 @@ impl ProcessStage {
             scene.set_motion(axis, Trajectory::stop(now_s, state, self.acceleration_mm_s2), now_s);
         }
         if let Some(preparing) = &mut self.preparing {
-            preparing.outcome = Err("stopped while it was prepared".into());
+            preparing.outcome = Err("stopped while it was being prepared".into());
             preparing.end_s = rest_s(scene, now_s);
         }
     }

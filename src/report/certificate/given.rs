@@ -81,18 +81,18 @@ keys! {
         responsible: Tables(&responsible::KEYS), Refused, "who is responsible; at least one";
         item: Table(&item::KEYS), Refused, "the sensor; its serial number is the run's sensor ID";
         procedure: Table(&procedure::KEYS), Refused, "how it was calibrated";
-        environment: Table(&environment::KEYS), Allowed, "the air around it, as far as it was measured";
+        environment: Table(&environment::KEYS), Allowed, "ambient conditions, if measured";
     }
 }
 
 keys! {
     /// `[certificate]`
     certificate {
-        identifier: Text, Refused, "its number, unique in the world", "\"LAB-2026-0042\"";
+        identifier: Text, Refused, "its number, which must be unique", "\"LAB-2026-0042\"";
         revision: Whole(1, REVISIONS_MAX), or_whole(1), "its revision", "1";
-        issued: Text, Refused, "the day it is issued, as year-month-day", "\"2026-05-04\"";
+        issued: Text, Refused, "date of issue, as year-month-day", "\"2026-05-04\"";
         language: Text, Refused, "the language it is written in, ISO 639-1", "\"en\"";
-        country: Text, Refused, "the country that it is issued in, ISO 3166-1", "\"DE\"";
+        country: Text, Refused, "country where it is issued, ISO 3166-1", "\"DE\"";
         place: Word(&words(&PLACES)), Refused, "where the calibration was performed", "\"laboratory\"";
     }
 }
@@ -128,8 +128,8 @@ keys! {
 keys! {
     /// `[item]`
     item {
-        name: Text, Refused, "what it is called", "\"tactile sensor\"";
-        manufacturer: Text, Refused, "who made it", "\"Institute of Touch\"";
+        name: Text, Refused, "name of the item", "\"tactile sensor\"";
+        manufacturer: Text, Refused, "manufacturer", "\"Institute of Touch\"";
         model: Text, Allowed, "its model", "\"TS-9\"";
     }
 }
@@ -145,8 +145,8 @@ keys! {
 keys! {
     /// `[environment]`
     environment {
-        temperature_c: Range(TEMPERATURE), Allowed, "air temperature, least and most", "[22.0, 24.0]";
-        humidity_percent: Range(HUMIDITY), Allowed, "relative humidity, least and most", "[40.0, 55.0]";
+        temperature_c: Range(TEMPERATURE), Allowed, "air temperature, lowest and highest", "[22.0, 24.0]";
+        humidity_percent: Range(HUMIDITY), Allowed, "relative humidity, lowest and highest", "[40.0, 55.0]";
     }
 }
 
@@ -163,7 +163,7 @@ pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
         let customer = table.table(&root::customer).and_then(|table| read_contact(&table));
         let people = table.tables(&root::responsible);
         if people.is_empty() && table.has(&root::responsible) {
-            table.complain(Problem::new(table.span_of(&root::responsible), "there is no responsible person"));
+            table.complain(Problem::new(table.span_of(&root::responsible), "a responsible person is required"));
         }
         let responsible = document::all(people.iter().map(|table| {
             let (name, role) = (text_of(table, &responsible::name), text_of(table, &responsible::role));
@@ -206,7 +206,7 @@ fn read_certificate(table: &Table) -> Option<Given> {
     let identifier = text_of(table, &certificate::identifier);
     let revision = table.whole(&certificate::revision);
     let issued = table.day(&certificate::issued).map(str::to_owned);
-    let language = code_of(table, &certificate::language, char::is_lowercase, "two small letters, \"en\"");
+    let language = code_of(table, &certificate::language, char::is_lowercase, "two lower-case letters, such as \"en\"");
     let country = read_country(table, &certificate::country);
     let place = table.word(&certificate::place, &PLACES);
     let nobody = Contact {
@@ -247,7 +247,7 @@ fn read_contact(table: &Table) -> Option<Contact> {
 }
 
 fn read_country(table: &Table, key: &Key) -> Option<String> {
-    code_of(table, key, char::is_uppercase, "two capital letters, \"DE\"")
+    code_of(table, key, char::is_uppercase, "two upper-case letters, such as \"DE\"")
 }
 
 /// A text with something in it, its blanks made single: the schema allows no others.
@@ -255,7 +255,7 @@ fn text_of(table: &Table, key: &Key) -> Option<String> {
     let text = table.text(key)?;
     let single = text.split_whitespace().collect::<Vec<_>>().join(" ");
     if single.is_empty() || single.contains(char::is_control) {
-        table.complain(Problem::new(table.span_of(key), format!("`{}` is {text:?}, expected words", key.name)));
+        table.complain(Problem::new(table.span_of(key), format!("`{}` is {text:?}, expected a text", key.name)));
         return None;
     }
     Some(single)

@@ -22,8 +22,8 @@ use results::{Results, results};
 use thiserror::Error;
 
 /// What every certificate says of signatures.
-pub const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It rests on the journals whose SHA-256 it \
-                              states; `palpate verify RUN --certificate FILE` compares them.";
+pub const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It is based on the journals whose SHA-256 \
+                              it states; `palpate verify RUN --certificate FILE` compares them.";
 
 /// A certificate, ready to be written.
 pub struct Certificate<'a> {
@@ -74,7 +74,7 @@ pub enum CertificateError {
     },
     /// A run that isn't complete may still change.
     #[error("{run} is {status}: a certificate needs complete runs")]
-    #[diagnostic(help("`palpate resume` goes on with it"))]
+    #[diagnostic(help("`palpate resume` continues it"))]
     Incomplete {
         /// The run.
         run: String,
@@ -82,7 +82,7 @@ pub enum CertificateError {
         status: &'static str,
     },
     /// There is nothing to certify.
-    #[error("{run}: there is neither an evaluated test nor a characterisation: nothing to certify{}", why.as_deref().map(|why| format!(" ({why})")).unwrap_or_default())]
+    #[error("{run}: a certificate requires an evaluated test or a characterisation{}", why.as_deref().map(|why| format!(" ({why})")).unwrap_or_default())]
     Nothing {
         /// The first run.
         run: String,
@@ -233,7 +233,7 @@ fn certificate_of(role: &str, rig: &RigSpec) -> String {
         }
         _ => return "part of the sensor's readings".to_owned(),
     };
-    known.unwrap_or_else(|| "no certificate known: not traceable".to_owned())
+    known.unwrap_or_else(|| "no known certificate: not traceable".to_owned())
 }
 
 /// What a reader may expect on a certificate and was not measured.
@@ -242,7 +242,7 @@ fn not_measured(subject: &Subject, judged: &Judged, given: &Given) -> Vec<String
     let missing = [
         (judged.evaluations.is_empty(), "Errors of location and force: no test was evaluated."),
         (!has(Phase::Characterisation), "Repeatability, hysteresis, linearity and zero return of the units."),
-        (subject.u_place_mm().is_none(), "The uncertainty of the pressed places: the stage has no certificate."),
+        (subject.u_place_mm().is_none(), "The uncertainty of the pressed positions: the stage has no certificate."),
         (judged.u_force_n.is_none(), "The uncertainty of the forces: the load cell has neither certificate nor check."),
         (given.temperature_c.is_none(), "The air temperature."),
         (given.humidity_percent.is_none(), "The relative humidity."),

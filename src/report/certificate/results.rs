@@ -171,8 +171,8 @@ fn of_units(staircases: &Staircases) -> Results {
         }
     }
     let method = format!(
-        "Staircases of force on each unit, % of full scale. Repeatability: {}. Uncertainties of the others are by the \
-         scatter of the repeats alone. The other terms are defined in the report.",
+        "Staircases of force on each unit, % of full scale. Repeatability: {}. Uncertainties of the others are from \
+         the scatter of the repeats only. The other terms are defined in the report.",
         definition.definition()
     );
     Results { title: "Characteristics of each unit", method, rows }

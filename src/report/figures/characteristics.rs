@@ -53,7 +53,7 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
     };
     let left_out = pressed.len() - drawn.len();
     let figure = Figure {
-        title: "Output of each unit against the load on it".to_owned(),
+        title: "Output of each unit against the force".to_owned(),
         subtitle: "every level of every staircase, and a line through the means at each place; force by the load cell"
             .to_owned(),
         height_px: if columns > 3 { 60.0 } else { 104.0 },
@@ -63,7 +63,7 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
             (line(LOADING, Line::Solid), "loading".to_owned()),
             (line(UNLOADING, Line::Dashed), "unloading".to_owned()),
         ]],
-        notes: if left_out > 0 { vec![format!("{left_out} more units aren't drawn")] } else { Vec::new() },
+        notes: if left_out > 0 { vec![format!("{left_out} more units aren't shown")] } else { Vec::new() },
     };
     Some(Drawn::plain(figure))
 }

@@ -87,7 +87,7 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         summed.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, told.to_owned()));
     }
     let notes = if largest > last {
-        vec![format!("The last column holds all errors beyond it, up to {largest:.1} {}.", unit(kind))]
+        vec![format!("The last column holds all larger errors, up to {largest:.1} {}.", unit(kind))]
     } else {
         Vec::new()
     };

@@ -51,12 +51,12 @@ pub fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let axes = Axes::around(least, most, if is_line { half_x } else { 0.0 });
     let mean = errors.iter().map(|(_, mm)| mm).sum::<f64>() / errors.len() as f64;
     let mut notes = vec![
-        "The bound of Cramér and Rao on the map that was fitted to the calibration, that map's own error included: as far as \
-         map and noise are known by it, an unbiased method comes no nearer."
+        "The Cramér-Rao bound for the map fitted to the calibration, with that map's own error: the smallest mean error of an \
+         unbiased method with this map and noise."
             .to_owned(),
     ];
     if largest > MOST_RATIO * best {
-        notes.push(format!("The last colour is for all errors beyond it, up to {largest:.3} mm."));
+        notes.push(format!("The last colour is for all larger errors, up to {largest:.3} mm."));
     }
     let figure = Figure {
         title: format!("Expected location error at {force_n} N"),

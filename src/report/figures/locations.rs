@@ -46,7 +46,7 @@ fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> Drawn {
         Mark::Curve(predicted, presses(evaluation).map(|press| mm(press.place_solved)).collect()),
     ];
     let one_in = one_in(evaluation);
-    let notes = if one_in > 1 { vec![format!("One press in {one_in} is drawn.")] } else { Vec::new() };
+    let notes = if one_in > 1 { vec![format!("One press in {one_in} is shown.")] } else { Vec::new() };
     let figure = Figure {
         title: format!("Places by {}", name(evaluation)),
         subtitle: format!("{} test presses, each true place joined to the predicted one", evaluation.points),

@@ -40,7 +40,7 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
         height_px: axes.height_px(columns),
         panels: (0..units).map(panel).collect(),
         grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
-        notes: if left_out > 0 { vec![format!("{left_out} more outputs are not drawn.")] } else { Vec::new() },
+        notes: if left_out > 0 { vec![format!("{left_out} more outputs are not shown.")] } else { Vec::new() },
         ..Figure::default()
     };
     Some(Drawn::plain(figure))

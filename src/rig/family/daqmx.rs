@@ -18,7 +18,7 @@ use tokio::time::Instant;
 
 pub const FAMILY: Family = Family {
     name: "daqmx",
-    meaning: "inputs of an NI device, by NI's library",
+    meaning: "inputs of an NI device, read through NI's library",
     simulated: "a USB-6343, within a simulated run",
     stage: None,
     load_cell: Some(Role { words: &[], keys: load_cell::KEYS.always, links: Links::Daqmx, read: read_load_cell }),
@@ -36,7 +36,7 @@ keys! {
     array {
         daqmx: Text, Refused, "inputs of an NI device, in the order of the units", "\"Dev1/ai1:9\"";
         terminal: Word(&words(&TERMINALS)), or_word("rse"), "how they are wired", "\"diff\"";
-        range_v: Number(above(0.0, 10.0, "V")), or(10.0), "the range that they measure in, either way", "10.0";
+        range_v: Number(above(0.0, 10.0, "V")), or(10.0), "their measuring range, + and -", "10.0";
     }
 }
 
@@ -101,7 +101,7 @@ impl Driver for Array {
             return Vec::new();
         }
         let told = "load cell and array are on NI inputs, but over different links".to_owned();
-        vec![Misfit { role: Device::Array, told, help: Some("one task samples both: give them the same link") }]
+        vec![Misfit { role: Device::Array, told, help: Some("one task samples both: use the same link for both") }]
     }
 }
 
@@ -182,7 +182,7 @@ fn library(rig: &RigSpec) -> Result<Functions, DeviceError> {
     };
     let library = DaqmxLibrary::load(path).map_err(|error| failed(error.to_string()))?;
     let functions = Functions::on_a_thread(Arc::new(library));
-    functions.map_err(|error| failed(format!("there is no thread for it: {error}")))
+    functions.map_err(|error| failed(format!("can't start a thread: {error}")))
 }
 
 /// NI's functions in a scene: the channels that the rig's drivers name carry what they are meant to.

@@ -11,7 +11,7 @@ use std::sync::Arc;
 pub const FAMILY: Family = Family {
     name: "esp301",
     meaning: "Newport ESP301 or ESP300 motion controller",
-    simulated: "three VP-25XL axes, homed by themselves",
+    simulated: "three VP-25XL axes that home automatically",
     stage: Some(Role {
         words: &["esp301", "esp300"],
         keys: &[],

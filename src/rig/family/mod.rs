@@ -76,12 +76,12 @@ pub(super) fn as_a<D: Driver>(driver: &dyn Driver) -> Option<&D> {
 
 /// N a volt of an analog load cell.
 const NEWTON_PER_VOLT: Bounds = Bounds::within(-1e6, 1e6, "N/V");
-const NEWTON_PER_VOLT_MEANS: &str = "N a volt; negative where a push gives a negative voltage";
+const NEWTON_PER_VOLT_MEANS: &str = "N per volt; negative if a push gives a negative voltage";
 
 fn read_newton_per_volt(table: &Table, key: &Key) -> Option<f64> {
     let newton_per_volt = table.number(key)?;
     if newton_per_volt == 0.0 {
-        table.complain(Problem::new(table.span_of(key), "`newton_per_volt` is 0: no force would ever be seen"));
+        table.complain(Problem::new(table.span_of(key), "`newton_per_volt` is 0, so every force would read 0 N"));
         return None;
     }
     Some(newton_per_volt)
@@ -89,6 +89,6 @@ fn read_newton_per_volt(table: &Table, key: &Key) -> Option<f64> {
 
 /// A driver that can't play a role.
 pub(super) fn unfit(role: &str, driver: &str) -> DeviceError {
-    let problem = device::DeviceProblem::Mismatch(format!("\"{driver}\" can't play this role"));
+    let problem = device::DeviceProblem::Mismatch(format!("\"{driver}\" can't be used for this device"));
     DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }
 }

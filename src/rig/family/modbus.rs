@@ -28,7 +28,7 @@ const RANGE_OVER_LIMIT: f64 = 2.5;
 keys! {
     /// `driver = { modbus = ... }`
     driver {
-        modbus: Text, Refused, "a register map that comes with the program, or a .toml file beside the rig's",
+        modbus: Text, Refused, "a register map shipped with the program, or a .toml file in the rig's folder",
             "\"labjack-t7\"";
     }
 }
@@ -58,7 +58,7 @@ fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: 
         let plain = !name.contains(['/', '\\']) && name.ends_with(".toml");
         if !plain {
             let told = format!("there is no register map \"{name}\"");
-            let help = format!("known: {}; or name a .toml file that lies beside this one", known());
+            let help = format!("shipped maps: {}; or give a .toml file in the rig's folder", known());
             let problem = Problem::new(span, told).help(help);
             table.complain(with_nearest(problem, name, &SHIPPED.map(|(name, _)| name)));
             return None;
@@ -66,7 +66,7 @@ fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: 
         let text = match beside(name) {
             Ok(text) => text,
             Err(error) => {
-                let help = format!("it must lie beside the rig; maps that come with the program: {}", known());
+                let help = format!("the file must be in the rig's folder; shipped maps: {}", known());
                 table.complain(Problem::new(span, format!("{name}: {error}")).help(help));
                 return None;
             }
@@ -138,13 +138,13 @@ impl ArrayDriver for Array {
         let Profile { name, outputs: own, .. } = &self.0.profile;
         let most = own.as_ref().map_or(0, |own| own.count_max);
         let told = format!("{}, but {name} has {most} outputs", counted(layout));
-        let help = "a register map of your own may have more, on real links only: it has no emulator";
+        let help = "a register map of your own can have more, but only on real links: it has no emulator";
         (layout.len() > most).then_some((told, Some(help)))
     }
 }
 
 impl MappedDevice {
-    /// The link decides the framing; a simulated one is what the device itself speaks.
+    /// The link decides the framing; a simulated one is protocol of the device.
     fn transport(&self, link: &Link) -> Transport {
         match link {
             Link::Serial { .. } => Transport::Rtu,

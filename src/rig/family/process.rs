@@ -14,8 +14,8 @@ use std::sync::Arc;
 
 pub const FAMILY: Family = Family {
     name: "process",
-    meaning: "a program of your own that speaks the process protocol",
-    simulated: "programs in memory that speak the protocol",
+    meaning: "your own program that uses the process protocol",
+    simulated: "programs in memory that use the protocol",
     stage: Some(Role {
         words: &[],
         keys: driver::KEYS.always,
@@ -39,7 +39,7 @@ pub const FAMILY: Family = Family {
 keys! {
     /// `driver = { process = ... }`
     driver {
-        process: Texts, Refused, "a command that speaks the process protocol, and its arguments",
+        process: Texts, Refused, "command of a program that uses the process protocol, and its arguments",
             "[\"python3\", \"my_daq.py\"]";
     }
 }

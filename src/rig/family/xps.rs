@@ -27,10 +27,10 @@ keys! {
     /// `driver = { xps = ... }` of a stage.
     stage {
         xps: Text, Refused, "the XPS' group of three positioners", "\"XYZ\"";
-        positioners: Texts, or_texts(&["X", "Y", "Z"]), "those of x, y and z, in this order", "[\"X\", \"Y\", \"Z\"]";
-        home_search: Flag, or_flag(false), "whether the group may search its home, which must be clear of the specimen",
+        positioners: Texts, or_texts(&["X", "Y", "Z"]), "its positioners of x, y and z, in this order", "[\"X\", \"Y\", \"Z\"]";
+        home_search: Flag, or_flag(false), "whether palpate may home the group; its way must be clear of the specimen",
             "true";
-        guard: Flag, or_flag(false), "whether the controller itself ends a motion at the force limit", "true";
+        guard: Flag, or_flag(false), "whether the controller also stops a motion at the force limit", "true";
     }
 }
 
@@ -57,7 +57,7 @@ fn read_stage(table: &Table, _: Beside) -> Option<Arc<dyn StageDriver>> {
     let positioners = table.texts(&stage::positioners).and_then(|names| {
         let three = names.into_iter().map(str::to_owned).collect::<Vec<_>>().try_into().ok();
         if three.is_none() {
-            let told = "`positioners` names those of x, y and z, in this order";
+            let told = "`positioners` names its positioners of x, y and z, in this order";
             table.complain(Problem::new(table.span_of(&stage::positioners), told));
         }
         three
@@ -84,14 +84,14 @@ impl Driver for Stage {
         let mut misfits = Vec::new();
         if self.group.home_search && rig.frame.z_from_stage(HOME_MM) > rig.clear_mm() {
             misfits.push(misfit(
-                "`home_search` takes z to 0, the middle of its travel, which isn't clear of the specimen",
-                "mount the specimen so that `surface_mm` lies beyond 0, or home the group by hand, without the specimen",
+                "`home_search` moves z to 0, the middle of its travel, which isn't clear of the specimen",
+                "mount the specimen so that `surface_mm` is beyond 0, or home the group by hand, without the specimen",
             ));
         }
         if self.guard && cell_of(rig).is_none() {
             misfits.push(misfit(
-                "`guard` has the XPS look at the force, but the load cell isn't on one of its inputs",
-                "leave `guard` out, or wire the cell to GPIO2 too",
+                "`guard` requires a load cell on one of the XPS's inputs",
+                "remove `guard`, or also wire the cell to GPIO2",
             ));
         }
         misfits
@@ -117,8 +117,8 @@ impl Driver for LoadCell {
         if as_a::<Stage>(&*rig.stage.driver).is_some() && rig.stage.link == rig.load_cell.link {
             return Vec::new();
         }
-        let told = "the load cell is on an XPS that isn't the stage's".to_owned();
-        vec![Misfit { role: Device::LoadCell, told, help: Some("give both the same link and an xps driver") }]
+        let told = "the load cell is on another XPS than the stage".to_owned();
+        vec![Misfit { role: Device::LoadCell, told, help: Some("use the same link and an xps driver for both") }]
     }
 }
 

@@ -239,7 +239,7 @@ fn rule() -> Claim {
              value too"
         ),
         (None, ..) => "no s of 0.10 to 1.00 turns".to_owned(),
-        _ => "s that turn and s that don't lie among each other".to_owned(),
+        _ => "s that turn and s that don't are mixed".to_owned(),
     };
     Claim {
         claim: "rule",
@@ -356,7 +356,7 @@ fn half_space() -> Claim {
     let is_near = is_alike(half_layer_mm, half_space_mm);
     Claim {
         claim: "half-space",
-        told: "a half-space stands for a 5 mm cover on a rigid base",
+        told: "a half-space is used for a 5 mm cover on a rigid base",
         verdict: verdict(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),
         found: format!(
             "bonded, Poisson's ratio {POISSON_RATIO}: peak {peak:.3} times as high, half of it at {half_layer_mm:.3} mm \

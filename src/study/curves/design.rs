@@ -35,13 +35,13 @@ const FIELD_TO: f64 = 3.0;
 #[derive(Debug, Error, PartialEq)]
 pub enum DesignError {
     /// One unit has no pattern.
-    #[error("an array of one unit: r compares how several units read")]
+    #[error("the array has one unit, but r compares several units")]
     OneUnit,
     /// Two units at one place have no pitch.
     #[error("units {0} and {1} are at the same place")]
     SamePlace(usize, usize),
     /// Nothing says how deep the units are.
-    #[error("nothing says how deep the units are: the rig names no elastomer")]
+    #[error("the depth of the units is unknown: the rig has no elastomer")]
     NoDepth,
     /// Too large to be computed with.
     #[error(
@@ -107,7 +107,7 @@ pub struct DesignFindings {
     pub courses: Vec<Course>,
     /// r over the area.
     pub survey: Survey,
-    /// The least errors of any method, on average over area and forces; none: there are contacts whose place and force the units don't tell.
+    /// The least errors of any method, on average over area and forces; unbounded: for some contacts the units don't determine location and force.
     pub least: Option<MeanBound>,
     /// Whether the rig names no noise, so that [`ASSUMED_SD`] was taken.
     pub noise_is_assumed: bool,

@@ -47,7 +47,7 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
         ],
     };
     Figure {
-        title: "Figure 3: what a unit reads of a point load beside it".to_owned(),
+        title: "Figure 3: output of a unit for a point load at a distance".to_owned(),
         subtitle: "elastic half-space: lambda = (k^2 + 1)^(-5/2)".to_owned(),
         height_px: 320.0,
         panels: vec![panel],
@@ -132,7 +132,7 @@ fn field(found: &DesignFindings) -> Figure {
     marks.push(Mark::Curve(line(0), found.field.clone()));
     let to_mm = found.field.last().map_or(depth_mm, |(mm, _)| *mm);
     Figure {
-        title: "What a unit reads of a contact beside it".to_owned(),
+        title: "Output of a unit for a contact at a distance".to_owned(),
         subtitle: format!("units {depth_mm} mm deep, pitch {:.3} mm: s = {:.3}", found.pitch_mm, found.spacing),
         height_px: 320.0,
         panels: vec![Panel {
@@ -159,7 +159,7 @@ fn courses(found: &DesignFindings) -> Figure {
     let room = 0.03 * (to - from);
     let points = found.courses.iter().flat_map(|course| &course.points);
     Figure {
-        title: "How alike what the array reads of two contacts is".to_owned(),
+        title: "Similarity of the array's outputs for two contacts".to_owned(),
         subtitle: format!(
             "both on the line through the middle along {along}, which has {} of the {} units",
             found.row_units, found.units

@@ -1,4 +1,4 @@
-//! How near each method comes, and what a solve takes.
+//! Accuracy and solving time of each method.
 
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};

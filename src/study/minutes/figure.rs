@@ -13,7 +13,7 @@ pub fn minutes_figures(found: &[MinutesRow]) -> Vec<(String, String)> {
     let specimens = found.iter().map(|row| row.found.calibrations).max().unwrap_or(0);
     let repeats = repeats(found);
     let figure = Figure {
-        title: "What a calibration comes to against all minutes at the bench".to_owned(),
+        title: "Accuracy of a calibration against the total minutes at the bench".to_owned(),
         subtitle: format!(
             "square grids of 1 N presses on ±6 mm, {points} fresh contacts of 0.1 to 1 N on {specimens} specimens, solved by the \
              method that cross-validation finds best"
@@ -36,7 +36,7 @@ pub fn minutes_figures(found: &[MinutesRow]) -> Vec<(String, String)> {
                 "minutes: {HANDLING_MIN} for mounting, warm-up and zeroing, and those of the run, simulated on the fast bench"
             ),
             "bound: the least mean error of any unbiased method that knows the array exactly (Cramér-Rao)".to_owned(),
-            "ringed and joined: no other way is both sooner done and nearer; beside a ring: its presses, where it is 1 % nearer".to_owned(),
+            "ringed and joined: no other way is both faster and more exact; next to a ring: its presses, if it is 1 % more exact".to_owned(),
         ],
         ..Figure::default()
     };

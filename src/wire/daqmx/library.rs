@@ -50,7 +50,7 @@ pub struct DaqmxLibrary {
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// It isn't there.
-    #[error("NI's DAQmx library isn't on this machine ({tried}): {told}")]
+    #[error("NI's DAQmx library wasn't found on this machine ({tried}): {told}")]
     Missing {
         /// What was tried.
         tried: String,
@@ -58,7 +58,7 @@ pub enum LoadError {
         told: String,
     },
     /// It isn't what it should be.
-    #[error("{path} isn't NI's DAQmx library: it has no {function}")]
+    #[error("{path} isn't NI's DAQmx library: it has no function {function}")]
     Foreign {
         /// The file.
         path: String,

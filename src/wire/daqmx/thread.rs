@@ -24,7 +24,7 @@ pub enum Functions {
 
 /// The library's thread is held up, or has ended.
 #[derive(Debug, thiserror::Error)]
-#[error("a call of the DAQmx library didn't come back within {} s", CALL_DEADLINE.as_secs())]
+#[error("a call of the DAQmx library didn't return within {} s", CALL_DEADLINE.as_secs())]
 pub struct HeldUp;
 
 impl Functions {

@@ -10,7 +10,7 @@ pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
     let specimens = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
     let tests = found.iter().map(|row| row.points).max().unwrap_or(0) / specimens.max(1);
     let figure = Figure {
-        title: "How many calibration presses a method needs".to_owned(),
+        title: "Number of calibration presses that a method needs".to_owned(),
         subtitle: format!(
             "square grids of 1 N presses on ±6 mm; mean over {specimens} specimens of {tests} contacts each, 0.1 to 1 N"
         ),
@@ -36,9 +36,9 @@ pub fn budget_figures_of(trial: &MethodTrial, found: &[MethodRow]) -> Vec<Drawn>
     let draws = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
     let has_bound = found.iter().any(|row| row.location_bound_mm.is_some());
     let figure = Figure {
-        title: "How many calibration presses a method needs".to_owned(),
+        title: "Number of calibration presses that a method needs".to_owned(),
         subtitle: format!(
-            "so many of the {} presses recorded, spread over the area; mean over {draws} choices of them; {} test presses",
+            "subsets of the {} recorded presses, spread over the area; mean over {draws} choices of them; {} test presses",
             trial.calibration.len(),
             trial.test.truths.len()
         ),

@@ -49,7 +49,7 @@ fn methods() -> impl Iterator<Item = (Look, String)> {
 
 /// Those of every method and of the bound.
 fn methods_and_bound() -> impl Iterator<Item = (Look, String)> {
-    methods().chain([(BOUND, "least error there is (Cramér-Rao)".to_owned())])
+    methods().chain([(BOUND, "least possible error (Cramér-Rao)".to_owned())])
 }
 
 /// What marks mean, so many in a line.

@@ -14,9 +14,9 @@ pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Ve
         let rows: Vec<&MethodRow> = found.iter().filter(|row| row.scene == trial.scene).collect();
         panel(&trial.told, &rows)
     };
-    let ringed = "ringed and joined: no other method is both faster and nearer";
+    let ringed = "ringed and joined: no other method is both faster and more exact";
     let figure = Figure {
-        title: "How near each method comes, and what a solve takes".to_owned(),
+        title: "Accuracy and solving time of each method".to_owned(),
         subtitle: format!(
             "calibrated with {presses} presses, {tests} test contacts; bars: 95 % of the mean; times measured on this machine, one core"
         ),
