@@ -44,9 +44,11 @@ mod verify;
 mod which_way;
 mod withdraw;
 
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
 use miette::MietteHandlerOpts;
-use std::process::ExitCode;
+use std::io::{self, Write};
+use std::process::{ExitCode, exit};
 use textwrap::WordSeparator;
 
 const EXAMPLES: &str = "\
@@ -98,7 +100,7 @@ enum Command {
 
 /// Parses the command line, runs the command, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
-    let command = CommandLine::parse().command; // usage errors exit with 2 by themselves
+    let command = CommandLine::try_parse().unwrap_or_else(|error| refuse(&error)).command;
     // a link or a path is one word: it isn't broken at its slashes
     let handler = || MietteHandlerOpts::new().word_separator(WordSeparator::AsciiSpace).break_words(false).build();
     // fails only if one is set already, which is as good
@@ -130,4 +132,19 @@ pub fn main() -> ExitCode {
         Command::Man(args) => shell::man(args),
     };
     outcome.unwrap_or_else(|failure| failure.report())
+}
+
+/// Prints a usage error, or the help that was asked for, and exits. An unknown command is refused with the known ones.
+fn refuse(error: &clap::Error) -> ! {
+    if error.kind() == ErrorKind::InvalidSubcommand {
+        let root = CommandLine::command();
+        let first = std::env::args().nth(1).unwrap_or_default();
+        let within = root.find_subcommand(first).unwrap_or(&root);
+        let names: Vec<&str> = within.get_subcommands().map(clap::Command::get_name).collect();
+        let known = textwrap::fill(&format!("commands: {}", names.join(", ")), 80);
+        // should nobody read it, the exit code is enough
+        let _ = writeln!(io::stderr(), "{}\n{known}", error.render().to_string().trim_end());
+        exit(error.exit_code());
+    }
+    error.exit()
 }

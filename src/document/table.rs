@@ -376,10 +376,21 @@ fn expected(key: &Key) -> String {
         Kind::Places(_) => Some("[[x, y], ...]".to_owned()),
         Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
         Kind::Word(words) => Some(format!("one of {}", words.join(", "))),
-        Kind::Table(_) => Some("a table".to_owned()),
+        Kind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
         _ => None,
     };
     key.kind.pick(of).unwrap_or_else(|| key.meaning.to_owned())
+}
+
+/// The keys that a table must have, and those of which it must have one.
+fn with_keys(keys: &Keys) -> String {
+    let required = keys.always.iter().filter(|key| key.absent == Absent::Refused);
+    let mut names: Vec<String> = required.map(|key| format!("`{}`", key.name)).collect();
+    if keys.by.is_none() && !keys.cases.is_empty() {
+        let cases: Vec<String> = keys.cases.iter().map(|case| format!("`{}`", case.name)).collect();
+        names.push(cases.join(" or "));
+    }
+    if names.is_empty() { String::new() } else { format!(" with {}", names.join(", ")) }
 }
 
 /// What a list of keys says of the numbers of one of them. Code that asks for a number where the list has none is wrong.

@@ -176,20 +176,44 @@ fn read_grid(step: &Table) -> Option<Places> {
     let order = table.word(&grid::order, &keys::ORDERS);
     if let (Some(x), Some(y), Some(spacing)) = (x_mm, y_mm, spacing_mm) {
         for (key, width) in [(grid::x_mm, x.width()), (grid::y_mm, y.width())] {
-            let (name, spaces) = (key.name, width / spacing);
+            let name = key.name;
             if width > 0.0 && spacing > width {
                 let told = format!("`spacing_mm` is {spacing}, more than the {width} mm of `{name}`");
                 let problem = Problem::new(table.span_of(&grid::spacing_mm), told);
                 table.complain(problem.help("use a spacing smaller than the extent"));
-            } else if (spaces - spaces.round()).abs() > WHOLE * spaces.max(1.0) {
-                let (few, many) = (width / spaces.floor().max(1.0), width / spaces.ceil());
+            } else if !divides(spacing, width) {
                 let told = format!("`spacing_mm` {spacing} doesn't divide the {width} mm of `{name}`");
-                let help = format!("the nearest spacings that do: {many:.4} and {few:.4}");
-                table.complain(Problem::new(table.span_of(&grid::spacing_mm), told).help(help));
+                let problem = Problem::new(table.span_of(&grid::spacing_mm), told);
+                table.complain(match nearest_spacings(spacing, width) {
+                    nearest if nearest.is_empty() => problem,
+                    nearest => problem.help(format!("the nearest spacings that do: {nearest}")),
+                });
             }
         }
     }
     Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm?, order: order? })
+}
+
+/// The most spaces along a side for which others are suggested, and how many numbers of spaces are tried either way.
+const MOST_SPACES: f64 = 10_000.0;
+const SOUGHT: u64 = 1000;
+
+/// Whether a width is a whole number of spaces, to within rounding.
+fn divides(spacing: f64, width: f64) -> bool {
+    let spaces = width / spacing;
+    // spaces without number are too many, which the plan reports
+    spaces.is_infinite() || (spaces - spaces.round()).abs() <= WHOLE * spaces.max(1.0)
+}
+
+/// The next smaller and larger spacings that divide a width and can be written with four decimals.
+fn nearest_spacings(spacing: f64, width: f64) -> String {
+    let few = (width / spacing).clamp(1.0, MOST_SPACES) as u64;
+    let written = |spaces: u64| (1e4 * width / spaces as f64).round() / 1e4;
+    let is_exact = |spaces: &u64| written(*spaces) > 0.0 && divides(written(*spaces), width);
+    let smaller = (few + 1..=few + SOUGHT).find(is_exact);
+    let larger = (1..=few).rev().take(SOUGHT as usize).find(is_exact);
+    let found: Vec<String> = smaller.into_iter().chain(larger).map(|spaces| written(spaces).to_string()).collect();
+    found.join(" and ")
 }
 
 fn read_list(step: &Table) -> Option<Places> {
@@ -283,6 +307,18 @@ mod tests {
 
     fn step(body: &str) -> Vec<String> {
         problems(&format!("name = \"r\"\n[[step]]\nphase = \"test\"\n{body}\n"))
+    }
+
+    #[test]
+    fn a_spacing_that_is_suggested_is_accepted() {
+        for (spacing, width) in [(0.7, 12.0), (0.65, 12.0), (0.3, 10.0), (7.0, 12.0), (0.9, 1.0), (1.3, 3.3)] {
+            let text = nearest_spacings(spacing, width);
+            assert!(!text.is_empty(), "{spacing} {width}");
+            for suggested in text.split(" and ") {
+                assert!(divides(suggested.parse().unwrap(), width), "{spacing} of {width}: {suggested}");
+            }
+        }
+        assert_eq!(nearest_spacings(0.7, 12.0), "0.6 and 0.75");
     }
 
     #[test]

@@ -7,4 +7,5 @@ mod daqmx;
 mod emulate;
 mod outliers;
 mod programs;
+mod schemas;
 mod servers;

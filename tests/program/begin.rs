@@ -71,3 +71,27 @@ fn each_command_has_a_man_page() {
     let commands = std::fs::read_to_string(shipped("docs/reference/commands.md")).unwrap();
     assert!(commands.contains("\n## palpate run\n") && commands.contains("\n### palpate study minutes\n"));
 }
+
+#[test]
+fn an_unknown_command_is_refused_with_the_known_ones() {
+    let bench = Bench::new();
+    for (words, known) in
+        [("frobnicate", "\ncommands: check, run,"), ("study frob", "\ncommands: control, speed-accuracy,")]
+    {
+        let told = bench.palpate_ends(2, words);
+        assert!(told.err.contains(known), "{}", told.err);
+        assert!(told.err.lines().all(|line| line.len() <= 80), "{}", told.err);
+    }
+}
+
+#[test]
+fn a_missing_table_is_reported_with_its_keys() {
+    let bench = Bench::with([("rig.toml", "[stage]\ndriver = \"esp301\"\n")]);
+    let told = bench.palpate_ends(2, "check recipes/paper.toml --rig rig.toml");
+    for part in [
+        "`frame` is missing: a table with `surface_mm`, `down`",
+        "`array` is missing: a table with `driver`, `grid` or `places_mm`",
+    ] {
+        assert!(told.running().contains(part), "{}", told.err);
+    }
+}

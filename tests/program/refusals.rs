@@ -1,55 +1,14 @@
 //! Wrong input never moves the stage: exit 2, every problem at its file, line and column with what to write instead,
 //! and no run folder.
 
+use crate::support::twins::{RECIPE_TWINS, RIG_TWINS, Twin};
 use crate::support::{Bench, SMALL, Told, exchanged, shipped_text};
 
-const GRID: &str = "grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 4.0 }";
-const RANDOM: &str = "random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }";
 const RIG: &str = "rigs/sim.toml";
-
-/// Failure twins of [`SMALL`]: what is exchanged, for what, and all that must be told.
-const TWINS: [(&str, &str, &[&str]); 16] = [
-    (
-        GRID,
-        "grid = { x_mm = [-12.0, 13.0], y_mm = [-2.0, 2.0], spacing_mm = 1.0 }",
-        &["(13, -2) mm is off the stage's travel: x runs from -12.5 to 12.5 mm", "r.toml:14:8", "keep places within"],
-    ),
-    (
-        "force_n = 1.0\n",
-        "force_n = 2.01\n",
-        &["presses with 2.01 N, over the specimen's limit of 2 N", "r.toml:15:11", "ask for at most 2 N"],
-    ),
-    ("to_n = 2.0, step_n = 1.0", "to_n = 2.5, step_n = 0.5", &["presses with 2.5 N, over", "r.toml:10:13"]),
-    ("force_n = [0.5, 1.0]", "force_n = [0.5, 2.5]", &["presses with 2.5 N, over", "r.toml:19:10"]),
-    (
-        "force_n = 1.0\n",
-        "force_n = 1.0\nhold_s = 86401\n",
-        &["`hold_s` is 86401, must be 0 to 86400 s", "r.toml:16:10"],
-    ),
-    ("force_n = 1.0\n", "force_n = 0.05\n", &["tolerance of 0.05 N isn't under the force of 0.05 N", "r.toml:15:11"]),
-    ("spacing_mm = 4.0", "spacing_mm = 5.0", &["`spacing_mm` is 5, more than the 4 mm of `x_mm`", "r.toml:14:63"]),
-    ("force_n = 1.0\n", "forc_n = 1.0\n", &["unknown key `forc_n`", "r.toml:15:1", "did you mean `force_n`?"]),
-    (
-        "[press]\n",
-        "[press]\nhold_ms = 500\n",
-        &["unknown key `hold_ms` in `press`", "r.toml:5:1", "did you mean `hold_s`?"],
-    ),
-    (
-        "force_n = 1.0\n",
-        "force_n = \"1 N\"\n",
-        &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write the number alone"],
-    ),
-    (GRID, "grid = {}", &["`x_mm` is missing in `step.grid`", "`spacing_mm` is missing", "r.toml:14:8"]),
-    (RANDOM, "random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.5, 1] }", &["`count` must be 1 to"]),
-    (GRID, "list = { places_mm = [] }", &["`places_mm` is empty: nothing to press", "r.toml:14:22"]),
-    ("force_n = 1.0\n", "force_n = nan\n", &["`force_n` is not a finite number", "r.toml:15:11"]),
-    ("[press]\n", "[press\n", &["not TOML", "r.toml:4:7"]),
-    ("units = [5]", "units = [10]", &["there is no unit 10: the rig's array has 9", "r.toml:9:9"]),
-];
 
 #[test]
 fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
-    for (from, to, parts) in TWINS {
+    for Twin { from, to, parts, .. } in RECIPE_TWINS {
         let bench = Bench::with([("r.toml", exchanged(SMALL, from, to).as_str())]);
         for words in ["check r.toml", "run r.toml", "run r.toml --json --out there"] {
             assert_refused(&bench, words, parts);
@@ -113,33 +72,7 @@ fn an_evaluation_without_anything_to_evaluate_is_refused_before_anything_moves()
 fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
     let sim = shipped_text(RIG);
     let bench = Bench::with([("r.toml", SMALL)]);
-    let twins: [(&str, &str, &[&str]); 8] = [
-        (
-            "link = \"sim\"",
-            "link = \"tcp://a:502\"",
-            &["some links are simulated and some are real", "rig.toml:", "none"],
-        ),
-        (
-            "link = \"sim\"",
-            "link = \"serial:///dev/ttyUSB0\"",
-            &["no line rate: expected serial://PORT?", "rig.toml:6:8"],
-        ),
-        ("[limits]", "[limit]", &["`limits` is missing", "unknown key `limit`", "did you mean `limits`?"]),
-        ("force_n = 2.0", "force_n = inf", &["`force_n` is not a finite number"]),
-        ("depth_mm = 1.6", "depth_mm = 16.0", &["pressing takes z from", "stage.travel_mm.z"]),
-        (
-            "elastomer = { depth_mm = 5.0 }",
-            "elastomer = { depth_mm = 5.0, bonded_poisson_ratio = 0.5 }",
-            &["`bonded_poisson_ratio` is 0.5, must be 0 to 0.4999", "rig.toml:35:54"],
-        ),
-        (
-            "hysteresis = {",
-            "taxel_fault = [{ unit = 10, kind = \"dead\" }]\nhysteresis = {",
-            &["there is no unit 10: the rig's array has 9", "rig.toml:40:25"],
-        ),
-        ("\"labjack-t7\"", "\"labjack-t8\"", &["there is no register map \"labjack-t8\"", "labjack-t7"]),
-    ];
-    for (from, to, parts) in twins {
+    for Twin { from, to, parts, .. } in RIG_TWINS {
         bench.write("rig.toml", &exchanged(&sim, from, to));
         assert_refused(&bench, "check r.toml --rig rig.toml", parts);
         assert_refused(&bench, "run r.toml --rig rig.toml", parts);

@@ -13,6 +13,7 @@ pub mod safety;
 pub mod served;
 pub mod skins;
 pub mod skips;
+pub mod twins;
 pub mod walks;
 
 use palpate::device::{DeviceError, Identity, Reins, Stage, StageUse};

@@ -1,0 +1,43 @@
+//! The JSON Schemas of recipes and rigs, read by the validator of others.
+
+use crate::support::python::{Python, said};
+use crate::support::twins::{RECIPE_TWINS, RIG_TWINS, RefusedBy, Twin};
+use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use std::path::PathBuf;
+
+/// What the validator says of each of some texts, in their order.
+fn judged(python: &Python, bench: &Bench, kind: &str, texts: &[PathBuf]) -> Vec<String> {
+    bench.write("schema.json", &bench.palpate_ends(0, &format!("schema {kind}")).out);
+    let words = [bench.path("schema.json")].into_iter().chain(texts.iter().cloned());
+    let lines = said(python.script("schemas.py", words));
+    lines.lines().map(|line| line.split_once(' ').map_or(line, |(_, verdict)| verdict).to_owned()).collect()
+}
+
+#[test]
+fn schemas_accept_what_is_shipped_and_refuse_what_they_can() {
+    let Some(python) = Python::with("JSON Schemas", "import jsonschema, tomllib") else { return };
+    let bench = Bench::new();
+    let sim = shipped_text("rigs/sim.toml");
+    for (kind, folder, whole, twins) in
+        [("recipe", "recipes", SMALL, &RECIPE_TWINS[..]), ("rig", "rigs", &sim, &RIG_TWINS[..])]
+    {
+        let files = std::fs::read_dir(shipped(folder)).unwrap().map(|entry| entry.unwrap().path());
+        let mut texts: Vec<PathBuf> = files.collect();
+        let shipped = texts.len();
+        for (index, Twin { from, to, .. }) in twins.iter().enumerate() {
+            let name = format!("{kind}-{index}.toml");
+            bench.write(&name, &exchanged(whole, from, to));
+            texts.push(bench.path(&name));
+        }
+        let judged = judged(&python, &bench, kind, &texts);
+        assert!(judged[..shipped].iter().all(|verdict| verdict == "accepted"), "{texts:?}: {judged:?}");
+        for (twin, verdict) in twins.iter().zip(&judged[shipped..]) {
+            let expected = match twin.refused_by {
+                RefusedBy::Schema => "refused",
+                RefusedBy::Program => "accepted",
+                RefusedBy::Toml => "no TOML",
+            };
+            assert_eq!(verdict, expected, "{kind}: {}", twin.to);
+        }
+    }
+}
