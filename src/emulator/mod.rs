@@ -42,6 +42,9 @@ use tokio::sync::Notify;
 /// opened again, and all devices of a rig act on one scene.
 pub type Shared<T> = Arc<Mutex<T>>;
 
+/// How far every emulated stage goes either way along each axis, mm: that of a VP-25XL.
+pub const STAGE_TRAVEL_MM: f64 = 12.5;
+
 /// One emulated device: bytes in, bytes out, acting on a scene.
 pub trait Instrument: Send {
     /// The role it plays in the scene, which decides how long it takes to answer.

@@ -3,7 +3,7 @@
 use super::emulated::EmulatedDevice;
 use super::spec::RigSpec;
 use crate::device::{DeviceError, DeviceProblem};
-use crate::emulator::Shared;
+use crate::emulator::{STAGE_TRAVEL_MM, Shared};
 use crate::quantity::{Axis, Place, Position};
 use crate::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -50,6 +50,15 @@ impl RigSpec {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
             let (device, doing) = (Device::Array.name().to_owned(), "opening it".to_owned());
             return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
+        }
+        if let Some(wide) = self.stage.travel.axes.iter().find(|along| along.min.min(-along.max) < -STAGE_TRAVEL_MM) {
+            let (device, doing) = (Device::Stage.name().to_owned(), "opening it".to_owned());
+            let problem = format!(
+                "a simulated stage goes from {} to {STAGE_TRAVEL_MM} mm along each axis, and `stage.travel_mm` has {} to {}: \
+                 narrow it for a simulated run",
+                -STAGE_TRAVEL_MM, wide.min, wide.max
+            );
+            return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(problem) });
         }
         let spec = self.scene.clone();
         // the drivers go by the rig's word, the scene by how the specimen really lies

@@ -1,7 +1,7 @@
 //! The first steps of a new user: `init`, schemas, completions and man pages.
 
 use crate::support::skips::skipped;
-use crate::support::{Bench, shipped};
+use crate::support::{Bench, shipped, shipped_text};
 use std::process::Command;
 
 const SENSORS: [(&str, &str); 3] = [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate")];
@@ -81,6 +81,19 @@ fn an_unknown_command_is_refused_with_the_known_ones() {
         let told = bench.palpate_ends(2, words);
         assert!(told.err.contains(known), "{}", told.err);
         assert!(told.err.lines().all(|line| line.len() <= 80), "{}", told.err);
+    }
+}
+
+#[test]
+fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
+    let wide = shipped_text("rigs/grbl.toml").replace("z = [-12.5, 12.5]", "z = [-40.0, 12.5]");
+    let bench = Bench::with([("rig.toml", wide.as_str())]);
+    for words in ["check", "run"] {
+        let told = bench.palpate_ends(2, &format!("{words} recipes/paper.toml --rig rig.toml --simulate"));
+        let said =
+            "a simulated stage goes from -12.5 to 12.5 mm along each axis, and `stage.travel_mm` has -40 to 12.5";
+        assert!(told.running().contains(said), "{}", told.err);
+        assert!(!bench.has("runs"));
     }
 }
 

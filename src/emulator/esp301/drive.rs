@@ -5,7 +5,7 @@ use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
 
 /// Travel of a VP-25XL to either side of its middle, mm (its file in a public XPS configuration).
-pub const TRAVEL_MM: f64 = 12.5;
+pub const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Largest speed of a VP-25XL, mm/s (same file).
 const STAGE_SPEED_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).

@@ -8,7 +8,7 @@ use crate::scene::{Scene, Trajectory};
 use std::collections::VecDeque;
 
 /// How far the frame goes to either side of its middle, true mm: a limit switch is at each end.
-pub const END_MM: f64 = 12.5;
+pub const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Blocks the planner holds.
 pub const BLOCKS_MOST: usize = 15;
 /// Axes that GRBL homes together, in turn: z first, out of the way.

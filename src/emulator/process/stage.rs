@@ -9,7 +9,7 @@ use std::sync::Arc;
 use tokio::sync::Notify;
 
 /// How far each axis goes to either side of its middle, true mm.
-const END_MM: f64 = 12.5;
+const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Largest speed, mm/s.
 const MOST_MM_S: f64 = 25.0;
 /// Largest acceleration, mm/s^2.
