@@ -92,10 +92,8 @@ fn sentences_of_the_readme_and_the_tutorials_are_short() {
 
 #[test]
 fn unwanted_words_do_not_come_back() {
-    let read_here = |page: &String| {
-        let folders = ["docs/tutorials/", "docs/how-to/", "docs/explanation/", "docs/reference/"];
-        page == "README.md" || page == "docs/glossary.md" || folders.iter().any(|folder| page.starts_with(folder))
-    };
+    // the program writes validation.md
+    let read_here = |page: &String| page != "docs/validation.md";
     let mut found = Vec::new();
     for page in pages().into_iter().filter(read_here) {
         for (line, text) in prose::lines(&read(&page)) {

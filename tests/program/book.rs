@@ -15,6 +15,9 @@ use crate::support::{Bench, SMALL, shipped, shipped_text};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Instant;
 
 /// What a reader has in the folder where the commands are run.
 const CHECKOUT: [&str; 4] = ["data", "examples", "recipes", "rigs"];
@@ -22,6 +25,9 @@ const CHECKOUT: [&str; 4] = ["data", "examples", "recipes", "rigs"];
 /// How many commands and checked files there are at least: a test that reads nothing would pass.
 const COMMANDS_LEAST: usize = 40;
 const FILES_LEAST: usize = 6;
+
+/// How many pages are tried at the same time.
+const WORKERS: usize = 4;
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "whole runs take minutes in a program that isn't optimised")]
@@ -32,12 +38,23 @@ fn every_block_of_readme_tutorials_and_how_to_works() {
         pages.extend(entries.map(|entry| format!("{folder}/{}", entry.expect("an entry").file_name().display())));
     }
     pages.sort();
-    let (mut commands, mut files) = (0, 0);
-    for page in pages {
-        let (run, checked) = try_page(&page);
-        (commands, files) = (commands + run, files + checked);
+    let (mut commands, mut files, mut failed) = (0, 0, Vec::new());
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let pages = std::iter::from_fn(|| pages.get(next.fetch_add(1, Ordering::Relaxed)));
+        pages.map(|page| try_page(page)).collect::<Vec<_>>()
+    };
+    let tried = thread::scope(|scope| {
+        let workers: Vec<_> = (0..WORKERS).map(|_| scope.spawn(work)).collect();
+        let pages = workers.into_iter().flat_map(|worker| worker.join().expect("pages are tried to their end"));
+        pages.collect::<Vec<_>>()
+    });
+    for page in tried {
+        (commands, files) = (commands + page.commands, files + page.files);
+        failed.extend(page.failed);
     }
     println!("{commands} commands run, {files} recipes and rigs checked");
+    assert!(failed.is_empty(), "{}", failed.join("\n\n"));
     assert!(commands >= COMMANDS_LEAST && files >= FILES_LEAST, "{commands} commands, {files} files");
 }
 
@@ -52,11 +69,20 @@ fn blocks_are_found() {
     assert!(blocks[1].has("rig") && !blocks[0].has("rig"));
 }
 
-/// Tries all blocks of a page in a folder of its own: how many commands were run and files checked.
-fn try_page(page: &str) -> (usize, usize) {
+/// What was tried on a page.
+#[derive(Default)]
+struct Tried {
+    commands: usize,
+    files: usize,
+    /// What didn't end as stated, with what was printed.
+    failed: Vec<String>,
+}
+
+/// Tries all blocks of a page in a folder of its own.
+fn try_page(page: &str) -> Tried {
     let bench = Bench::with([("small.toml", SMALL)]);
     CHECKOUT.iter().for_each(|name| copy(&shipped(name), &bench.path(name)));
-    let (mut commands, mut files) = (0, 0);
+    let mut tried = Tried::default();
     for block in blocks(&shipped_text(page)) {
         let at = format!("{page}:{}", block.line);
         let file = block.option("file").unwrap_or("block.toml");
@@ -65,12 +91,12 @@ fn try_page(page: &str) -> (usize, usize) {
         }
         if block.has("recipe") {
             let rig = block.option("rig").map_or_else(String::new, |rig| format!(" --rig {rig}"));
-            run(&bench, &at, &format!("palpate check {file}{rig}"), "0");
-            files += 1;
+            tried.failed.extend(run(&bench, &at, &format!("palpate check {file}{rig}"), "0"));
+            tried.files += 1;
         }
         if block.has("rig") {
-            run(&bench, &at, &format!("palpate check small.toml --rig {file}"), "0");
-            files += 1;
+            tried.failed.extend(run(&bench, &at, &format!("palpate check small.toml --rig {file}"), "0"));
+            tried.files += 1;
         }
         if block.kind() == "console" {
             for command in block.commands() {
@@ -80,20 +106,22 @@ fn try_page(page: &str) -> (usize, usize) {
                     skipped(&at, "python3 isn't there");
                     continue;
                 }
-                run(&bench, &at, &command, block.option("exit").unwrap_or("0"));
-                commands += 1;
+                tried.failed.extend(run(&bench, &at, &command, block.option("exit").unwrap_or("0")));
+                tried.commands += 1;
             }
         }
     }
-    (commands, files)
+    tried
 }
 
-/// Runs a line as a reader does; it must end as stated.
-fn run(bench: &Bench, at: &str, line: &str, code: &str) {
+/// Runs a line as a reader does; what it printed where it doesn't end as stated.
+fn run(bench: &Bench, at: &str, line: &str, code: &str) -> Option<String> {
+    let began = Instant::now();
     let Output { status, stdout, stderr } = shell(bench, line).output().expect("sh starts");
+    println!("{:5.1} s  {at}  {line}", began.elapsed().as_secs_f64());
     let (out, err) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
     let found = status.code().map_or_else(|| status.to_string(), |code| code.to_string());
-    assert_eq!(found, code, "{at}: {line}\n{out}\n{err}");
+    (found != code).then(|| format!("{at}: exit code {found} in place of {code}: {line}\n{out}\n{err}"))
 }
 
 fn has_python(bench: &Bench) -> bool {
