@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// Most words of the README, code and tables included.
 const README_WORDS_MOST: usize = 900;
-/// Most words of a sentence of the README and the tutorials.
+/// Most words of a sentence of the README, the tutorials, how-to and explanation.
 const SENTENCE_WORDS_MOST: usize = 30;
 /// Most bytes of a picture.
 const PICTURE_BYTES_MOST: u64 = 200_000;
@@ -74,9 +74,10 @@ fn the_readme_is_a_landing_page() {
 }
 
 #[test]
-fn sentences_of_the_readme_and_the_tutorials_are_short() {
+fn sentences_are_short() {
+    let short = ["README.md", "docs/README.md", "docs/tutorials/", "docs/how-to/", "docs/explanation/"];
     let (mut count, mut longest, mut long) = (0, 0, Vec::new());
-    for page in pages().into_iter().filter(|page| page == "README.md" || page.starts_with("docs/tutorials/")) {
+    for page in pages().into_iter().filter(|page| short.iter().any(|start| page.starts_with(start))) {
         for sentence in prose::sentences(&read(&page)) {
             let words = prose::words(&sentence);
             (count, longest) = (count + 1, longest.max(words));
