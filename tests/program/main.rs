@@ -4,6 +4,7 @@
 mod support;
 
 mod begin;
+mod book;
 mod cli;
 mod data;
 mod refusals;
