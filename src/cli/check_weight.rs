@@ -17,7 +17,7 @@ use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 /// 9.81 m/s^2, anywhere on earth.
 const UNSTATED_SHARE: f64 = 0.005;
 
-/// A weight that is known worse than this share of it tells too little of a gain.
+/// The largest expanded uncertainty of a weight, as a share of it, with which a gain can be checked.
 const U_SHARE_MOST: f64 = 0.02;
 
 /// Digits behind the point of a gain in a rig file.

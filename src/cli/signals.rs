@@ -84,7 +84,7 @@ pub fn forget_typed() {
 fn read_away() -> io::Result<()> {
     use tokio::net::unix::pipe;
     Builder::new_current_thread().enable_all().build()?.block_on(async {
-        // opened anew, so that it is this handle alone whose reads don't wait
+        // opened again, so that it is this handle alone whose reads don't wait
         let typed = pipe::OpenOptions::new().unchecked(true).open_receiver("/dev/stdin")?;
         let mut bytes = [0; TYPED_BYTES];
         while let Ok(readable) = timeout(STILL, typed.readable()).await {
@@ -170,7 +170,7 @@ async fn heard(signal: &mut Option<tokio::signal::unix::Signal>) -> Option<()> {
     }
 }
 
-/// Whether the program was started with hangups ignored. Linux tells it in a file; where it isn't there, they are heeded.
+/// Whether the program was started with hangups ignored. Linux states it in a file; without the file, hangups stop the program.
 #[cfg(unix)]
 fn ignores_hangup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

@@ -3,7 +3,7 @@
 use crate::quantity::any_number;
 use serde::{Deserialize, Serialize};
 
-/// A safety rule that was broken: stop, retract, record, tell. It is never retried by itself.
+/// A safety rule that was broken: stop, retract, record, report. It is never retried by itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trip {
     /// Which rule.

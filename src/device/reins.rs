@@ -42,7 +42,7 @@ impl Reins {
         self.stopped.get()
     }
 
-    /// Told when something is asked for.
+    /// Notified when something is asked for.
     pub fn pulled(&self) -> &Notify {
         &self.pulled
     }

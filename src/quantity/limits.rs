@@ -42,7 +42,7 @@ impl Travel {
     }
 }
 
-/// What the specimen bears: the plan and every move are held against these.
+/// What the specimen bears: the plan and every move are checked against these.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Largest contact force, N.

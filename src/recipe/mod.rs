@@ -30,7 +30,7 @@ pub const PRESSES_MAX: usize = 100_000;
 /// Most entries any plan has: the recipe's presses, and those that teach.
 pub const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
 
-/// A recipe, understood but not yet held against a rig.
+/// A recipe, parsed but not yet checked against a rig.
 #[derive(Clone, Debug)]
 pub struct Recipe {
     /// The recipe's name; a run folder is named after it.
@@ -69,7 +69,7 @@ impl Recipe {
         Recipe { accept: Some(Accept::Rule(rule)), ..self }
     }
 
-    /// The recipe with every press made by one strategy, whatever its steps say.
+    /// The recipe with every press made by one strategy instead of those of its steps.
     #[must_use]
     pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
         self.steps.iter_mut().for_each(|step| step.manner.strategy = strategy);

@@ -228,7 +228,7 @@ fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
 }
 
 fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Problem>) {
-    // one problem a stretch of text: a grid that is off isn't told 625 times
+    // one problem a stretch of text: a grid that is off isn't reported 625 times
     let mut told: Option<Span> = None;
     for (place, span) in places {
         let position = ground.frame.to_stage(*place, 0.0);
@@ -240,7 +240,7 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
             continue;
         }
         if problems.len() > PROBLEMS_MAX {
-            break; // more than are told
+            break; // more than are reported
         }
         let (travel, name) = (ground.travel.along(axis), axis.name());
         let message = format!(

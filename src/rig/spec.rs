@@ -101,7 +101,7 @@ pub struct ArraySpec {
     pub link: Link,
     /// Its outputs, and where the units are that they belong to.
     pub layout: ArrayLayout,
-    /// The largest output it can tell, either way, V; none: not known.
+    /// The largest possible output, + and -, V; none: not known.
     pub range_v: Option<f64>,
     /// The unit of its outputs as it is shown.
     pub unit: String,
@@ -192,7 +192,7 @@ impl RigSpec {
         self.end_mm() + TOP_MM
     }
 
-    /// The z at which nothing of the specimen can be touched, whatever its surface: the frame's word and a clearance, mm.
+    /// The z at which nothing of the specimen can be touched, with any surface: the frame's word and a clearance, mm.
     pub fn clear_mm(&self) -> f64 {
         -self.frame.uncertainty_mm - CLEARANCE_MM
     }

@@ -64,7 +64,7 @@ impl ZeroMoved {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    /// One entry of the plan, from the clear to the clear above the next place, of which it is told.
+    /// One entry of the plan, from the clear to the clear above the next place, which it is given.
     pub async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {

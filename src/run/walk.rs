@@ -30,7 +30,7 @@ pub struct Walk<'a> {
     pub ledger: &'a mut dyn Ledger,
     /// A person's word to pause or to stop.
     pub cancel: &'a Cancel,
-    /// Told of every force, N, for a person to see.
+    /// Called for every force, N, for a person to see.
     pub shown: &'a dyn Fn(f64),
 }
 
@@ -45,7 +45,7 @@ pub struct Ending {
     pub t_s: f64,
 }
 
-/// Who is told what happens.
+/// Who is informed of what happens.
 pub trait Listener {
     /// The instruments are ready: what they said they are.
     fn ready(&mut self, _devices: &[Identity]) {}
@@ -101,7 +101,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             let mut walker =
                 Walker { hand, permit, map, reaction, conditions, pressing, standby, zeroed, full_zero_n, felt };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
-            // the stage was stopped before a trip was told; a program that is killed while it parks has tripped all the same
+            // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = walker.truth().map(|truth| {
                 let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
                 Peaks { force_peak_n, depth_peak_mm }

@@ -89,7 +89,7 @@ impl<'a> Folds<'a> {
             for (index, &press) in held.iter().step_by(every).enumerate() {
                 let point = self.calibration.point(press);
                 for part in 0..forces {
-                    // evenly over the forces, whatever the order of the presses
+                    // evenly over the forces, for any order of the presses
                     let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / forces as f64).fract();
                     let share = least + (most - least) * quantile;
                     for (unit, (reading, output)) in reading.iter_mut().zip(point.outputs).enumerate() {

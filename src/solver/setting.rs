@@ -4,7 +4,7 @@ use super::{Calibration, SolveError};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
-/// What a fit is told beside the calibration.
+/// What a fit is given in addition to the calibration.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
     /// Where the units are, for methods that ask: the closest one, or the elastic response at each. Without it the unit with the
@@ -27,10 +27,10 @@ pub struct Setting<'a> {
 /// Whether the force of contacts to come is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceKnown {
-    /// It isn't: only what doesn't depend on the amplitude tells the place.
+    /// It isn't: only what doesn't depend on the amplitude determines the place.
     #[default]
     Unknown,
-    /// Assume that every contact has the force of the calibration: the amplitude tells of the place too.
+    /// Assume that every contact has the force of the calibration: the amplitude shows the place too.
     Constant,
 }
 
@@ -48,7 +48,7 @@ impl ForceKnown {
     }
 }
 
-/// The least force to come over the calibration's, unless it is told: the paper tests at a tenth.
+/// The least force to come over the calibration's, unless it is given: the paper tests at a tenth.
 const LEAST_FORCE_SHARE: f64 = 0.1;
 
 impl Default for Setting<'_> {

@@ -31,7 +31,7 @@ pub(super) struct Unexplained {
 /// A map explains a calibration where mean and variance of what it leaves are those of noise alone, to within these shares.
 const MEAN_OF_NOISE: f64 = 0.15;
 const VARIANCE_OF_NOISE: f64 = 0.35;
-/// The fewest places from which that can be told.
+/// The fewest places that show it.
 const FEWEST_TO_TELL: usize = 100;
 
 impl Unexplained {

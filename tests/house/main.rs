@@ -2,3 +2,4 @@
 
 mod floors;
 mod promises;
+mod words;

@@ -12,12 +12,16 @@ const TWINS: [(&str, &str, &[&str]); 16] = [
     (
         GRID,
         "grid = { x_mm = [-12.0, 13.0], y_mm = [-2.0, 2.0], spacing_mm = 1.0 }",
-        &["(13, -2) mm is off the stage's travel: x runs from -12.5 to 12.5 mm", "r.toml:14:8", "keep places within"],
+        &[
+            "(13, -2) mm is outside the stage's travel: x goes from -12.5 to 12.5 mm",
+            "r.toml:14:8",
+            "keep places within",
+        ],
     ),
     (
         "force_n = 1.0\n",
         "force_n = 2.01\n",
-        &["presses with 2.01 N, over the specimen's limit of 2 N", "r.toml:15:11", "ask for at most 2 N"],
+        &["presses with 2.01 N, over the specimen's limit of 2 N", "r.toml:15:11", "use at most 2 N"],
     ),
     ("to_n = 2.0, step_n = 1.0", "to_n = 2.5, step_n = 0.5", &["presses with 2.5 N, over", "r.toml:10:13"]),
     ("force_n = [0.5, 1.0]", "force_n = [0.5, 2.5]", &["presses with 2.5 N, over", "r.toml:19:10"]),
@@ -26,7 +30,11 @@ const TWINS: [(&str, &str, &[&str]); 16] = [
         "force_n = 1.0\nhold_s = 86401\n",
         &["`hold_s` is 86401, must be 0 to 86400 s", "r.toml:16:10"],
     ),
-    ("force_n = 1.0\n", "force_n = 0.05\n", &["tolerance of 0.05 N isn't under the force of 0.05 N", "r.toml:15:11"]),
+    (
+        "force_n = 1.0\n",
+        "force_n = 0.05\n",
+        &["tolerance of 0.05 N is not smaller than the force of 0.05 N", "r.toml:15:11"],
+    ),
     ("spacing_mm = 4.0", "spacing_mm = 5.0", &["`spacing_mm` is 5, more than the 4 mm of `x_mm`", "r.toml:14:63"]),
     ("force_n = 1.0\n", "forc_n = 1.0\n", &["unknown key `forc_n`", "r.toml:15:1", "did you mean `force_n`?"]),
     (
@@ -37,15 +45,30 @@ const TWINS: [(&str, &str, &[&str]); 16] = [
     (
         "force_n = 1.0\n",
         "force_n = \"1 N\"\n",
-        &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write the number alone"],
+        &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write only the number"],
     ),
     (GRID, "grid = {}", &["`x_mm` is missing in `step.grid`", "`spacing_mm` is missing", "r.toml:14:8"]),
     (RANDOM, "random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.5, 1] }", &["`count` must be 1 to"]),
     (GRID, "list = { places_mm = [] }", &["`places_mm` is empty: nothing to press", "r.toml:14:22"]),
     ("force_n = 1.0\n", "force_n = nan\n", &["`force_n` is not a finite number", "r.toml:15:11"]),
-    ("[press]\n", "[press\n", &["not TOML", "r.toml:4:7"]),
+    ("[press]\n", "[press\n", &["not valid TOML", "r.toml:4:7"]),
     ("units = [5]", "units = [10]", &["there is no unit 10: the rig's array has 9", "r.toml:9:9"]),
 ];
+
+#[test]
+fn a_suggestion_never_changes_what_the_data_mean() {
+    for (phase, suggested) in [("validation", None), ("tset", Some("test")), ("calibratoin", Some("calibration"))] {
+        let recipe = exchanged(SMALL, "phase = \"calibration\"", &format!("phase = \"{phase}\""));
+        let bench = Bench::with([("r.toml", recipe.as_str())]);
+        let told = bench.palpate_ends(2, "check r.toml");
+        let told = told.running();
+        assert!(told.contains("expected one of characterisation, calibration, test, teach") || suggested.is_some());
+        match suggested {
+            Some(word) => assert!(told.contains(&format!("did you mean `{word}`?")), "{told}"),
+            None => assert!(!told.contains("did you mean"), "{told}"),
+        }
+    }
+}
 
 #[test]
 fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
@@ -117,12 +140,12 @@ fn a_rig_that_cannot_be_used_is_refused_at_its_line() {
         (
             "link = \"sim\"",
             "link = \"tcp://a:502\"",
-            &["some links are simulated and some are real", "rig.toml:", "none"],
+            &["some links are simulated and others are real", "rig.toml:", "none"],
         ),
         (
             "link = \"sim\"",
             "link = \"serial:///dev/ttyUSB0\"",
-            &["no line rate: expected serial://PORT?", "rig.toml:6:8"],
+            &["the baud rate is missing: expected serial://PORT?", "rig.toml:6:8"],
         ),
         ("[limits]", "[limit]", &["`limits` is missing", "unknown key `limit`", "did you mean `limits`?"]),
         ("force_n = 2.0", "force_n = inf", &["`force_n` is not a finite number"]),
@@ -176,7 +199,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run r.toml --seed x", ["'x'", "--seed"]),
         ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
-        ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
+        ("run r.toml --pace nan", ["'nan'", "expected a number above 0"]),
         ("resume none", ["none", "journal.log"]),
         ("evaluate none", ["none", "journal.log"]),
         ("emulate none.toml", ["none.toml", "give an existing file"]),
@@ -206,7 +229,7 @@ fn a_million_presses_are_refused_by_a_limit_that_can_be_raised_by_its_name() {
     for words in ["check r.toml", "run r.toml --out run"] {
         let told = bench.palpate_ends(2, words);
         assert!(
-            told.err.contains("r.toml:4:") && told.running().contains("1000000 presses, over 100000"),
+            told.err.contains("r.toml:4:") && told.running().contains("1000000 presses, but at most 100000"),
             "{}",
             told.err
         );

@@ -92,7 +92,7 @@ impl Socket {
         self.owed.is_some()
     }
 
-    /// Closes it; the next call opens it anew.
+    /// Closes it; the next call opens it again.
     pub fn close(&mut self) {
         self.owed = None;
         self.lines.close();
