@@ -95,7 +95,7 @@ pub struct Check {
     pub reach: Option<f64>,
     /// From how many presses or readings.
     pub n: usize,
-    /// What this limit alone comes to.
+    /// The result of this limit alone.
     pub verdict: Verdict,
     /// Why it isn't accepted.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -104,7 +104,7 @@ fn read_away() -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
-/// Goes on with a paused run when the person says Enter. Where the terminal is gone, that is a stop.
+/// Continues a paused run when the person says Enter. Where the terminal is gone, that is a stop.
 pub fn go_on_at_enter(cancel: &Cancel) {
     let cancel = cancel.clone();
     let wait = move || match io::stdin().read_line(&mut String::new()) {
@@ -129,7 +129,7 @@ fn say(text: &str) {
 struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
-    /// None where whoever started the program wants it to outlive its terminal, as `nohup` does.
+    /// None where the program was started to outlive its terminal, as `nohup` does.
     hangup: Option<tokio::signal::unix::Signal>,
     /// None where a program that is suspended leaves nothing under load.
     suspend: Option<tokio::signal::unix::Signal>,

@@ -18,7 +18,7 @@ pub struct Trip {
     pub unit: String,
 }
 
-/// The rules under which a press goes on.
+/// The rules under which a press continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {

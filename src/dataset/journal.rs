@@ -107,7 +107,7 @@ impl Journal {
         Ok(records)
     }
 
-    /// Opens a journal to go on with it, its torn tail cut off. Its records are shown on the way as by [`read`](Self::read).
+    /// Opens a journal to continue it, its torn tail cut off. Its records are shown on the way as by [`read`](Self::read).
     ///
     /// # Errors
     /// As of [`read`](Self::read).

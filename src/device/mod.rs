@@ -72,7 +72,7 @@ pub trait Stage {
     /// Connects, brings all axes to rest, and checks units and limits. Nothing else moves.
     fn identify(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// Moves z by so much away from the specimen, homed or not, from rest to rest, so that a person sees which way it goes.
+    /// Moves z by a distance away from the specimen, homed or not, from rest to rest, so that a person sees which way it goes.
     /// Whether it did: a controller may move nothing that isn't homed.
     fn nudge_away(
         &mut self,

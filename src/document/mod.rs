@@ -1,7 +1,7 @@
 //! A TOML text read with every problem kept, each at its place.
 //!
 //! What a text may say is data: [`Keys`] list every [`Key`] of a table. Recipes, rigs and register maps are read through a
-//! [`Table`]: each question for a key either answers or records a [`Problem`] and goes on, so that a person sees all that is
+//! [`Table`]: each question for a key either answers or records a [`Problem`] and continues, so that a person sees all that is
 //! wrong at once, with the line, what was expected and the nearest correct spelling.
 
 mod difference;

@@ -17,7 +17,7 @@ impl Range {
         value >= self.min && value <= self.max
     }
 
-    /// The interval with so much more at either end.
+    /// The interval, longer by a margin at either end.
     pub fn widened(&self, by: f64) -> Range {
         Range { min: self.min - by, max: self.max + by }
     }

@@ -1,6 +1,6 @@
 //! What to do: a TOML recipe, read with all its problems at once, and the plan that follows from it.
 //!
-//! A [`Recipe`] is a text understood; a [`Plan`] is the list of presses it comes to on a given rig with a given seed. A plan
+//! A [`Recipe`] is a text understood; a [`Plan`] is its list of presses on a given rig with a given seed. A plan
 //! can be printed before anything moves, and a recipe that asks for what the rig can't or mustn't do has no plan.
 
 mod accept;
@@ -23,7 +23,7 @@ use crate::document::Keys;
 /// Every key that a recipe may have.
 pub const KEYS: Keys = keys::root::KEYS;
 
-/// Most presses one recipe may come to unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
+/// Most presses of one recipe unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
 /// 20,000.
 pub const PRESSES_MAX: usize = 100_000;
 
@@ -41,7 +41,7 @@ pub struct Recipe {
     pub solvers: Vec<String>,
     /// The acceptance rule; none: no verdict.
     pub accept: Option<Accept>,
-    /// Most presses that it may come to.
+    /// Its most presses.
     pub presses_max: usize,
     pub(super) file: String,
     pub(super) text: String,

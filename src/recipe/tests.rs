@@ -54,7 +54,7 @@ fn an_interleaved_grid_is_visited_in_four_passes_and_numbered_as_ever() {
     assert_eq!(visits(&grid("[0, 2]")), [0, 2, 6, 8, 1, 7, 3, 5, 4]);
     assert_eq!(visits(&grid("[0, 3]")), [0, 2, 8, 10, 1, 3, 9, 11, 4, 6, 5, 7]);
     assert_eq!(visits(&grid("[1, 1]")), [0, 2, 1]);
-    // a number means the same place in any order, and goes on counting where the step before ended
+    // a number means the same place in any order, and continues counting where the step before ended
     let twice = format!("{raster}{}", grid("[0, 2]"));
     let mut twice = plan(&twice, 1).unwrap().entries;
     twice.sort_by_key(|entry| entry.press);

@@ -45,8 +45,8 @@ pub struct RigSpec {
     pub u_origin_mm: Option<f64>,
     /// What is simulated when links are; the paper's where the file has no `[scene]`.
     pub scene: SceneSpec,
-    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that goes on with a
-    /// tighter limit goes on with the sensor that it began with.
+    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that continues with a
+    /// tighter limit continues with the sensor that it began with.
     pub full_scale_n: Option<f64>,
     /// Who is asked which way z goes before a rig that isn't simulated moves; none: nobody, and it doesn't.
     pub which_way: Option<Arc<dyn WhichWay>>,
@@ -152,7 +152,7 @@ impl RigSpec {
         Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
     }
 
-    /// The same rig with our emulators in place of its links.
+    /// The same rig with our emulators instead of its links.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {
         self.stage.link = Link::Sim;

@@ -1,4 +1,4 @@
-//! What comes before a run goes on: is this still the specimen, and back to where the last contact was left.
+//! What comes before a run continues: is this still the specimen, and back to where the last contact was left.
 
 use super::Halt;
 use super::past::TouchedPlace;

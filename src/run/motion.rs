@@ -66,7 +66,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Withdraws from a contact for good, and goes on sideways as soon as z reads back clear. What is read from then on is air.
+    /// Withdraws from a contact for good, and continues sideways as soon as z reads back clear. What is read from then on is air.
     /// `first_mm` is the earliest z at which there can be contact, here and there.
     pub async fn depart(
         &mut self,

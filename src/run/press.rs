@@ -24,7 +24,7 @@ const STICKS_N: f64 = 0.010;
 const STICKS_SIGMAS: f64 = 5.0;
 const FARTHER_MM: f64 = 0.5;
 
-/// How old the air may be while the first descent goes on, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
+/// How old the air may be while the first descent continues, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
 const AIR_FRESH_S: f64 = 1.0;
 
 /// A contact that is over.

@@ -35,7 +35,7 @@ pub(super) struct Conditions<'a> {
     pub cancel: &'a Cancel,
     pub shown: &'a dyn Fn(f64),
     pub clock: RunClock,
-    /// The load cell's zero when the run began, N, in a run that goes on.
+    /// The load cell's zero when the run began, N, in a run that continues.
     pub first_zero_n: Option<f64>,
 }
 

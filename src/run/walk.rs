@@ -49,7 +49,7 @@ pub struct Ending {
 pub trait Listener {
     /// The instruments are ready: what they said they are.
     fn ready(&mut self, _devices: &[Identity]) {}
-    /// A place that was touched before was touched again, before the run goes on.
+    /// A place that was touched before was touched again, before the run continues.
     fn retouched(&mut self, _retouch: &Retouch) {}
     /// An entry of the plan begins.
     fn begins(&mut self, _entry: &Entry) {}
@@ -251,7 +251,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(())
     }
 
-    /// Parked until a person goes on; then a new zero, and back to where the last contact was left.
+    /// Parked until a person continues; then a new zero, and back to where the last contact was left.
     async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
         if !listener.paused() {
@@ -275,7 +275,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// Rests in air for so long, and pauses where a person asks for it: the rest goes on meanwhile, and is not cut short.
+    /// Rests in air for so long, and pauses where a person asks for it: the rest continues meanwhile, and is not cut short.
     async fn rest(
         &mut self,
         seconds: f64,

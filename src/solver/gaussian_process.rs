@@ -218,7 +218,7 @@ mod tests {
     use super::*;
     use crate::solver::CalibrationPoint;
 
-    /// Two units that go on reading less and less of more force.
+    /// Two units that continue reading less and less of more force.
     fn outputs(x_mm: f64, force_n: f64) -> [f64; 2] {
         [1.0 - x_mm, 1.0 + x_mm].map(|near| (0.5 * near * force_n).tanh())
     }

@@ -123,7 +123,7 @@ pub trait Solver: Send + Sync {
     /// Nothing is allocated once the workspace has been used with this solver.
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError>;
 
-    /// How near it is expected to come at a place, specimen frame, under a force, N: the bound of Cramer and Rao on the map it
+    /// The error it is expected to have at a place, specimen frame, under a force, N: the bound of Cramer and Rao on the map it
     /// inverts, whose own error is in it. None without such a map, or where the units don't determine it.
     fn expected(&self, _place: Place, _force_n: f64) -> Option<Covariance> {
         None

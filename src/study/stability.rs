@@ -30,7 +30,7 @@ pub struct Onset {
     pub part: &'static str,
     /// Total dead time, ms.
     pub dead_time_ms: f64,
-    /// True stiffness over the reckoned one.
+    /// True stiffness over the assumed one.
     pub mismatch: f64,
     /// Gain times dead time from which the force exceeds what is set.
     pub overshoots_at: f64,

@@ -1,7 +1,7 @@
 //! One owner of a real link: two programs that drive one stage would each move it under the other's press.
 //!
 //! The owner holds a lock on a file in the temporary folder, which the system gives free when the owner ends, however it
-//! does. The file stays: whoever removed it would take the lock away from a program that has just opened it.
+//! does. The file stays: to remove it would take the lock away from a program that has just opened it.
 
 use super::{Link, program};
 use sha2::{Digest, Sha256};

@@ -29,7 +29,7 @@ fn words(text: &str) -> String {
 fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
     let bench = bench(0.0, "");
     let told = bench.palpate_ends(0, DOCTOR);
-    for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take it off (3 of 3)"] {
+    for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take the weight off (3 of 3)"] {
         assert!(told.err.contains(asked), "{}", told.err);
     }
     assert!(told.out.contains("verified: ") && told.out.contains("no problems found"), "{}", told.out);
@@ -79,7 +79,7 @@ fn a_cell_that_changed_since_it_was_adjusted_for_is_told() {
                     \"2026-05-04\", adjusted = true }\n";
     let bench = bench(3.0, adjusted);
     let told = bench.palpate_ends(4, DOCTOR);
-    assert!(told.out.contains("relative to the adjusted gain 1.02"), "{}", told.out);
+    assert!(told.out.contains("(adjusted by 1.02)"), "{}", told.out);
     assert!(words(&run(&bench, 4)).contains("gain-off"));
 }
 

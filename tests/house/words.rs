@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Refused in strings and docs, with what to write.
-const EVERYWHERE: [(&str, &str); 8] = [
+const EVERYWHERE: [(&str, &str); 16] = [
     ("told", "reported, given, known"),
     ("tell", "report, show, distinguish"),
     ("tells", "reports, shows, distinguishes"),
@@ -13,10 +13,18 @@ const EVERYWHERE: [(&str, &str); 8] = [
     ("whatever", "any"),
     ("nearest right", "nearest correct"),
     ("ask for at most", "use at most"),
+    ("drawn from", "random seed for"),
+    ("reckoned", "assumed, computed"),
+    ("goes on", "continues"),
+    ("gone on", "continued"),
+    ("go on", "continue"),
+    ("to come", "expected"),
+    ("whoever", "the program that"),
+    ("in place of", "instead of"),
 ];
 
 /// Refused in strings: messages, help, keys and reports.
-const IN_STRINGS: [(&str, &str); 25] = [
+const IN_STRINGS: [(&str, &str); 17] = [
     ("beside", "next to, in addition to"),
     ("lie", "is"),
     ("stands", "is"),
@@ -25,19 +33,11 @@ const IN_STRINGS: [(&str, &str); 25] = [
     ("by itself", "without a command"),
     ("so much", "the amount"),
     ("so many", "the number"),
-    ("drawn from", "random seed for"),
-    ("reckoned", "assumed, computed"),
     ("put right", "correct"),
-    ("goes on", "continues"),
-    ("gone on", "continued"),
-    ("go on", "continue"),
     ("bears", "can take"),
     ("borne", "taken"),
-    ("to come", "expected"),
-    ("whoever", "the program that"),
     ("nobody", "no person"),
     ("anything", "name it"),
-    ("in place of", "instead of"),
     ("turned", "rotated"),
     ("alike", "similar, the same"),
     ("as it was", "unchanged"),

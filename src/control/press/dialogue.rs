@@ -126,9 +126,9 @@ pub struct Moment {
 /// What is to become of the motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Steer {
-    /// It goes on as it is.
+    /// It continues as it is.
     On,
-    /// It goes on at this speed, mm/s.
+    /// It continues at this speed, mm/s.
     Speed(f64),
     /// It is stopped.
     Stop,

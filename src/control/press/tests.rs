@@ -14,7 +14,7 @@ fn force_at(depth_mm: f64) -> f64 {
     1.1 * s + 0.1556 * s * s
 }
 
-/// How long a stage goes on after it was stopped, s.
+/// How long a stage continues after it was stopped, s.
 const REACTION_S: f64 = 0.03;
 
 struct Walk {

@@ -69,7 +69,7 @@ pub enum ReadingError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Cells(#[from] TableError),
-    /// A cell goes on in the next line.
+    /// A cell continues in the next line.
     #[error("{file}, line {line}: a quotation mark isn't closed")]
     #[diagnostic(help("expected one reading per line"))]
     OpenQuote { file: String, line: u64 },

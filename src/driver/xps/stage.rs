@@ -133,7 +133,7 @@ impl Xps {
         }
     }
 
-    /// Waits until the group doesn't move, whoever moved it.
+    /// Waits until the group doesn't move, for any motion.
     pub(super) async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
         let until = Instant::now() + within;
         loop {
@@ -279,7 +279,7 @@ impl Xps {
         }
     }
 
-    /// Goes on toward the same target at another speed: an S-gamma motion keeps the speed it began with.
+    /// Continues toward the same target at another speed: an S-gamma motion keeps the speed it began with.
     async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let Some(motion) = self.under_way.clone() else { return Ok(()) };
         self.stop().await?;

@@ -1,4 +1,4 @@
-//! Lines of G-code: their words, and what they come to.
+//! Lines of G-code: their words, and their meaning.
 
 use super::fault::GrblError;
 
@@ -50,7 +50,7 @@ enum Action {
     SetG92,
 }
 
-/// What a line comes to.
+/// The meaning of a line.
 #[derive(Debug, PartialEq)]
 pub enum BlockOrder {
     /// Nothing that takes time.

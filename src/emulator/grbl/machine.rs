@@ -69,7 +69,7 @@ pub enum Activity {
     Jog,
 }
 
-/// What a search for home comes to when it ends.
+/// The result of a search for home.
 #[derive(Clone, Copy, Debug)]
 pub struct Homed {
     /// When, s.
@@ -267,7 +267,7 @@ impl Machine {
 }
 
 impl Block {
-    /// Whether another goes on along the same line at the same rate.
+    /// Whether another continues along the same line at the same rate.
     fn runs_into(&self, next: &Block) -> bool {
         let turn = (0..3).map(|n| (self.way[n] - next.way[n]).abs()).fold(0.0, f64::max);
         self.jog == next.jog && self.feed_mm_s == next.feed_mm_s && turn < ROUNDING
