@@ -14,7 +14,7 @@
 //! | 5 | [`run`] | walks a plan on a rig: prepares, presses, records, parks |
 //! | 4 | [`rig`] | a rig file understood; the only place that chooses a real or a simulated link |
 //! | 4 | [`dataset`] | the journal, which is the record, and plain tables that are views of it |
-//! | 3 | [`recipe`] | a recipe understood, and the plan it comes to |
+//! | 3 | [`recipe`] | a recipe understood, and its plan |
 //! | 3 | [`driver`] | one module per instrument family: a role over a link |
 //! | 3 | [`emulator`] | one per wire protocol: bytes in, scene, bytes out; never sees a driver |
 //! | 2 | [`acceptance`] | whether a sensor is accepted: a rule, what was measured, the one verdict |

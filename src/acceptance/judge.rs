@@ -38,7 +38,7 @@ pub struct Measured {
     pub test_repeats_itself: usize,
     /// Test presses at places that the calibration has pressed too.
     pub at_calibrated_places: usize,
-    /// Whether the method was told that every contact presses as hard as the calibration did.
+    /// Whether the method assumes that every contact has the force of the calibration.
     pub constant_load: bool,
     /// The run that isn't complete, in words.
     pub incomplete: Option<String>,
@@ -95,7 +95,7 @@ pub struct Check {
     pub reach: Option<f64>,
     /// From how many presses or readings.
     pub n: usize,
-    /// What this limit alone comes to.
+    /// The result of this limit alone.
     pub verdict: Verdict,
     /// Why it isn't accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -124,7 +124,7 @@ pub struct Judgement {
     pub calibration_presses: usize,
     /// Test presses that count.
     pub test_presses: usize,
-    /// Why there is no decision, whatever the limits.
+    /// Why there is no decision, for any limits.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub reasons: Vec<String>,
     /// What a reader should know of the presses that count.
@@ -159,7 +159,7 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
     }
 }
 
-/// What a reader should know of the presses that count, whatever the verdict.
+/// What a reader should know of the presses that count, for any verdict.
 fn notes(measured: &Measured) -> Vec<String> {
     let Measured { at_calibrated_places: at, flagged_presses: flagged, test_presses, .. } = measured;
     let all = [
@@ -170,7 +170,7 @@ fn notes(measured: &Measured) -> Vec<String> {
     all.into_iter().flatten().collect()
 }
 
-/// Why nothing can be decided whatever the limits.
+/// Why nothing can be decided for any limits.
 fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
     let fewer = |what: &str, found: usize, least: usize| {
         (found < least).then(|| format!("{found} valid {what} presses; the rule requires {least}"))
@@ -320,7 +320,7 @@ fn widened(value: f64, bound: f64, truth: f64) -> f64 {
 }
 
 impl Judgement {
-    /// Why it isn't accepted: what holds whatever the limits, then each limit that isn't kept; and what is doubtful of those that
+    /// Why it isn't accepted: what doesn't depend on the limits, then each limit that isn't kept; and what is doubtful of those that
     /// are.
     pub fn all_reasons(&self) -> impl Iterator<Item = String> {
         let of_check = |check: &Check| {
@@ -332,7 +332,7 @@ impl Judgement {
 }
 
 impl Check {
-    /// A value of the figure without its unit, with as many digits as tell what was found from the limit.
+    /// A value of the figure without its unit, with enough digits to distinguish the result from the limit.
     pub fn shown(&self, value: Option<f64>) -> String {
         let Some(value) = value else { return "-".to_owned() };
         let tells = |digits: &usize| {
@@ -417,7 +417,7 @@ mod tests {
         let judgement = judge(&rule(Decision::Simple, &[(Figure::Repeatability, 3.0, None)]), &measured());
         assert_eq!(judgement.verdict, Verdict::Accepted);
         let told: Vec<String> = judgement.all_reasons().collect();
-        assert_eq!(told, ["repeatability, worst unit: within the limit, but 20 readings leave it open up to 4.00 %"]);
+        assert_eq!(told, ["repeatability, worst unit: within the limit, but with 20 readings its bound is 4.00 %"]);
     }
 
     #[test]
@@ -458,7 +458,7 @@ mod tests {
     fn too_few_presses_unanswered_ones_and_repeated_ones_decide_nothing() {
         let limit = (Figure::LocationMean, 5.0, None);
         let few = Measured { calibration_presses: 9, ..measured() };
-        let told = "9 calibration presses count; the rule requires 10".to_owned();
+        let told = "9 valid calibration presses; the rule requires 10".to_owned();
         assert_eq!(verdict(Decision::Simple, limit, &few), (Verdict::NotDecided, told));
         let unsolved = Measured { test_unsolved: 3, ..measured() };
         let told = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();

@@ -16,11 +16,11 @@ pub struct ChartAxis {
 pub enum Scale {
     /// Evenly.
     Linear,
-    /// Evenly, and only whole numbers are told: what is counted has no halves.
+    /// Evenly, and only whole numbers are shown: what is counted has no halves.
     Count,
     /// By their logarithm.
     Log,
-    /// By their logarithm, with these values and no others told; what follows a line's end stands below.
+    /// By their logarithm, with these values and no others shown; what follows a line's end stands below.
     LogAt(Vec<(f64, String)>),
     /// By rows with names; row i is at i.
     Rows(Vec<String>),
@@ -30,7 +30,7 @@ pub enum Scale {
 const ROOM: f64 = 1.12;
 /// An even axis narrower than this holds one value: it is drawn a whole wide.
 const NARROWEST: f64 = 1e-12;
-/// The most values that an even axis tells, whatever its range.
+/// The most values that an even axis shows, for any range.
 const MOST_TICKS: usize = 100;
 /// With fewer numbers a logarithmic axis of less than a decade can't be read: it has even ones then.
 const FEWEST_TICKS: usize = 3;
@@ -71,7 +71,7 @@ impl ChartAxis {
         }
     }
 
-    /// Values with a line across, and how they are told, on an axis so many px long: of even ones only as many as have room, by
+    /// Values with a line across, and how they are shown, on an axis so many px long: of even ones only as many as have room, by
     /// what each takes of the axis.
     pub(super) fn ticks(&self, length_px: f64, taken_px: impl Fn(&str) -> f64) -> Vec<(f64, String)> {
         let (min, max) = self.range;

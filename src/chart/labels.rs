@@ -1,6 +1,6 @@
 //! The texts of a figure, laid out so that none is over another: by rank, then in the order they came.
 //!
-//! What a figure is about always stands ([`Rank::Fixed`]: whoever writes it sees that it has room). A number of an axis is
+//! What a figure is about always stands ([`Rank::Fixed`]: the author sees that it has room). A number of an axis is
 //! left out where its place is taken: the line across stays. Words beside a mark move up or down to the next free place, with
 //! a line to their mark; without a free place they are left out.
 

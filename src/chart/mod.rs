@@ -1,6 +1,6 @@
 //! Charts as SVG, drawn by hand. A plotting library was considered: the common one writes colours into every element, so that
 //! a figure can't follow the reader's light or dark, and it lays text out well only with a font library. This is all a study
-//! or a report needs: axes, curves, markers, columns, cells and words, in colours that also the colour-blind tell apart, and
+//! or a report needs: axes, curves, markers, columns, cells and words, in colours that the colour-blind distinguish too, and
 //! shapes for print. No text of a figure is over another.
 //!
 //! A figure stands alone as an SVG file that follows the reader's light or dark ([`Figure::svg`]), as one in light colours
@@ -97,7 +97,7 @@ impl Figure {
         self.document(STYLE, "")
     }
 
-    /// The figure as an SVG file to be kept: in light colours, whatever the reader has, and with [`SVG_MARK`].
+    /// The figure as an SVG file to be kept: in light colours, even for a reader in the dark, and with [`SVG_MARK`].
     pub fn saved(&self) -> String {
         self.document(LIGHT, SVG_MARK)
     }

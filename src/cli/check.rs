@@ -85,7 +85,7 @@ fn distance(plan: &Plan, rig: &RigSpec) -> String {
     format!(": with the\n  load cell's stated error up to {true_n:.3} N{beyond}")
 }
 
-/// What the permit bounds every move to, whatever becomes of the host.
+/// What the permit bounds every move to, even if the host fails.
 fn permitted(rig: &RigSpec) -> String {
     let limits = &rig.limits;
     let lag_s = rig.stage.settle_s + rig.load_cell.lag_s;

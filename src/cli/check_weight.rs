@@ -13,11 +13,11 @@ use serde::Serialize;
 use std::path::Path;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 
-/// How well a weight is known whose uncertainty isn't given, as a share of it: its force may have been reckoned from its mass with
+/// How well a weight is known whose uncertainty isn't given, as a share of it: its force may have been computed from its mass with
 /// 9.81 m/s^2, anywhere on earth.
 const UNSTATED_SHARE: f64 = 0.005;
 
-/// A weight that is known worse than this share of it tells too little of a gain.
+/// The largest expanded uncertainty of a weight, as a share of it, with which a gain can be checked.
 const U_SHARE_MOST: f64 = 0.02;
 
 /// Digits behind the point of a gain in a rig file.
@@ -155,12 +155,12 @@ fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) 
     let WeightCheck { weight_n, weight_u_n, gain, gain_sd, times, adjusted, .. } = check;
     let Judged { verdict, off, explained } = judged;
     let (off_percent, explained_percent) = (100.0 * off, 100.0 * explained);
-    let from = adjusted_before.map_or_else(String::new, |gain| format!(" relative to the adjusted gain {gain}"));
+    let from = adjusted_before.map_or_else(String::new, |gain| format!(" (adjusted by {gain})"));
     let verdict = match verdict {
         Verdict::Verified => {
-            format!("verified: {off_percent:+.2} %{from}; {explained_percent:.2} % is within the uncertainty")
+            format!("verified: {off_percent:+.2} %{from}; uncertainty allows {explained_percent:.2} %")
         }
-        Verdict::Off => format!("off by {off_percent:+.2} %{from}; {explained_percent:.2} % is within the uncertainty"),
+        Verdict::Off => format!("off by {off_percent:+.2} %{from}; uncertainty allows {explained_percent:.2} %"),
         Verdict::WrongSign => "its sign is wrong".to_owned(),
         Verdict::Fault(_) => "a fault: too large to adjust".to_owned(),
     };

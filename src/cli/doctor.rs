@@ -133,7 +133,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
             let _ = writeln!(
                 text,
-                "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would refuse a zero outside this range",
+                "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would limit the zero to this range",
                 ""
             );
         }

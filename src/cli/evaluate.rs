@@ -19,7 +19,7 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// In place of a method's name: every method, and the best.
+/// Instead of a method's name: every method, and the best.
 const ALL: &str = "all";
 
 const EXAMPLES: &str = "\

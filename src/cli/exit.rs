@@ -65,7 +65,7 @@ impl Failure {
         Failure { code, report: error.into() }
     }
 
-    /// What was measured couldn't be finished: something has moved by then, whatever the error.
+    /// What was measured couldn't be finished: something has moved by then.
     pub fn unfinished(error: DatasetError) -> Failure {
         Failure { code: RECORD, report: error.into() }
     }
@@ -107,7 +107,7 @@ impl Failure {
         }
     }
 
-    /// Tells the person, and gives the exit code.
+    /// Reports to the person, and gives the exit code.
     pub fn report(self) -> ExitCode {
         match self.report.downcast::<Problems>() {
             Ok(problems) => {
@@ -122,7 +122,7 @@ impl Failure {
     }
 }
 
-/// A terminal that has been closed hears nothing; the exit code is told all the same.
+/// A terminal that has been closed shows nothing; the exit code is given all the same.
 fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -156,7 +156,7 @@ pub fn fitted_to(method: &str, Validity { presses, units, .. }: &Validity) -> St
 /// Says which units of a calibration are left out of account.
 pub fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
     for Broken { unit, fault } in fitted.broken() {
-        tell(&format!("{}: unit {} {}, left out\n", path.display(), unit + 1, fault.told()))?;
+        tell(&format!("{}: unit {} {}, excluded\n", path.display(), unit + 1, fault.told()))?;
     }
     Ok(())
 }

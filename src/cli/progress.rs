@@ -7,13 +7,22 @@ use crate::dataset::{Contact, Retouch};
 use crate::device::Identity;
 use crate::recipe::{Entry, Phase, Plan};
 use crate::run::{Cancel, Listener};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::cell::Cell;
+use std::fmt;
 use std::io::{IsTerminal, Write};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Readings between two looks at the force on a terminal: ten a second on a cell of 200 Hz.
 const FORCE_EVERY: u32 = 20;
+
+/// Cells of the bar: the most, and the fewest that are drawn.
+const BAR_CELLS: usize = 22;
+const BAR_LEAST: usize = 6;
+
+/// The width of a terminal that doesn't report it, columns.
+const WIDTH: usize = 80;
 
 /// How often the bar is drawn though nothing happens.
 const TICK: Duration = Duration::from_millis(250);
@@ -30,7 +39,17 @@ pub struct Progress {
     done: u64,
     planned: u64,
     percent_told: u64,
-    /// Whether there is a press yet from which the time that is left can be told.
+    shown: Arc<Mutex<Shown>>,
+}
+
+/// What the line of the bar shows besides the count.
+#[derive(Debug, Default)]
+struct Shown {
+    /// The phase, or what comes before the first.
+    phase: String,
+    /// The force, or a rest.
+    message: String,
+    /// Whether there is a press yet from which the remaining time can be estimated.
     timed: bool,
 }
 
@@ -43,37 +62,26 @@ impl Progress {
             Some(planned),
             if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
         );
-        set_template(&bar, "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses");
-        bar.set_prefix("getting ready");
+        let shown = Arc::new(Mutex::new(Shown { phase: "getting ready".to_owned(), ..Shown::default() }));
+        set_style(&bar, &shown);
         bar.set_position(done as u64);
         if on_terminal {
             bar.enable_steady_tick(TICK); // a rest of minutes shows too
         }
         let done = done as u64;
-        Progress {
-            bar,
-            on_terminal,
-            json,
-            cancel,
-            unheard: None,
-            phase: None,
-            done,
-            planned,
-            percent_told: 0,
-            timed: false,
-        }
+        Progress { bar, on_terminal, json, cancel, unheard: None, phase: None, done, planned, percent_told: 0, shown }
     }
 
-    /// What is told of every force.
+    /// What is called for every force.
     pub fn gauge(&self) -> Box<dyn Fn(f64)> {
         if !self.on_terminal {
             return Box::new(|_| {});
         }
-        let (bar, count) = (self.bar.clone(), Cell::new(0));
+        let (shown, count) = (self.shown.clone(), Cell::new(0));
         Box::new(move |force_n| {
             count.set(count.get() + 1);
             if count.get() % FORCE_EVERY == 0 {
-                bar.set_message(format!("{force_n:+.3} N"));
+                locked(&shown).message = format!("{force_n:+.3} N");
             }
         })
     }
@@ -109,7 +117,7 @@ impl Listener for Progress {
     fn begins(&mut self, entry: &Entry) {
         if self.phase != Some(entry.phase) {
             self.phase = Some(entry.phase);
-            self.bar.set_prefix(entry.phase.name());
+            locked(&self.shown).phase = entry.phase.name().to_owned();
             if !self.on_terminal {
                 self.line(&format!("{}: from press {} of {}", entry.phase.name(), self.done + 1, self.planned));
             }
@@ -118,11 +126,8 @@ impl Listener for Progress {
 
     fn recorded(&mut self, contact: &Contact) {
         self.done += 1;
+        locked(&self.shown).timed = true;
         self.bar.set_position(self.done);
-        if !self.timed {
-            self.timed = true;
-            set_template(&self.bar, "{prefix:<16} [{bar:22}] {pos:>5}/{len} presses, {eta} left, {msg}");
-        }
         if self.json {
             let lines: String = contact.levels.iter().flat_map(|press| [press.to_json(), "\n".to_owned()]).collect();
             // what nobody can read doesn't stop a run: the record is on disk
@@ -143,7 +148,7 @@ impl Listener for Progress {
     }
 
     fn rests(&mut self, seconds: f64) {
-        self.bar.set_message(format!("rest {seconds:.0} s"));
+        locked(&self.shown).message = format!("rest {seconds:.0} s");
     }
 
     fn paused(&mut self) -> bool {
@@ -160,9 +165,81 @@ impl Listener for Progress {
     }
 }
 
-fn set_template(bar: &ProgressBar, template: &str) {
-    // a template that can't be read would leave the bar as it is; both are seen in every run on a terminal
-    if let Ok(style) = ProgressStyle::with_template(template) {
-        bar.set_style(style.progress_chars("=> "));
+/// The whole line is one element, so that it can be fitted to the terminal each time it is drawn.
+fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
+    let shown = shown.clone();
+    let line = move |state: &ProgressState, out: &mut dyn fmt::Write| {
+        let shown = locked(&shown);
+        let left = shown.timed.then(|| format!("{:#}", HumanDuration(state.eta())));
+        _ = out.write_str(&line(&shown, left.as_deref(), state.pos(), state.len().unwrap_or_default(), width()));
+    };
+    // a template that can't be read would leave the bar as it is; it is seen in every run on a terminal
+    if let Ok(style) = ProgressStyle::with_template("{line}") {
+        bar.set_style(style.with_key("line", line));
+    }
+}
+
+/// The line of the bar in at most `width` columns: as much as fits, the count first, then the remaining time, the force and
+/// the bar.
+fn line(shown: &Shown, left: Option<&str>, done: u64, planned: u64, width: usize) -> String {
+    let width = width.saturating_sub(1); // a full line makes some terminals wrap
+    let mut count = format!("{done:>5}/{planned} presses");
+    let mut phase = format!("{:<16}", shown.phase);
+    if phase.len() + 1 + count.len() > width {
+        (phase, count) = (shown.phase.clone(), format!("{done}/{planned}"));
+    }
+    let message = Some(shown.message.as_str()).filter(|message| left.is_some() && !message.is_empty());
+    for part in [left.map(|left| format!(", {left} left")), message.map(|message| format!(", {message}"))] {
+        let part = part.unwrap_or_default();
+        if phase.len() + 1 + count.len() + part.len() <= width {
+            count += &part;
+        }
+    }
+    let room = width.saturating_sub(phase.len() + count.len() + " [] ".len()).min(BAR_CELLS);
+    let text = if room < BAR_LEAST {
+        format!("{phase} {count}")
+    } else {
+        let filled = (done * room as u64 / planned.max(1)).min(room as u64) as usize;
+        let head = if filled < room { ">" } else { "" };
+        format!("{phase} [{:<room$}] {count}", "=".repeat(filled) + head)
+    };
+    text.chars().take(width).collect()
+}
+
+/// The width of the terminal that standard error goes to, columns.
+fn width() -> usize {
+    #[cfg(unix)]
+    let columns = rustix::termios::tcgetwinsize(std::io::stderr()).map_or(0, |size| usize::from(size.ws_col));
+    #[cfg(not(unix))]
+    let columns = 0;
+    if columns == 0 { WIDTH } else { columns }
+}
+
+fn locked(shown: &Mutex<Shown>) -> MutexGuard<'_, Shown> {
+    shown.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_of_the_bar_fits_terminals_of_40_to_200_columns() {
+        let shown = Shown { phase: "characterisation".to_owned(), message: "+0.995 N".to_owned(), timed: true };
+        let fitted = |width| line(&shown, Some("12m"), 312, 625, width);
+        for width in 20..=200 {
+            let text = fitted(width);
+            assert!(text.len() < width, "{width}: {text}");
+            assert!(
+                text.starts_with("characterisation") && (width < 30 || text.contains("312/625")),
+                "{width}: {text}"
+            );
+        }
+        assert_eq!(fitted(40), "characterisation   312/625 presses");
+        assert_eq!(fitted(60), "characterisation   312/625 presses, 12m left, +0.995 N");
+        assert_eq!(fitted(80), "characterisation [===========>          ]   312/625 presses, 12m left, +0.995 N");
+        assert_eq!(fitted(200), fitted(80));
+        let begins = line(&Shown { phase: "getting ready".to_owned(), ..Shown::default() }, None, 0, 625, 80);
+        assert_eq!(begins, "getting ready    [>                     ]     0/625 presses");
     }
 }

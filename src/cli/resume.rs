@@ -38,7 +38,7 @@ pub struct ResumeArgs {
     session: SessionArgs,
 }
 
-/// Goes on from the journal.
+/// Continues from the journal.
 pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
     let facts = manifest.facts;
@@ -78,7 +78,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }
 
-/// The rig to go on with: one that is named, or that of the folder, or what the journal keeps of it.
+/// The rig to continue: one that is named, or that of the folder, or what the journal keeps of it.
 fn rig_text(args: &ResumeArgs, texts: &Texts) -> Result<String, Failure> {
     if let Some(rig) = &args.rig {
         return read(rig);

@@ -42,7 +42,7 @@ impl SessionArgs {
     }
 }
 
-/// Walks a plan from where its folder is to its end, and tells the person how it went.
+/// Walks a plan from where its folder is to its end, and reports to the person how it went.
 pub fn carry_out(
     plan: &Plan,
     spec: &RigSpec,
@@ -79,7 +79,7 @@ pub fn carry_out(
         ending => return Err(Failure::ended(ending)),
     }
     progress.heard()?;
-    shown?; // whatever went wrong with the rig is said first
+    shown?; // an error of the rig is reported first
     let results = summary::results(folder, spec, recipe)?;
     show(&results.text())?;
     Ok(verdict_code(results.judgement.as_ref()))

@@ -84,7 +84,7 @@ pub fn forget_typed() {
 fn read_away() -> io::Result<()> {
     use tokio::net::unix::pipe;
     Builder::new_current_thread().enable_all().build()?.block_on(async {
-        // opened anew, so that it is this handle alone whose reads don't wait
+        // opened again, so that it is this handle alone whose reads don't wait
         let typed = pipe::OpenOptions::new().unchecked(true).open_receiver("/dev/stdin")?;
         let mut bytes = [0; TYPED_BYTES];
         while let Ok(readable) = timeout(STILL, typed.readable()).await {
@@ -104,7 +104,7 @@ fn read_away() -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
-/// Goes on with a paused run when the person says Enter. Where the terminal is gone, that is a stop.
+/// Continues a paused run when the person says Enter. Where the terminal is gone, that is a stop.
 pub fn go_on_at_enter(cancel: &Cancel) {
     let cancel = cancel.clone();
     let wait = move || match io::stdin().read_line(&mut String::new()) {
@@ -129,7 +129,7 @@ fn say(text: &str) {
 struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
-    /// None where whoever started the program wants it to outlive its terminal, as `nohup` does.
+    /// None where the program was started to outlive its terminal, as `nohup` does.
     hangup: Option<tokio::signal::unix::Signal>,
     /// None where a program that is suspended leaves nothing under load.
     suspend: Option<tokio::signal::unix::Signal>,
@@ -170,7 +170,7 @@ async fn heard(signal: &mut Option<tokio::signal::unix::Signal>) -> Option<()> {
     }
 }
 
-/// Whether the program was started with hangups ignored. Linux tells it in a file; where it isn't there, they are heeded.
+/// Whether the program was started with hangups ignored. Linux states it in a file; without the file, hangups stop the program.
 #[cfg(unix)]
 fn ignores_hangup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

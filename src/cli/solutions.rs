@@ -132,7 +132,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// What a number that isn't finite tells is that it isn't known.
+/// A number that isn't finite means that it isn't known.
 fn finite(value: f64) -> Option<f64> {
     let rounded = round(value, DECIMALS);
     rounded.is_finite().then_some(rounded)
@@ -214,7 +214,7 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
             + r#"{"x_mm":null,"y_mm":null,"force_n":null,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"#
             + NO_WIDTHS
             + r#""misfit":null,"#
-            + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal, so the reading correlates with no place"}"#
+            + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal: the reading correlates with no place"}"#
             + "\n";
         assert_eq!(written(true, false, &lines()), expected);
     }
@@ -225,7 +225,7 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
         let lines = [unsolved, unsure].map(|(reading, solved)| (Reading { line: 7, ..reading }, solved));
         let expected = "\
 line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit,error
-7,,,,,,,,,,,,,,,,unsolved,,all outputs are equal, so the reading correlates with no place
+7,,,,,,,,,,,,,,,,unsolved,,all outputs are equal: the reading correlates with no place
 7,,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,,
 ";
         assert_eq!(written(false, true, &lines), expected);

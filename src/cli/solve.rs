@@ -121,7 +121,7 @@ fn told(card: &Card) -> String {
     format!("{}{of}\n{forces}", fitted_to(&card.method, &card.valid))
 }
 
-/// An answer for each line; whatever the end is, what came before it is out.
+/// An answer for each line; at any kind of end, all answers before it are written.
 fn answer(
     answers: &mut Answers,
     lines: &mut Lines<impl Read>,
@@ -140,7 +140,7 @@ fn answer(
                 solutions.write(answer.reading, &answer.solved)?;
                 for Broken { unit, fault } in answer.broken {
                     let (line, unit, does) = (answer.reading.line, unit + 1, fault.told());
-                    writeln!(io::stderr(), "{SOURCE}, line {line}: unit {unit} {does}, left out from here on")?;
+                    writeln!(io::stderr(), "{SOURCE}, line {line}: unit {unit} {does}, excluded from here on")?;
                 }
             }
             Ok(None) => {}

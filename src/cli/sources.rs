@@ -153,7 +153,7 @@ fn kept(texts: &Texts) -> impl Fn(&str) -> io::Result<String> {
     |name| texts.latest(name).map(str::to_owned).ok_or_else(|| io::ErrorKind::NotFound.into())
 }
 
-/// A rig with emulators where they are asked for; what can't be simulated is told before anything is made.
+/// A rig with emulators where they are asked for; what can't be simulated is reported before anything is made.
 fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
     let spec = if simulate { spec.simulated() } else { spec };
     if spec.is_simulated() {

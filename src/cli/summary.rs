@@ -64,7 +64,7 @@ pub fn unfinished(folder: &RunFolder) -> String {
     )
 }
 
-/// What a complete run comes to by its own recipe.
+/// The result of a complete run by its own recipe.
 pub struct Results {
     /// With each solver that `[evaluate]` names.
     evaluations: Vec<Evaluation>,

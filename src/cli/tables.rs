@@ -280,7 +280,7 @@ mod tests {
     fn what_was_left_out_is_said() {
         let text = evaluation_table(&[evaluation("pearson")], false);
         assert!(
-            text.contains("flagged: 1 calibration and 1 test presses\nleft out, unsolved by pearson: 1 test"),
+            text.contains("flagged: 1 calibration and 1 test presses\nexcluded, unsolved by pearson: 1 test"),
             "{text}"
         );
     }
@@ -313,7 +313,10 @@ mod tests {
         let verdicts = Verdicts { ok: 3, weak_signal: 2, outside_area: 0, not_one_contact: 0, channel_fault: 1 };
         let evaluation = Evaluation { choice: Some(choice), verdicts, ..evaluation("pearson") };
         let text = evaluation_table(&[evaluation], false);
-        assert!(text.contains("\ndoubted by pearson: 2 weak-signal, 1 channel-fault\nchosen by cross-"), "{text}");
+        assert!(
+            text.contains("\nverdicts of pearson other than ok: 2 weak-signal, 1 channel-fault\nchosen by cross-"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -330,7 +333,7 @@ mod tests {
         let text = solvers_table(&outcomes, true);
         assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         assert!(text.contains("\nbest: gaussian-process   1.0e6   100.0   1.0e4   1.2e5"), "{text}");
-        assert_eq!(text.matches("left out, unsolved by").count(), 2, "{text}");
+        assert_eq!(text.matches("excluded, unsolved by").count(), 2, "{text}");
     }
 
     #[test]

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 /// What is said where no rule was given.
 pub const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of the recipe, or --accept FILE)\n";
 
-/// A rule in place of the one that the run's recipe gave.
+/// A rule instead of the one that the run's recipe gave.
 #[derive(Debug, clap::Args)]
 pub struct AcceptArgs {
     /// Use the acceptance rule of this file instead of the recipe's

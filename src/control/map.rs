@@ -47,7 +47,7 @@ const FADED_MOST: f64 = 0.2;
 /// Least weight of a new press in the learned fading.
 const FADE_GAIN: f64 = 0.1;
 
-/// What one press teaches about those to come, as it stands in the journal.
+/// What one press teaches about later ones, as it stands in the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Lesson {

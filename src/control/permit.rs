@@ -14,7 +14,7 @@ const FRESH_S: f64 = 0.25;
 /// Slowest motion worth commanding, mm/s: below it a controller's number format would lose the speed.
 const SPEED_LEAST_MM_S: f64 = 1e-4;
 
-/// Rounding that is not held against a motion, mm.
+/// Rounding that a motion may have, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
 /// How far a force may be above what the declared stiffness allows before the contact counts as harder, N, and in sd of one
@@ -77,7 +77,7 @@ pub struct Standing {
     pub first_mm: f64,
 }
 
-/// The rules under which a motion may be commanded: its own end point must be safe, whatever becomes of the host, the link or the
+/// The rules under which a motion may be commanded: its own end point must be safe, even if the host fails, the link or the
 /// loop while it is under way. I1 to I7 are the study's names for them.
 ///
 /// | rule | where |
@@ -260,7 +260,7 @@ mod tests {
     }
 
     proptest! {
-        /// The promise itself: whatever is granted, a specimen no stiffer than declared bears at most the limit at its end.
+        /// The promise itself: with every granted motion, a specimen no stiffer than declared bears at most the limit at its end.
         #[test]
         fn no_granted_end_point_exceeds_a_limit(
             surface in -0.3..0.3f64, k in 0.05..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, wish in -1.0..3.0f64,

@@ -3,7 +3,7 @@
 use crate::quantity::any_number;
 use serde::{Deserialize, Serialize};
 
-/// A safety rule that was broken: stop, retract, record, tell. It is never retried by itself.
+/// A safety rule that was broken: stop, retract, record, report. It is never retried by itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trip {
     /// Which rule.
@@ -18,7 +18,7 @@ pub struct Trip {
     pub unit: String,
 }
 
-/// The rules under which a press goes on.
+/// The rules under which a press continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {

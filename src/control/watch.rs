@@ -5,7 +5,7 @@ use super::trip::{Rule, Trip};
 use super::zero::Zero;
 use crate::quantity::{ForceReading, GRAVITY_M_S2, Limits, Range};
 
-/// Time over which a force is averaged before it is held against the limits, s.
+/// Time over which a force is averaged before it is compared with the limits, s.
 const MEAN_S: f64 = 0.010;
 
 /// Least force below zero that means a wrong sign, N.
@@ -104,7 +104,7 @@ impl Watch {
         self.recent.clear();
     }
 
-    /// The mean that the limits are held against, N; none before two readings.
+    /// The mean that is compared with the limits, N; none before two readings.
     pub fn mean_n(&self) -> Option<f64> {
         let count = self.recent.len();
         (count >= 2).then(|| self.recent.iter().map(|(_, n)| n).sum::<f64>() / count as f64)

@@ -82,7 +82,7 @@ impl<'a> Selection<'a> {
         Self::new(presses, phase, |press| press.is_of(phase))
     }
 
-    /// All presses, which count as of a phase whatever they say.
+    /// All presses, which count as of a phase, even if they state another.
     ///
     /// # Errors
     /// There is none that isn't flagged.

@@ -136,7 +136,7 @@ impl<'a> Trial<'a> {
         Ok(evaluation)
     }
 
-    /// What the answers alone come to, without the errors that a method states of itself and without the load cell: the same
+    /// The result of the answers alone, without the errors that a method states of itself and without the load cell: the same
     /// numbers as [`evaluate`](Self::evaluate), sooner.
     pub fn answers(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
         self.by(self.force, &self.prepare(self.force, false)?, solver).map(|(evaluation, _)| evaluation)

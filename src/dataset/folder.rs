@@ -111,7 +111,7 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Begins to go on with a run by a rig that may have been changed since: its views are made again, whatever a power cut left of
+    /// Begins to continue a run by a rig that may have been changed since: its views are made again, from anything a power cut left of
     /// them. The rig that it went by before stays in the folder under another name.
     ///
     /// # Errors

@@ -91,8 +91,8 @@ mod tests {
             index.insert(press, offset).unwrap();
         }
         assert_eq!((index.done(), index.has(1), index.has(5), index.has(0)), (2, true, true, false));
-        assert_eq!(index.insert(1, 200), Err("press 1 stands here a second time".to_owned()));
-        assert_eq!(index.insert(u64::MAX, 0), Err(format!("no plan has a press {}", u64::MAX)));
+        assert_eq!(index.insert(1, 200), Err("press 1 is repeated here".to_owned()));
+        assert_eq!(index.insert(u64::MAX, 0), Err(format!("the plan has no press {}", u64::MAX)));
         assert!(!index.has(u64::MAX));
     }
 }

@@ -30,7 +30,7 @@ pub struct Journal {
     next: u64,
     end: u64,
     line: Vec<u8>,
-    /// Whether a record may stand at its end that nobody was told of: nothing is added behind it.
+    /// Whether a record may stand at its end that was never acknowledged: nothing is added behind it.
     broken: bool,
 }
 
@@ -44,7 +44,7 @@ pub struct Records {
     line: Vec<u8>,
     /// Whether the line has no end, since the file ends in it.
     is_torn: bool,
-    /// Whether damage was told: no record after it can be relied on.
+    /// Whether damage was reported: no record after it can be relied on.
     is_over: bool,
 }
 
@@ -107,7 +107,7 @@ impl Journal {
         Ok(records)
     }
 
-    /// Opens a journal to go on with it, its torn tail cut off. Its records are shown on the way as by [`read`](Self::read).
+    /// Opens a journal to continue it, its torn tail cut off. Its records are shown on the way as by [`read`](Self::read).
     ///
     /// # Errors
     /// As of [`read`](Self::read).

@@ -7,7 +7,7 @@ use super::{DatasetError, Journal, Manifest, Peaks, Press, Record, Records, Stat
 use crate::recipe::Phase;
 use std::path::Path;
 
-/// Most trips whose truth is kept; no run has gone on after so many.
+/// Most trips whose truth is kept; no run was continued after so many.
 const TRIPS_MAX: usize = 10_000;
 
 /// What is known of a journal without reading it again.

@@ -8,7 +8,7 @@ pub trait Ledger {
     /// Whether an entry of the plan is recorded, by its number.
     fn has(&self, press: u64) -> bool;
 
-    /// Tells every record that is there, in the order they were made.
+    /// Reads every record that is there, in the order they were made.
     ///
     /// # Errors
     /// Damage, or the operating system's.

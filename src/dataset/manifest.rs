@@ -10,13 +10,13 @@ use std::path::Path;
 /// Its name in the run folder.
 pub(super) const MANIFEST: &str = "manifest.json";
 
-/// Largest manifest that is read, bytes: a run that was gone on with a thousand times is far below it.
+/// Largest manifest that is read, bytes: a run that was continued a thousand times is far below it.
 const MANIFEST_MAX_BYTES: u64 = 4 << 20;
 
 /// `manifest.json`: what a run was and how it ended. All of it but the files' fingerprints follows from the journal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// How it ended. While a run is under way it says `stopped`, which is what it is if nobody says otherwise later.
+    /// How it ended. While a run is under way it says `stopped`, which is what it is unless a later record changes it.
     pub status: Status,
     /// What it is.
     #[serde(flatten)]
@@ -50,7 +50,7 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// What a record of the journal adds. Contacts are counted by whoever knows which are new.
+    /// What a record of the journal adds. Contacts are counted by the caller, who knows which are new.
     pub(super) fn take_in(&mut self, record: &Record) {
         self.virtual_s = record.t_s().map_or(self.virtual_s, |t_s| self.virtual_s.max(t_s));
         match record {

@@ -2,7 +2,7 @@
 //!
 //! A run folder appears by one rename with its recipe, its rig and its manifest in it. Each press is in the [`Journal`],
 //! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are regenerated at the end. They
-//! and the manifest are views: [`RunFolder::rebuild`] makes them from the journal. Whoever makes presses sees a [`Ledger`]
+//! and the manifest are views: [`RunFolder::rebuild`] makes them from the journal. A maker of presses sees a [`Ledger`]
 //! only: a run folder, or a [`Memory`] that leaves no files.
 //!
 //! [`Press`] is one press and the list of its columns. Presses come in through two doors and are the same behind them:

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub enum Record {
     /// What the run is: the first record.
     Run(RunFacts),
-    /// A program begins to measure, or to go on.
+    /// A program begins to measure, or to continue.
     Session(Provenance),
     /// A text that the run goes by, as given.
     Text(Text),
@@ -88,7 +88,7 @@ pub struct Contact {
     /// What really happened at each level, in a simulated run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<PressTruth>,
-    /// What the force loop learned from it for those to come; none if the entry never left the air.
+    /// What the force loop learned from it for later ones; none if the entry never left the air.
     pub lesson: Option<Lesson>,
     /// The air before it: forces and outputs count from there.
     pub air_before: Air,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// The format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
 pub const FORMAT: u32 = 2;
 
-/// What a run is, whoever goes on with it: its first record.
+/// What a run is, in every continuation: its first record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunFacts {
     /// The journal's format: [`FORMAT`].
@@ -22,7 +22,7 @@ pub struct RunFacts {
     pub presses_planned: u64,
     /// The random seed for places, forces and simulated noise.
     pub seed: u64,
-    /// The strategy of every press, if it was given in place of the recipe's.
+    /// The strategy of every press, if it was given instead of the recipe's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
     /// The most presses that its plan may have, if that was given.

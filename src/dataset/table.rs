@@ -1,8 +1,8 @@
 //! The door for tables from outside: plain CSV, as people keep it.
 //!
 //! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged
-//! unless its cell is empty or 0). Columns may stand in any order; those that aren't known are ignored. A byte-order mark and
-//! either kind of line end are tolerated. A table that has every column of a run's own `presses.csv` gives the presses that
+//! unless its cell is empty or 0). Columns may stand in any order; those that aren't known are ignored. A byte-order mark,
+//! either kind of line end, and comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the presses that
 //! the run's journal gives. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
 
 use super::header::Header;
@@ -38,7 +38,7 @@ pub fn read_table(path: &Path) -> Result<Presses, TableError> {
 pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> {
     let mut records = Records::new(file, input);
     let mut header = StringRecord::new();
-    records.next(&mut header)?;
+    while records.next(&mut header)? && header.get(0).is_some_and(|cell| cell.starts_with('#')) {}
     header.trim();
     let columns = Columns::find(&Header { file, line: records.line, names: &header, help: HELP })?;
     let (mut presses, mut lines, mut record) = (Vec::new(), Vec::new(), StringRecord::new());
@@ -175,7 +175,7 @@ impl<'a, R: Read> Records<'a, R> {
     }
 }
 
-/// What is read passes through here and leaves its line ends behind, so that a record's line can be told: the csv reader's own
+/// What is read passes through here and leaves its line ends behind, so that a record's line is known: the csv reader's own
 /// count is off after blank lines and Windows line ends.
 struct Lines<R> {
     input: R,
@@ -248,6 +248,16 @@ mod tests {
     }
 
     #[test]
+    fn comments_above_the_header_are_skipped() {
+        let text = "\u{feff}# made by hand, on Monday\n#again\n\nx_mm,y_mm,out_1\n1,2,3\n#4,5,6\n";
+        let refused = plain(text).unwrap_err().to_string();
+        assert!(refused.starts_with("a.csv, line 6, column `x_mm`: expected a finite number"), "{refused}");
+        let table = plain(text.trim_end_matches("#4,5,6\n")).unwrap();
+        assert_eq!((table.presses.len(), table.at(0)), (1, "a.csv, line 5".to_owned()));
+        assert!(matches!(plain("# only this\n").unwrap_err(), TableError::NoRows { .. }));
+    }
+
+    #[test]
     fn a_runs_own_table_gives_the_presses_it_was_written_from() {
         let presses: Vec<Press> = (0..3).map(|press| example(press, 0).rounded()).collect();
         let text = csv_header(2) + &presses.iter().map(csv_line).collect::<String>();
@@ -280,16 +290,16 @@ mod tests {
             ("x_mm,y_mm,force_n,out_1\n1,2,NaN,3\n", "a.csv, line 2, column `force_n`: expected a finite number"),
             ("x_mm,y_mm,out_1\n1,2,3\n1,2\n", "a.csv, line 3: 2 cells where the header has 3 (up to column `y_mm`)"),
             ("x_mm,y_mm,out_1\r\n1,2,3,4\r\n", "a.csv, line 2: 4 cells where the header has 3 (up to column `out_1`)"),
-            ("x_mm,y_mm,x_mm,out_1\n1,2,3,4\n", "a.csv, line 1: column `x_mm` stands in the header twice"),
-            ("x_mm,y_mm,note,note,out_1\n1,2,3,4,5\n", "a.csv, line 1: column `note` stands in the header twice"),
+            ("x_mm,y_mm,x_mm,out_1\n1,2,3,4\n", "a.csv, line 1: column `x_mm` is in the header twice"),
+            ("x_mm,y_mm,note,note,out_1\n1,2,3,4,5\n", "a.csv, line 1: column `note` is in the header twice"),
             ("\nX,y_mm,out_1\n1,2,3\n", "a.csv, line 2: column `x_mm` is missing"),
-            ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; `y-mm` is there"),
-            ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; `X_MM` is there"),
-            ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; needed are"),
+            ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; the header has `y-mm`"),
+            ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; the header has `X_MM`"),
+            ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; required:"),
             ("x_mm;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; separate the columns by commas"),
             ("x_mm,y_mm\n1,2\n", "column `out_1` is missing"),
             ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing"),
-            ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "column `out_0` doesn't count as an output; outputs are numbered"),
+            ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "invalid output column `out_0`; use out_1, out_2"),
             ("x_mm,y_mm,out_1\n", "a.csv: the table has no rows"),
             ("", "a.csv: the table has no rows"),
             ("\n\n", "a.csv: the table has no rows"),
@@ -308,10 +318,7 @@ mod tests {
                 format!("x_mm,y_mm,out_1\n1,{long},3\n"),
                 format!("line 2, column `y_mm`: expected a finite number, found `{shown}`;"),
             ),
-            (
-                format!("x_mm,y_mm,{long},out_1,{long}\n"),
-                format!("line 1: column `{shown}` stands in the header twice"),
-            ),
+            (format!("x_mm,y_mm,{long},out_1,{long}\n"), format!("line 1: column `{shown}` is in the header twice")),
             (
                 format!("x_mm,y_mm,out_1,{long}\n1,2,3\n1,2,3,4,5\n"),
                 "line 2: 3 cells where the header has 4".to_owned(),
@@ -320,9 +327,9 @@ mod tests {
             ("x_mm,y_mm,out_0\u{7}\n".to_owned(), "column `out_1` is missing".to_owned()),
             (
                 format!("x_mm,y_mm,out_1,out_0{}\n", "1".repeat(40)),
-                format!("column `out_0{}...` doesn't", "1".repeat(35)),
+                format!("invalid output column `out_0{}...`", "1".repeat(35)),
             ),
-            ("x\u{9b}mm,y_mm,out_1\n".to_owned(), "column `x_mm` is missing; `x\\u{9b}mm` is there".to_owned()),
+            ("x\u{9b}mm,y_mm,out_1\n".to_owned(), "column `x_mm` is missing; the header has `x\\u{9b}mm`".to_owned()),
             (format!("\n{}\n", ",x".repeat(MAX_COLUMNS)), "a.csv, line 2: more than 4096 columns".to_owned()),
         ] {
             let refusal = refusal(&text);

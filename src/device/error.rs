@@ -25,6 +25,12 @@ pub enum DeviceProblem {
     /// The link isn't this program's to use.
     #[error("{}", shown(.0))]
     Claim(String),
+    /// The program of the rig file can't be started.
+    #[error("{}", shown(.0))]
+    NotStarted(String),
+    /// The program of the rig file has ended.
+    #[error("{}", shown(.0))]
+    Ended(String),
     /// An answer that isn't one.
     #[error("it answered {:?}, expected {expected}", shortened(.answer))]
     Misfit {
@@ -45,6 +51,9 @@ pub enum DeviceProblem {
         /// The guard's force, N, the cell's own zero included.
         limit_n: f64,
     },
+    /// A motion ended a little beside its target, without an error of the controller.
+    #[error("{}", shown(.0))]
+    Coarse(String),
     /// A motion didn't end, or not where it should.
     #[error("{}", shown(.0))]
     Motion(String),
@@ -55,6 +64,12 @@ impl Diagnostic for DeviceError {
         Some(Box::new(match self.problem {
             DeviceProblem::Link(_) => {
                 "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports"
+            }
+            DeviceProblem::NotStarted(_) => {
+                "check the spelling of the program in the rig file's `process`, or give its path"
+            }
+            DeviceProblem::Ended(_) => {
+                "see the program's own messages above; run it alone to find the cause, then continue with `palpate resume`"
             }
             DeviceProblem::Claim(_) => {
                 "only one program at a time can use a device; palpate uses a lock file in the temporary folder"
@@ -67,6 +82,9 @@ impl Diagnostic for DeviceError {
             }
             DeviceProblem::Mismatch(_) => "change the rig file or the device's settings so that they agree",
             DeviceProblem::Guarded { .. } => "check the specimen and the load cell before you continue",
+            DeviceProblem::Coarse(_) => {
+                "use a finer resolution (microsteps, encoder) or a finer stage; also check the axis for friction and backlash"
+            }
             DeviceProblem::Motion(_) => "find what blocks the stage and clear it, then continue with `palpate resume`",
         }))
     }

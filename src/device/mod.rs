@@ -66,13 +66,13 @@ impl StageUse {
 
 /// A three-axis stage. Positions are stage coordinates, mm.
 ///
-/// A motion is begun and then followed: a controller finishes what was begun whatever becomes of the program, so only what
+/// A motion is begun and then followed: a controller finishes what was begun even if the program ends, so only what
 /// is safe to finish is begun.
 pub trait Stage {
     /// Connects, brings all axes to rest, and checks units and limits. Nothing else moves.
     fn identify(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// Moves z by so much away from the specimen, homed or not, from rest to rest, so that a person sees which way it goes.
+    /// Moves z by a distance away from the specimen, homed or not, from rest to rest, so that a person sees which way it goes.
     /// Whether it did: a controller may move nothing that isn't homed.
     fn nudge_away(
         &mut self,
@@ -95,7 +95,7 @@ pub trait Stage {
     fn home(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
-    /// anew.
+    /// again.
     fn afresh(&mut self) {}
 
     /// Starts axes toward targets, each at most at `speed_mm_s`. When this returns the controller has taken the command and
@@ -140,10 +140,10 @@ pub trait LoadCell {
     fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
 
     /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
-    /// anew.
+    /// again.
     fn afresh(&mut self) {}
 
-    /// The latest reading, its zero being whatever the cell calls zero.
+    /// The latest reading, from the cell's own zero.
     fn read(&mut self) -> impl Future<Output = Result<ForceReading, DeviceError>>;
 
     /// Time from one conversion to the next: reading faster gives the same reading again.

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use tokio::sync::Notify;
 
-/// What is asked of a motion under way, by whoever watches the force meanwhile.
+/// What is asked of a motion under way, by the code that watches the force meanwhile.
 #[derive(Debug, Default)]
 pub struct Reins {
     pulled: Notify,
@@ -16,7 +16,7 @@ pub struct Reins {
 pub enum MotionOrder {
     /// Bring it to rest.
     Stop,
-    /// Go on toward the same target at this speed, mm/s.
+    /// Continue toward the same target at this speed, mm/s.
     Speed(f64),
 }
 
@@ -42,7 +42,7 @@ impl Reins {
         self.stopped.get()
     }
 
-    /// Told when something is asked for.
+    /// Notified when something is asked for.
     pub fn pulled(&self) -> &Notify {
         &self.pulled
     }

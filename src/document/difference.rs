@@ -95,7 +95,7 @@ fn tables_of<'i, 't>(item: Option<&'i Item<'t>>) -> Option<Vec<&'i Item<'t>>> {
     items.iter().all(|item| item.get_ref().is_table()).then_some(items)
 }
 
-/// A value whatever way it is written in.
+/// A value, written in any way.
 #[derive(Debug, PartialEq)]
 enum Plain {
     Number(f64),

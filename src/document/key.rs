@@ -133,7 +133,7 @@ pub enum Value {
 /// All keys of a table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keys {
-    /// The keys that have a meaning whatever else the table says.
+    /// The keys that have a meaning in every case of the table.
     pub always: &'static [Key],
     /// The key that has a word for each case; none: a case is chosen by the first of its own keys.
     pub by: Option<Key>,

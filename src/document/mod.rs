@@ -1,8 +1,8 @@
 //! A TOML text read with every problem kept, each at its place.
 //!
 //! What a text may say is data: [`Keys`] list every [`Key`] of a table. Recipes, rigs and register maps are read through a
-//! [`Table`]: each question for a key either answers or records a [`Problem`] and goes on, so that a person sees all that is
-//! wrong at once, with the line, what was expected and the nearest right spelling.
+//! [`Table`]: each question for a key either answers or records a [`Problem`] and continues, so that a person sees all that is
+//! wrong at once, with the line, what was expected and the nearest correct spelling.
 
 mod difference;
 mod key;
@@ -186,12 +186,15 @@ mod tests {
     fn brackets_that_are_never_closed_dont_end_the_stack() {
         for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[[", "d = { f [l]]\n", "d = { [ } ]\n"] {
             let told = messages(&open.repeat(100_000), NONE, |_| Some(()));
-            assert!(told[0].contains("not TOML"), "{open:?}: {}", told[0]);
+            assert!(told[0].contains("not valid TOML"), "{open:?}: {}", told[0]);
         }
         let brackets = |depth: usize| format!("x = {}{}\n", "[".repeat(depth), "]".repeat(depth));
         let told = |text: &str| messages(text, &any::KEYS, |_| Some(()));
         assert_eq!(told(&brackets(DEPTH_MAX)), [""; 0]);
-        assert_eq!(told(&brackets(DEPTH_MAX + 1)), ["test.toml:1:37: not TOML: over 32 brackets are open here"]);
+        assert_eq!(
+            told(&brackets(DEPTH_MAX + 1)),
+            ["test.toml:1:37: not valid TOML: more than 32 brackets are open here"]
+        );
         // none of these is open
         assert_eq!(told(&format!("x = \"{0}\" # {0}\ny = '{0}'\n", "[{".repeat(99))), [""; 0]);
     }
@@ -231,6 +234,6 @@ mod tests {
     fn broken_toml_is_told_with_its_place() {
         let told = messages("a = [1,\nb = 2\n", NONE, |_| Some(()));
         assert!(told[0].starts_with("test.toml:"), "{told:?}");
-        assert!(told[0].contains("not TOML"), "{told:?}");
+        assert!(told[0].contains("not valid TOML"), "{told:?}");
     }
 }

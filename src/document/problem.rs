@@ -167,7 +167,7 @@ fn shown(text: &str) -> String {
 pub(super) struct Collector(RefCell<Vec<Problem>>);
 
 impl Collector {
-    /// Keeps a problem, unless there are more already than are told.
+    /// Keeps a problem, unless there are more already than are reported.
     pub fn add(&self, problem: Problem) {
         let mut problems = self.0.borrow_mut();
         if problems.len() <= PROBLEMS_MAX {

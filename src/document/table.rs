@@ -160,7 +160,7 @@ impl<'d> Table<'d> {
                 let text = self.text_of(key, value)?;
                 if !known.contains(&text) {
                     let told = format!("`{}` is \"{text}\", expected one of {}", key.name, known.join(", "));
-                    self.complain(with_nearest(Problem::new(value.span(), told), text, known));
+                    self.complain(with_typo(Problem::new(value.span(), told), text, known));
                 }
                 text
             }
@@ -184,7 +184,7 @@ impl<'d> Table<'d> {
             let word = self.text_of(key, item)?;
             if !known.contains(&word) {
                 let told = format!("`{}` has \"{word}\", expected some of {}", key.name, known.join(", "));
-                self.complain(with_nearest(Problem::new(item.span(), told), word, known));
+                self.complain(with_typo(Problem::new(item.span(), told), word, known));
                 return None;
             }
             Some(word)
@@ -418,10 +418,27 @@ fn known_words(key: &Key) -> &'static [&'static str] {
     words.unwrap_or_else(|| unreachable!("`{}` isn't a word", key.name))
 }
 
-/// All of some answers, or none; every one is asked for, so that every problem is told.
+/// All of some answers, or none; every one is asked for, so that every problem is reported.
 pub(crate) fn all<T>(answers: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
     let answers: Vec<Option<T>> = answers.collect();
     answers.into_iter().collect()
+}
+
+/// Adds the one value as help of which a text is a plain typo: at most 2 edits, and the same first letter. A value chooses what
+/// the data mean, so any other is left to the list of values in the message.
+fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {
+    /// The most letters that are changed, added or left out.
+    const EDITS: usize = 2;
+    let text = text.to_lowercase();
+    let is_typo = |value: &&&str| {
+        let edits = strsim::damerau_levenshtein(&text, value);
+        edits <= EDITS && edits < value.len().div_ceil(2) && text.chars().next() == value.chars().next()
+    };
+    let mut typos = known.iter().filter(is_typo);
+    match (typos.next(), typos.next()) {
+        (Some(value), None) => problem.help(format!("did you mean `{value}`?")),
+        _ => problem,
+    }
 }
 
 /// Adds the nearest known name as help; where none is near, and nothing else helps, the list of names.

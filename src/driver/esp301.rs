@@ -49,7 +49,7 @@ pub struct Esp301 {
     usage: Option<StageUse>,
     /// The quickest answer of the press so far: a question that is sent that much before a motion ends finds it ended.
     quickest: Duration,
-    /// What the error queue held, oldest first, and wasn't told yet.
+    /// What the error queue held, oldest first, and wasn't reported yet.
     complaints: Vec<String>,
     /// It was stopped from outside a motion, and hasn't moved since.
     stopped: bool,
@@ -169,7 +169,7 @@ impl Esp301 {
                 return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
         }
-        // refused, or stopped half-way: the axis doesn't know where it is, and nothing else may move
+        // refused, or stopped half-way: the axis isn't homed, and nothing else may move
         self.no_complaints(doing).await
     }
 

@@ -24,9 +24,9 @@ const OWED_MOST: Duration = Duration::from_secs(3600);
 
 /// Serves one link until its far end is closed: requests are answered one after another, each after the scene's latency
 /// for the device; those to a device whose link the scene has gone silent are lost. An answer that the device owes is sent
-/// when it is due, whatever is asked meanwhile. `origin` is the instant the scene counts from.
+/// when it is due, with any requests meanwhile. `origin` is the instant the scene counts from.
 ///
-/// Nothing is locked while this waits, so other links and other devices go on meanwhile.
+/// Nothing is locked while this waits, so other links and other devices continue meanwhile.
 ///
 /// # Errors
 /// What the stream reports, and a device that hung up. That the client has gone while an answer was due is one of these.

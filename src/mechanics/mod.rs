@@ -1,7 +1,7 @@
 //! Linear elasticity: what a load on the surface does at the depth of the taxels.
 //!
 //! [`lambda`] is the shape of a point load's stress in a half-space, in closed form. A [`Response`] is what a taxel reads of a
-//! load on whatever the sensor is made of: a half-space or a bonded layer, an indenter and a taxel of some size.
+//! load on the sensor's material: a half-space or a bonded layer, an indenter and a taxel of some size.
 
 mod hankel;
 mod layer;

@@ -121,7 +121,7 @@ impl WeightCheck {
     }
 
     /// Whether the readings can be used: the gain is no fault and adjusted for, or it is 1 as far as check and
-    /// certificate can tell.
+    /// certificate can show.
     pub fn is_sound(&self, certificate: Option<&Certificate>) -> bool {
         self.is_adjustable() && (self.adjusted || (self.gain - 1.0).abs() <= self.explained(certificate))
     }

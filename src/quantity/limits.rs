@@ -17,7 +17,7 @@ impl Range {
         value >= self.min && value <= self.max
     }
 
-    /// The interval with so much more at either end.
+    /// The interval, longer by a margin at either end.
     pub fn widened(&self, by: f64) -> Range {
         Range { min: self.min - by, max: self.max + by }
     }
@@ -42,7 +42,7 @@ impl Travel {
     }
 }
 
-/// What the specimen bears: the plan and every move are held against these.
+/// What the specimen bears: the plan and every move are checked against these.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Largest contact force, N.

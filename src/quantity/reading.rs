@@ -14,7 +14,7 @@ pub struct Health {
 pub struct ForceReading {
     /// When the answer arrived, s since the program's clock began.
     pub at_s: f64,
-    /// Force as the cell reports it, N, pressing positive; its zero is whatever the cell calls zero.
+    /// Force as the cell reports it, N, pressing positive; from the cell's own zero.
     pub force_n: f64,
     /// What the cell says of itself.
     pub health: Health,

@@ -1,6 +1,6 @@
 //! What to do: a TOML recipe, read with all its problems at once, and the plan that follows from it.
 //!
-//! A [`Recipe`] is a text understood; a [`Plan`] is the list of presses it comes to on a given rig with a given seed. A plan
+//! A [`Recipe`] is a text understood; a [`Plan`] is its list of presses on a given rig with a given seed. A plan
 //! can be printed before anything moves, and a recipe that asks for what the rig can't or mustn't do has no plan.
 
 mod accept;
@@ -26,14 +26,14 @@ pub const KEYS: Keys = keys::root::KEYS;
 /// Every key that an acceptance file may have.
 pub const RULE_KEYS: Keys = accept::accept::KEYS;
 
-/// Most presses one recipe may come to unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
+/// Most presses of one recipe unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
 /// 20,000.
 pub const PRESSES_MAX: usize = 100_000;
 
 /// Most entries any plan has: the recipe's presses, and those that teach.
 pub const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
 
-/// A recipe, understood but not yet held against a rig.
+/// A recipe, parsed but not yet checked against a rig.
 #[derive(Clone, Debug)]
 pub struct Recipe {
     /// The recipe's name; a run folder is named after it.
@@ -44,7 +44,7 @@ pub struct Recipe {
     pub solvers: Vec<String>,
     /// The acceptance rule; none: no verdict.
     pub accept: Option<Accept>,
-    /// Most presses that it may come to.
+    /// Its most presses.
     pub presses_max: usize,
     pub(super) file: String,
     pub(super) text: String,
@@ -72,7 +72,7 @@ impl Recipe {
         Recipe { accept: Some(Accept::Rule(rule)), ..self }
     }
 
-    /// The recipe with every press made by one strategy, whatever its steps say.
+    /// The recipe with every press made by one strategy instead of those of its steps.
     #[must_use]
     pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
         self.steps.iter_mut().for_each(|step| step.manner.strategy = strategy);

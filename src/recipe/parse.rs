@@ -338,12 +338,12 @@ mod tests {
                 "spacing = 0.5",
                 "r.toml:4:8: `spacing_mm` is missing in `step.grid`: a number in mm, over 0, at most 1000",
             ),
-            ("[-6.0, 6.0], y", "[6.0, -6.0], y", "r.toml:4:17: `x_mm` runs backward, from 6 to -6"),
+            ("[-6.0, 6.0], y", "[6.0, -6.0], y", "r.toml:4:17: `x_mm` has its first number above the second: 6 to -6"),
             ("force_n = 1.0", "force_n = nan", "r.toml:5:11: `force_n` is not a finite number"),
             (
                 "force_n = 1.0",
                 "force_n = 0.05",
-                "r.toml:5:11: the force tolerance of 0.05 N isn't under the force of 0.05 N",
+                "r.toml:5:11: the force tolerance of 0.05 N is not smaller than the force of 0.05 N",
             ),
             ("force_n = 1.0", "force_mn = 1.0", "r.toml:2:1: this step has no force"),
         ] {

@@ -1,4 +1,4 @@
-//! The presses that a recipe comes to.
+//! The presses of a recipe.
 
 use super::teach::{Entry, teach};
 use super::{Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
@@ -8,12 +8,12 @@ use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, st
 use rand::RngExt;
 use std::sync::Arc;
 
-/// The presses a recipe comes to on one rig with one seed.
+/// The presses of a recipe on one rig with one seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// The recipe's name.
     pub name: String,
-    /// What random places and forces were drawn from.
+    /// Random seed of places and forces.
     pub seed: u64,
     /// The presses in the order they are made, which need not be that of their numbers.
     pub entries: Vec<Entry>,
@@ -84,7 +84,7 @@ impl Plan {
 }
 
 impl Recipe {
-    /// It comes to more presses than are allowed, and this step is the first that is over.
+    /// It has more presses than are allowed, and this step is the first that is over.
     fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
         let told = format!("the plan has {presses} presses, but at most {} are allowed", self.presses_max);
@@ -112,7 +112,7 @@ impl Places {
 }
 
 impl Step {
-    /// How many presses it comes to.
+    /// How many presses it has.
     fn count(&self, layout: &ArrayLayout) -> usize {
         self.places.count(layout).saturating_mul(self.load.repeats())
     }
@@ -228,7 +228,7 @@ fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
 }
 
 fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Problem>) {
-    // one problem a stretch of text: a grid that is off isn't told 625 times
+    // one problem a stretch of text: a grid that is off isn't reported 625 times
     let mut told: Option<Span> = None;
     for (place, span) in places {
         let position = ground.frame.to_stage(*place, 0.0);
@@ -240,7 +240,7 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
             continue;
         }
         if problems.len() > PROBLEMS_MAX {
-            break; // more than are told
+            break; // more than are reported
         }
         let (travel, name) = (ground.travel.along(axis), axis.name());
         let message = format!(

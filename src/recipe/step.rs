@@ -62,7 +62,7 @@ impl Step {
 /// Where a step presses, in the specimen frame, mm.
 #[derive(Clone, Debug)]
 pub enum Places {
-    /// Rows of constant y, both ends included; x changes fastest in their numbers, whatever the order they are visited in.
+    /// Rows of constant y, both ends included; x changes fastest in their numbers, in any order of visits.
     Grid {
         /// First and last x.
         x_mm: Range,

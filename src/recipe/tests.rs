@@ -54,7 +54,7 @@ fn an_interleaved_grid_is_visited_in_four_passes_and_numbered_as_ever() {
     assert_eq!(visits(&grid("[0, 2]")), [0, 2, 6, 8, 1, 7, 3, 5, 4]);
     assert_eq!(visits(&grid("[0, 3]")), [0, 2, 8, 10, 1, 3, 9, 11, 4, 6, 5, 7]);
     assert_eq!(visits(&grid("[1, 1]")), [0, 2, 1]);
-    // a number means the same place in any order, and goes on counting where the step before ended
+    // a number means the same place in any order, and continues counting where the step before ended
     let twice = format!("{raster}{}", grid("[0, 2]"));
     let mut twice = plan(&twice, 1).unwrap().entries;
     twice.sort_by_key(|entry| entry.press);
@@ -157,15 +157,18 @@ fn what_the_rig_cannot_or_must_not_do_has_no_plan() {
         plan(text, 1).unwrap_err(),
         [
             "r.toml:4:11: this step presses with 2.5 N, over the specimen's limit of 2 N",
-            "r.toml:5:31: (13, 0) mm is off the stage's travel: x runs from -12.5 to 12.5 mm",
+            "r.toml:5:31: (13, 0) mm is outside the stage's travel: x goes from -12.5 to 12.5 mm",
             "r.toml:9:9: there is no unit 10: the rig's array has 9",
         ]
     );
     let text = "[[step]]\nphase = \"test\"\nforce_n = 1.0\n\
                 grid = { x_mm = [-6, 6], y_mm = [-6, 6], spacing_mm = 0.01 }\n";
-    assert_eq!(plan(text, 1).unwrap_err(), ["r.toml:5:8: the plan comes to 1442401 presses, over 100000"]);
+    assert_eq!(
+        plan(text, 1).unwrap_err(),
+        ["r.toml:5:8: the plan has 1442401 presses, but at most 100000 are allowed"]
+    );
     // more points than can be counted
-    let most = format!("r.toml:5:8: the plan comes to {} presses, over 100000", usize::MAX);
+    let most = format!("r.toml:5:8: the plan has {} presses, but at most 100000 are allowed", usize::MAX);
     assert_eq!(plan(&text.replace("0.01", "1e-310"), 1).unwrap_err(), [most]);
 }
 
@@ -185,17 +188,21 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
     assert_eq!(plan_with(&random(PRESSES_MAX - 1), 1, |recipe| recipe).unwrap().entries.len(), PRESSES_MAX);
     assert_eq!(
         plan(&random(PRESSES_MAX), 1).unwrap_err(),
-        ["r.toml:9:10: the plan comes to 100001 presses, over 100000"]
+        ["r.toml:9:10: the plan has 100001 presses, but at most 100000 are allowed"]
     );
     // the hint names what makes it pass
-    let help = "split the recipe, or allow as many with --presses-max 100001";
-    assert_eq!(told(PRESSES_MAX, PRESSES_MAX), ("the plan comes to 100001 presses, over 100000".into(), help.into()));
+    let help = "split the recipe, or add --presses-max 100001";
+    assert_eq!(
+        told(PRESSES_MAX, PRESSES_MAX),
+        ("the plan has 100001 presses, but at most 100000 are allowed".into(), help.into())
+    );
     assert_eq!(allowed(PRESSES_MAX, 100_001).unwrap().entries.len(), 100_001);
-    assert_eq!(told(9, 9).1, "split the recipe, or allow as many with --presses-max 10");
+    assert_eq!(told(9, 9).1, "split the recipe, or add --presses-max 10");
     // and nothing what is over the ceiling
-    let help = "split the recipe: no plan may have more than 10000000";
+    let help = "split the recipe: a plan has at most 10000000";
     for presses_max in [PRESSES_MAX, PRESSES_CEILING, usize::MAX] {
-        let over = format!("the plan comes to 10000001 presses, over {}", presses_max.min(PRESSES_CEILING));
+        let over =
+            format!("the plan has 10000001 presses, but at most {} are allowed", presses_max.min(PRESSES_CEILING));
         assert_eq!(told(PRESSES_CEILING, presses_max), (over, help.into()));
     }
 }

@@ -45,7 +45,7 @@ pub struct Compared {
     calibrated: Vec<(Place, f64)>,
 }
 
-/// The least difference for which the colours of a unit's output reach to their ends, %: the least that is told.
+/// The least difference for which the colours of a unit's output reach to their ends, %: the least that is shown.
 const LEAST_PERCENT: f64 = 0.01;
 
 impl Compared {

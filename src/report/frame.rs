@@ -8,7 +8,7 @@ use std::fmt::Display;
 /// What every page of ours has in its head: a file that has it may be replaced by another.
 pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 
-/// Light and dark as the reader has it; on paper always light. No colour means anything that isn't told by a shape or a word too.
+/// Light and dark as the reader has it; on paper always light. No colour means anything that a shape or a word doesn't mean too.
 const PAGE_STYLE: &str = include_str!("page.css");
 
 /// A whole page.

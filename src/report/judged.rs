@@ -14,7 +14,7 @@ pub const PAPERS: &str = SOLVERS[0];
 pub struct Judged {
     /// The paper's method, then the rule's or the best, where that is another; empty where there is nothing to evaluate.
     pub evaluations: Vec<Evaluation>,
-    /// A method that knows how near it is expected to come.
+    /// A method that knows its expected error.
     pub expecting: Option<Fitted>,
     /// Why there is no evaluation, or not by both.
     pub why_not: Option<String>,

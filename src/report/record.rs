@@ -8,7 +8,7 @@ use crate::recipe::Phase;
 use crate::solver::ErrorSummary;
 use maud::{Markup, html};
 
-/// What is told of the force of one row: the press' number in its page, and errors in mN.
+/// What is shown of the force of one row: the press' number in its page, and errors in mN.
 struct Controlled {
     phase: Phase,
     press: f64,

@@ -165,7 +165,7 @@ mod tests {
             ("weight_n = 0.0, gain = 1.0", "`weight_n` is 0, must be over 0, at most 10000 N"),
             (
                 "weight_n = 0.5, gain = 1.25, adjusted = true",
-                "`gain` is 1.25 and `adjusted`: readings are adjusted by 0.9 to 1.1",
+                "`gain` is 1.25 with `adjusted`, but only gains of 0.9 to 1.1 are adjusted",
             ),
         ] {
             let problems = read(&format!("check = {{ {keys}, {rest} }}")).unwrap_err();

@@ -1,4 +1,4 @@
-//! What differs between two rigs, key by key, and whether a run that was begun on the one may go on on the other.
+//! What differs between two rigs, key by key, and whether a run that was begun on the one may continue on the other.
 
 use super::keys::limits;
 use super::{KEYS, keys};
@@ -17,7 +17,7 @@ pub struct Difference {
     pub verdict: Consequence,
 }
 
-/// What a difference between two rigs means for a run that was begun on the first and is to go on on the second.
+/// What a difference between two rigs means for a run that was begun on the first and is to continue on the second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Consequence {
     /// The same device is found elsewhere: a link between real devices, or the command of a program.

@@ -299,12 +299,8 @@ mod tests {
             ("{ modbus = \"labjack-t7\" }", "\"labjack-t7\"", "`driver` is a string, expected a table"),
             ("{ modbus = \"labjack-t7\" }", "3", "`driver` is an integer, expected a table"),
             ("\"esp301\"", "3", "`driver` is an integer, expected a table"),
-            (
-                "\"esp301\"",
-                "{}",
-                "no driver that is known: expected one of xps, process, or a name alone: esp301, esp300, grbl",
-            ),
-            ("{ modbus = \"labjack-t7\" }", "{}", "no driver that is known: expected one of modbus, daqmx, process"),
+            ("\"esp301\"", "{}", "unknown driver: expected one of xps, process, or only a name: esp301, esp300, grbl"),
+            ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, daqmx, process"),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
         ] {
             assert_eq!(problems(from, to)[0], told);

@@ -223,7 +223,7 @@ mod tests {
         let last = "array = [1.0, 2.0] }";
         let fault = |text: &str| format!("{last}\n[[scene.fault]]\n{text}\n");
         for (from, to, told) in [
-            ("relaxation =", surface("bumps_wavelength_mm = [6.0, 12.0]").as_str(), "without `bumps_mm`"),
+            ("relaxation =", surface("bumps_wavelength_mm = [6.0, 12.0]").as_str(), "requires `bumps_mm`"),
             ("relaxation =", &surface("bumps_mm = -0.1"), "bumps_mm"),
             ("relaxation =", &surface("bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]"), "bumps_wavelength_mm"),
             ("noise_n = 0.003", "low_pass_hz = 0.0", "low_pass_hz"),

@@ -228,7 +228,7 @@ mod tests {
             (
                 changed("repeatability_percent", "repeatabilty_percent"),
                 vec![
-                    "39:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list, one % a unit",
+                    "39:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list with one % per unit",
                     "39:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`",
                 ],
             ),
@@ -246,7 +246,7 @@ mod tests {
             ),
             (
                 with_fault("unit = 5\nkind = \"dead\"\nreading = 1.0"),
-                vec!["45:1: `reading` in `scene.taxel_fault` has no meaning here"],
+                vec!["45:1: `reading` in `scene.taxel_fault` can't be used here"],
             ),
             (
                 with_fault("unit = 5\nkind = \"deaf\""),

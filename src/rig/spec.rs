@@ -45,8 +45,8 @@ pub struct RigSpec {
     pub u_origin_mm: Option<f64>,
     /// What is simulated when links are; the paper's where the file has no `[scene]`.
     pub scene: SceneSpec,
-    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that goes on with a
-    /// tighter limit goes on with the sensor that it began with.
+    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that continues with a
+    /// tighter limit continues with the sensor that it began with.
     pub full_scale_n: Option<f64>,
     /// Who is asked which way z goes before a rig that isn't simulated moves; none: nobody, and it doesn't.
     pub which_way: Option<Arc<dyn WhichWay>>,
@@ -101,7 +101,7 @@ pub struct ArraySpec {
     pub link: Link,
     /// Its outputs, and where the units are that they belong to.
     pub layout: ArrayLayout,
-    /// The largest output it can tell, either way, V; none: not known.
+    /// The largest possible output, + and -, V; none: not known.
     pub range_v: Option<f64>,
     /// The unit of its outputs as it is shown.
     pub unit: String,
@@ -152,7 +152,7 @@ impl RigSpec {
         Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
     }
 
-    /// The same rig with our emulators in place of its links.
+    /// The same rig with our emulators instead of its links.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {
         self.stage.link = Link::Sim;
@@ -192,7 +192,7 @@ impl RigSpec {
         self.end_mm() + TOP_MM
     }
 
-    /// The z at which nothing of the specimen can be touched, whatever its surface: the frame's word and a clearance, mm.
+    /// The z at which nothing of the specimen can be touched, with any surface: the frame's word and a clearance, mm.
     pub fn clear_mm(&self) -> f64 {
         -self.frame.uncertainty_mm - CLEARANCE_MM
     }

@@ -9,7 +9,7 @@ pub trait WhichWay: Debug + Send + Sync {
     /// Whether somebody saw it before, with this stage on this link.
     fn is_known(&self, stage: &Identity, down: Down) -> bool;
 
-    /// Says that z is about to move by so much, mm.
+    /// Says that z is about to move by this distance, mm.
     ///
     /// # Errors
     /// There is nobody to see it, and what to do about that; nothing has moved.

@@ -1,4 +1,4 @@
-//! What comes before a run goes on: is this still the specimen, and back to where the last contact was left.
+//! What comes before a run continues: is this still the specimen, and back to where the last contact was left.
 
 use super::Halt;
 use super::past::TouchedPlace;
@@ -67,7 +67,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let now = self.hand.cell.close_air().await?;
         let zero = *self.hand.cell.watch.zero();
         let first_mm = self.map.expect(place).first_mm;
-        // whatever a journal says, no nearer than x and y may move
+        // no nearer, even if a journal says so, than x and y may move
         let back_mm = before.z_mm.min(Permit::clear_mm(first_mm));
         if self.hand.z_mm < back_mm {
             let standing = Standing {

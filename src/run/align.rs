@@ -45,7 +45,7 @@ pub struct Alignment {
     pub presses: usize,
 }
 
-/// Why a specimen's place can't be told.
+/// Why a specimen's place can't be found.
 #[derive(Debug, thiserror::Error)]
 pub enum AlignError {
     /// The presses can't be made on this rig.
@@ -69,7 +69,7 @@ pub enum AlignError {
 /// itself.
 ///
 /// # Errors
-/// Whatever keeps it from an answer: poor fits aren't guessed at.
+/// Anything that prevents an answer: a poor fit is an error.
 pub async fn align(
     spec: &RigSpec,
     seed: u64,
@@ -87,7 +87,7 @@ pub async fn align(
     found(spec, &presses)
 }
 
-/// The presses, so that a person can be told of them before they are made.
+/// The presses, so that a person sees them before they are made.
 ///
 /// # Errors
 /// They don't fit the rig.

@@ -103,7 +103,7 @@ impl Weighed {
     }
 }
 
-/// Has the weight put on and taken off, and reads it each time between two readings of air. The cell's own readings count, whatever
+/// Has the weight put on and taken off, and reads it each time between two readings of air. The cell's own readings count, for any
 /// the rig adjusts for.
 ///
 /// # Errors
@@ -247,7 +247,7 @@ pub struct Judged {
 /// Whether a load cell can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The gain is what it should be, as far as weight and certificate can tell.
+    /// The gain is what it should be, as far as weight and certificate can show.
     Verified,
     /// It is off, by no more than can be adjusted for.
     Off,
@@ -257,7 +257,7 @@ pub enum Verdict {
     Fault(Option<&'static str>),
 }
 
-/// Ratios of a reading to the weight that tell of a wrong unit, and how near a gain must be to one, as a share of it.
+/// Ratios of a reading to the weight that show a wrong unit, and how near a gain must be to one, as a share of it.
 const UNITS: [(f64, &str); 6] = [
     (1.0 / GRAVITY_M_S2, "the cell's unit is the kilogram-force (9.80665 N), or its range is ten times too large"),
     (GRAVITY_M_S2, "the weight was given in kilograms-force (9.80665 N), or the cell's range is ten times too small"),

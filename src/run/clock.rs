@@ -2,7 +2,7 @@
 
 use tokio::time::Instant;
 
-/// Time since the run's start: a run that goes on counts from where it was.
+/// Time since the run's start: a run that continues counts from where it was.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RunClock {
     began: Instant,
@@ -10,7 +10,7 @@ pub(super) struct RunClock {
 }
 
 impl RunClock {
-    /// A clock that goes on from `before_s`, s.
+    /// A clock that continues from `before_s`, s.
     pub fn going_on_from(before_s: f64) -> Self {
         RunClock { began: Instant::now(), before_s }
     }

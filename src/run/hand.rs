@@ -64,7 +64,7 @@ pub(super) struct Gauge<'a, C> {
     pub cell: C,
     pub watch: Watch,
     pub cancel: &'a Cancel,
-    /// Told of every force, for a person to see.
+    /// Called for every force, for a person to see.
     pub shown: &'a dyn Fn(f64),
     began: Instant,
     next: Instant,
@@ -101,7 +101,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
-    /// A press begins, with a conversion of its own: whatever was read before it has had its time. Its clock counts from here.
+    /// A press begins, with a conversion of its own: every earlier reading has had its time. Its clock counts from here.
     pub async fn begin(&mut self) {
         sleep(self.cell.conversion()).await;
         self.cell.afresh();
@@ -173,7 +173,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         if sigma_n > most_n { Trip::new(Rule::Noisy, sigma_n, most_n, "N") } else { trip }
     }
 
-    /// The time that the parts of a press are told, s.
+    /// The time that the parts of a press are given, s.
     pub fn now_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
     }
@@ -379,7 +379,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 
     /// Whether the outputs are still what they were at the look before, `known`, or in air. Before the first touch they are the
-    /// second witness: a cell that reads zero with honest noise, whatever it bears, shows nothing of a contact. A touch too light
+    /// second witness: a cell that reads zero with honest noise, under any load, shows nothing of a contact. A touch too light
     /// to count as one yet moves them too: then a mean of the force shows it.
     pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];

@@ -32,7 +32,7 @@ const HOMING_LEAST_MM_S: f64 = 0.5;
 /// How far z goes for a person to see which way that is, mm.
 const NUDGE_MM: f64 = 1.0;
 
-/// Longest wait for a stage that was told to stop while it is homed, and for the stop to be sent once more.
+/// Longest wait for a stage that was stopped while it is homed, and for the stop to be sent once more.
 const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 
 /// A rig whose stage is home, z at the top; or as it is where the stage or the load cell can't be used: nothing moves unread.
@@ -245,7 +245,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Moves the stage while the cell is read, and leaves it alone some time after a person's word to stop, whatever it does.
+    /// Moves the stage while the cell is read, and leaves it alone some time after a person's word to stop, in any state.
     async fn moves<T>(
         &mut self,
         reading: Reading,
@@ -277,7 +277,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 moved?.map_err(Unmoved::Stage)
             }
             None => {
-                // it may not have come to where it heeds the reins; what becomes of this one can't be told any more
+                // it may not yet follow the reins; the outcome of this one can't be known any more
                 let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
                 Err(Halt::Cancelled.into())
             }

@@ -1,6 +1,6 @@
-//! Walks a plan on a rig: prepares the instruments, makes each press, records it, and parks the stage whatever happens.
+//! Walks a plan on a rig: prepares the instruments, makes each press, records it, and parks the stage in every case.
 //!
-//! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is told what happens.
+//! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is informed of what happens.
 
 mod again;
 mod align;

@@ -14,13 +14,16 @@ use tokio::time::{Instant, sleep, sleep_until, timeout};
 /// How far a read-back may be from where the axis was sent, mm.
 const IN_POSITION_MM: f64 = 0.003;
 
+/// An axis that is up to so far from its target, without an error, is on a coarse stage; farther off, something holds it.
+const COARSE_MM: f64 = 0.05;
+
 /// Readings averaged before x and y move from rest: nothing moves sideways in contact.
 const SIDEWAYS_READINGS: u32 = 2;
 
 /// How long after it should have ended a motion may go unanswered, s.
 const SILENT_S: f64 = 0.5;
 
-/// Conversions after which a cell has told of a contact that is over: two make a force, and one was under way.
+/// Conversions after which a cell has shown a contact that is over: two make a force, and one was under way.
 const CONVERSIONS_HEARD: f64 = 4.0;
 
 /// How often z is looked at on its way out of a contact.
@@ -35,13 +38,13 @@ const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
 
 /// A motion that has ended.
 struct Driven {
-    /// Where the axes are, in the order they were told.
+    /// Where the axes are, in the order they were given.
     places_mm: Vec<f64>,
     stopped: bool,
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Moves along z to a permitted end, the force read meanwhile and told to the press, which may steer or stop it.
+    /// Moves along z to a permitted end, the force read meanwhile and passed to the press, which may steer or stop it.
     pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
         let target_mm = self.stage_z_mm(granted.z_mm());
         let from_mm = self.stage_z_mm(self.z_mm);
@@ -58,12 +61,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let way = Range { min: from_mm.min(target_mm) - IN_POSITION_MM, max: from_mm.max(target_mm) + IN_POSITION_MM };
         if !way.contains(at_mm) {
             let told = format!("z moved from {from_mm:.4} toward {target_mm:.4} mm but reports {at_mm:.4} mm");
-            return Err(lost(told));
+            return Err(lost(DeviceProblem::Motion(told)));
         }
         Ok(())
     }
 
-    /// Withdraws from a contact for good, and goes on sideways as soon as z reads back clear. What is read from then on is air.
+    /// Withdraws from a contact for good, and continues sideways as soon as z reads back clear. What is read from then on is air.
     /// `first_mm` is the earliest z at which there can be contact, here and there.
     pub async fn depart(
         &mut self,
@@ -89,7 +92,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let due_after = seconds(withdrawal.duration_s() + travel_s);
         let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
-        // a slow cell still tells of the contact when z has long left it
+        // a slow cell still shows the contact when z has long left it
         let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
         let ends_after = seconds(withdrawal.duration_s() + heard_s);
         let stage = &mut self.stage;
@@ -181,7 +184,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(driven.places_mm.first().copied(), target_mm).await
     }
 
-    /// Withdraws whatever the force is and whether or not the load cell answers: for parking, when that may be what failed. A
+    /// Withdraws with any force and whether or not the load cell answers: for parking, when that may be what failed. A
     /// force that rises on the way stops the stage.
     async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.read_back_z().await?;
@@ -202,7 +205,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
-    /// Stops all axes and withdraws to the clear, whatever the load cell says or doesn't: to park, and first of all, since a
+    /// Stops all axes and withdraws to the clear, with any answer of the load cell or none: to park, and first of all, since a
     /// program before may have left the axes in contact.
     pub async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
         let mut withdrawn = Ok(());
@@ -220,7 +223,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// axis is, is asked each time, and the target is the same place in the clear.
     async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.stage.stop().await?;
-        // whatever the force is, nothing may hold up the way out; a guard that can't be removed is no reason to stay
+        // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
         let _ = self.stage.guard(None).await;
         self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
         self.retreat(z_mm).await
@@ -234,7 +237,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.read_back_z().await
     }
 
-    /// Axes toward targets over a way, every force watched and told to `steer`, until they have come to rest.
+    /// Axes toward targets over a way, every force watched and passed to `steer`, until they have come to rest.
     async fn drive(
         &mut self,
         targets: &[(Axis, f64)],
@@ -302,10 +305,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         if (position_mm - target_mm).abs() <= IN_POSITION_MM {
             return Ok(());
         }
-        let complaints = self.stage.complaints().await?;
-        let why = if complaints.is_empty() { "it reports no error".to_owned() } else { complaints.join("; ") };
-        let told = format!("{} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm; {why}", axis.name());
-        Err(lost(told))
+        Err(lost(missed(axis, position_mm, target_mm, &self.stage.complaints().await?)))
     }
 
     fn stage_z_mm(&self, z_mm: f64) -> f64 {
@@ -407,7 +407,7 @@ async fn with_outputs<A: SensorArray, T>(
     read.map(|()| moved)
 }
 
-/// Leave is taken by moving.
+/// Consumes the permission.
 async fn begin_sideways<S: Stage>(
     stage: &mut S,
     _leave: Sideways,
@@ -423,7 +423,43 @@ fn way_mm(from: Place, to: Place) -> f64 {
     (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
 }
 
-fn lost(told: String) -> Halt {
+/// Why an axis isn't where it was sent: a small way off without an error is what a coarse stage shows.
+fn missed(axis: Axis, position_mm: f64, target_mm: f64, complaints: &[String]) -> DeviceProblem {
+    let (off_mm, name) = ((position_mm - target_mm).abs(), axis.name());
+    let told = format!("{name} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm");
+    match complaints {
+        [] if off_mm <= COARSE_MM => DeviceProblem::Coarse(format!(
+            "{told}, {off_mm:.4} mm off without an error: the stage's resolution is coarser than the {IN_POSITION_MM} mm \
+             that palpate requires"
+        )),
+        [] => DeviceProblem::Motion(format!("{told}; it reports no error")),
+        _ => DeviceProblem::Motion(format!("{told}; {}", complaints.join("; "))),
+    }
+}
+
+fn lost(problem: DeviceProblem) -> Halt {
     let doing = "checking where a motion ended".to_owned();
-    DeviceError { device: "stage".to_owned(), doing, problem: DeviceProblem::Motion(told) }.into()
+    DeviceError { device: "stage".to_owned(), doing, problem }.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coarse_stage_is_told_from_one_that_is_blocked() {
+        let coarse = missed(Axis::X, 1.02, 1.0125, &[]);
+        assert_eq!(
+            coarse.to_string(),
+            "x was commanded to 1.0125 mm but is at 1.0200 mm, 0.0075 mm off without an error: the stage's resolution is \
+             coarser than the 0.003 mm that palpate requires"
+        );
+        assert!(matches!(coarse, DeviceProblem::Coarse(_)));
+        assert!(
+            matches!(missed(Axis::X, 1.5, 1.0, &[]), DeviceProblem::Motion(_)),
+            "half a millimetre is no resolution"
+        );
+        let refused = missed(Axis::X, 1.02, 1.0125, &["following error".to_owned()]);
+        assert!(matches!(refused, DeviceProblem::Motion(_)) && refused.to_string().ends_with("; following error"));
+    }
 }

@@ -10,7 +10,7 @@ use crate::recipe::Plan;
 /// Most places that are remembered to be touched again.
 const KNOWN_MAX: usize = 4096;
 
-/// What a run knows of itself when it goes on, out of its records: all that a press rests on besides its rig.
+/// What a run knows of itself when it continues, out of its records: all that a press rests on besides its rig.
 pub(super) struct Past {
     /// What the presses so far have taught.
     pub map: Map,

@@ -24,7 +24,7 @@ const STICKS_N: f64 = 0.010;
 const STICKS_SIGMAS: f64 = 5.0;
 const FARTHER_MM: f64 = 0.5;
 
-/// How old the air may be while the first descent goes on, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
+/// How old the air may be while the first descent continues, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
 const AIR_FRESH_S: f64 = 1.0;
 
 /// A contact that is over.
@@ -64,7 +64,7 @@ impl ZeroMoved {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    /// One entry of the plan, from the clear to the clear above the next place, of which it is told.
+    /// One entry of the plan, from the clear to the clear above the next place, which it is given.
     pub async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {

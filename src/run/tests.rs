@@ -10,7 +10,7 @@ use std::cell::{Cell, RefCell};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// A stage that is where it was sent as soon as it was, and keeps what it was told.
+/// A stage that is where it was sent as soon as it was, and keeps its commands.
 struct StrawStage<'a> {
     told: &'a RefCell<Vec<String>>,
     at_mm: [f64; 3],

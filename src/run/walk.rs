@@ -30,7 +30,7 @@ pub struct Walk<'a> {
     pub ledger: &'a mut dyn Ledger,
     /// A person's word to pause or to stop.
     pub cancel: &'a Cancel,
-    /// Told of every force, N, for a person to see.
+    /// Called for every force, N, for a person to see.
     pub shown: &'a dyn Fn(f64),
 }
 
@@ -45,11 +45,11 @@ pub struct Ending {
     pub t_s: f64,
 }
 
-/// Who is told what happens.
+/// Who is informed of what happens.
 pub trait Listener {
     /// The instruments are ready: what they said they are.
     fn ready(&mut self, _devices: &[Identity]) {}
-    /// A place that was touched before was touched again, before the run goes on.
+    /// A place that was touched before was touched again, before the run continues.
     fn retouched(&mut self, _retouch: &Retouch) {}
     /// An entry of the plan begins.
     fn begins(&mut self, _entry: &Entry) {}
@@ -101,7 +101,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             let mut walker =
                 Walker { hand, permit, map, reaction, conditions, pressing, standby, zeroed, full_zero_n, felt };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
-            // the stage was stopped before a trip was told; a program that is killed while it parks has tripped all the same
+            // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = walker.truth().map(|truth| {
                 let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
                 Peaks { force_peak_n, depth_peak_mm }
@@ -251,7 +251,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(())
     }
 
-    /// Parked until a person goes on; then a new zero, and back to where the last contact was left.
+    /// Parked until a person continues; then a new zero, and back to where the last contact was left.
     async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
         if !listener.paused() {
@@ -275,7 +275,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// Rests in air for so long, and pauses where a person asks for it: the rest goes on meanwhile, and is not cut short.
+    /// Rests in air for so long, and pauses where a person asks for it: the rest continues meanwhile, and is not cut short.
     async fn rest(
         &mut self,
         seconds: f64,

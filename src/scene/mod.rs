@@ -1,6 +1,6 @@
 //! The physics of a simulated rig, pure: where the axes are, what the contact bears, what the load cell and the taxels read.
 //!
-//! A [`Scene`] is told the time and advances in closed form to it; it owns its random streams and nothing else that
+//! A [`Scene`] is given the time and advances in closed form to it; it owns its random streams and nothing else that
 //! changes. What a [`SceneSpec`] doesn't name isn't computed. Emulators act on it: they set motions and read values.
 
 mod contact;
@@ -127,7 +127,7 @@ impl Scene {
     }
 
     /// Names the press that begins at `now_s`: from here on every stream is that press' own, and so is the load cell's clock,
-    /// whatever came before.
+    /// for any history.
     pub fn begin_press(&mut self, press: u64, now_s: f64) {
         self.advance(now_s);
         self.reseed(press + 1, now_s); // 0 is what happens before the first press

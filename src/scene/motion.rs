@@ -69,7 +69,7 @@ impl Trajectory {
         self
     }
 
-    /// What a stage that is `lag_s` late makes of a new profile at `now_s`: it goes on as it was for so long, then is where
+    /// What a stage that is `lag_s` late makes of a new profile at `now_s`: it continues as it was for so long, then is where
     /// the profile was that long before.
     pub(super) fn followed_by(&self, profile: &Trajectory, now_s: f64, lag_s: f64) -> Trajectory {
         if lag_s == 0.0 {

@@ -163,7 +163,7 @@ impl Wave {
     }
 }
 
-/// A device of a rig, as the scene tells them apart.
+/// A device of a rig, as the scene distinguishes them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Device {
     /// The three-axis stage's controller.

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 const WAVES: usize = 4;
 
 /// A property of the specimen that differs from place to place: a smooth part and one that each spot of 1 um has for itself.
-/// Both are drawn from the seed alone.
+/// The seed alone determines both.
 #[derive(Clone)]
 pub(super) struct SpotMap {
     waves: [Wave; WAVES],
@@ -32,7 +32,7 @@ struct Wave {
 
 impl SpotMap {
     /// A smooth part that never exceeds `most`, made of waves between two lengths, and spots of a standard deviation; the two
-    /// names tell this property's streams from others'.
+    /// names separate this property's streams from others'.
     pub fn new(most: f64, wavelength_mm: (f64, f64), white_sd: f64, names: [&'static str; 2], seed: u64) -> Self {
         let mut rng = stream(seed, 0, names[0]);
         let waves = std::array::from_fn(|_| {

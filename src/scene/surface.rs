@@ -20,7 +20,7 @@ pub(super) struct Depth {
 }
 
 impl Surface {
-    /// A plane whose height, anywhere within `half_extent_mm` of the origin, is at most `tilt_mm` off; drawn from the seed
+    /// A plane whose height, anywhere within `half_extent_mm` of the origin, is at most `tilt_mm` off; from the seed
     /// alone, since it belongs to the specimen.
     pub fn tilted(frame: &Frame, tilt_mm: f64, half_extent_mm: f64, seed: u64) -> Self {
         let mut rng = stream(seed, 0, "surface");

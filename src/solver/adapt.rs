@@ -66,7 +66,7 @@ impl<'a> Older<'a> {
         let side_mm = self.response.field.area().side_mm();
         let places =
             if extent == Extent::GainsAndPlaces { MOVES.map(|place| place * side_mm).to_vec() } else { vec![0.0] };
-        // without forces nothing tells a common gain
+        // without forces nothing shows a common gain
         let common_gains = if forces_are_known { &GAINS[..] } else { &[0.0] };
         let own_gains = if extent == Extent::CommonGain { &[0.0] } else { &GAINS[..] };
         // first what all have in common, then what each has for itself

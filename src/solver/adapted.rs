@@ -101,7 +101,7 @@ struct Trials<'a> {
     older: Older<'a>,
     new: &'a Calibration,
     setting: Setting<'a>,
-    /// Fitted to the old calibration as it was. The method is the best for that: few presses don't tell which is best.
+    /// Fitted to the old calibration as it was. The method is the best for that: few presses don't show which is best.
     unchanged: Fitted,
     /// The part that each new press is held out in; those at one place share one.
     part_of: Vec<usize>,
@@ -189,7 +189,7 @@ fn leads(errors: &Errors, others: &Errors) -> bool {
     let (count, free) = (leads.len() as f64, leads.len() as f64 - 1.0);
     let mean = leads.iter().sum::<f64>() / count;
     let variance = leads.iter().map(|lead| (lead - mean).powi(2)).sum::<f64>() / free;
-    // too few leads to tell anything: their number of degrees of freedom isn't one
+    // too few leads to show anything: their number of degrees of freedom isn't one
     let sigmas = StudentsT::new(0.0, 1.0, free).map_or(f64::INFINITY, |t| t.inverse_cdf(1.0 - BY_CHANCE));
     mean > sigmas * (variance / count).sqrt()
 }

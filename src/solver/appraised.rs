@@ -9,7 +9,7 @@ use super::widths::{FEWEST_TRIALS, Widths};
 use super::{Covariance, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 use serde::{Deserialize, Serialize};
 
-/// A method that only locates, with what presses held out of its calibration tell of its errors.
+/// A method that only locates, with its errors on presses held out of its calibration.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Appraised {
     method: Method,
@@ -36,7 +36,7 @@ struct Experience {
 }
 
 impl Appraised {
-    /// A method with what its trials tell: nothing, if there are few.
+    /// A method with the results of its trials: none, if there are few.
     pub fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }

@@ -16,7 +16,7 @@ pub(super) struct Tried {
 /// many standard errors of the difference.
 const HOPELESS: f64 = 1.3;
 const HOPELESS_SIGMAS: f64 = 3.0;
-/// The fewest places from which that can be told.
+/// The fewest places that show it.
 const FEWEST_PLACES: usize = 30;
 
 impl Tried {

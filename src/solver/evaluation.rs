@@ -26,17 +26,17 @@ pub struct Evaluation {
     pub coverage: Option<Coverage>,
     /// How many of the points got which verdict.
     pub verdicts: Verdicts,
-    /// What one solve takes, ns. No clock is asked here: it is for whoever measures it to fill in.
+    /// What one solve takes, ns. No clock is asked here: the caller who measures it fills it in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ns_per_solve: Option<f64>,
-    /// How the solver was chosen, where it was; for whoever fitted it to fill in.
+    /// How the solver was chosen, where it was; the caller who fitted it fills it in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Choice>,
     /// The same against the load cell, which then also gives the calibration's forces; only for a run, where
     /// `force_error_n` holds against the commanded force.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_error_load_cell_n: Option<ErrorSummary>,
-    /// Test presses at places that the calibration has pressed too; for whoever knows the calibration to fill in.
+    /// Test presses at places that the calibration has pressed too; the caller who knows the calibration fills it in.
     pub at_calibrated_places: usize,
     /// Presses that didn't count; stands in the object where there are any.
     #[serde(skip_serializing_if = "LeftOut::is_none")]

@@ -4,7 +4,7 @@ use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
 /// Smooth functions of the place, one a channel, tabulated over an area: uniform cubic B-splines in x and y. A value and its
-/// gradient cost sixteen rows of the table, whatever they were made from.
+/// gradient cost sixteen rows of the table, however they were made.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Field {
     area: Area,

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 /// Inverts a [`Response`]: the place and the force under which the array would read what was read.
 ///
 /// The best of a grid of places is refined by [`Descent`]; each unit counts by its variance, which is the noise of this reading and
-/// the map's own error. What the fit leaves tells whether one contact can have caused the reading.
+/// the map's own error. What the fit leaves shows whether one contact can have caused the reading.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Forward {
     kind: MapKind,
@@ -75,7 +75,7 @@ const BROKEN_SD: f64 = 3.0;
 /// Another place is nearly as likely where its sum of squares is larger by no more than this: odds of one to twenty.
 const NEARLY_AS_LIKELY: f64 = 6.0;
 
-/// The largest standard deviation of a place that is still told, over the area's diagonal.
+/// The largest standard deviation of a place that is still given, over the area's diagonal.
 const MOST_SD_AREAS: f64 = 1000.0;
 
 impl Forward {
@@ -113,8 +113,8 @@ impl Forward {
         }
     }
 
-    /// Takes in what presses at places that were held out tell: of the errors, and of what real contacts leave unexplained, which
-    /// noise alone doesn't say. Limits only get wider where contact is to be told from something else, and lower where it is to be told
+    /// Takes in what presses at places that were held out show: of the errors, and of what real contacts leave unexplained, which
+    /// noise alone doesn't say. Limits only get wider where contact is to be distinguished from something else, and lower where it is to be distinguished
     /// from nothing.
     pub fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
@@ -185,7 +185,7 @@ impl Forward {
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
-    /// The errors by an information about x, y and force; none where a place isn't known at all: a calibration along a line tells
+    /// The errors by an information about x, y and force; none where a place isn't known at all: a calibration along a line shows
     /// nothing across it.
     fn covariance(&self, information: &[[f64; 3]; 3]) -> Option<Covariance> {
         let area = self.response.field.area();
@@ -216,7 +216,7 @@ impl Solver for Forward {
         }
         let misfit = estimate.chi2 / limit;
         let covariance = self.covariance(&estimate.information);
-        // beyond the calibrated places nothing was held out that could tell
+        // beyond the calibrated places nothing was held out that could show it
         let widths = self.widths.filter(|_| verdict != Verdict::OutsideArea);
         let (scale_mm, scale_n) = scales(covariance);
         let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n).widened(misfit));

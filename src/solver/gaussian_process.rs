@@ -44,7 +44,7 @@ const OF_VIEWS: Regression = Regression { of: &[Smoothness::Smooth], ..MANNER };
 /// The most coordinates that are stretched one by one.
 const MOST_STRETCHED: usize = 32;
 
-/// The fewest places that tell how far.
+/// The fewest places that show how far.
 const FEWEST_TO_STRETCH: usize = 50;
 
 /// Steps of the logarithm of a stretch, one round each.
@@ -104,7 +104,7 @@ impl GaussianProcess {
 
 /// Stretches each coordinate of what is seen, and changes the noise of the place, as long as that makes the places likelier.
 fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
-    // one press a place: several are easy to explain by each other, whatever becomes of what lies between the places
+    // one press a place: several are easy to explain by each other, without regard to what is between the places
     let few = calibration.by_place().len().min(MOST_TO_SEEK_WITH);
     let seen = Seen::of(calibration, view, few).filter(|_| few >= FEWEST_TO_STRETCH);
     let Some(Seen { inputs, answers }) = seen else { return };
@@ -218,7 +218,7 @@ mod tests {
     use super::*;
     use crate::solver::CalibrationPoint;
 
-    /// Two units that go on reading less and less of more force.
+    /// Two units that continue reading less and less of more force.
     fn outputs(x_mm: f64, force_n: f64) -> [f64; 2] {
         [1.0 - x_mm, 1.0 + x_mm].map(|near| (0.5 * near * force_n).tanh())
     }

@@ -16,7 +16,7 @@ pub(super) struct HeldPress {
     pub place: Place,
     /// The force it stands for, N.
     pub force_n: f64,
-    /// Whether it isn't at the border of the calibrated area: there a fit without it has to extrapolate, which no press to come asks.
+    /// Whether it isn't at the border of the calibrated area: there a fit without it has to extrapolate, which no later press requires.
     pub is_inside: bool,
     /// Sum of the squares of its outputs over their noise.
     pub loudness: f64,
@@ -31,7 +31,7 @@ pub(super) struct Folds<'a> {
     response: &'a Response,
     /// The presses of each part.
     parts: Vec<Vec<usize>>,
-    /// By what a press is scaled to stand for the forces to come, least and most.
+    /// By what a press is scaled to represent the expected forces, least and most.
     shares: (f64, f64),
     area: Option<Area>,
 }
@@ -63,7 +63,7 @@ impl<'a> Folds<'a> {
         Some(Folds { calibration, response, parts, shares: setting.shares(calibration), area })
     }
 
-    /// Tries a method on some of the parts, the force unknown to it: presses that were held out are rescaled over the forces to come,
+    /// Tries a method on some of the parts, the force unknown to it: presses that were held out are rescaled over the expected forces,
     /// and noise is added to bring what was scaled down back to what was measured.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl<'a> Folds<'a> {
             for (index, &press) in held.iter().step_by(every).enumerate() {
                 let point = self.calibration.point(press);
                 for part in 0..forces {
-                    // evenly over the forces, whatever the order of the presses
+                    // evenly over the forces, for any order of the presses
                     let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / forces as f64).fract();
                     let share = least + (most - least) * quantile;
                     for (unit, (reading, output)) in reading.iter_mut().zip(point.outputs).enumerate() {

@@ -102,7 +102,7 @@ impl Kriging {
         self.process.predict(place, outputs)
     }
 
-    /// What it predicts with, without what tells how sure it is.
+    /// What it predicts with, without what its uncertainty needs.
     pub fn into_process(self) -> Process {
         self.process
     }

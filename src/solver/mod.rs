@@ -2,7 +2,7 @@
 //! is.
 //!
 //! A [`Calibration`] is presses of known place and force. [`fit`] prepares a [`Solver`] from it once; `solve` then
-//! turns a reading (one output a unit) into a [`Solution`], or says why it can't: a reading without an answer is an
+//! turns a reading (one output for each) into a [`Solution`], or says why it can't: a reading without an answer is an
 //! error, never NaN. [`evaluate`] holds a solver against presses whose truth is known.
 //!
 //! Nothing here reads files, asks the time or logs.
@@ -123,8 +123,8 @@ pub trait Solver: Send + Sync {
     /// Nothing is allocated once the workspace has been used with this solver.
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError>;
 
-    /// How near it is expected to come at a place, specimen frame, under a force, N: the bound of Cramer and Rao on the map it
-    /// inverts, whose own error is in it. None without such a map, or where the units don't tell.
+    /// The error it is expected to have at a place, specimen frame, under a force, N: the bound of Cramer and Rao on the map it
+    /// inverts, whose own error is in it. None without such a map, or where the units don't determine it.
     fn expected(&self, _place: Place, _force_n: f64) -> Option<Covariance> {
         None
     }
@@ -151,13 +151,13 @@ struct Located {
     /// How much better a contact beyond the calibrated area would fit, in the same measure.
     beyond: f64,
     /// What the errors of location, mm, and force, N, are in proportion to, up to a factor that all answers of the method share; 1 where
-    /// it doesn't tell one reading from another.
+    /// it doesn't distinguish readings.
     scale_mm: f64,
     scale_n: f64,
 }
 
 impl Located {
-    /// Of a method that tells no more than place, force and residue.
+    /// Of a method that gives no more than place, force and residue.
     const PLAIN: Located = Located {
         place: Place { x_mm: 0.0, y_mm: 0.0 },
         force_n: 0.0,
@@ -174,7 +174,7 @@ pub const BEST: &str = "best";
 /// Fits the method of that name, or the one that cross-validation on the calibration finds best.
 ///
 /// Units that are dead or saturated in the calibration are left out of account. Methods that know no map of the array are tried on
-/// presses that were held out of a fit, the force unknown to them: it tells how far they are off, and [`BEST`] which to take.
+/// presses that were held out of a fit, the force unknown to them: it gives how far they are off, and [`BEST`] which to take.
 ///
 /// # Errors
 /// No method of that name, another array's layout, or a calibration that the method can't be fitted to.
@@ -207,7 +207,7 @@ pub enum FitError {
         /// Places needed.
         needed: usize,
     },
-    /// At every calibration point all units read the same, so no point can be told from another.
+    /// At every calibration point all units read the same, so the points can't be distinguished.
     #[error("all units have the same output at every calibration point, so the points can't be distinguished")]
     NothingToTellApart,
     /// The noise can't be divided by.
@@ -233,7 +233,7 @@ pub enum SolveError {
         unit: usize,
     },
     /// Nothing touches the array, or nothing it can feel: the correlation would be 0/0.
-    #[error("all outputs are equal, so the reading correlates with no place")]
+    #[error("all outputs are equal: the reading correlates with no place")]
     AllEqual,
     /// The force that comes out is beyond what a number can hold.
     #[error("the reading is too large for the calibration: its force is not finite")]

@@ -12,7 +12,7 @@ pub(super) struct Noise {
     proportional: Vec<f64>,
 }
 
-/// One output held against its prediction.
+/// One output compared with its prediction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Residual {
     /// What was predicted.
@@ -26,7 +26,7 @@ pub(super) struct Residual {
 /// Rounds of reweighting in which the two parts are found; they settle in some ten.
 const ROUNDS: usize = 30;
 
-/// The leverage up to which a residual tells more of the noise than of the map.
+/// The leverage up to which a residual shows more of the noise than of the map.
 const SURE: f64 = 0.3;
 
 /// The least that noise can be, as a share of the largest output: what is known better than that is not a measurement.
@@ -77,7 +77,7 @@ fn parts(residuals: &[Residual]) -> (f64, f64) {
         a = a.max(least);
     }
     // A proportional part must earn its place: by Akaike's criterion a parameter is worth one unit of log-likelihood. Where the map
-    // itself is the larger error, which it is where the output is steep, the two can't be told apart.
+    // itself is the larger error, which it is where the output is steep, the two can't be distinguished.
     let surprise = |a: f64, b: f64| -> f64 {
         let of = |r: &Residual| {
             let variance = a + b * r.predicted * r.predicted;

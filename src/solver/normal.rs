@@ -9,7 +9,7 @@ pub(super) struct Normal {
     pub slope: [f64; 3],
 }
 
-/// A pivot of which rounding leaves less than this share tells nothing.
+/// A pivot of which rounding leaves less than this share shows nothing.
 const LEAST_PIVOT: f64 = 1e-12;
 
 impl Normal {
@@ -34,7 +34,7 @@ impl Normal {
         }
     }
 
-    /// The step to the least sum of squares along the unknowns that are free. No step where they can't be told apart.
+    /// The step to the least sum of squares along the unknowns that are free. No step where they can't be distinguished.
     pub fn step(&self, free: [bool; 3]) -> [f64; 3] {
         let (mut a, mut x) = (self.information, self.slope);
         for i in (0..3).filter(|&i| !free[i]) {

@@ -49,10 +49,10 @@ const STARTS_A_SIDE: usize = 25;
 /// How many of them it does start from.
 const TRIED_STARTS: usize = 3;
 
-/// The spread of the lengths at a place, standard deviation of their logarithm, from which they tell how the pattern changes with it.
+/// The spread of the lengths at a place, standard deviation of their logarithm, from which they show how the pattern changes with it.
 const LEAST_SPREAD: f64 = 0.1;
 
-/// The fewest places that must tell.
+/// The fewest places that must show it.
 const FEWEST_SLOPES: usize = 9;
 
 /// The most steps from a start.
@@ -147,7 +147,7 @@ impl PatternMap {
                 y += along_y * residual;
                 squares += residual * residual;
             }
-            // a line of places tells nothing across it
+            // a line of places shows nothing across it
             let least = 1e-9 * (xx + yy) + f64::MIN_POSITIVE;
             (xx, yy) = (xx + least, yy + least);
             let determinant = (xx * yy - xy * xy).max(f64::MIN_POSITIVE);

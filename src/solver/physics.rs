@@ -87,7 +87,7 @@ fn fitted_taxels(
     if misfit(&layer) < misfit(&half_space) { layer } else { half_space }
 }
 
-/// The fewest places that four parameters a unit can be fitted to, with something left to tell the noise by.
+/// The fewest places that four parameters a unit can be fitted to, with something left to estimate the noise.
 const FEWEST_PLACES: usize = 6;
 /// Poisson's ratio of a rubber-like cover.
 const RUBBER: f64 = 0.49;
@@ -109,7 +109,7 @@ const DEPTH: usize = 3;
 struct Taxel {
     shape: Shape,
     parameters: Vector4<f64>,
-    /// (J'J)^-1 at the fit; none where the parameters can't be told apart.
+    /// (J'J)^-1 at the fit; none where the parameters can't be distinguished.
     spread: Option<Matrix4<f64>>,
     /// Sum of the squares of the residuals; above 0.
     left: f64,

@@ -27,13 +27,13 @@ pub struct Placement {
     pub misfit_mm: f64,
 }
 
-/// Why an array's place can't be told.
+/// Why an array can't be located.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlacementError {
     /// The units can't be found one by one.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// Fewer units than a rotation needs, with something left to tell the error by.
+    /// Fewer units than a rotation needs, with something left to estimate the error.
     #[error("with {units} units, the rotation of the array or its uncertainty can't be determined")]
     TooFewUnits {
         /// How many it has.

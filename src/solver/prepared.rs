@@ -67,7 +67,7 @@ const PLACES_A_UNIT: usize = 10;
 const UNEXPLAINED: f64 = 1.15;
 
 /// By what factor `physics` must be nearer than the next method to lead although it leaves more unexplained: with very few places no
-/// smooth map is any good, and what it leaves unexplained tells nothing.
+/// smooth map is any good, and what it leaves unexplained shows nothing.
 const FAR_AHEAD: f64 = 3.0;
 
 impl<'a> Prepared<'a> {

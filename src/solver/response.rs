@@ -45,7 +45,7 @@ pub(super) struct Held {
 const LEVERAGE_CELLS: f64 = 12.0;
 
 impl Response {
-    /// What a map and the presses held against it come to. `leverage` is asked once, for many places: the variance of the map at
+    /// The result of a map and the presses compared with it. `leverage` is asked once, for many places: the variance of the map at
     /// each over that of one calibration press, row-major, places x units.
     pub fn new(
         field: Field,

@@ -139,7 +139,7 @@ impl Session {
             *evidence = (*evidence + ratio.ln()).max(0.0);
         }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
-            // an array that has too few units left, or a model without presses, goes on with the units it has
+            // an array that has too few units left, or a model without presses, continues with the units it has
             if let Some(Ok(fitted)) = self.model.fit_without(&[unit], Fault::Contradicts) {
                 self.model.replace(fitted);
                 self.partial.clear();

@@ -4,33 +4,33 @@ use super::{Calibration, SolveError};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
-/// What a fit is told beside the calibration.
+/// What a fit is given in addition to the calibration.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
     /// Where the units are, for methods that ask: the closest one, or the elastic response at each. Without it the unit with the
     /// largest calibrated output at a point counts as its closest.
     pub layout: Option<&'a ArrayLayout>,
-    /// Whether contacts to come press as hard as the calibration did.
+    /// Whether expected contacts press as hard as the calibration did.
     pub load: ForceKnown,
     /// Whether all outputs may be off by one and the same amount, which is then solved for with every reading: forward methods pay
     /// for it with some of their accuracy where there is none. Pearson's correlation never sees it.
     pub common_offset: bool,
     /// How many single contacts may be called something else: the share of false alarms of each verdict.
     pub false_alarms: f64,
-    /// The forces to come, N; without it from a tenth of the calibration's to the calibration's.
+    /// The expected forces, N; without it from a tenth of the calibration's to the calibration's.
     pub forces_n: Option<(f64, f64)>,
     /// Whether a method without a map of the array learns from presses that are held out how far it is off. Otherwise its answers
     /// come without errors and are all called ok, at a hundredth of the cost.
     pub appraised: bool,
 }
 
-/// Whether the force of contacts to come is known.
+/// Whether the force of expected contacts is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceKnown {
-    /// It isn't: only what doesn't depend on the amplitude tells the place.
+    /// It isn't: only what doesn't depend on the amplitude determines the place.
     #[default]
     Unknown,
-    /// Assume that every contact has the force of the calibration: the amplitude tells of the place too.
+    /// Assume that every contact has the force of the calibration: the amplitude shows the place too.
     Constant,
 }
 
@@ -48,7 +48,7 @@ impl ForceKnown {
     }
 }
 
-/// The least force to come over the calibration's, unless it is told: the paper tests at a tenth.
+/// The least expected force over the calibration's, unless it is given: the paper tests at a tenth.
 const LEAST_FORCE_SHARE: f64 = 0.1;
 
 impl Default for Setting<'_> {
@@ -70,7 +70,7 @@ impl<'a> Setting<'a> {
         Setting { layout, ..Setting::default() }
     }
 
-    /// By what presses of a calibration are scaled, least and most, to stand for the forces to come. Presses of several forces, or
+    /// By what presses of a calibration are scaled, least and most, to represent the expected forces. Presses of several forces, or
     /// of unknown ones, stand for themselves.
     pub(super) fn shares(&self, calibration: &Calibration) -> (f64, f64) {
         let stands_for_itself = !calibration.forces_are_known() || calibration.has_several_forces();

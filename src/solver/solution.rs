@@ -11,14 +11,14 @@ pub struct Solution {
     pub place: Place,
     /// How hard, N. Noise can make the force of a very light contact negative; it is reported as it comes.
     pub force_n: f64,
-    /// How far off place and force are likely to be; none where the calibration can't tell.
+    /// How far off place and force are likely to be; none where the calibration can't show it.
     pub covariance: Option<Covariance>,
-    /// How far off place and force are in 68 and in 95 of 100 cases; none where the calibration can't tell.
+    /// How far off place and force are in 68 and in 95 of 100 cases; none where the calibration can't show it.
     pub half_widths: Option<HalfWidths>,
     /// Another place that explains the reading nearly as well, where there is one.
     pub other: Option<Place>,
     /// How badly the reading fits one contact there: 0 is a perfect fit, 1 the threshold that a single contact passes
-    /// as rarely as the false-alarm rate says. None where the calibration can't tell.
+    /// as rarely as the false-alarm rate says. None where the calibration can't show it.
     pub misfit: Option<f64>,
     /// Whether to believe it.
     pub verdict: Verdict,
@@ -82,7 +82,7 @@ impl Covariance {
 pub enum Verdict {
     /// Nothing speaks against it.
     Ok,
-    /// The reading can't be told from that of no contact.
+    /// The reading can't be distinguished from that of no contact.
     WeakSignal,
     /// The contact lies outside the calibrated area.
     OutsideArea,

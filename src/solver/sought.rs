@@ -112,7 +112,7 @@ pub(super) struct NoiseRatio {
 /// correlations and noise, and the sum of squares that its inverse measures of each column.
 ///
 /// Of few places the likelihood alone can take the smoothest noise for signal. The units of one array are alike, though: their
-/// ratios are drawn from one log-normal distribution, whose mean is found with them.
+/// ratios have one log-normal distribution, whose mean is found with them.
 pub(super) fn likeliest_noise(values: &Mat<f64>, with: impl Fn(f64) -> (f64, Vec<f64>)) -> Vec<NoiseRatio> {
     let ratios: Vec<f64> = (0..NOISE_RATIOS).map(|i| 10f64.powf(-8.0 + f64::from(i) / 4.0)).collect();
     let measured: Vec<(f64, Vec<f64>)> = ratios.iter().map(|ratio| with(*ratio)).collect();

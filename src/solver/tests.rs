@@ -14,7 +14,7 @@ fn points<'a>(rows: &'a [(f64, f64, f64, Vec<f64>)]) -> Vec<CalibrationPoint<'a>
     rows.iter().map(point).collect()
 }
 
-/// Fits every method to a calibration and solves every reading: whatever comes is a number or says why not.
+/// Fits every method to a calibration and solves every reading: every answer is a number or says why not.
 fn assert_sane(rows: &[(f64, f64, f64, Vec<f64>)], readings: &[Vec<f64>]) {
     for calibration in [Calibration::new(&points(rows)).unwrap(), Calibration::without_forces(&points(rows)).unwrap()] {
         for load in [ForceKnown::Unknown, ForceKnown::Constant] {

@@ -17,7 +17,7 @@ pub(super) const WEAK_SHARE: f64 = 0.25;
 const FORCES_A_PRESS: usize = 4;
 
 /// What single contacts leave unexplained: the sum of squares of a contact's residuals over their noise, learned from the calibration's
-/// own presses, each compared with a map made without it and rescaled over the forces to come.
+/// own presses, each compared with a map made without it and rescaled over the expected forces.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unexplained {
     mean: f64,
@@ -31,7 +31,7 @@ pub(super) struct Unexplained {
 /// A map explains a calibration where mean and variance of what it leaves are those of noise alone, to within these shares.
 const MEAN_OF_NOISE: f64 = 0.15;
 const VARIANCE_OF_NOISE: f64 = 0.35;
-/// The fewest places from which that can be told.
+/// The fewest places that show it.
 const FEWEST_TO_TELL: usize = 100;
 
 impl Unexplained {

@@ -113,7 +113,7 @@ fn root_mean_square(calibration: &Calibration, unit: Option<usize>) -> f64 {
     (calibration.points().map(|point| squares(point.outputs)).sum::<f64>() / calibration.len() as f64).sqrt()
 }
 
-/// Whether readings at one place are of several lengths, in the mean of all places, so that the length doesn't tell the place alone.
+/// Whether readings at one place are of several lengths, in the mean of all places, so that the length alone doesn't determine the place.
 pub(super) fn has_several_lengths(calibration: &Calibration) -> bool {
     let (mut squares, mut free) = (0.0, 0usize);
     for presses in calibration.by_place() {

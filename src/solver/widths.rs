@@ -60,7 +60,7 @@ const NORMAL_68: f64 = 1.0675;
 pub(super) const FEWEST_TRIALS: usize = 20;
 
 impl Widths {
-    /// What trials tell; none of few. `scale` gives the scales of a trial's errors: of the location, mm, and of the force, N.
+    /// What trials show; none of few. `scale` gives the scales of a trial's errors: of the location, mm, and of the force, N.
     pub fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64)>) -> Option<Self> {
         let (mut location, mut force) = (Vec::new(), Vec::new());
         for trial in trials {

@@ -52,7 +52,7 @@ pub struct Condition {
     pub side: usize,
     /// Random places and forces of 0.1 to 1 N after it, on the same square.
     pub tests: usize,
-    /// What all noise is drawn from, and the specimen.
+    /// Random seed for all noise and the specimen.
     pub seed: u64,
 }
 
@@ -105,7 +105,7 @@ pub struct ConditionOutcome {
     pub rule: Option<String>,
     /// The force that broke it, N, where it was one.
     pub trip_force_n: Option<f64>,
-    /// What was told of it.
+    /// What was reported of it.
     pub told: Option<String>,
     /// Whether no other outcome of its rig and part is both faster and nearer.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,4 +1,4 @@
-//! The velocity loop alone: how much gain it bears, by a simulation of nothing else, to be held against what theory says.
+//! The velocity loop alone: how much gain it bears, by a simulation of nothing else, to be compared with theory.
 
 use crate::dataset::round;
 use serde::Serialize;
@@ -26,11 +26,11 @@ const HALVINGS: usize = 30;
 /// At which gains the loop changes its ways.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Onset {
-    /// "stability": what tells it from other rows.
+    /// "stability": what distinguishes it from other rows.
     pub part: &'static str,
     /// Total dead time, ms.
     pub dead_time_ms: f64,
-    /// True stiffness over the reckoned one.
+    /// True stiffness over the assumed one.
     pub mismatch: f64,
     /// Gain times dead time from which the force exceeds what is set.
     pub overshoots_at: f64,
@@ -88,7 +88,7 @@ fn forces(gain: f64, dead_time_s: f64) -> impl Iterator<Item = f64> {
             let mean = past[oldest..oldest + PERIOD_STEPS].iter().sum::<f64>() / PERIOD_STEPS as f64;
             rate = gain / dead_time_s * (1.0 - mean);
         }
-        // what has run away stays away: its sign and size still tell
+        // what has run away stays away: its sign and size still show it
         force = (force + rate * STEP_S).clamp(-1e12, 1e12);
         past.push(force);
         force

@@ -1,7 +1,7 @@
 //! One owner of a real link: two programs that drive one stage would each move it under the other's press.
 //!
 //! The owner holds a lock on a file in the temporary folder, which the system gives free when the owner ends, however it
-//! does. The file stays: whoever removed it would take the lock away from a program that has just opened it.
+//! does. The file stays: to remove it would take the lock away from a program that has just opened it.
 
 use super::{Link, program};
 use sha2::{Digest, Sha256};
@@ -10,7 +10,7 @@ use std::io::{self, Read, Seek, Write};
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-/// How often a lock file is opened anew that was removed or exchanged meanwhile, as those who clean temporary folders do.
+/// How often a lock file is opened again that was removed or exchanged meanwhile, as those who clean temporary folders do.
 const TRIES: usize = 10;
 
 /// No process number is longer, in bytes.
@@ -31,10 +31,10 @@ pub enum ClaimError {
     Held {
         /// The link, as a person knows it.
         link: String,
-        /// The number of the process that has it, where that can be told.
+        /// The number of the process that has it, where that is known.
         process: Option<u32>,
     },
-    /// Nobody can tell who has it.
+    /// It can't be known who has it.
     #[error("can't check whether {link} is in use: can't open its lock file {}: {source}; set TMPDIR to use another folder", .path.display())]
     Lock {
         /// The link, as a person knows it.
@@ -193,7 +193,7 @@ fn open(path: &Path) -> io::Result<Option<File>> {
     }
 }
 
-/// Makes a lock file that every user may open, whatever this one's files are like.
+/// Makes a lock file that every user may open, with any permissions of this one's files.
 fn make(path: &Path) -> io::Result<File> {
     let file = OpenOptions::new().read(true).write(true).create_new(true).open(path)?;
     #[cfg(unix)]
@@ -268,7 +268,7 @@ mod tests {
             // windows lets nobody read a locked file
             let process = if cfg!(windows) { String::new() } else { of_process(Some(std::process::id())) };
             let expected =
-                format!("serial:///dev/nothing0 is held by another palpate{process}: end it, or wait for it");
+                format!("serial:///dev/nothing0 is in use by another palpate{process}: end it, or wait for it");
             assert_eq!(told, expected);
             taken(folder.path(), &other).unwrap();
             drop(owner);
@@ -348,7 +348,7 @@ mod tests {
             fs::remove_file(&path).unwrap();
             trick();
             let told = taken(folder.path(), &tcp("stage", 1)).unwrap_err().to_string();
-            assert!(told.contains("in its place"), "{told}");
+            assert!(told.contains("it is"), "{told}");
             assert_eq!(fs::read_to_string(&precious).unwrap(), "precious");
         }
     }

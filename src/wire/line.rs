@@ -17,7 +17,7 @@ const STRAY_LINES_MAX: usize = 64;
 
 /// What a waiting exchange sends at once when it is asked for, answer or no answer. It has no answer itself.
 pub struct Urgent<'a> {
-    /// Told when there is something to send.
+    /// Notified when there is something to send.
     pub asked: &'a Notify,
     /// What to send then, if anything is left to.
     pub line: &'a dyn Fn() -> Option<String>,
@@ -146,7 +146,7 @@ impl LineExchange {
         Err(self.silent(question))
     }
 
-    /// The next line that comes until then, or none. What is urgent is sent at once, whatever is being waited for.
+    /// The next line that comes until then, or none. What is urgent is sent at once, during any wait.
     async fn line_by(&mut self, until: Instant, urgent: Option<&Urgent<'_>>) -> Result<Option<String>, WireError> {
         loop {
             let line = match urgent {

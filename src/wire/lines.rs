@@ -132,7 +132,7 @@ impl Lines {
         self.searched = 0;
     }
 
-    /// Closes the link: the next use opens it anew, and no late answer can come.
+    /// Closes the link: the next use opens it again, and no late answer can come.
     pub fn close(&mut self) {
         self.stream = None;
         self.forget();

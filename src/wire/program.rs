@@ -1,15 +1,17 @@
 //! A program whose standard input and output are a link, and how it is ended.
 
 use super::ByteStream;
+use std::future::Future;
 use std::io;
 use std::pin::Pin;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, PoisonError};
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::process::{ChildStdin, ChildStdout};
+use tokio::time::{Sleep, sleep};
 
 /// How long a program has from the end of its input to its own end (docs/process.md): its device is brought to rest meanwhile.
 const INPUT_ENDED_DEADLINE: Duration = Duration::from_secs(2);
@@ -20,6 +22,9 @@ const TERMINATED_DEADLINE: Duration = Duration::from_secs(1);
 
 /// Longest wait for the end of what was killed: the system may hold it up.
 const KILLED_DEADLINE: Duration = Duration::from_secs(1);
+
+/// The most looks at a program that closed its output or input: its exit status is there a moment after.
+const STATUS_LOOKS: u32 = 40;
 
 /// How often it is looked whether a program has ended.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
@@ -41,6 +46,9 @@ struct Running {
     child: Child,
     /// Kept until the end, though nobody reads it any more: who writes a last answer isn't killed for it.
     output: ChildStdout,
+    /// How often it was asked for its exit status since it closed its output or input.
+    looks: u32,
+    next_look: Option<Pin<Box<Sleep>>>,
 }
 
 /// Starts a program; the link is its standard input and output.
@@ -53,14 +61,23 @@ pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
         use std::os::unix::process::CommandExt;
         command.process_group(0); // a Ctrl-C is for us: the stage is still needed to park
     }
-    let mut child = command.spawn()?;
+    let mut child = command.spawn().map_err(|error| not_started(program, &error))?;
     match (child.stdin.take(), child.stdout.take()) {
         (Some(input), Some(output)) => {
-            let running = Running { child, output: ChildStdout::from_std(output)? };
+            let running = Running { child, output: ChildStdout::from_std(output)?, looks: 0, next_look: None };
             Ok(Box::new(Program { input: ChildStdin::from_std(input)?, running: Some(running) }))
         }
         _ => Err(io::ErrorKind::BrokenPipe.into()),
     }
+}
+
+/// Why a program can't be started.
+fn not_started(program: &str, error: &io::Error) -> io::Error {
+    let told = match error.kind() {
+        io::ErrorKind::NotFound => format!("the program `{program}` wasn't found"),
+        _ => format!("the program `{program}` can't be started: {error}"),
+    };
+    io::Error::new(error.kind(), told)
 }
 
 /// Waits until every program whose link was dropped has ended, or could not be ended.
@@ -82,6 +99,28 @@ impl Drop for Program {
 }
 
 impl Running {
+    /// That it has ended, with its exit status where that comes soon: it closed its output or input.
+    fn poll_ended(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
+        loop {
+            if let Some(look) = &mut self.next_look
+                && look.as_mut().poll(context).is_pending()
+            {
+                return Poll::Pending;
+            }
+            self.next_look = None;
+            let told = match self.child.try_wait() {
+                Ok(Some(status)) => format!("the program has ended ({status})"),
+                Ok(None) if self.looks < STATUS_LOOKS => {
+                    self.looks += 1;
+                    self.next_look = Some(Box::pin(sleep(LOOK_EVERY)));
+                    continue;
+                }
+                _ => "the program closed its output".to_owned(),
+            };
+            return Poll::Ready(io::Error::new(io::ErrorKind::UnexpectedEof, told));
+        }
+    }
+
     fn see_to_its_end(&mut self) {
         if self.ends_within(INPUT_ENDED_DEADLINE) {
             return;
@@ -152,16 +191,31 @@ mod group {
 
 impl AsyncRead for Program {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, read: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        match &mut self.running {
-            Some(running) => Pin::new(&mut running.output).poll_read(context, read),
-            None => Poll::Ready(Ok(())),
+        let Some(running) = &mut self.running else { return Poll::Ready(Ok(())) };
+        if running.next_look.is_none() {
+            let before = read.filled().len();
+            ready!(Pin::new(&mut running.output).poll_read(context, read))?;
+            if read.filled().len() > before || read.remaining() == 0 {
+                return Poll::Ready(Ok(()));
+            }
         }
+        running.poll_ended(context).map(Err)
     }
 }
 
 impl AsyncWrite for Program {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.input).poll_write(context, bytes)
+        let is_asked = self.running.as_ref().is_some_and(|running| running.next_look.is_some());
+        if !is_asked {
+            match ready!(Pin::new(&mut self.input).poll_write(context, bytes)) {
+                Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+                written => return Poll::Ready(written),
+            }
+        }
+        match &mut self.running {
+            Some(running) => running.poll_ended(context).map(Err),
+            None => Poll::Ready(Err(io::ErrorKind::BrokenPipe.into())),
+        }
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {

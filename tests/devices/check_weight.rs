@@ -29,7 +29,7 @@ fn words(text: &str) -> String {
 fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
     let bench = bench(0.0, "");
     let told = bench.palpate_ends(0, DOCTOR);
-    for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take it off (3 of 3)"] {
+    for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take the weight off (3 of 3)"] {
         assert!(told.err.contains(asked), "{}", told.err);
     }
     assert!(told.out.contains("verified: ") && told.out.contains("no problems found"), "{}", told.out);
@@ -47,7 +47,7 @@ fn a_gain_that_is_off_is_refused_until_it_is_adjusted_for_which_is_said_and_reco
     let bench = bench(1.0, "");
     let told = bench.palpate_ends(4, DOCTOR);
     assert!(words(&told.err).contains("its gain is off by +1.0"), "{}", told.err);
-    assert!(words(&told.err).contains("say --adjust"), "{}", told.err);
+    assert!(words(&told.err).contains("add --adjust"), "{}", told.err);
     let err = words(&run(&bench, 4));
     assert!(
         err.contains("safety trip: gain-off: 1.0") && err.contains("`palpate doctor --check-weight-n N --adjust`"),
@@ -79,7 +79,7 @@ fn a_cell_that_changed_since_it_was_adjusted_for_is_told() {
                     \"2026-05-04\", adjusted = true }\n";
     let bench = bench(3.0, adjusted);
     let told = bench.palpate_ends(4, DOCTOR);
-    assert!(told.out.contains("from the 1.02 adjusted for"), "{}", told.out);
+    assert!(told.out.contains("(adjusted by 1.02)"), "{}", told.out);
     assert!(words(&run(&bench, 4)).contains("gain-off"));
 }
 
@@ -87,10 +87,10 @@ fn a_cell_that_changed_since_it_was_adjusted_for_is_told() {
 fn a_fault_is_refused_named_and_kept_so_that_no_run_takes_it_for_good() {
     for (gain_error_percent, told) in [
         (-50.0, "it read 0.5"),
-        (25.0, "isn't adjusted for help: is the cell's range in the transmitter the one on its plate"),
-        (-200.0, "its sign is wrong. The weight pressed, and the cell read it negative"),
-        (-89.8028, "it looks as if the cell's unit is the kilogram-force (9.80665 N)"),
-        (-77.519, "it looks as if the cell's unit is the pound-force (4.448 N)"),
+        (25.0, "isn't adjusted help: check that the transmitter's range matches the cell's rating plate"),
+        (-200.0, "its sign is wrong. The weight pressed, but the cell read negative"),
+        (-89.8028, "probable cause: the cell's unit is the kilogram-force (9.80665 N)"),
+        (-77.519, "probable cause: the cell's unit is the pound-force (4.448 N)"),
     ] {
         let bench = bench(gain_error_percent, CERTIFICATE);
         let err = words(&bench.palpate_ends(4, &format!("{DOCTOR} --adjust")).err);
@@ -106,7 +106,7 @@ fn a_weight_that_hangs_pulls() {
     assert!(pulled.err.contains("hang the weight from the tip (0.5 N, 1 of 3)"), "{}", pulled.err);
     let bench = bench(-200.0, "");
     let told = bench.palpate_ends(4, &format!("{DOCTOR} --pull --json"));
-    assert!(words(&told.err).contains("The weight pulled, and the cell read it positive"), "{}", told.err);
+    assert!(words(&told.err).contains("The weight pulled, but the cell read positive"), "{}", told.err);
     let found = &told.json_lines()[0]["check_weight"];
     assert_eq!((found["verdict"].as_str(), found["pull"].as_bool()), (Some("wrong-sign"), Some(true)), "{found}");
     assert!((found["gain"].as_f64().unwrap() + 1.0).abs() < 0.005, "{found}");
@@ -124,12 +124,15 @@ fn a_weight_that_nobody_notices_is_waited_for_a_minute() {
 fn a_weight_is_refused_before_anything_moves() {
     let bench = bench(0.0, "");
     for (args, told) in [
-        ("--check-weight-n 2.5", "--check-weight-n is 2.5 N, expected over 0 and at most the rig's force limit of 2 N"),
-        ("--check-weight-n 0", "--check-weight-n is 0 N, expected over 0"),
-        ("--check-weight-n nan", "--check-weight-n is NaN N, expected over 0"),
+        (
+            "--check-weight-n 2.5",
+            "--check-weight-n is 2.5 N; it must be above 0 and at most the rig's force limit of 2 N",
+        ),
+        ("--check-weight-n 0", "--check-weight-n is 0 N; it must be above 0"),
+        ("--check-weight-n nan", "--check-weight-n is NaN N; it must be above 0"),
         (
             "--check-weight-n 0.5 --check-weight-u-n 0.02",
-            "--check-weight-u-n is 0.02 N, expected over 0 and at most 0.01 N, 2 % of the weight",
+            "--check-weight-u-n is 0.02 N; it must be above 0 and at most 0.01 N, 2 % of the weight",
         ),
         ("--adjust", "--check-weight-n <N>"),
         ("--check-weight-n 0.5 --push --pull", "'--push' cannot be used with '--pull'"),

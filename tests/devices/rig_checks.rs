@@ -15,13 +15,13 @@ fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() 
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
         let told = Bench::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
-        let (_, advice) = told.out.split_once("\nto put right\n").expect("advice");
+        let (_, advice) = told.out.split_once("\nto do\n").expect("advice");
         // these set the speed of their search for home themselves
         let homes_itself = ["paper", "xps", "grbl"].contains(&rig);
-        let homes = usize::from(homes_itself && advice.contains("- stage: it looks for home at"));
+        let homes = usize::from(homes_itself && advice.contains("- stage: it homes at"));
         let items = advice.lines().filter(|line| line.starts_with("- ")).count();
         assert!(advice.contains(NEITHER) && items == 1 + homes, "{rig}: {}", told.out);
-        for expected in ["stage", "load_cell", "array", "noise of a reading", "an approach is at most at"] {
+        for expected in ["stage", "load_cell", "array", "noise of a reading", "fastest safe approach:"] {
             assert!(told.out.contains(expected), "{rig}: no {expected:?} in\n{}", told.out);
         }
         let widest = told.out.lines().map(|line| line.chars().count()).max();
@@ -57,7 +57,7 @@ fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
     let told = bench.palpate_ends(4, "doctor said.toml");
     assert!(told.running().contains("zero-outside: 0.3"), "{}", told.err);
     let told = bench.palpate_ends(4, "run r.toml --rig said.toml --out run");
-    assert!(told.running().contains("limit 0.1000 N; does something touch the indenter?"), "{}", told.err);
+    assert!(told.running().contains("limit 0.1000 N; check whether something touches the indenter"), "{}", told.err);
 }
 
 #[test]
@@ -78,14 +78,15 @@ fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_sa
     let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
     let told = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(0, "doctor noisy.toml");
     let said = told.out.split_whitespace().collect::<Vec<_>>().join(" ");
-    for expected in
-        ["is over 2 % of the force limit: a run won't begin", "in air. That is taken off, but is it preloaded"]
-    {
+    for expected in [
+        "is over 2 % of the force limit: a run won't start",
+        "in air. This is subtracted, but check whether it is preloaded",
+    ] {
         assert!(said.contains(expected), "no {expected:?} in\n{}", told.out);
     }
     let slow = exchanged(&shipped_text("rigs/sim.toml"), "speed_mm_s = 10.0 ", "speed_mm_s = 100.0 ");
     let told = Bench::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
-    assert!(told.running().contains("goes at most 25 mm/s, under the rig's speed_mm_s of 100"), "{}", told.err);
+    assert!(told.running().contains("reaches at most 25 mm/s, less than the rig's speed_mm_s of 100"), "{}", told.err);
     assert!(told.out.contains("stage      fails: see below") && told.out.contains("LabJack T7"), "{}", told.out);
 }
 
@@ -127,7 +128,7 @@ fn align_writes_nothing_of_a_poor_fit_a_dry_run_or_a_real_rigs_simulation() {
         ("real.toml", &shipped_text("rigs/esp301.toml")),
     ]);
     let told = bench.palpate_ends(1, "align swapped.toml");
-    assert!(told.running().contains("where the array is can't be told"), "{}", told.err);
+    assert!(told.running().contains("can't locate the array"), "{}", told.err);
     assert!(bench.palpate_ends(0, "align sim.toml --dry-run").out.ends_with("not written (--dry-run)\n"));
     let told = bench.palpate_ends(0, "align real.toml --simulate");
     assert!(told.out.ends_with("not written (a simulated frame doesn't apply to a real rig)\n"), "{}", told.out);
@@ -147,13 +148,33 @@ fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_marlin_is_with
     let marlin = exchanged(&shipped_text("rigs/grbl.toml"), "\"grbl\"", "\"marlin\"");
     let bench = Bench::with([("mixed.toml", mixed.as_str()), ("marlin.toml", &marlin)]);
     let told = bench.palpate_ends(2, "doctor mixed.toml");
-    assert!(told.running().contains("some links are simulated and some are real"), "{}", told.err);
+    assert!(told.running().contains("some links are simulated and others are real"), "{}", told.err);
     let told = bench.palpate_ends(2, "doctor marlin.toml");
     assert!(
-        told.running().contains("Marlin can't press with a force: it tells where a motion will end"),
+        told.running().contains("Marlin can't control a force: it reports where a motion will end"),
         "{}",
         told.err
     );
+}
+
+#[cfg(unix)]
+#[test]
+fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
+    let with = |command: &str| {
+        let rig = shipped_text("rigs/process.toml");
+        exchanged(&rig, "[\"python3\", \"examples/stage.py\"]", command)
+    };
+    for (command, parts) in [
+        ("[\"pyton3\", \"stage.py\"]", ["the program `pyton3` wasn't found", "check the spelling of the program"]),
+        ("[\"./rig.toml\"]", ["the program `./rig.toml` can't be started", "check the spelling of the program"]),
+        ("[\"sh\", \"-c\", \"read line; exit 3\"]", ["the program has ended (exit status: 3)", "run it alone"]),
+        ("[\"sh\", \"-c\", \"read line; kill -9 $$\"]", ["the program has ended (signal: 9", "run it alone"]),
+    ] {
+        let bench = Bench::with([("rig.toml", with(command).as_str())]);
+        let told = bench.palpate_ends(3, "doctor rig.toml --confirmed down");
+        let told = told.running();
+        assert!(parts.iter().all(|part| told.contains(part)) && !told.contains("cable"), "{command}: {told}");
+    }
 }
 
 #[test]
@@ -163,5 +184,5 @@ fn emulate_names_what_has_no_socket_and_refuses_a_port_for_it() {
     let told = bench.palpate_ends(2, &format!("emulate {} --port array=0", rig.display()));
     assert!(told.running().contains("daqmx has no socket"), "{}", told.err);
     let told = bench.palpate_ends(2, &format!("emulate {} --port stag=0", rig.display()));
-    assert!(told.running().contains("there is no device of that name"), "{}", told.err);
+    assert!(told.running().contains("there is no device with this name"), "{}", told.err);
 }

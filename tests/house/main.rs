@@ -4,3 +4,4 @@ mod book;
 mod floors;
 mod promises;
 mod prose;
+mod words;

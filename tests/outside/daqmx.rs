@@ -48,7 +48,7 @@ fn acquisition(library: DaqmxLibrary, inputs: Vec<Inputs>) -> Acquisition {
 
 fn refused(result: Result<(), DeviceError>) -> String {
     match result.expect_err("an error").problem {
-        DeviceProblem::Refused(told) => told.trim_start_matches("it says: ").to_owned(),
+        DeviceProblem::Refused(told) => told.trim_start_matches("it reports: ").to_owned(),
         other => panic!("{other}"),
     }
 }
@@ -139,7 +139,7 @@ fn a_library_that_isnt_there_or_lacks_a_function_is_named() {
     let bench = Bench::new();
     let missing = bench.path("none.so");
     let error = load(&missing).err().expect("no library").to_string();
-    assert!(error.contains("NI's DAQmx library isn't on this machine") && error.contains("none.so"), "{error}");
+    assert!(error.contains("NI's DAQmx library wasn't found on this machine") && error.contains("none.so"), "{error}");
     let Some(path) = stub("a library without a function", &bench, &["-DLACKS_STOP"]) else { return };
     let error = load(&path).err().expect("not this library").to_string();
     assert_eq!(error, format!("{} isn't NI's DAQmx library: it has no DAQmxStopTask", path.display()));

@@ -120,7 +120,7 @@ fn a_certificate_rests_on_its_journals() {
     }
     bench.palpate_ends(0, "run r.toml --rig rig.toml --out other --seed 2 --sensor A-8");
     let told = bench.palpate_ends(1, "verify other --certificate run/certificate.xml").running();
-    assert!(told.contains("doesn't rest on the journal of other"), "{told}");
+    assert!(told.contains("doesn't match the journal of other"), "{told}");
     bench.write("hash.xml", &format!("<!-- {} -->", bench.manifest("run")["seed"]));
     bench.palpate_ends(2, "verify run --certificate hash.xml");
     let told = bench.palpate_ends(2, "verify run --certificate rig.toml").running();
@@ -138,7 +138,7 @@ fn what_no_run_knows_must_be_given_and_nothing_is_written_without_it() {
         told
     };
     let told = refused(&exchanged(&given, "country = \"DK\"", "country = \"Denmark\""), "run");
-    assert!(told.contains("expected two capital letters"), "{told}");
+    assert!(told.contains("expected two upper-case letters"), "{told}");
     let told = refused(&given.replace("[procedure]", "[procedur]"), "run");
     assert!(told.contains("`procedure` is missing") && told.contains("did you mean `procedure`?"), "{told}");
     let without =

@@ -166,7 +166,7 @@ fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
         is_drawn(&bench, &format!("study-curves/{name}.svg"), curves);
     }
     let refused = bench.palpate_ends(2, "study curves");
-    assert!(refused.err.contains("there already"), "{}", refused.err);
+    assert!(refused.err.contains("already exists"), "{}", refused.err);
 }
 
 #[test]
@@ -222,7 +222,7 @@ fn a_list_of_places_is_studied_under_what_its_rig_names() {
     assert!(array["half_peak_mm"].as_f64().is_some_and(|mm| mm < 0.56 * 4.0), "a layer's field is narrower: {array}");
     let said = bench.palpate_ends(0, "study curves --rig rig.toml --out b").out;
     is_narrow(&said);
-    assert!(said.contains("the rig names no noise") && said.contains("bonded layer of 4 mm"), "{said}");
+    assert!(said.contains("the rig states no noise") && said.contains("bonded layer of 4 mm"), "{said}");
 
     // a depth that is given takes the elastomer's place
     let told = bench.palpate_ends(0, "study curves --rig rig.toml --depth-mm 2.5 --out c --json");
@@ -246,15 +246,15 @@ fn a_rig_that_says_too_little_or_is_wrong_is_refused() {
         ("bad.toml", &SIM_RIG.replace("pitch_mm = 4.5", "pitch_mm = -4.5")),
     ]);
     for (words, told) in [
-        ("--rig real.toml", "nothing says how deep the units are"),
+        ("--rig real.toml", "the depth of the units is unknown"),
         ("--rig bare.toml", "--depth-mm"),
-        ("--rig one.toml --depth-mm 5", "an array of one unit"),
+        ("--rig one.toml --depth-mm 5", "the array has one unit"),
         ("--rig twice.toml --depth-mm 5", "units 1 and 2 are at the same place"),
         ("--rig bad.toml", "`pitch_mm` is -4.5"),
         ("--rig nowhere.toml", "nowhere.toml"),
         ("--rig real.toml --depth-mm 0", "expected a number in mm"),
         ("--rig real.toml --depth-mm nan", "expected a number in mm"),
-        ("--rig real.toml --depth-mm 5 --area-mm 1 -1 0 2", "an area without any inside"),
+        ("--rig real.toml --depth-mm 5 --area-mm 1 -1 0 2", "the area is empty"),
         ("--rig real.toml --depth-mm 5 --area-mm 1 2 3", "--area-mm"),
         ("--depth-mm 5", "--rig"),
         ("--seed 1", "--seed"),

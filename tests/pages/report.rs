@@ -387,7 +387,7 @@ fn a_page_rests_on_the_journal_and_what_was_changed_beside_it_is_reported() {
     bench.write("all/rig.toml", &exchanged(&rig, "pitch_mm = 4.5", "pitch_mm = 4.0"));
     let told = bench.palpate_ends(0, "report all");
     assert!(told.err.contains("warning: all: presses.csv differs from the journal"), "{}", told.err);
-    assert!(told.err.contains("warning: all: rig.toml isn't as it was written"), "{}", told.err);
+    assert!(told.err.contains("warning: all: rig.toml has changed since it was written"), "{}", told.err);
     assert_eq!(bench.read("all/report.html"), page);
     std::fs::remove_file(bench.path("all/rig.toml")).unwrap();
     let told = bench.palpate_ends(0, "report all");
@@ -405,7 +405,7 @@ fn only_what_is_alike_is_joined_and_compared() {
     bench.palpate_ends(0, "run all.toml --seed 2 --out again");
     bench.palpate_ends(0, "report --compare all other again");
     let page = bench.read("comparison.html");
-    assert!(page.contains("1 run left out: calibrated at other places or forces"), "units of unlike calibrations");
+    assert!(page.contains("1 run excluded: calibrated at other places or forces"), "units of unlike calibrations");
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "pitch_mm = 4.5", "pitch_mm = 4.0");
     bench.write("narrow.toml", &rig);
     bench.write("one.toml", &recipe(&[CHARACTERISE]));

@@ -251,7 +251,7 @@ fn every_study_has_help_and_leaves_a_folder_alone() {
             assert!(help.contains(option), "{help}");
         }
         let told = bench.palpate_ends(2, &format!("study {study} --quick --out mine"));
-        assert!(told.err.contains("there already"), "{}", told.err);
+        assert!(told.err.contains("already exists"), "{}", told.err);
     }
     assert_eq!(bench.read("mine"), "text");
 }

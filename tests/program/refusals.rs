@@ -7,6 +7,21 @@ use crate::support::{Bench, SMALL, Told, exchanged, shipped_text};
 const RIG: &str = "rigs/sim.toml";
 
 #[test]
+fn a_suggestion_never_changes_what_the_data_mean() {
+    for (phase, suggested) in [("validation", None), ("tset", Some("test")), ("calibratoin", Some("calibration"))] {
+        let recipe = exchanged(SMALL, "phase = \"calibration\"", &format!("phase = \"{phase}\""));
+        let bench = Bench::with([("r.toml", recipe.as_str())]);
+        let told = bench.palpate_ends(2, "check r.toml");
+        let told = told.running();
+        assert!(told.contains("expected one of characterisation, calibration, test, teach") || suggested.is_some());
+        match suggested {
+            Some(word) => assert!(told.contains(&format!("did you mean `{word}`?")), "{told}"),
+            None => assert!(!told.contains("did you mean"), "{told}"),
+        }
+    }
+}
+
+#[test]
 fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
     for Twin { from, to, parts, .. } in RECIPE_TWINS {
         let bench = Bench::with([("r.toml", exchanged(SMALL, from, to).as_str())]);
@@ -109,7 +124,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run r.toml --seed x", ["'x'", "--seed"]),
         ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
-        ("run r.toml --pace nan", ["'nan'", "expected a number over 0"]),
+        ("run r.toml --pace nan", ["'nan'", "expected a number above 0"]),
         ("resume none", ["none", "journal.log"]),
         ("evaluate none", ["none", "journal.log"]),
         ("emulate none.toml", ["none.toml", "give an existing file"]),
@@ -139,7 +154,7 @@ fn a_million_presses_are_refused_by_a_limit_that_can_be_raised_by_its_name() {
     for words in ["check r.toml", "run r.toml --out run"] {
         let told = bench.palpate_ends(2, words);
         assert!(
-            told.err.contains("r.toml:4:") && told.running().contains("1000000 presses, over 100000"),
+            told.err.contains("r.toml:4:") && told.running().contains("1000000 presses, but at most 100000"),
             "{}",
             told.err
         );

@@ -164,5 +164,5 @@ fn shipped_files_are_found_by_name_from_any_folder_and_a_file_of_the_user_wins()
     bench.write("paper", SMALL);
     assert!(bench.palpate_ends(0, "check paper").out != by_path, "the file named paper is read");
     let told = bench.palpate_ends(2, "check papr").running();
-    assert!(told.contains("give an existing file, or one that is shipped: paper, calibrate,"), "{told}");
+    assert!(told.contains("give an existing file or a shipped one: paper, calibrate,"), "{told}");
 }

@@ -43,12 +43,12 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
     let used = [stage.connections(), array.connections()];
     for words in ["run held.toml --rig rig.toml --out second", "doctor rig.toml --json", "align rig.toml"] {
         let told = refused(&bench, words);
-        let expected = format!("stage: while opening its link: tcp://{} is held by another palpate", stage.address());
+        let expected = format!("stage: while opening its link: tcp://{} is in use by another palpate", stage.address());
         assert!(told.running().contains(&expected), "{words}: {}", told.err);
         assert!(told.running().contains(&format!("(process {}): end it, or wait for it", owner.id())), "{}", told.err);
     }
     let told = refused(&bench, "doctor other.toml");
-    let expected = format!("array: while opening its link: tcp://{} is held by", array.address());
+    let expected = format!("array: while opening its link: tcp://{} is in use by", array.address());
     assert!(told.running().contains(&expected), "one link of three is enough: {}", told.err);
     assert_eq!([stage.connections(), array.connections()], used, "nothing reaches the devices");
     assert_eq!(bench.manifest("second")["status"], "failed");
@@ -66,7 +66,7 @@ fn without_a_temporary_folder_a_real_rig_is_refused_and_a_simulated_one_runs() {
     // there is no folder tmp
     let told = refused(&bench, "run r.toml --rig rig.toml --out real");
     let running = told.running();
-    assert!(running.contains("TMPDIR can name another folder"), "{}", told.err);
+    assert!(running.contains("set TMPDIR to use another folder"), "{}", told.err);
     let told: Told = in_own_folder(&bench, "run r.toml --out run").output().expect("the program starts").into();
     assert_eq!(told.code, Some(0), "{}", told.err);
 }

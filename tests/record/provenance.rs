@@ -17,7 +17,7 @@ fn whole() -> Bench {
 fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
     let bench = whole();
     let told = bench.palpate_ends(0, "verify run");
-    assert!(told.out.contains("files as they were written") && !told.out.contains("hasn't ended"), "{}", told.out);
+    assert!(told.out.contains("files unchanged") && !told.out.contains("isn't complete"), "{}", told.out);
     let before = bench.bytes("run");
     for name in VIEWS {
         let path = format!("run/{name}");
@@ -66,7 +66,7 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
     bench.write("run/manifest.json", &(manifest[..files].to_owned() + "\n  \"files\": []\n}\n"));
     bench.write("run/presses.csv", &presses.replacen("0,0", "0,1", 1));
     let told = bench.palpate_ends(1, "verify run");
-    assert!(told.running().contains("doesn't vouch for presses.csv"), "{}", told.err);
+    assert!(told.running().contains("has no SHA-256 of presses.csv"), "{}", told.err);
     assert!(told.running().contains("presses.csv differs from the journal"), "{}", told.err);
     // a complete run whose table was lost is made whole by whoever goes on with it
     let told = bench.palpate_ends(0, "resume run");
@@ -94,7 +94,7 @@ fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
     cut_to_lines(&bench, "run", journal.lines().count() - 2);
     bench.write("run/recipe.toml", &exchanged(&recipe, "force_n = 1.0", "force_n = 0.9"));
     let told = bench.palpate_ends(2, "resume run");
-    assert!(told.running().contains("recipe.toml isn't the one that the run began with"), "{}", told.err);
+    assert!(told.running().contains("recipe.toml has changed since the start of the run"), "{}", told.err);
     bench.write("run/recipe.toml", &recipe);
     bench.write("run/rig.toml", &(rig + "# on another port now\n"));
     bench.palpate_ends(0, "resume run");
@@ -117,7 +117,7 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
     bench.write("run/journal.log", &journal);
     cut_to_lines(&bench, "run", journal.lines().count() - 1);
     let told = bench.palpate_ends(0, "verify run");
-    assert!(told.out.contains("the run hasn't ended"), "{}", told.out);
+    assert!(told.out.contains("the run isn't complete"), "{}", told.out);
     bench.palpate_ends(0, "resume run");
     bench.palpate_ends(0, "verify run");
     assert_eq!(bench.manifest("run")["sessions"].as_array().map(Vec::len), Some(2), "who went on is kept");
@@ -153,7 +153,7 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     let manifest = bench.read("run/manifest.json");
     bench.write("run/manifest.json", &exchanged(&manifest, "\"presses.csv\"", "\"../secret.txt\""));
     let told = bench.palpate_ends(1, "verify run");
-    assert!(told.running().contains("\"../secret.txt\" is not the name of a file in a run folder"), "{}", told.err);
+    assert!(told.running().contains("\"../secret.txt\" is not a valid name of a file in a run folder"), "{}", told.err);
     // nor are the names of texts in a journal
     let journal = bench.read("run/journal.log");
     let lines: Vec<&str> = journal.lines().collect();
@@ -168,7 +168,7 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
         bench.palpate_ends(0, "rebuild run");
         cut_back(&bench, "run", (text.join("\n") + "\n").as_bytes());
         let told = bench.palpate("resume run");
-        assert!(told.running().contains("is not the name of a file in a run folder"), "{}", told.err);
+        assert!(told.running().contains("is not a valid name of a file in a run folder"), "{}", told.err);
         assert_eq!(told.code, Some(2), "{}", told.err);
     }
     bench.write("run/journal.log", &journal);
@@ -179,6 +179,6 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     assert!(told.running().contains("there is no register map \"../map.toml\""), "{}", told.err);
     bench.write("named.toml", &exchanged(SMALL, "name = \"small\"", "name = \"../small\""));
     let told = bench.palpate_ends(2, "run named.toml");
-    assert!(told.running().contains("no name for a folder"), "{}", told.err);
+    assert!(told.running().contains("which isn't a valid folder name"), "{}", told.err);
     assert!(!bench.has("climbed") && !bench.has("runs"));
 }

@@ -124,7 +124,7 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
             "{}",
             told.err
         );
-        assert!(told.running().contains("was the specimen or the rig touched since?"), "{}", told.err);
+        assert!(told.running().contains("check whether the specimen or the rig has moved"), "{}", told.err);
         // put back, it goes on when a person says so
         change_the_world(&bench, "run", &rig);
         bench.palpate_ends(2, "resume run");

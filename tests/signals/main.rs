@@ -31,7 +31,7 @@ const RUN_FAST: &str = "run r.toml --json --out run --pace 15";
 const CANCELLED: Option<i32> = Some(130);
 
 /// What is said of the first Ctrl-C.
-const FINISHED_FIRST: &str = "this press is finished first";
+const FINISHED_FIRST: &str = "finishing this press";
 
 #[test]
 fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
@@ -145,7 +145,7 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
     terminal.enter(); // before there is a pause that it could end
     signal(&child, "INT");
     terminal.until(&format!("{FINISHED_FIRST}, then the run pauses"));
-    terminal.until("paused after 1 of 11 presses, parked: Enter goes on, Ctrl-C ends");
+    terminal.until("paused after 1 of 11 presses, stage parked: Enter continues, Ctrl-C ends");
     assert_eq!((zeros(&bench), contacts(&bench).len()), (1, 1), "nothing is done before Enter");
     terminal.enter();
     let seen = terminal.until_end();

@@ -165,7 +165,7 @@ fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
     bench.write("two.csv", "x_mm,y_mm,out_1,out_2\n0,0,1,2\n");
     let told = bench.palpate_ends(2, "adapt --from old.csv --with two.csv --out b.palpate");
     assert!(
-        told.running().contains("the old calibration has 9 outputs a press, the new presses have 2"),
+        told.running().contains("the old calibration has 9 outputs per press, the new presses have 2"),
         "{}",
         told.err
     );

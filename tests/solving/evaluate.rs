@@ -190,7 +190,7 @@ fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
         ("x_mm,y_mm", "x,y_mm", &["line 1", "`x_mm` is missing", "rename it to `x_mm`"]),
         ("x_mm,y_mm", "x_mm,note", &["line 1", "`y_mm` is missing"]),
         ("out_2", "out_4", &["line 1", "`out_2` is missing"]),
-        ("out_2", "out_1", &["line 1", "`out_1` stands in the header twice"]),
+        ("out_2", "out_1", &["line 1", "`out_1` is in the header twice"]),
         ("0,0,1,", "NaN,0,1,", &["line 3", "column `x_mm`", "finite number", "`NaN`"]),
         ("0,0,1,0.3,1.0", "0,0,1,0.3,inf", &["line 3", "column `out_2`", "`inf`"]),
         ("0,0,1,0.3,1.0", "0,0,one,0.3,1.0", &["line 3", "column `force_n`", "`one`"]),

@@ -166,7 +166,7 @@ fn presses_that_find_no_room_are_left_out() {
     assert_eq!(session.solve(&reading).unwrap().place.x_mm, rows[100][0]);
     reading[7] = f64::NAN;
     let error = session.solve(&reading).unwrap_err().to_string();
-    assert!(error.starts_with("outputs are missing, and the sensor file has no room for the presses"), "{error}");
+    assert!(error.starts_with("outputs are missing, and the sensor file doesn't contain the presses"), "{error}");
 }
 
 fn point(row: &[f64]) -> CalibrationPoint<'_> {

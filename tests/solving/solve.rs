@@ -72,7 +72,7 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
     assert!(lines[3].starts_with("-4.0,"), "{lines:?}");
     let objects = solved(&format!("{WORDS} --json"), "[1,1,1]\n[null,1,1]\n[1,0.3,0.1]\n", 0).json_lines();
     let said = |index: usize| (&objects[index]["verdict"], objects[index].get("error").and_then(Value::as_str));
-    assert_eq!(said(0), (&json!("unsolved"), Some("all outputs are equal, so the reading correlates with no place")));
+    assert_eq!(said(0), (&json!("unsolved"), Some("all outputs are equal: the reading correlates with no place")));
     assert_eq!(said(1), said(0), "without the missing output the others are equal");
     assert_eq!((&objects[0]["x_mm"], said(2)), (&Value::Null, (&json!("ok"), None)));
 }
@@ -80,11 +80,11 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
 #[test]
 fn what_is_no_reading_ends_it_after_all_before_it_were_answered() {
     for (readings, before, parts) in [
-        ("1,0.3,0.1\n1,0.3\n", 1, ["stdin, line 2: 2 outputs where the calibration has 3", "one output a unit"]),
+        ("1,0.3,0.1\n1,0.3\n", 1, ["stdin, line 2: 2 outputs where the calibration has 3", "one output for each"]),
         ("1,0.3,0.1\n\n1,x,1\n", 1, ["stdin, line 3, column `out_2`: expected a number, found `x`", "help"]),
         ("out_1,out_2\n1,0.3\n", 0, ["stdin, line 1: 2 outputs where the calibration has 3", "help"]),
         ("out_1,out_2,out3\n1,2,3\n", 0, ["stdin, line 1: 2 outputs where", "help"]),
-        ("a,b,c\n1,2,3\n", 0, ["stdin, line 1: column `out_1` is missing", "numbers alone needs no header"]),
+        ("a,b,c\n1,2,3\n", 0, ["stdin, line 1: column `out_1` is missing", "numbers only needs no header"]),
         (
             "[1,0.3,0.1]\n[1,0.3,0.1]\n[1,0.3\n",
             2,
@@ -252,7 +252,7 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
     assert!(told.err.is_empty(), "{}", told.err);
     let told = solved_on(&bench, words, &readings(Some(5)), 0);
     let line = told.err.strip_prefix("stdin, line ").and_then(|said| {
-        said.strip_suffix(": unit 5 contradicts all other units, left out from here on\n")?.parse::<usize>().ok()
+        said.strip_suffix(": unit 5 contradicts all other units, excluded from here on\n")?.parse::<usize>().ok()
     });
     let line = line.unwrap_or_else(|| panic!("{}", told.err));
     let verdicts: Vec<String> = told.out.lines().skip(1).map(|line| line.split(',').skip(13).collect()).collect();
@@ -287,10 +287,10 @@ fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
         ("solve --calibration .", "is not a run folder (journal.log not found)"),
         ("solve --calibration flat.csv --solver pearson", "flat.csv: can't be used as a calibration"),
         ("solve --calibration a.csv --solver all", "invalid value 'all'"),
-        ("solve --calibration a.csv --false-alarms 0", "expected a share between 0 and 1"),
-        ("solve --calibration a.csv --false-alarms nan", "expected a share between 0 and 1"),
+        ("solve --calibration a.csv --false-alarms 0", "expected a number between 0 and 1"),
+        ("solve --calibration a.csv --false-alarms nan", "expected a number between 0 and 1"),
         ("solve --calibration a.csv --forces-n 1 0", "expected a force above 0 N"),
-        ("solve --calibration a.csv --forces-n 2 1", "takes the least force first"),
+        ("solve --calibration a.csv --forces-n 2 1", "the first force must be smaller"),
         ("solve --calibration a.csv --forces-n 1 2 --constant-load", "cannot be used with"),
         ("solve --calibration a.csv --input xml", "invalid value 'xml'"),
     ] {

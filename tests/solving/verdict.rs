@@ -97,8 +97,11 @@ fn a_rule_may_lie_in_a_file_beside_the_recipe_and_stays_with_the_run() {
     bench.palpate_ends(0, "verify run");
     std::fs::remove_file(bench.path("limits.toml")).unwrap();
     let told = bench.palpate_ends(2, "run r.toml --out other").running();
-    assert!(told.contains("limits.toml: ") && told.contains("it must lie beside the recipe"), "{told}");
-    for (name, reason) in [("../limits.toml", "no file beside the recipe"), ("rig.toml", "a run keeps its own")] {
+    assert!(told.contains("limits.toml: ") && told.contains("it must be in the recipe's folder"), "{told}");
+    for (name, reason) in [
+        ("../limits.toml", "which isn't the name of a .toml file in the recipe's folder"),
+        ("rig.toml", "a run uses this name for its own"),
+    ] {
         bench.write("r.toml", &exchanged(&text, "limits.toml", name));
         let told = bench.palpate_ends(2, "check r.toml").running();
         assert!(told.contains(reason), "{told}");
@@ -166,7 +169,7 @@ fn columns_that_look_like_what_is_read_are_named() {
     let calibration = "x_mm,y_mm,Fz,out_1,out_2\n-4,0,1,1.0,0.3\n0,0,1,0.3,1.0\n4,0,1,0.1,0.3\n";
     let bench = Bench::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
     let told = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
-    let warning = "warning: a.csv: column `Fz` looks like a force and isn't used (force_n is)\n";
+    let warning = "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n)\n";
     assert_eq!(told.err, warning);
 }
 

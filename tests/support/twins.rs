@@ -35,7 +35,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
         to: "grid = { x_mm = [-12.0, 13.0], y_mm = [-2.0, 2.0], spacing_mm = 1.0 }",
         refused_by: Program,
         parts: &[
-            "(13, -2) mm is off the stage's travel: x runs from -12.5 to 12.5 mm",
+            "(13, -2) mm is outside the stage's travel: x goes from -12.5 to 12.5 mm",
             "r.toml:14:8",
             "keep places within",
         ],
@@ -44,7 +44,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
         from: "force_n = 1.0\n",
         to: "force_n = 2.01\n",
         refused_by: Program,
-        parts: &["presses with 2.01 N, over the specimen's limit of 2 N", "r.toml:15:11", "ask for at most 2 N"],
+        parts: &["presses with 2.01 N, over the specimen's limit of 2 N", "r.toml:15:11", "use at most 2 N"],
     },
     Twin {
         from: "to_n = 2.0, step_n = 1.0",
@@ -68,7 +68,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
         from: "force_n = 1.0\n",
         to: "force_n = 0.05\n",
         refused_by: Program,
-        parts: &["tolerance of 0.05 N isn't under the force of 0.05 N", "r.toml:15:11"],
+        parts: &["tolerance of 0.05 N is not smaller than the force of 0.05 N", "r.toml:15:11"],
     },
     Twin {
         from: "spacing_mm = 4.0",
@@ -92,7 +92,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
         from: "force_n = 1.0\n",
         to: "force_n = \"1 N\"\n",
         refused_by: Schema,
-        parts: &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write the number alone"],
+        parts: &["`force_n` is a string, expected a number in N", "r.toml:15:11", "write only the number"],
     },
     Twin {
         from: GRID,
@@ -118,7 +118,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
         refused_by: Program,
         parts: &["`force_n` is not a finite number", "r.toml:15:11"],
     },
-    Twin { from: "[press]\n", to: "[press\n", refused_by: Toml, parts: &["not TOML", "r.toml:4:7"] },
+    Twin { from: "[press]\n", to: "[press\n", refused_by: Toml, parts: &["not valid TOML", "r.toml:4:7"] },
     Twin {
         from: "units = [5]",
         to: "units = [10]",
@@ -133,13 +133,13 @@ pub const RIG_TWINS: [Twin; 8] = [
         from: "link = \"sim\"",
         to: "link = \"tcp://a:502\"",
         refused_by: Program,
-        parts: &["some links are simulated and some are real", "rig.toml:", "none"],
+        parts: &["some links are simulated and others are real", "rig.toml:", "none"],
     },
     Twin {
         from: "link = \"sim\"",
         to: "link = \"serial:///dev/ttyUSB0\"",
         refused_by: Program,
-        parts: &["no line rate: expected serial://PORT?", "rig.toml:6:8"],
+        parts: &["the baud rate is missing: expected serial://PORT?", "rig.toml:6:8"],
     },
     Twin {
         from: "[limits]",

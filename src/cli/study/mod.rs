@@ -1,4 +1,4 @@
-//! `palpate study`: measures the force loop, or the methods that solve, in simulation, or computes what an array can tell, and
+//! `palpate study`: measures the force loop, or the methods that solve, in simulation, or computes what an array can resolve, and
 //! draws what was found.
 
 mod ablation;

@@ -1,4 +1,4 @@
-//! What a press is told and what it answers.
+//! The events of a press and its commands.
 
 use super::soft::Softest;
 use crate::control::map::Shot;
@@ -44,7 +44,7 @@ pub struct Context {
 pub enum Command {
     /// Average this many readings; answered by [`Event::Averaged`].
     Average(u32),
-    /// Move along z, every reading told to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
+    /// Move along z, every reading passed to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
     Move(Permitted),
     /// Keep still and read the force; answered by [`Event::Dwelt`].
     Dwell(f64),
@@ -114,7 +114,7 @@ pub struct AirReadings {
     pub age_s: f64,
 }
 
-/// When an event is told.
+/// When an event is passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
     /// The time, s, from any origin that stays.
@@ -126,9 +126,9 @@ pub struct Moment {
 /// What is to become of the motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Steer {
-    /// It goes on as it is.
+    /// It continues as it is.
     On,
-    /// It goes on at this speed, mm/s.
+    /// It continues at this speed, mm/s.
     Speed(f64),
     /// It is stopped.
     Stop,

@@ -94,7 +94,7 @@ impl ForceLoop {
     }
 
     /// Whether the force answers the way that is made: a cell that always says the same is held by nothing else. Ways that are too
-    /// short to tell, among noise and relaxation, add up until they do.
+    /// short to show, among noise and relaxation, add up until they do.
     pub(super) fn check_answer(&mut self) -> Result<(), Trip> {
         let (z_mm, force_n) = self.answered;
         let way_mm = self.z_mm - z_mm;

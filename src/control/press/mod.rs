@@ -89,7 +89,7 @@ impl ForceLoop {
         }
     }
 
-    /// What this press teaches about those to come; none if it never met the specimen.
+    /// What this press teaches about later ones; none if it never met the specimen.
     pub fn lesson(&self) -> Option<Lesson> {
         let place = self.context.place;
         match self.landing {

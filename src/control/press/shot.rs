@@ -19,11 +19,11 @@ const TRIM_SHARE: f64 = 0.03;
 const CORRECTION_SHARE: f64 = 0.1;
 /// A wait for the last trim that isn't worth another look at the force, s.
 const SHORT_WAIT_S: f64 = 0.005;
-/// The clearance that a shot is reckoned to start from, mm.
+/// The clearance that a shot is assumed to start from, mm.
 const START_MM: f64 = 0.1;
 /// What the time from contact to the window is rounded up to, s.
 const GRAIN_S: f64 = 0.01;
-/// How often the longest exchange that was seen is reckoned with, a motion: it is begun, and heard to have ended.
+/// How often the longest exchange that was seen is assumed for a motion: it is begun, and heard to have ended.
 const EXCHANGES: f64 = 1.2;
 /// A force that is so far above the set one stops a motion under way, as a share of it.
 const OVER_SHARE: f64 = 0.02;

@@ -26,7 +26,7 @@ pub struct Softest {
 }
 
 impl ForceLoop {
-    /// Whether this is the first press of a specimen whose least stiffness is declared: it goes in steps, whatever its strategy.
+    /// Whether this is the first press of a specimen whose least stiffness is declared: it goes in steps, with any strategy.
     pub(super) fn must_show_stiffness(&self) -> bool {
         !self.context.expected.touched && self.context.softest.declared_n_mm.is_some()
     }

@@ -5,7 +5,7 @@ use crate::control::profile::MotionProfile;
 use crate::control::task::Task;
 use crate::control::trip::Trip;
 
-/// How far beyond the latest contact the search goes on before there is none, mm: a soft surface yields before it is felt.
+/// How far beyond the latest contact the search continues before there is none, mm: a soft surface yields before it is felt.
 pub(super) const SEARCH_MM: f64 = 0.20;
 
 /// How many sd of a mean a rule on its fall or its answer leaves.

@@ -14,7 +14,7 @@ fn force_at(depth_mm: f64) -> f64 {
     1.1 * s + 0.1556 * s * s
 }
 
-/// How long a stage goes on after it was told to stop, s.
+/// How long a stage continues after it was stopped, s.
 const REACTION_S: f64 = 0.03;
 
 struct Walk {
@@ -82,7 +82,7 @@ impl Bench {
     }
 
     /// Walks a press over a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
-    /// last told and reaches its target unless it is stopped.
+    /// last commanded and reaches its target unless it is stopped.
     fn walk(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, Walk) {
         let mut press = self.press();
         let force = |z: f64| force_at(z - self.surface_mm);
@@ -370,7 +370,7 @@ fn a_press_that_is_half_as_stiff_as_those_around_is_found_whatever_its_strategy(
     }
 }
 
-/// A specimen whose edges are softer or stiffer than its middle by 40 %, within 2 mm, in whatever order it is pressed.
+/// A specimen whose edges are softer or stiffer than its middle by 40 %, within 2 mm, pressed in any order.
 #[test]
 fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
     let mut rng = crate::quantity::stream(1, 0, "edges");

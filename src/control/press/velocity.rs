@@ -11,7 +11,7 @@ const SLOWEST_MM_S: f64 = 0.05;
 /// The shortest time between two orders, s, and how many of the longest exchanges it spans.
 const PERIOD_LEAST_S: f64 = 0.010;
 const PERIOD_EXCHANGES: f64 = 2.0;
-/// A speed is ordered that is so much below the last.
+/// A speed is ordered that is this share below the last.
 const SLOWER: f64 = 0.9;
 /// How many sd of a mean the goal stays below the set force.
 const BELOW_SIGMAS: f64 = 4.0;

@@ -34,7 +34,7 @@ pub(super) struct Repeated {
 pub(super) type Levels = Vec<Vec<f64>>;
 
 impl Repeatability {
-    /// Over the corrected outputs of each series; levels held less than twice tell nothing. None without any other.
+    /// Over the corrected outputs of each series; levels held less than twice show nothing. None without any other.
     pub(super) fn of(self, series: &[Levels]) -> Option<Repeated> {
         let series: Vec<Vec<&[f64]>> = series.iter().map(|levels| repeated(levels)).collect();
         let levels = series.concat();

@@ -1,4 +1,4 @@
-//! What one series comes to: the staircases up to one force at one place.
+//! The result of one series: the staircases up to one force at one place.
 
 use super::HeldLevel;
 use super::estimate::Estimate;

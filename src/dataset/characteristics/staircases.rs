@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn a_runs_staircases_go_to_the_closest_unit_and_flagged_levels_are_counted() {
         let layout = ArrayLayout::grid(1, 2, 4.0);
-        // Flagged or not, the top tells loading from unloading.
+        // Flagged or not, the top separates loading from unloading.
         for flagged in [3, 4] {
             let rows = (0..9).rev().map(|level| Press {
                 flags: if level == flagged { vec![Flag::Stale] } else { vec![] },

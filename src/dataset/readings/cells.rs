@@ -31,6 +31,11 @@ impl Cells {
         Cells { reader: reader(), cells: ByteRecord::new(), columns: None }
     }
 
+    /// Whether no line was read yet.
+    pub(super) fn awaits_header(&self) -> bool {
+        self.columns.is_none()
+    }
+
     /// Reads the line into the reading, whose line is known.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ pub struct Lines<R> {
     file: String,
     input: BufReader<R>,
     line: Vec<u8>,
-    /// The line was too long, and its rest is still to come.
+    /// The line was too long, and its rest is still expected.
     is_cut: bool,
 }
 

@@ -69,7 +69,7 @@ pub enum ReadingError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Cells(#[from] TableError),
-    /// A cell goes on in the next line.
+    /// A cell continues in the next line.
     #[error("{file}, line {line}: a quotation mark isn't closed")]
     #[diagnostic(help("expected one reading per line"))]
     OpenQuote { file: String, line: u64 },
@@ -93,7 +93,7 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// Readings of so many units; `file` is what messages call the input. Without a format the first character tells it.
+    /// Readings of so many units; `file` is what messages call the input. Without a format, it is detected from the first character.
     pub fn new(file: &str, units: usize, format: Option<Format>) -> Self {
         Readings { file: file.to_owned(), units, format, cells: Cells::new(), reading: Reading::default() }
     }
@@ -111,6 +111,9 @@ impl Readings {
         let is_first = self.reading.line == 1;
         let line = line.strip_prefix(b"\xef\xbb\xbf").filter(|_| is_first).unwrap_or(line); // a byte-order mark
         let Some(first) = line.trim_ascii_start().first() else { return Ok(Held::Nothing) };
+        if *first == b'#' && self.cells.awaits_header() && self.format != Some(Format::Ndjson) {
+            return Ok(Held::Nothing); // a comment above the header
+        }
         let found = if matches!(first, b'{' | b'[') { Format::Ndjson } else { Format::Csv };
         match *self.format.get_or_insert(found) {
             Format::Csv => self.cells.read(&self.file, line, self.units, &mut self.reading),
@@ -164,6 +167,14 @@ mod tests {
         (found, None)
     }
 
+    #[test]
+    fn comments_above_the_header_are_skipped() {
+        let text = "\u{feff}# of Monday, 9:00\n # and \"more\nout_2,out_1\n2,1\n";
+        assert_eq!(readings(text, None), (vec![reading(4, [1.0, 2.0])], None));
+        assert_eq!(readings("# of Monday\n[1,2]\n", None), (vec![reading(2, [1.0, 2.0])], None));
+        assert!(readings("1,2\n# of Monday\n", None).1.is_some(), "below the first reading");
+    }
+
     fn reading(line: u64, outputs: [f64; 2]) -> Reading {
         Reading { line, outputs: outputs.to_vec(), ..Reading::default() }
     }
@@ -183,7 +194,7 @@ mod tests {
         assert_eq!(readings("", None), (Vec::new(), None));
         assert_eq!(readings("\n \n", None), (Vec::new(), None));
         let told = readings("[1,2]\n", Some(Format::Csv)).1.unwrap();
-        assert!(told.contains("stdin, line 1: column `out_1` is missing; needed are out_1"), "{told}");
+        assert!(told.contains("stdin, line 1: column `out_1` is missing; required: out_1"), "{told}");
         assert!(readings("1,2\n", Some(Format::Ndjson)).1.is_some());
     }
 
@@ -279,16 +290,16 @@ mod tests {
             ("note,out_2,out_1\n,1,2\n,-,2\n", 1, "stdin, line 3, column `out_2`: expected a number, found `-`"),
             ("out_1\n1\n", 0, "stdin, line 1: 1 outputs where the calibration has 2"),
             ("out_1,out-2\n1,2\n", 0, "stdin, line 1: 1 outputs where the calibration has 2"),
-            ("out_1,out_3\n1,2\n", 0, "stdin, line 1: column `out_2` is missing; needed are out_1"),
+            ("out_1,out_3\n1,2\n", 0, "stdin, line 1: column `out_2` is missing; required: out_1"),
             ("a;b\n1;2\n", 0, "stdin, line 1: column `out_1` is missing; separate the columns by commas"),
-            ("out_1,out_1\n1,2\n", 0, "stdin, line 1: column `out_1` stands in the header twice"),
+            ("out_1,out_1\n1,2\n", 0, "stdin, line 1: column `out_1` is in the header twice"),
             ("out_1,out_2,note\n1,2,\"a\n1,2,b\"\n", 0, "stdin, line 2: a quotation mark isn't closed"),
             ("[1,2]\n[1,2,3]\n", 1, "stdin, line 2: 3 outputs where the calibration has 2"),
             ("[1,2]\n[1,\"2\"]\n", 1, "stdin, line 2, column 6: invalid type: string \"2\", expected f64; expected a"),
             ("[1,2]\n{\"output\":[1,2]}\n", 1, "stdin, line 2, column 16: missing field `outputs`; expected a reading"),
             ("[1,2]\n[1,2\n", 1, "stdin, line 2, column 4: EOF while parsing a list; expected a reading, as {\"out"),
             ("[1,2] [1,2]\n", 0, "stdin, line 1, column 7: trailing characters"),
-            ("{\"id\":[1],\"outputs\":[1,2]}\n", 0, "stdin, line 1, column 1: `id` is neither a number nor a text"),
+            ("{\"id\":[1],\"outputs\":[1,2]}\n", 0, "stdin, line 1, column 1: `id` must be a number or a text"),
             (long.as_str(), 1, "stdin, line 2: longer than 262144 bytes; expected one reading per line"),
         ] {
             let (found, told) = readings(text, None);

@@ -8,7 +8,7 @@ use tokio::time::{Instant, sleep};
 /// How much the library may hold that nobody has read yet, s. Nobody reads while the indenter rests in air.
 const BUFFER_S: f64 = 10.0;
 
-/// What has waited longer than this is thrown away with the task and sampling begins anew, well before it would run over.
+/// What has waited longer than this is thrown away with the task and sampling starts again, well before it would run over.
 const REST: Duration = Duration::from_secs(1);
 
 /// Room to fetch into, s: what has waited as long as it may, and some more. Less than there is would be an error.
@@ -183,7 +183,7 @@ impl Acquisition {
     fn drop_task(&mut self) {
         if let Some(task) = self.task.take() {
             self.functions.call_and_leave(move |ni| {
-                ni.clear_task(task); // nobody is left to tell
+                ni.clear_task(task); // nobody is left to answer
             });
         }
     }
@@ -222,7 +222,7 @@ fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<TaskHandle,
     started.map(|()| task)
 }
 
-/// Under 0 is an error, told in NI's words.
+/// Below 0 is an error, reported in NI's words.
 fn check(ni: &dyn NiDaqmx, status: i32) -> Result<(), String> {
     if status >= 0 {
         return Ok(());

@@ -65,7 +65,10 @@ async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_m
         (b"3TP\r", b"0.0000\r\n"),
     ]);
     let error = stage.home_z(&usage(), &Reins::default()).await.unwrap_err().to_string();
-    assert!(error.contains("z counts 0.0000 mm at the limit it homed to, the rig's travel ends at 12.5 mm"), "{error}");
+    assert!(
+        error.contains("z reads 0.0000 mm at the limit where it homed, but the rig's travel ends at 12.5 mm"),
+        "{error}"
+    );
     drop(stage);
     device.await.unwrap();
 }

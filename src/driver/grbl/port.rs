@@ -43,7 +43,7 @@ pub(super) struct GrblPort {
     pub settings: BTreeMap<u32, f64>,
     /// Text that came and is no report.
     pub texts: Vec<String>,
-    /// It started anew: where it is, is lost.
+    /// It restarted and lost its position.
     pub restarted: bool,
 }
 

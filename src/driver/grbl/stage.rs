@@ -169,7 +169,7 @@ impl Grbl {
         }
     }
 
-    /// Waits until it stands, whoever moved it.
+    /// Waits until it stands, for any motion.
     async fn until_still(&mut self, doing: &str) -> Result<State, DeviceError> {
         let until = Instant::now() + MOTION_MARGIN;
         loop {
@@ -191,7 +191,7 @@ impl Grbl {
         Ok(self.port.error(doing, DeviceProblem::Motion(told)))
     }
 
-    /// Goes on toward the same targets at another speed: a jog keeps the speed it began with.
+    /// Continues toward the same targets at another speed: a jog keeps the speed it began with.
     async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "changing a speed";
         self.port.send(doing, JOG_CANCEL).await?;

@@ -36,7 +36,7 @@ async fn a_locked_frame_is_identified_checked_and_homed() {
 async fn marlin_is_refused_with_the_reason() {
     let (mut stage, device) = stage(&[(b"\x85", b""), (b"$I\n", b"echo:Unknown command: \"$I\"\r\nok\r\n")]);
     let told = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("this is Marlin. It tells where a motion will end"), "{told}");
+    assert!(told.contains("this is Marlin, which can't control a force: it reports where a motion will end"), "{told}");
     drop(stage);
     device.await.unwrap();
 }
@@ -45,9 +45,9 @@ async fn marlin_is_refused_with_the_reason() {
 async fn settings_that_would_be_unsafe_are_refused() {
     for (from, to, told) in [
         ("$13=0", "$13=1", "it reports inches; set $13=0"),
-        ("$22=1", "$22=0", "its search for home is off"),
-        ("$23=0", "$23=4", "its z looks for home toward the specimen; set $23"),
-        ("$112=1500", "$112=300", "z goes at most Some(5.0) mm/s; set $112=600"),
+        ("$22=1", "$22=0", "homing is disabled"),
+        ("$23=0", "$23=4", "its z homes toward the specimen; set $23"),
+        ("$112=1500", "$112=300", "z reaches at most Some(5.0) mm/s; set $112=600"),
         ("$121=100", "$121=10", "y accelerates with Some(10.0) mm/s^2; set $121=100, or the rig's"),
     ] {
         let settings = String::from_utf8_lossy(SETTINGS).replace(from, to).into_bytes();

@@ -35,7 +35,7 @@ pub struct Client {
     /// No request before this instant.
     next: Instant,
     device: String,
-    /// Taken while an exchange is under way: one that was dropped doesn't come back, and the link is opened anew.
+    /// Taken while an exchange is under way: one that was dropped doesn't come back, and the link is opened again.
     context: Option<Context>,
     opened_before: bool,
     /// An answer to an earlier request may still come.

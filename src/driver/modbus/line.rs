@@ -9,9 +9,9 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 /// The link as the Modbus library sees it.
 ///
-/// Its end is an error with words of its own: the library takes the system's last error for the reason, whatever that was of.
+/// Its end is an error with words of its own: the library takes the system's last error for the reason, of any earlier call.
 ///
-/// On a serial line no request goes out while something lies that wasn't asked for: RTU numbers nothing, and a late or doubled
+/// On a serial line no request goes out while something lies that without a request: RTU numbers nothing, and a late or doubled
 /// answer would be taken for the next, and each after it for the one before.
 #[derive(Debug)]
 pub(super) struct ModbusLine {
@@ -76,6 +76,6 @@ mod tests {
         line.write_all(b"ask").await.unwrap();
         far.write_all(b"toldtold").await.unwrap();
         line.read_exact(&mut answer).await.unwrap();
-        assert!(line.write_all(b"ask").await.unwrap_err().to_string().contains("wasn't asked for"));
+        assert!(line.write_all(b"ask").await.unwrap_err().to_string().contains("without a request"));
     }
 }

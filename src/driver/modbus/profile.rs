@@ -18,7 +18,7 @@ pub const SHIPPED: [(&str, &str); 4] = [
 pub struct Profile {
     /// The device's name in messages.
     pub name: String,
-    /// What the device itself speaks, whatever link a rig puts it on.
+    /// The protocol of the device, on any link.
     pub transport: Transport,
     /// Its Modbus unit (slave) id.
     pub unit_id: u8,

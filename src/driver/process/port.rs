@@ -3,6 +3,7 @@
 use crate::device::{DeviceError, DeviceProblem, Identity, Reins};
 use crate::wire::{Connector, Lines, WireError, silent};
 use serde_json::{Map, Value, json};
+use std::io::ErrorKind;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -17,7 +18,7 @@ pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
 pub(super) const PREPARE_DEADLINE: Duration = Duration::from_secs(120);
 
 /// The same for a reading of a load cell that has one whenever it is asked: twice the age at which a reading is stale, when
-/// whatever moves is stopped, so that one that comes late is still told as that. Nothing waits longer under load.
+/// a motion is stopped, so that a late one is still reported as late. Nothing waits longer under load.
 pub(super) const FORCE_DEADLINE: Duration = Duration::from_millis(500);
 
 /// Most lines that are passed over while an answer is awaited: answers that come too late, or aren't any.
@@ -160,7 +161,7 @@ impl ProgramPort {
 
     async fn send(&mut self, doing: &str, line: &Object) -> Result<(), DeviceError> {
         if self.ended {
-            return Err(self.error(doing, DeviceProblem::Link("the program has ended".to_owned())));
+            return Err(self.error(doing, DeviceProblem::Ended("the program has ended".to_owned())));
         }
         let text = serde_json::to_string(line).unwrap_or_default() + "\n";
         self.lines.send(text.as_bytes(), ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
@@ -168,7 +169,15 @@ impl ProgramPort {
 
     fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
         self.ended |= !matches!(error, WireError::Endless { .. }); // in all other cases the link is closed
-        self.error(doing, DeviceProblem::Link(error.to_string()))
+        let problem = match error {
+            WireError::Io(error) => match error.kind() {
+                ErrorKind::NotFound | ErrorKind::PermissionDenied => DeviceProblem::NotStarted(error.to_string()),
+                ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe => DeviceProblem::Ended(error.to_string()),
+                _ => DeviceProblem::Link(error.to_string()),
+            },
+            _ => DeviceProblem::Link(error.to_string()),
+        };
+        self.error(doing, problem)
     }
 }
 

@@ -53,7 +53,7 @@ async fn the_readers_take_whole_finite_answers_alone() {
     let reading = cell.read().await.unwrap();
     assert!(reading.force_n == 0.0132 && reading.health.saturated && !reading.health.fault);
     assert!(cell.read().await.unwrap_err().to_string().contains("expected \"force_n\", a number"));
-    assert!(cell.read().await.unwrap_err().to_string().contains("it says: no bridge"));
+    assert!(cell.read().await.unwrap_err().to_string().contains("it reports: no bridge"));
     drop(cell);
     device.await.unwrap();
 

@@ -36,7 +36,7 @@ impl Xps {
             }
             GroupState::NotReferenced => {}
             _ => {
-                // from whatever is left of an earlier fault
+                // from the state after an earlier fault
                 self.ask(doing, &format!("GroupKill({group})")).await?;
                 sleep(BETWEEN).await;
                 self.wait_for("initialising its group", &format!("GroupInitialize({group})"), reins).await?;

@@ -17,7 +17,7 @@ const ANSWER_MAX_BYTES: usize = 4096;
 pub struct Socket {
     lines: Lines,
     device: String,
-    /// The call whose answer is still to come.
+    /// The call whose answer is still expected.
     owed: Option<String>,
 }
 
@@ -87,12 +87,12 @@ impl Socket {
         }
     }
 
-    /// Whether an answer is still to come.
+    /// Whether an answer is still expected.
     pub fn is_owed(&self) -> bool {
         self.owed.is_some()
     }
 
-    /// Closes it; the next call opens it anew.
+    /// Closes it; the next call opens it again.
     pub fn close(&mut self) {
         self.owed = None;
         self.lines.close();

@@ -21,7 +21,7 @@ const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
 /// How often the abort is tried, each time on a new socket.
 const ABORT_TRIES: usize = 2;
 
-/// Not allowed in this state: what an abort is told where nothing moves.
+/// Not allowed in this state: the answer to an abort where nothing moves.
 const NOT_ALLOWED: i32 = -22;
 /// What a motion is answered that was aborted.
 const ABORTED: i32 = -27;
@@ -36,7 +36,7 @@ pub struct Group {
     pub name: String,
     /// Its positioners for x, y and z.
     pub positioners: [String; 3],
-    /// Whether a group that doesn't know where it is may be homed: the way to its home must be clear of the specimen, in the order
+    /// Whether a group that isn't homed may be homed: the way to its home must be clear of the specimen, in the order
     /// that is set in the controller, which can't be asked.
     pub home_search: bool,
 }
@@ -133,7 +133,7 @@ impl Xps {
         }
     }
 
-    /// Waits until the group doesn't move, whoever moved it.
+    /// Waits until the group doesn't move, for any motion.
     pub(super) async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
         let until = Instant::now() + within;
         loop {
@@ -188,7 +188,7 @@ impl Xps {
         Ok(Motion { call, targets: targets.to_vec(), aborted: false })
     }
 
-    /// Where an axis rests that was stopped on its way: two answers that agree, since it is told to stay there.
+    /// Where an axis rests that was stopped on its way: two answers that agree, since it is commanded to stay there.
     async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
         let doing = "reading the position of an axis";
         let alone = Reins::default();
@@ -279,7 +279,7 @@ impl Xps {
         }
     }
 
-    /// Goes on toward the same target at another speed: an S-gamma motion keeps the speed it began with.
+    /// Continues toward the same target at another speed: an S-gamma motion keeps the speed it began with.
     async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let Some(motion) = self.under_way.clone() else { return Ok(()) };
         self.stop().await?;

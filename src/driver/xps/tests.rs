@@ -98,7 +98,7 @@ async fn a_group_that_may_not_be_homed_is_left_where_it_is() {
     let (asks, device) = scripted(&[(b"GroupStatusGet(XYZ,int *)", b"0,42,EndOfAPI")]);
     let mut stage = Xps::new([unused(), asks, unused()], "script".to_owned(), group(false), None);
     let told = stage.bring_to_ready(&Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("doesn't know where it is") && told.contains("home_search = true"), "{told}");
+    assert!(told.contains("isn't homed") && told.contains("home_search = true"), "{told}");
     drop(stage);
     device.await.unwrap();
 }

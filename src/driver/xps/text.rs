@@ -37,7 +37,7 @@ pub fn number_in(text: &str) -> Option<f64> {
 pub enum GroupState {
     /// Off, or killed.
     NotInitialised,
-    /// On, but it doesn't know where it is.
+    /// On, but it isn't homed.
     NotReferenced,
     /// At rest and able to move.
     Ready,

@@ -143,7 +143,7 @@ impl Drive {
         }
     }
 
-    /// `PR`: by so much from where it stands, at `VA`.
+    /// `PR`: by a distance from where it is, at `VA`.
     pub fn go_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         let count_mm = self.commanded(scene, now_s).0 - self.offset_mm;
         self.go_to(count_mm + way_mm, scene, now_s)
@@ -182,7 +182,7 @@ impl Drive {
         self.brake(STAGE_ACCELERATION_MM_S2, scene, now_s)
     }
 
-    /// The number behind a command that sets and tells one.
+    /// The number behind a command that sets and reports one.
     pub fn number(&self, name: &[u8; 2]) -> Option<f64> {
         Some(match name {
             b"VA" => self.speed_mm_s,
@@ -196,7 +196,7 @@ impl Drive {
         })
     }
 
-    /// Sets such a number, held against what the stage and the other numbers allow; `VA` acts on a move under way.
+    /// Sets such a number, checked against what the stage and the other numbers allow; `VA` acts on a move under way.
     pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         // what is no place is above zero
         let above = f64::MIN_POSITIVE;

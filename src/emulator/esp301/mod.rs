@@ -73,14 +73,14 @@ impl Instrument for Esp301 {
         reply.into_bytes()
     }
 
-    /// A wait stalls the command port, whatever link the commands come on; so does a reset.
+    /// A wait stalls the command port, on any link; so does a reset.
     fn deaf_until_s(&self) -> f64 {
         self.deaf_until_s
     }
 }
 
 impl Esp301 {
-    /// Motions end by themselves; their consequences are drawn when the controller next looks, which nobody can tell from
+    /// Motions end by themselves; their consequences are drawn when the controller next looks, which can't be distinguished from
     /// when they ended.
     fn notice(&mut self, scene: &Scene, now_s: f64) {
         for drive in &mut self.drives {
@@ -117,7 +117,7 @@ impl Esp301 {
         let asked = *argument == Argument::Query;
         match &command.name {
             b"ID" => return tell(command, || format!("VP-25XL, SN{}", FIRST_SERIAL + axis.index())),
-            // MF? tells the same as MO?: whether the motor is on
+            // MF? reports the same as MO?: whether the motor is on
             b"MO" | b"MF" if asked => return Ok(Some(u8::from(drive.motor_on).to_string())),
             b"MO" => drive.motor_on = true,
             b"MF" => return self.halt(Some(axis), now_s, |drive| drive.cut_power(scene, now_s)),

@@ -6,7 +6,7 @@ use crate::quantity::Axis;
 /// Longest line the controller takes, its end not counted. The only bound the manual gives is that of the ESP302.
 const LINE_MOST: usize = 80;
 
-/// Commands that hold up the rest of their line, and whatever is sent after it.
+/// Commands that hold up the rest of their line, and all that is sent after it.
 const WAIT: [u8; 2] = *b"WS";
 
 /// One command of a line: `[axis]CC[parameter]` (manual, syntax).
@@ -32,7 +32,7 @@ pub enum Argument {
 }
 
 /// Takes the next line, or the part of it up to a wait; a line is ended by CR, and an LF after it means nothing. Of a
-/// line that is too long, so much is kept that it can be told to be.
+/// line that is too long, so much is kept that its length is known to be too large.
 pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     loop {
         let Some(end) = inbox.iter().position(|&byte| byte == b'\r') else {
@@ -77,7 +77,7 @@ impl Command {
 }
 
 impl Argument {
-    /// Whether the command is a query, or a bare "tell".
+    /// Whether the command is a query, or a bare `T` command (report).
     pub fn tells(&self) -> bool {
         !matches!(self, Argument::Value(_))
     }

@@ -1,4 +1,4 @@
-//! Lines of G-code: their words, and what they come to.
+//! Lines of G-code: their words, and their meaning.
 
 use super::fault::GrblError;
 
@@ -33,7 +33,7 @@ impl Default for Modal {
     }
 }
 
-/// What a line says, as far as it is told from its words alone.
+/// What a line says, as far as its words alone show it.
 #[derive(Debug, Default, PartialEq)]
 pub struct Block {
     motion: Option<MotionMode>,
@@ -50,7 +50,7 @@ enum Action {
     SetG92,
 }
 
-/// What a line comes to.
+/// The meaning of a line.
 #[derive(Debug, PartialEq)]
 pub enum BlockOrder {
     /// Nothing that takes time.
@@ -94,7 +94,7 @@ impl Block {
         self.value(b'P').filter(|_| self.action == Some(Action::Dwell))
     }
 
-    /// Acts on the modal state and tells what is to be done; `at_mm` is where the motions so far end, in machine coordinates.
+    /// Acts on the modal state and returns what is to be done; `at_mm` is where the motions so far end, in machine coordinates.
     /// If it fails, the modal state is as it was.
     pub fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         let mut next = modal.clone();
@@ -164,7 +164,7 @@ impl Block {
         std::array::from_fn(|n| {
             let Some(value_mm) = self.axis(n) else { return at_mm[n] };
             match (self.machine, modal.incremental) {
-                // G53 means absolute, whatever G91 says
+                // G53 means absolute, even after G91
                 (true, _) => value_mm,
                 (false, true) => at_mm[n] + value_mm,
                 (false, false) => value_mm + modal.g92_mm[n],

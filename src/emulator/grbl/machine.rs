@@ -19,7 +19,7 @@ const CUT_OFF_FACTOR: f64 = 4.0;
 const ROUNDING: f64 = 1e-9;
 
 /// The three axes and what the controller knows of them. Places are machine coordinates, that is counted steps in mm, off
-/// from the true ones until the frame is homed. There is no encoder: what is told is what was commanded.
+/// from the true ones until the frame is homed. There is no encoder: it reports what was commanded.
 ///
 /// Blocks are planned ahead as motions of the scene, so they run on whether or not anybody asks. An axis stops at each
 /// corner (GRBL would round it, slowly); blocks on one line at one rate become one.
@@ -69,7 +69,7 @@ pub enum Activity {
     Jog,
 }
 
-/// What a search for home comes to when it ends.
+/// The result of a search for home.
 #[derive(Clone, Copy, Debug)]
 pub struct Homed {
     /// When, s.
@@ -267,14 +267,14 @@ impl Machine {
 }
 
 impl Block {
-    /// Whether another goes on along the same line at the same rate.
+    /// Whether another continues along the same line at the same rate.
     fn runs_into(&self, next: &Block) -> bool {
         let turn = (0..3).map(|n| (self.way[n] - next.way[n]).abs()).fold(0.0, f64::max);
         self.jog == next.jog && self.feed_mm_s == next.feed_mm_s && turn < ROUNDING
     }
 }
 
-/// Brings all axes to rest, and tells when they are, s.
+/// Brings all axes to rest, and returns when they are, s.
 fn brake(decelerations_mm_s2: [f64; 3], scene: &mut Scene, now_s: f64) -> f64 {
     let mut end_s = now_s;
     for axis in Axis::ALL {

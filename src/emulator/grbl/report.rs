@@ -6,19 +6,19 @@ use std::fmt::Write;
 
 /// Bytes of the serial line that GRBL buffers.
 pub const RX_MOST: usize = 128;
-/// Reports from one that tells the work offset to the next, when something moves and when nothing does.
+/// Reports from one with the work offset to the next, when something moves and when nothing does.
 const OFFSET_EVERY: (u8, u8) = (30, 10);
-/// Reports from one that tells the overrides to the next.
+/// Reports from one with the overrides to the next.
 const OVERRIDES_EVERY: (u8, u8) = (20, 10);
 
-/// Counts status reports: what seldom changes is told in some of them only.
+/// Counts status reports: what seldom changes is only in some of them.
 #[derive(Default)]
 pub struct Reporter {
     offset_in: u8,
     overrides_in: u8,
 }
 
-/// What a status report tells.
+/// What a status report contains.
 pub struct StatusReport {
     /// The state's name.
     pub state: String,
@@ -35,7 +35,7 @@ pub struct StatusReport {
 }
 
 impl Reporter {
-    /// The offset has changed: the next report tells it.
+    /// The offset has changed: the next report has it.
     pub fn offset_changed(&mut self) {
         self.offset_in = 0;
     }

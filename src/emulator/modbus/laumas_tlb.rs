@@ -11,7 +11,7 @@ const COUNTS_PER_N: f64 = 1000.0;
 const DECIMALS: u16 = 3;
 /// Most registers of one query (manual).
 const QUERY_MOST: usize = 32;
-/// The most that is told of a weight, counts.
+/// The largest weight that is reported, counts.
 const TOLD_MOST: i32 = 999_999;
 /// Divisions beyond the range that are borne, and the part of it at which the converter ends.
 const DIVISIONS_BEYOND: f64 = 9.0;

@@ -46,7 +46,7 @@ pub enum Refusal {
     Value,
 }
 
-/// The registers of one device: what it measures, and what it can be told.
+/// The registers of one device: what it measures, and what can be written to it.
 pub trait RegisterMap: Send {
     /// The role it plays in the scene.
     fn device(&self) -> Device;
@@ -104,7 +104,7 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
             }
             Framing::Tcp => {
                 let &[_, _, 0, 0, high, low] = inbox.first_chunk::<TCP_HEADER>()? else {
-                    // no header: what follows can't be told apart any more
+                    // no header: what follows can't be separated any more
                     inbox.clear();
                     return None;
                 };

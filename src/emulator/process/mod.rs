@@ -86,7 +86,7 @@ impl Request {
     }
 
     fn verb(&self) -> Result<&str, String> {
-        self.0.get("do").and_then(Value::as_str).ok_or_else(|| "\"do\" is missing".into())
+        self.0.get("do").and_then(Value::as_str).ok_or_else(|| "do is missing".into())
     }
 
     fn number(&self, key: &str) -> Result<f64, String> {

@@ -21,7 +21,7 @@ pub struct Controller {
     volts_per_newton: f64,
 }
 
-/// What a call comes to.
+/// The result of a call.
 pub enum Answer {
     /// These values, at once.
     Values(String),

@@ -105,7 +105,7 @@ impl Instrument for Xps {
         Some(self.bell.clone())
     }
 
-    /// The link that waits for the group's errand is the one by whose asking the controller goes on; if it was closed, or
+    /// The link that waits for the group's errand is the one by whose asking the controller continues; if it was closed, or
     /// nobody ever waited, it is all others.
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut controller = self.controller();
@@ -128,7 +128,7 @@ impl Instrument for Xps {
 }
 
 impl Drop for Xps {
-    /// What this link waited for goes on, and others must look after it.
+    /// What this link waited for continues, and others must look after it.
     fn drop(&mut self) {
         if self.pending.take().is_some() {
             self.bell.notify_waiters();

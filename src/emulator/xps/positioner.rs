@@ -19,7 +19,7 @@ const JERK_S: (f64, f64) = (0.005, 0.05);
 /// How far beyond a limit a target may lie by rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
-// hardware status (as EPICS tells it apart)
+// hardware status (as EPICS reads it)
 const ABOVE_HOME: u32 = 0x0000_0004;
 const END_MINUS: u32 = 0x8000_0100;
 const END_PLUS: u32 = 0x8000_0200;
@@ -36,7 +36,7 @@ pub struct Positioner {
     pub limits_mm: (f64, f64),
 }
 
-/// How a positioner moves. The jerk times are kept and told, and otherwise mean nothing here: the scene's axes change their
+/// How a positioner moves. The jerk times are stored and reported, and otherwise mean nothing here: the scene's axes change their
 /// acceleration at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SGamma {

@@ -28,7 +28,7 @@ pub enum Type {
 }
 
 /// Takes the next request: up to its balanced `)`. There is no other end; what is left of line ends and of `,EndOfAPI` in
-/// front of it means nothing. A line that ends outside of parentheses, and what is too long, can be none, and is told so.
+/// front of it means nothing. A line that ends outside of parentheses, and what is too long, can't be one, and is refused.
 pub fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     let lead = lead(inbox);
     inbox.drain(..lead);
@@ -50,7 +50,7 @@ pub fn done(values: &str) -> Vec<u8> {
     format!("0,{values},EndOfAPI").into_bytes()
 }
 
-/// A reply that tells an error, and the request as it came.
+/// A reply with an error, and the request as it came.
 pub fn failed(code: Code, request: &[u8]) -> Vec<u8> {
     let mut reply = format!("{},", code.0).into_bytes();
     let room = REPLY_MOST - reply.len() - END.len();

@@ -287,8 +287,8 @@ mod tests {
             parse("certificate.toml", "[certificate]\nidentifier = \" \"\ncountry = \"Germany\"\n").unwrap_err();
         let lines = problems.lines().join("\n");
         for part in [
-            "`identifier` is \" \", expected words",
-            "`country` is \"Germany\", expected two capital letters",
+            "`identifier` is \" \", expected a text",
+            "`country` is \"Germany\", expected two upper-case letters",
             "`laboratory` is missing",
             "`issued` is missing",
         ] {

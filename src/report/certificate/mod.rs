@@ -65,7 +65,7 @@ struct JournalHash {
 /// Why there is no certificate.
 #[derive(Debug, Error, Diagnostic)]
 pub enum CertificateError {
-    /// Nobody said which sensor it is.
+    /// The run has no sensor ID.
     #[error("{run} has no sensor ID: a certificate needs the sensor's serial number")]
     #[diagnostic(help("give --sensor ID with the run"))]
     NoSensor {
@@ -144,7 +144,7 @@ impl<'a> Certificate<'a> {
         })
     }
 
-    /// What it comes to, in a line.
+    /// Its result, in a line.
     pub fn told(&self) -> String {
         let verdict = self.judgement.map_or("no statement of conformity", |judgement| judgement.verdict.told());
         let rows: usize = self.results.iter().map(|results| results.rows.len()).sum();

@@ -15,7 +15,7 @@ struct Kind {
     name: &'static str,
     label: &'static str,
     of: fn(&PressError) -> Option<f64>,
-    /// What it is held against, and how that is told.
+    /// What it is compared with, and its label.
     reference: (f64, &'static str),
     /// Widths that a histogram's columns may have.
     widths: [f64; 6],

@@ -1,4 +1,4 @@
-//! How near a method is expected to come, place by place, by what the calibration knows of the array and its noise.
+//! The error that a method is expected to have, place by place, by what the calibration knows of the array and its noise.
 
 use super::WIDTH_PX;
 use super::map::Axes;

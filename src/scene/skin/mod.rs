@@ -67,7 +67,7 @@ enum Reads {
 impl Skin {
     /// The taxels of a specimen, in air. Gains, true places, depths, errors and hysteresis are those of a unit, for all its
     /// channels; each channel's error is a draw of its own. `full_scale_n` is the largest force they are specified for; what belongs to the
-    /// specimen (gains, true places, depths) is drawn from `seed` alone, each from a stream of its own.
+    /// specimen (gains, true places, depths) depends on `seed` alone, each from a stream of its own.
     ///
     /// # Panics
     /// If a list of percentages is shorter than the layout, or a fault names a unit that there isn't.

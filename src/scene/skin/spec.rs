@@ -89,7 +89,7 @@ pub struct TaxelFault {
 pub enum TaxelFaultKind {
     /// It reads 0.
     Dead,
-    /// It reads this, whatever happens.
+    /// It always reads this.
     Stuck(f64),
     /// It reads no more than this.
     Clipped(f64),

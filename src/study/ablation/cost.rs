@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-/// Readings of one pass, and passes of which the shortest counts: whatever else runs only adds to them.
+/// Readings of one pass, and passes of which the shortest counts: other programs only add to them.
 const READINGS: usize = 1000;
 const PASSES: usize = 60;
 /// The same of the loop's walks, and presses along a side.

@@ -59,7 +59,7 @@ pub enum Needed {
     Yes,
     /// It doesn't count, wherever in its interval it lies.
     No,
-    /// More seeds would tell.
+    /// More seeds are required.
     Undecided,
 }
 

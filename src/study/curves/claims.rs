@@ -1,4 +1,4 @@
-//! What the paper says of its curves, each claim held against what is computed here.
+//! What the paper says of its curves, each claim compared with what is computed here.
 
 use super::array::Array;
 use super::line::{FIGURE_4_TO, FIGURE_5_TO, UNITS, on_line, walk_left, walk_right};

@@ -1,4 +1,4 @@
-//! Any array put through the paper's study: how far it sees, how well it tells two places apart, and where r misleads.
+//! Any array put through the paper's study: how far it sees, how well it distinguishes two places, and where r misleads.
 
 use super::array::Array;
 use super::row;
@@ -109,7 +109,7 @@ pub struct DesignFindings {
     pub survey: Survey,
     /// The least errors of any method, on average over area and forces; unbounded: for some contacts the units don't determine location and force.
     pub least: Option<MeanBound>,
-    /// Whether the rig names no noise, so that [`ASSUMED_SD`] was taken.
+    /// Whether the rig states no noise, so that [`ASSUMED_SD`] was taken.
     pub noise_is_assumed: bool,
 }
 

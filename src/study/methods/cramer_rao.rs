@@ -1,7 +1,7 @@
 //! The least error there is: the bound of Cramer and Rao on any unbiased method that knows the specimen's response exactly.
 //!
 //! A reading's expectation is the skin's noise-free output; its derivatives by x, y and force, weighed by the noise of the
-//! reading, make the information, and the inverse of that the covariance. What a signal-dependent variance tells by itself is
+//! reading, make the information, and the inverse of that the covariance. What a signal-dependent variance shows by itself is
 //! left out, and so is the noise of a calibration. A method that knows that contacts lie in an area, or averages, is biased and
 //! can do better where the bound is large: at low force, and in the corners.
 
@@ -38,7 +38,7 @@ fn error_sd(spec: &SkinSpec, full_scale_n: f64, unit: usize, reading: f64) -> Op
     Some(of_noise.hypot(step / 12f64.sqrt())).filter(|sd| *sd > 0.0)
 }
 
-/// The covariance of x (mm), y (mm) and force (N) that no unbiased method gets below; none where the units don't tell all three.
+/// The covariance of x (mm), y (mm) and force (N) that no unbiased method gets below; none where the units don't determine all three.
 pub fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, force_n: f64) -> Option<Covariance> {
     let outputs = |x_mm: f64, y_mm: f64| {
         let mut outputs = vec![0.0; skin.len()];
@@ -73,7 +73,7 @@ pub struct MeanBound {
 }
 
 impl MeanBound {
-    /// Over the single contacts among some readings; none if there is one that the units don't tell.
+    /// Over the single contacts among some readings; none if there is one that the units don't determine.
     pub fn over(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, readings: &KnownReadings) -> Option<MeanBound> {
         let of = |truth: &KnownContact| bound(skin, spec, full_scale_n, truth.place, truth.force_n?);
         Self::mean(readings.truths.iter().map(|truth| of(truth).map(MeanBound::of)))

@@ -134,7 +134,7 @@ pub struct KnownReadings {
     pub units: usize,
     /// One a reading.
     pub truths: Vec<KnownContact>,
-    /// The readings one after another, one output a unit.
+    /// The readings one after another, one output for each.
     pub outputs: Vec<f64>,
 }
 

@@ -37,7 +37,7 @@ pub const HANDLING_MIN: f64 = MOUNTING_MIN + WARM_UP_MIN + ZEROING_MIN;
 
 /// The tolerance of a press, N.
 const TOLERANCE_N: f64 = 0.010;
-/// What a unit comes to read at most where units saturate, V. Of 1 N straight above it reads 0.76 V in place of 1 V.
+/// What a unit comes to read at most where units saturate, V. Of 1 N straight above it reads 0.76 V instead of 1 V.
 const CEILING_V: f64 = 1.0;
 
 /// How large the study is.
@@ -108,7 +108,7 @@ impl Family {
     }
 }
 
-/// What one way of calibrating comes to.
+/// The result of one way of calibrating.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MinutesRow {
     /// How the force was found.

@@ -26,7 +26,7 @@ pub const QUICK_SEEDS: usize = 2;
 pub struct ValidationOutcome {
     /// "validation".
     pub study: &'static str,
-    /// What its places, its noise and all else were drawn from.
+    /// Random seed of its places, its noise and all else.
     pub seed: u64,
     /// Presses that were made.
     pub presses: usize,
