@@ -31,6 +31,9 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
 pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
     let presses = read_table(table).map_err(Failure::usage)?;
     warn_of_table(table)?;
+    if let Some(detected) = &presses.detected {
+        tell(&format!("note: {}: {detected}\n", table.display()))?;
+    }
     for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {
         tell(&format!(
             "warning: {}: column `{column}` looks like {looks_like} but isn't used (only {read_from})\n",

@@ -13,6 +13,7 @@ pub mod answers;
 pub mod calibration;
 mod cell;
 pub mod characteristics;
+mod dialect;
 mod error;
 pub mod evaluate;
 pub mod files;

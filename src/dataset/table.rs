@@ -5,6 +5,7 @@
 //! either kind of line end, and comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the presses that
 //! the run's journal gives. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
 
+use super::dialect::Dialect;
 use super::header::Header;
 use super::lookalike::lookalikes;
 use super::press::{COLUMNS, Column, OUTPUTS, Presence};
@@ -13,11 +14,14 @@ use super::{Press, Presses};
 use csv::StringRecord;
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
 /// What a table needs.
 const HELP: &str = "required: x_mm, y_mm and out_1, out_2, ... without a gap";
+
+/// A column that every table has: the header is separated so that it is there.
+const PLACE_COLUMN: &str = "x_mm";
 
 /// Reads a table: at least one press, at least one channel, every number finite.
 ///
@@ -36,13 +40,13 @@ pub fn read_table(path: &Path) -> Result<Presses, TableError> {
 /// # Errors
 /// As of [`read_table`].
 pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> {
-    let mut records = Records::new(file, input);
+    let mut records = Records::new(file, input)?;
     let mut header = StringRecord::new();
     while records.next(&mut header)? && header.get(0).is_some_and(|cell| cell.starts_with('#')) {}
     header.trim();
     let columns = Columns::find(&Header { file, line: records.line, names: &header, help: HELP })?;
     let (mut presses, mut lines, mut record) = (Vec::new(), Vec::new(), StringRecord::new());
-    while records.next(&mut record)? {
+    while records.next_row(&mut record)? {
         let line = records.line;
         if presses.len() == MAX_ROWS {
             let (file, line) = (file.to_owned(), Some(line));
@@ -61,6 +65,7 @@ pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> 
     let unused = if columns.is_of_run { Vec::new() } else { lookalikes(&header) };
     let mut presses = Presses::new(file, presses, lines);
     presses.unused = unused;
+    presses.detected = records.dialect.detected();
     Ok(presses)
 }
 
@@ -145,16 +150,28 @@ impl<'a> Cells<'a> {
 /// The records of a table, one at a time, each with its line.
 struct Records<'a, R> {
     file: &'a str,
-    reader: csv::Reader<Lines<R>>,
+    reader: csv::Reader<Lines<BufReader<R>>>,
+    dialect: Dialect,
     /// The first line of the record that was read last.
     line: u64,
 }
 
 impl<'a, R: Read> Records<'a, R> {
-    fn new(file: &'a str, input: R) -> Self {
+    fn new(file: &'a str, input: R) -> Result<Self, TableError> {
+        let mut input = BufReader::new(input);
+        let start = input.fill_buf().map_err(|source| TableError::Unreadable { file: file.to_owned(), source })?;
+        let dialect = Dialect::of_start(start, PLACE_COLUMN);
         // Rows of the wrong length are found later, with their line: the reader counts lines its own way.
-        let reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(Lines::new(input));
-        Records { file, reader, line: 1 }
+        let mut reader = csv::ReaderBuilder::new();
+        reader.has_headers(false).flexible(true).delimiter(dialect.separator());
+        Ok(Records { file, reader: reader.from_reader(Lines::new(input)), dialect, line: 1 })
+    }
+
+    /// The next row, its decimals with points. Whether there was another one.
+    fn next_row(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
+        let is_there = self.next(record)?;
+        self.dialect.with_points(self.file, self.line, record)?;
+        Ok(is_there)
     }
 
     /// Whether there was another one.
@@ -258,6 +275,17 @@ mod tests {
     }
 
     #[test]
+    fn a_table_from_a_spreadsheet_is_read_with_its_separator_and_decimal_commas() {
+        let text = "\u{feff}# exported\r\nx_mm;y_mm;force_n;out_1\r\n-1,5;2;0,25;1,5e-3\r\n";
+        let table = plain(text).unwrap();
+        let press = &table.presses[0];
+        assert_eq!((press.place(), press.force_n, press.outputs[0]), (Place::new(-1.5, 2.0), Some(0.25), 0.0015));
+        assert_eq!(table.detected.as_deref(), Some("columns are separated by semicolons, decimal commas"));
+        assert_eq!(plain("x_mm,y_mm,out_1\n1,2,3\n").unwrap().detected, None);
+        assert_eq!(table.at(0), "a.csv, line 3");
+    }
+
+    #[test]
     fn a_runs_own_table_gives_the_presses_it_was_written_from() {
         let presses: Vec<Press> = (0..3).map(|press| example(press, 0).rounded()).collect();
         let text = csv_header(2) + &presses.iter().map(csv_line).collect::<String>();
@@ -296,7 +324,11 @@ mod tests {
             ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; the header has `y-mm`"),
             ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; the header has `X_MM`"),
             ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; required:"),
-            ("x_mm;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; separate the columns by commas"),
+            ("X;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; separate the columns by commas"),
+            (
+                "x_mm;y_mm;out_1\n1;2,5;3\n1;2;3.5\n",
+                "a.csv: numbers with a decimal comma (line 2) and numbers with a decimal point (line 3)",
+            ),
             ("x_mm,y_mm\n1,2\n", "column `out_1` is missing"),
             ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing"),
             ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "invalid output column `out_0`; use out_1, out_2"),

@@ -53,6 +53,12 @@ pub enum TableError {
     #[error("{file}, line {line}: {found} cells where the header has {expected} (up to column `{column}`)")]
     #[diagnostic(help("every row needs one cell per column; write decimals with a point, not a comma"))]
     Ragged { file: String, line: u64, column: String, expected: usize, found: usize },
+    /// Decimal points and decimal commas.
+    #[error(
+        "{file}: numbers with a decimal comma (line {comma}) and numbers with a decimal point (line {point}) can't be in one table"
+    )]
+    #[diagnostic(help("export the table with one decimal mark and without thousands separators"))]
+    TwoDecimalMarks { file: String, point: u64, comma: u64 },
     /// A cell that isn't what its column holds.
     #[error("{file}, line {line}, column `{column}`: expected {expected}, found `{found}`")]
     #[diagnostic(help("correct the cell, or remove the row"))]

@@ -1,0 +1,106 @@
+//! How a table from elsewhere separates its columns and writes its decimals.
+
+use super::table_error::TableError;
+use csv::StringRecord;
+
+/// The separator of a table, and the decimal marks that its numbers have.
+pub(super) struct Dialect {
+    separator: u8,
+    /// The first line with a decimal point in a number, and with a decimal comma.
+    point: Option<u64>,
+    comma: Option<u64>,
+}
+
+impl Dialect {
+    /// The separator with which the header has a column of this name: comma, semicolon or tab; without any the comma. `start` is the
+    /// beginning of the table.
+    pub fn of_start(start: &[u8], column: &str) -> Self {
+        let text = String::from_utf8_lossy(start);
+        let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
+        let header = text.trim_start_matches('\u{feff}').lines().find(is_header).unwrap_or_default();
+        let has = |separator: &u8| {
+            let mut names = header.split(char::from(*separator));
+            names.any(|name| name.trim().trim_matches('"').trim() == column)
+        };
+        let separator = [b',', b';', b'\t'].into_iter().find(has).unwrap_or(b',');
+        Dialect { separator, point: None, comma: None }
+    }
+
+    pub fn separator(&self) -> u8 {
+        self.separator
+    }
+
+    /// Writes the decimal commas of a row's numbers as points. A table that is separated by commas has none.
+    ///
+    /// # Errors
+    /// A table with decimal points and decimal commas: which of them groups thousands isn't known.
+    pub fn with_points(&mut self, file: &str, line: u64, record: &mut StringRecord) -> Result<(), TableError> {
+        if self.separator == b',' {
+            return Ok(());
+        }
+        let marks = |mark: char| record.iter().any(|cell| is_number(cell.trim(), mark));
+        let (has_point, has_comma) = (marks('.'), marks(','));
+        self.point = self.point.or(has_point.then_some(line));
+        self.comma = self.comma.or(has_comma.then_some(line));
+        if let (Some(point), Some(comma)) = (self.point, self.comma) {
+            return Err(TableError::TwoDecimalMarks { file: file.to_owned(), point, comma });
+        }
+        if has_comma {
+            let written = |cell: &str| match is_number(cell.trim(), ',') {
+                true => cell.replace(',', "."),
+                false => cell.to_owned(),
+            };
+            *record = record.iter().map(written).collect();
+        }
+        Ok(())
+    }
+
+    /// What was detected, where it isn't plain CSV.
+    pub fn detected(&self) -> Option<String> {
+        let separator = match self.separator {
+            b';' => "semicolons",
+            b'\t' => "tabs",
+            _ => return None,
+        };
+        let decimals = if self.comma.is_some() { ", decimal commas" } else { "" };
+        Some(format!("columns are separated by {separator}{decimals}"))
+    }
+}
+
+/// Whether a cell is a number with this decimal mark: `-0,5`, `1.5e-3`.
+fn is_number(cell: &str, mark: char) -> bool {
+    let Some((whole, rest)) = cell.split_once(mark) else { return false };
+    let whole = whole.strip_prefix(['-', '+']).unwrap_or(whole);
+    let (part, exponent) = rest.split_once(['e', 'E']).unwrap_or((rest, "0"));
+    let exponent = exponent.strip_prefix(['-', '+']).unwrap_or(exponent);
+    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    digits(whole) && digits(part) && digits(exponent) && !exponent.is_empty() && whole.len() + part.len() > 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_separator_is_the_one_with_which_the_header_has_the_column() {
+        for (start, separator) in [
+            ("x_mm,y_mm\n", b','),
+            ("\u{feff}# exported; by hand, twice\n\nx_mm;y_mm;a,b\n", b';'),
+            ("y_mm\t\"x_mm\"\r\n1\t2\r\n", b'\t'),
+            ("X;Y\n", b','),
+            ("", b','),
+        ] {
+            assert_eq!(Dialect::of_start(start.as_bytes(), "x_mm").separator(), separator, "{start:?}");
+        }
+    }
+
+    #[test]
+    fn numbers_have_digits_and_one_mark() {
+        for number in ["1,5", "-0,5", "+,5", "3,", "1,5e-3", "2,0E+7"] {
+            assert!(is_number(number, ','), "{number}");
+        }
+        for other in [",", "1.5", "1,2,3", "a,5", "1,5e", "", "-", "1,5 N"] {
+            assert!(!is_number(other, ','), "{other}");
+        }
+    }
+}
