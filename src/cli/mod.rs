@@ -44,7 +44,7 @@ mod withdraw;
 use clap::{Parser, Subcommand};
 use miette::MietteHandlerOpts;
 use std::process::ExitCode;
-use textwrap::WordSeparator;
+use textwrap::{WordSeparator, WordSplitter};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -91,8 +91,14 @@ enum Command {
 /// Parses the command line, runs the command, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
     let command = CommandLine::parse().command; // usage errors exit with 2 by themselves
-    // a link or a path is one word: it isn't broken at its slashes
-    let handler = || MietteHandlerOpts::new().word_separator(WordSeparator::AsciiSpace).break_words(false).build();
+    // a link, a path or an option is one word: it isn't broken at slashes or hyphens
+    let handler = || {
+        MietteHandlerOpts::new()
+            .word_separator(WordSeparator::AsciiSpace)
+            .word_splitter(WordSplitter::NoHyphenation)
+            .break_words(false)
+            .build()
+    };
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
     let outcome = match &command {
