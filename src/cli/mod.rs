@@ -49,7 +49,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use miette::MietteHandlerOpts;
 use std::io::{self, Write};
 use std::process::{ExitCode, exit};
-use textwrap::WordSeparator;
+use textwrap::{WordSeparator, WordSplitter};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -101,8 +101,14 @@ enum Command {
 /// Parses the command line, runs the command, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
     let command = CommandLine::try_parse().unwrap_or_else(|error| refuse(&error)).command;
-    // a link or a path is one word: it isn't broken at its slashes
-    let handler = || MietteHandlerOpts::new().word_separator(WordSeparator::AsciiSpace).break_words(false).build();
+    // a link, a path or an option is one word: it isn't broken at slashes or hyphens
+    let handler = || {
+        MietteHandlerOpts::new()
+            .word_separator(WordSeparator::AsciiSpace)
+            .word_splitter(WordSplitter::NoHyphenation)
+            .break_words(false)
+            .build()
+    };
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
     let outcome = match &command {

@@ -237,7 +237,7 @@ mod tests {
         }
         assert_eq!(fitted(40), "characterisation   312/625 presses");
         assert_eq!(fitted(60), "characterisation   312/625 presses, 12m left, +0.995 N");
-        assert_eq!(fitted(80), "characterisation [===========>          ]   312/625 presses, 12m left, +0.995 N");
+        assert_eq!(fitted(80), "characterisation [==========>           ]   312/625 presses, 12m left, +0.995 N");
         assert_eq!(fitted(200), fitted(80));
         let begins = line(&Shown { phase: "getting ready".to_owned(), ..Shown::default() }, None, 0, 625, 80);
         assert_eq!(begins, "getting ready    [>                     ]     0/625 presses");

@@ -18,7 +18,7 @@ Examples:
   palpate resume runs/paper
   palpate resume runs/paper-3 --after-trip
 
-palpate identifies the devices again and touches three places again: the run
+The devices are identified again, and three places are touched again: the run
 continues only if they haven't moved. An interrupted staircase is repeated
 from its start. A complete run is not changed.";
 

@@ -199,7 +199,7 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
     assert_eq!(allowed(PRESSES_MAX, 100_001).unwrap().entries.len(), 100_001);
     assert_eq!(told(9, 9).1, "split the recipe, or add --presses-max 10");
     // and nothing what is over the ceiling
-    let help = "split the recipe: a plan has at most 10000000";
+    let help = "split the recipe: a plan has at most 10000000 presses";
     for presses_max in [PRESSES_MAX, PRESSES_CEILING, usize::MAX] {
         let over =
             format!("the plan has 10000001 presses, but at most {} are allowed", presses_max.min(PRESSES_CEILING));

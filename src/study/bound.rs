@@ -10,7 +10,7 @@ const SETTLE_S: f64 = 0.008;
 const CLEAR_MM: f64 = 0.030;
 
 /// The least time from one press to the next, s, as the study of the loop reckons it: z rises from `depth_mm`, turns round
-/// above the surface and comes down as deep again without a pause, and x and y go `way_mm` on while it is clear.
+/// above the surface and comes down as deep again without a pause, and x and y move on by `way_mm` while it is clear.
 ///
 /// Each of the two motions of z is a triangle over depth d and clearance c that takes `2 sqrt((d + c) / a)` and its jerk; then
 /// the stage settles and the window is sampled: `4 sqrt((d + c) / a) + 2 jerk + settle + window`. c is just so large that z is

@@ -80,7 +80,7 @@ let told = 'x'; /// Two `told` three.
 const A: &str = "four {told} \"five\""; const B: char = '"'; fn f<'a>() { r#"six "seven""#; }
 "##;
     let read: Vec<(usize, String)> = texts(source).map(|text| (text.line, plain(&text.text, text.is_doc))).collect();
-    let words = [(1, " One "), (2, " Two   three "), (4, " four    five  "), (4, " six  seven ")];
+    let words = [(1, "one"), (2, "two three"), (4, "four five"), (4, "six seven")];
     assert_eq!(read.len(), words.len(), "{read:?}");
     for ((line, text), (expected_line, expected)) in read.iter().zip(words) {
         let squeezed = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");

@@ -162,7 +162,7 @@ fn three_runs_of_a_sensor_make_the_page_of_one() {
 fn a_part_of_a_run_has_the_page_of_that_part() {
     let bench = Bench::new();
     for (name, steps, has, lacks) in [
-        ("characterise", vec![CHARACTERISE], "Output of each unit against the load", "Errors of the test presses"),
+        ("characterise", vec![CHARACTERISE], "Output of each unit against the force", "Errors of the test presses"),
         ("calibrate", vec![CALIBRATE], "Output of each unit for 1 N at each place", "True and predicted"),
         ("test", vec![TEST], "Force control", "True and predicted"),
     ] {

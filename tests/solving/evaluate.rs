@@ -163,8 +163,8 @@ fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
     assert_eq!(told.json_lines().len(), SOLVERS.len() + 1);
     let told = bench.palpate(&format!("{WORDS} --solver all"));
     let expected = "\n\
-        pearson               all units read the same at every calibration point: no\n                      \
-        point can be told from another\n";
+        pearson               all units have the same output at every calibration point,\n                      \
+        so the points can't be distinguished\n";
     assert!(told.out.contains(expected), "{}", told.out);
     // asked for alone, there is nothing else to say
     let told = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
@@ -236,7 +236,7 @@ fn a_run_without_test_presses_says_what_is_missing() {
     let bench = Bench::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
     bench.palpate_ends(0, "run r.toml --out run");
     let told = bench.palpate_ends(2, "evaluate run");
-    assert!(told.running().contains("run: there is no test press"), "{}", told.err);
+    assert!(told.running().contains("run: no valid test press"), "{}", told.err);
 }
 
 /// The object that an evaluation with some more words comes to.

@@ -127,7 +127,7 @@ fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
     let bench = Bench::with([("a.csv", CALIBRATION)]);
     let told = bench.palpate("fit a.csv --out a.csv");
     assert_eq!(told.code, Some(2));
-    assert!(told.running().contains("a.csv already exists, and isn't a sensor file"), "{}", told.err);
+    assert!(told.running().contains("a.csv already exists and isn't a sensor file"), "{}", told.err);
     assert_eq!(bench.read("a.csv"), CALIBRATION);
     let told = bench.palpate("fit a.csv --out none/a.palpate");
     assert_eq!(told.code, Some(5), "{}", told.err);
