@@ -131,11 +131,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         }
         if spec.load_cell.air_n.is_none() {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
-            let _ = writeln!(
-                text,
-                "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would limit the zero to this range",
-                ""
-            );
+            let _ = writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would limit this zero", "");
         }
         let noise = match spec.array.unit.as_str() {
             "V" => format!("{:.2} mV", 1000.0 * outputs_sigma_v),

@@ -121,7 +121,11 @@ fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
     // whatever became of the manifest: the tables still say it
     fs::remove_file(bench.path("run/manifest.json")).expect("a manifest");
     let refused = bench.palpate_ends(2, "rebuild run");
-    assert!(refused.running().contains("presses.csv holds presses 1 to 6 that journal.log doesn't"), "{}", refused.err);
+    assert!(
+        refused.running().contains("presses.csv holds presses 1 to 6, which journal.log doesn't"),
+        "{}",
+        refused.err
+    );
     bench.palpate_ends(2, "resume run");
     bench.palpate_ends(1, "verify run");
     bench.palpate_ends(0, "rebuild run --accept-loss");
