@@ -51,12 +51,14 @@ impl RigSpec {
             let (device, doing) = (Device::Array.name().to_owned(), "opening it".to_owned());
             return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
         }
-        if let Some(wide) = self.stage.travel.axes.iter().find(|along| along.min.min(-along.max) < -STAGE_TRAVEL_MM) {
+        // z travels to its end to withdraw; x and y go no further than to where they press
+        let z = self.stage.travel.along(Axis::Z);
+        if z.min.min(-z.max) < -STAGE_TRAVEL_MM {
             let (device, doing) = (Device::Stage.name().to_owned(), "opening it".to_owned());
             let problem = format!(
-                "a simulated stage goes from {} to {STAGE_TRAVEL_MM} mm along each axis, and `stage.travel_mm` has {} to {}: \
+                "z of a simulated stage goes from {} to {STAGE_TRAVEL_MM} mm, and `stage.travel_mm.z` has {} to {}: \
                  narrow it for a simulated run",
-                -STAGE_TRAVEL_MM, wide.min, wide.max
+                -STAGE_TRAVEL_MM, z.min, z.max
             );
             return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(problem) });
         }

@@ -90,8 +90,7 @@ fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
     let bench = Bench::with([("rig.toml", wide.as_str())]);
     for words in ["check", "run"] {
         let told = bench.palpate_ends(2, &format!("{words} recipes/paper.toml --rig rig.toml --simulate"));
-        let said =
-            "a simulated stage goes from -12.5 to 12.5 mm along each axis, and `stage.travel_mm` has -40 to 12.5";
+        let said = "z of a simulated stage goes from -12.5 to 12.5 mm, and `stage.travel_mm.z` has -40 to 12.5";
         assert!(told.running().contains(said), "{}", told.err);
         assert!(!bench.has("runs"));
     }
