@@ -36,7 +36,10 @@ fn a_million_points_are_refused_for_nothing_and_planned_where_they_are_allowed()
         let (refused, cost) = measured(|| planned(&spec, &text(step), recipe::PRESSES_MAX));
         println!("refused: {:.6} s, {} bytes", cost.cpu_s, cost.bytes);
         let place = if step.starts_with("grid") { "4:8" } else { "4:10" };
-        assert_eq!(refused.unwrap_err(), [format!("r.toml:{place}: the plan has 1000000 presses, but at most 100000")]);
+        assert_eq!(
+            refused.unwrap_err(),
+            [format!("r.toml:{place}: the plan has 1000000 presses, but at most 100000 are allowed")]
+        );
         assert!(cost.cpu_s < REFUSAL_S && cost.bytes < REFUSAL_BYTES, "{step}: {cost:?}");
     }
     for step in STEPS {
