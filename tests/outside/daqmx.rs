@@ -142,7 +142,7 @@ fn a_library_that_isnt_there_or_lacks_a_function_is_named() {
     assert!(error.contains("NI's DAQmx library wasn't found on this machine") && error.contains("none.so"), "{error}");
     let Some(path) = stub("a library without a function", &bench, &["-DLACKS_STOP"]) else { return };
     let error = load(&path).err().expect("not this library").to_string();
-    assert_eq!(error, format!("{} isn't NI's DAQmx library: it has no DAQmxStopTask", path.display()));
+    assert_eq!(error, format!("{} isn't NI's DAQmx library: it has no function DAQmxStopTask", path.display()));
 }
 
 #[test]
