@@ -42,7 +42,7 @@ enum Sensor {
 
 /// What is written of a sensor.
 struct Template {
-    recipe: &'static str,
+    recipe: String,
     rig: &'static str,
     /// The run's name in the recipe.
     name: &'static str,
@@ -54,18 +54,22 @@ impl Sensor {
     fn template(self) -> Template {
         let shipped =
             |all: &'static [Shipped], name| all.iter().find(|one| one.name == name).map_or("", |one| one.text);
+        let skin = |name| include_str!("init/skin-recipe.toml").replace("SENSOR", name);
         match self {
-            Sensor::Paper => {
-                Template { recipe: shipped(RECIPES, "paper"), rig: shipped(RIGS, "sim"), name: "paper", simulate: "" }
-            }
+            Sensor::Paper => Template {
+                recipe: shipped(RECIPES, "paper").to_owned(),
+                rig: shipped(RIGS, "sim"),
+                name: "paper",
+                simulate: "",
+            },
             Sensor::Magnetic => Template {
-                recipe: include_str!("init/magnetic-recipe.toml"),
+                recipe: skin("magnetic"),
                 rig: include_str!("init/magnetic-rig.toml"),
                 name: "magnetic",
                 simulate: " --simulate",
             },
             Sensor::Barometer => Template {
-                recipe: include_str!("init/barometer-recipe.toml"),
+                recipe: skin("barometer"),
                 rig: include_str!("init/barometer-rig.toml"),
                 name: "barometer",
                 simulate: " --simulate",
@@ -79,7 +83,7 @@ pub fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
     let Template { recipe, rig, name, simulate } = args.from.template();
     let with_schema = |schema: &str, text: &str| format!("#:schema {schema}\n{text}");
     let files = [
-        ("recipe.toml", with_schema("recipe.schema.json", recipe)),
+        ("recipe.toml", with_schema("recipe.schema.json", &recipe)),
         ("rig.toml", with_schema("rig.schema.json", rig)),
         ("recipe.schema.json", Text::Recipe.schema()),
         ("rig.schema.json", Text::Rig.schema()),

@@ -1,7 +1,6 @@
 //! Reference pages made from lists of keys.
 
 use super::key::{Absent, Key, Keys, Kind};
-use std::fmt::Write;
 
 /// A Markdown page with every key of a text: after `begin` a section for each table, the outermost under the heading `root`, with type,
 /// bounds and unit, default, meaning and an example of each key.
@@ -11,36 +10,16 @@ pub fn reference(begin: &str, root: &str, keys: &Keys) -> String {
     page
 }
 
-const HEADING: &str = "| key | value | default | meaning | example |\n|---|---|---|---|---|";
-
 /// Writes the section of a table and those of the tables in it.
 fn section(page: &mut String, heading: &str, path: &str, keys: &Keys) {
-    let mut line = |text: String| writeln!(page, "{text}").unwrap_or_default(); // a string takes everything
-    line(format!("\n## {heading}\n"));
-    line(HEADING.to_owned());
-    keys.always.iter().for_each(|key| line(row(key)));
-    match keys.by {
-        Some(by) => {
-            for case in keys.cases {
-                line(format!("\nWith `{} = \"{}\"`:\n", by.name, case.name));
-                line(HEADING.to_owned());
-                case.keys.iter().for_each(|key| line(row(key)));
-            }
-        }
-        None if keys.cases.iter().any(|case| case.keys.len() > 1) => {
-            for case in keys.cases {
-                line(format!("\nWith `{}`:\n", case.name));
-                line(HEADING.to_owned());
-                case.keys.iter().for_each(|key| line(row(key)));
-            }
-        }
-        None if !keys.cases.is_empty() => {
-            let names: Vec<String> = keys.cases.iter().map(|case| format!("`{}`", case.name)).collect();
-            line(format!("\nExactly one of {}:\n", names.join(", ")));
-            line(HEADING.to_owned());
-            keys.cases.iter().flat_map(|case| case.keys).for_each(|key| line(row(key)));
-        }
-        None => (),
+    rows(page, &format!("## {heading}"), keys.always);
+    if let Some(by) = keys.by {
+        keys.cases.iter().for_each(|case| rows(page, &format!("With `{} = \"{}\"`:", by.name, case.name), case.keys));
+    } else if keys.cases.iter().any(|case| case.keys.len() > 1) {
+        keys.cases.iter().for_each(|case| rows(page, &format!("With `{}`:", case.name), case.keys));
+    } else if !keys.cases.is_empty() {
+        let names: Vec<String> = keys.cases.iter().map(|case| format!("`{}`", case.name)).collect();
+        rows(page, &format!("Exactly one of {}:", names.join(", ")), keys.cases.iter().flat_map(|case| case.keys));
     }
     for key in keys.all() {
         let Some(inner) = key.inner() else { continue };
@@ -51,6 +30,12 @@ fn section(page: &mut String, heading: &str, path: &str, keys: &Keys) {
         };
         section(page, &heading, &path, inner);
     }
+}
+
+/// Writes a line and, below it, a row for each key.
+fn rows<'k>(page: &mut String, above: &str, keys: impl IntoIterator<Item = &'k Key>) {
+    *page += &format!("\n{above}\n\n| key | value | default | meaning | example |\n|---|---|---|---|---|\n");
+    keys.into_iter().for_each(|key| *page += &format!("{}\n", row(key)));
 }
 
 fn row(key: &Key) -> String {

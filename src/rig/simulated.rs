@@ -48,19 +48,17 @@ impl RigSpec {
     /// A device there is no emulator for.
     pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
-            let (device, doing) = (Device::Array.name().to_owned(), "opening it".to_owned());
-            return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(TOO_MANY_CHANNELS.to_owned()) });
+            return Err(not_simulated(Device::Array, TOO_MANY_CHANNELS.to_owned()));
         }
         // z travels to its end to withdraw; x and y go no further than to where they press
         let z = self.stage.travel.along(Axis::Z);
         if z.min.min(-z.max) < -STAGE_TRAVEL_MM {
-            let (device, doing) = (Device::Stage.name().to_owned(), "opening it".to_owned());
-            let problem = format!(
+            let wide = format!(
                 "z of a simulated stage goes from {} to {STAGE_TRAVEL_MM} mm, and `stage.travel_mm.z` has {} to {}: \
                  narrow it for a simulated run",
                 -STAGE_TRAVEL_MM, z.min, z.max
             );
-            return Err(DeviceError { device, doing, problem: DeviceProblem::Mismatch(problem) });
+            return Err(not_simulated(Device::Stage, wide));
         }
         let spec = self.scene.clone();
         // the drivers go by the rig's word, the scene by how the specimen really lies
@@ -88,6 +86,12 @@ impl RigSpec {
         let array = self.array.driver.emulated(self)?;
         Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
     }
+}
+
+/// Why a device of a rig can't be simulated.
+fn not_simulated(device: Device, why: String) -> DeviceError {
+    let (device, doing) = (device.name().to_owned(), "opening it".to_owned());
+    DeviceError { device, doing, problem: DeviceProblem::Mismatch(why) }
 }
 
 impl SimulatedRig {

@@ -339,16 +339,17 @@ mod tests {
         drop(held);
 
         let precious = folder.path().join("precious");
-        let tricks: [&dyn Fn(); 3] =
-            [&|| symlink(&precious, &path).unwrap(), &|| fs::hard_link(&precious, &path).unwrap(), &|| {
-                fs::create_dir(&path).unwrap()
-            }];
-        for trick in tricks {
+        let tricks: [(&dyn Fn(), &str); 3] = [
+            (&|| symlink(&precious, &path).unwrap(), "it isn't a regular file"),
+            (&|| fs::hard_link(&precious, &path).unwrap(), "it is a hard link of another file"),
+            (&|| fs::create_dir(&path).unwrap(), "it isn't a regular file"),
+        ];
+        for (trick, why) in tricks {
             fs::write(&precious, "precious").unwrap();
             fs::remove_file(&path).unwrap();
             trick();
             let told = taken(folder.path(), &tcp("stage", 1)).unwrap_err().to_string();
-            assert!(told.contains("it is"), "{told}");
+            assert!(told.contains(why), "{told}");
             assert_eq!(fs::read_to_string(&precious).unwrap(), "precious");
         }
     }
