@@ -48,8 +48,8 @@ pub struct AdaptArgs {
 /// Changes the old presses, fits, and writes the file.
 pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     check_replaceable(&args.out).map_err(Failure::usage)?;
-    let old = Source::read_older(&args.from, args.method.load())?;
-    let new = Source::read(&args.with, args.method.load())?;
+    let old = Source::read_older(&args.from, &args.method)?;
+    let new = Source::read(&args.with, &args.method)?;
     let setting = args.method.setting(&old)?;
     let adapted = Adapted::new(args.method.solver(), &old.calibration, &new.calibration, &setting).into_diagnostic();
     let adapted = adapted

@@ -1,6 +1,7 @@
 //! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints how far off the answers
 //! are.
 
+use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::method::{load, solvers};
 use super::recorded::{read_presses, read_run};
@@ -64,6 +65,8 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: Repeatability,
     #[command(flatten)]
+    columns: ColumnsArgs,
+    #[command(flatten)]
     accept: AcceptArgs,
 }
 
@@ -78,21 +81,22 @@ struct Failed<'a> {
 pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     match (&args.run, &args.calibration, &args.test) {
         (Some(run), ..) => {
-            let (recorded, rig) = read_run(run)?;
-            let (presses, layout) = (recorded.presses(), &rig.array.layout);
+            let (recorded, bench) = read_run(run)?;
+            let (presses, layout) = (recorded.presses(), &bench.layout);
             let rule = args.accept.rule_of([&recorded])?;
-            let (runs, u_place_mm) = (vec![&recorded], rig.u_place_mm());
+            let (runs, u_place_mm) = (vec![&recorded], bench.u_place_mm());
             let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
             let is_beside_paper = is_beside_paper(layout, &presses);
             let characteristics = Staircases::of_run(&presses, layout)
                 .map(|staircases| characteristics_table(&staircases, args.repeatability, is_beside_paper));
-            let trial = Trial::of_run(&presses, Some(layout));
+            let trial = Trial::of_run(&presses, bench.placed());
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
             let shown = Shown { is_only_characterised, is_beside_paper, characteristics };
             report(args, trial, shown, rule.map(|rule| (rule, evidence)))
         }
         (None, Some(calibration), Some(test)) => {
-            let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
+            let mapping = args.columns.mapping()?;
+            let (calibration, test) = (read_presses(calibration, &mapping)?, read_presses(test, &mapping)?);
             let evidence = Evidence { presses: &calibration, layout: None, runs: Vec::new(), u_place_mm: None };
             let trial = Trial::of_tables(&calibration, &test);
             report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))

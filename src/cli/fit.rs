@@ -37,7 +37,7 @@ pub struct FitArgs {
 /// Fits, and writes the file.
 pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     check_replaceable(&args.out).map_err(Failure::usage)?;
-    let source = Source::read(&args.calibration, args.method.load())?;
+    let source = Source::read(&args.calibration, &args.method)?;
     let model = args.method.fit(&source)?;
     args.method.tell(&source, &model)?;
     tell_left_out(&source.path, model.fitted())?;

@@ -14,9 +14,10 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate init my-sensor
-  palpate init my-skin --from magnetic";
+  palpate init my-skin --from magnetic
+  palpate init my-data --from tables";
 
-/// Write a recipe and a rig to begin with, and their schemas for editors
+/// Write a recipe and a rig to begin with, or a columns file, and their schemas for editors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct InitArgs {
@@ -24,70 +25,84 @@ pub struct InitArgs {
     #[arg(value_name = "DIR", default_value = ".")]
     folder: PathBuf,
 
-    /// The sensor that is nearest to yours
-    #[arg(long, value_name = "SENSOR", default_value = "paper")]
-    from: Sensor,
+    /// What you begin with: the sensor that is nearest to yours, or tables
+    #[arg(long, value_name = "START", default_value = "paper")]
+    from: Start,
 }
 
-/// A sensor to begin with.
+/// What a person begins with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Sensor {
+enum Start {
     /// 3 x 3 taxels under a soft cover, as in the paper, simulated
     Paper,
     /// 4 x 4 magnetometers with three axes
     Magnetic,
     /// 4 x 4 barometers
     Barometer,
+    /// Tables of presses that another program recorded
+    Tables,
 }
 
-/// What is written of a sensor.
+/// What is written, and what to do with it.
 struct Template {
-    recipe: String,
-    rig: &'static str,
-    /// The run's name in the recipe.
-    name: &'static str,
-    /// The option with which it runs without hardware; its links may be simulated already.
-    simulate: &'static str,
+    /// Each text with its kind.
+    texts: Vec<(Text, String)>,
+    /// Lines to type next.
+    next: String,
 }
 
-impl Sensor {
+impl Start {
     fn template(self) -> Template {
         let shipped =
             |all: &'static [Shipped], name| all.iter().find(|one| one.name == name).map_or("", |one| one.text);
         let skin = |name| include_str!("init/skin-recipe.toml").replace("SENSOR", name);
         match self {
-            Sensor::Paper => Template {
-                recipe: shipped(RECIPES, "paper").to_owned(),
-                rig: shipped(RIGS, "sim"),
-                name: "paper",
-                simulate: "",
-            },
-            Sensor::Magnetic => Template {
-                recipe: skin("magnetic"),
-                rig: include_str!("init/magnetic-rig.toml"),
-                name: "magnetic",
-                simulate: " --simulate",
-            },
-            Sensor::Barometer => Template {
-                recipe: skin("barometer"),
-                rig: include_str!("init/barometer-rig.toml"),
-                name: "barometer",
-                simulate: " --simulate",
+            Start::Paper => bench(shipped(RECIPES, "paper").to_owned(), shipped(RIGS, "sim"), "paper", ""),
+            Start::Magnetic => {
+                bench(skin("magnetic"), include_str!("init/magnetic-rig.toml"), "magnetic", " --simulate")
+            }
+            Start::Barometer => {
+                bench(skin("barometer"), include_str!("init/barometer-rig.toml"), "barometer", " --simulate")
+            }
+            Start::Tables => Template {
+                texts: vec![(Text::Columns, include_str!("init/columns.toml").to_owned()), certificate()],
+                next: "  palpate import ../grid.csv --test ../random.csv --columns columns.toml\n  \
+                       palpate report runs/grid\n\n\
+                       grid.csv and random.csv are your tables of calibration and test presses. Change\n\
+                       columns.toml to their columns. `palpate reference columns` prints every key.\n"
+                    .to_owned(),
             },
         }
     }
 }
 
+/// A recipe and a rig. The run's name is that of the recipe; `simulate` is the option with which the rig runs without hardware.
+fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
+    Template {
+        texts: vec![(Text::Recipe, recipe), (Text::Rig, rig.to_owned()), certificate()],
+        next: format!(
+            "  palpate check recipe.toml --rig rig.toml{simulate}\n  \
+             palpate run recipe.toml --rig rig.toml{simulate}\n  \
+             palpate report runs/{name}\n\n\
+             Change recipe and rig to your sensor and bench. `palpate reference recipe` and\n\
+             `palpate reference rig` print every key.\n"
+        ),
+    }
+}
+
+fn certificate() -> (Text, String) {
+    (Text::Certificate, include_str!("../../data/example/certificate.toml").to_owned())
+}
+
 /// Writes the files, none of which may exist, and prints what to do next.
 pub fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
-    let Template { recipe, rig, name, simulate } = args.from.template();
-    let with_schema = |schema: &str, text: &str| format!("#:schema {schema}\n{text}");
-    let files = [
-        ("recipe.toml", with_schema("recipe.schema.json", &recipe)),
-        ("rig.toml", with_schema("rig.schema.json", rig)),
-        ("recipe.schema.json", Text::Recipe.schema()),
-        ("rig.schema.json", Text::Rig.schema()),
-    ];
+    let Template { texts, next } = args.from.template();
+    let mut files = Vec::new();
+    for (kind, text) in texts {
+        let name = kind.name();
+        files.push((format!("{name}.toml"), format!("#:schema {name}.schema.json\n{text}")));
+        files.push((format!("{name}.schema.json"), kind.schema()));
+    }
     if let Some((file, _)) = files.iter().find(|(file, _)| args.folder.join(file).symlink_metadata().is_ok()) {
         let there = args.folder.join(file);
         let help = "name another folder: palpate init DIR";
@@ -99,14 +114,7 @@ pub fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
     let folder = args.folder.display();
     let list: String = files.iter().map(|(file, _)| format!("  {file}\n")).collect();
     let enter = if args.folder == Path::new(".") { String::new() } else { format!("  cd {folder}\n") };
-    print(&format!(
-        "written to {folder}:\n{list}\nnext:\n{enter}  \
-         palpate check recipe.toml --rig rig.toml{simulate}\n  \
-         palpate run recipe.toml --rig rig.toml{simulate}\n  \
-         palpate report runs/{name}\n\n\
-         Change both files to your sensor and bench. `palpate reference recipe` and\n\
-         `palpate reference rig` print every key.\n"
-    ))?;
+    print(&format!("written to {folder}:\n{list}\nnext:\n{enter}{next}"))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,12 +1,13 @@
 //! How a method is asked for on the command line, and fitted to a run or a table.
 
+use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::recorded::{read_presses, read_run};
 use super::summary::tell;
 use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
 use crate::dataset::sensor_file::{is_sensor_file, read_sensor_file};
-use crate::dataset::{Fingerprint, source_fingerprint};
+use crate::dataset::{Fingerprint, Mapping, source_fingerprint};
 use crate::quantity::ArrayLayout;
 use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
 use clap::builder::PossibleValuesParser;
@@ -41,6 +42,8 @@ pub struct MethodArgs {
     /// Expected forces, N [default: from a tenth of the calibration force to the calibration force]
     #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
     forces_n: Option<Vec<f64>>,
+    #[command(flatten)]
+    columns: ColumnsArgs,
 }
 
 /// What the forces of a calibration without forces are.
@@ -62,24 +65,27 @@ pub struct Source {
 
 impl Source {
     /// Reads a run folder or a table of presses.
-    pub fn read(path: &Path, load: ForceKnown) -> Result<Source, Failure> {
+    pub fn read(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
+        let load = method.load();
         let path = path.to_owned();
         if path.is_dir() {
-            let (recorded, rig) = read_run(&path)?;
+            let (recorded, bench) = read_run(&path)?;
             let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
-            let (layout, sensor) = (Some(rig.array.layout), recorded.manifest.facts.labels.sensor.clone());
+            let (layout, sensor) = (bench.placed().cloned(), recorded.manifest.facts.labels.sensor.clone());
             return Ok(Source { path, calibration, layout, sensor, is_relative: false });
         }
-        let table = read_presses(&path)?;
+        let mapping = method.mapping()?;
+        let table = read_presses(&path, &mapping)?;
         let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
         let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
-        Ok(Source { path, calibration, layout: None, sensor: None, is_relative })
+        let layout = mapping.layout_of(table.channels);
+        Ok(Source { path, calibration, layout, sensor: None, is_relative })
     }
 
     /// Reads a sensor file too, which keeps its presses.
-    pub fn read_older(path: &Path, load: ForceKnown) -> Result<Source, Failure> {
+    pub fn read_older(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
         if !is_sensor_file(path) {
-            return Source::read(path, load);
+            return Source::read(path, method);
         }
         let (card, model) = read_sensor_file(path).map_err(Failure::usage)?;
         let Some(calibration) = model.calibration() else {
@@ -101,6 +107,11 @@ impl MethodArgs {
     /// Whether contacts press as hard as the calibration.
     pub fn load(&self) -> ForceKnown {
         load(self.constant_load)
+    }
+
+    /// What the columns of tables and readings hold.
+    pub fn mapping(&self) -> Result<Mapping, Failure> {
+        self.columns.mapping()
     }
 
     /// The name of the method.

@@ -9,6 +9,7 @@ mod align;
 mod certificate;
 mod check;
 mod check_weight;
+mod columns;
 mod doctor;
 mod drivers;
 mod emulate;
@@ -16,6 +17,7 @@ mod evaluate;
 mod exit;
 mod figure_files;
 mod fit;
+mod import;
 mod init;
 mod labels;
 mod method;
@@ -77,6 +79,7 @@ enum Command {
     Resume(resume::ResumeArgs),
     Verify(verify::VerifyArgs),
     Rebuild(rebuild::RebuildArgs),
+    Import(import::ImportArgs),
     Evaluate(evaluate::EvaluateArgs),
     Fit(fit::FitArgs),
     Adapt(adapt::AdaptArgs),
@@ -117,6 +120,7 @@ pub fn main() -> ExitCode {
         Command::Resume(args) => resume::resume(args),
         Command::Verify(args) => verify::verify_run(args),
         Command::Rebuild(args) => rebuild::rebuild(args),
+        Command::Import(args) => import::import(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Fit(args) => fit::fit(args),
         Command::Adapt(args) => adapt::adapt(args),

@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::provenance::now;
-use super::recorded::rig_of;
+use super::recorded::bench_of;
 use super::summary;
 use crate::dataset::{RunFolder, Texts};
 use std::path::PathBuf;
@@ -30,8 +30,8 @@ pub struct RebuildArgs {
 
 /// Writes every view of the journal.
 pub fn rebuild(args: &RebuildArgs) -> Result<ExitCode, Failure> {
-    let (_, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
-    let layout = rig_of(&args.run, &texts)?.array.layout;
+    let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
+    let layout = bench_of(&args.run, &manifest.facts, &texts)?.layout;
     let opened = match args.accept_loss {
         true => RunFolder::open_accepting_loss(&args.run, &layout, now()),
         false => RunFolder::open(&args.run, &layout),

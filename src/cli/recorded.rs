@@ -3,18 +3,26 @@
 use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
-use crate::dataset::{Lookalike, Presses, Recorded, Texts, read_table};
-use crate::rig::RigSpec;
+use crate::dataset::{Lookalike, Mapping, Presses, Recorded, RunFacts, Texts, read_table};
+use crate::rig::{Bench, RigSpec};
 use std::path::Path;
 
-/// What the journal of a run folder says, and the rig that it was made on.
-pub fn read_run(run: &Path) -> Result<(Recorded, RigSpec), Failure> {
+/// What the journal of a run folder says, and where it was made.
+pub fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
     let recorded = Recorded::read(run).map_err(Failure::dataset)?;
     for warning in recorded.warnings().map_err(Failure::dataset)? {
         tell(&format!("warning: {warning}\n"))?;
     }
-    let rig = rig_of(run, &recorded.texts)?;
-    Ok((recorded, rig))
+    let bench = bench_of(run, &recorded.manifest.facts, &recorded.texts)?;
+    Ok((recorded, bench))
+}
+
+/// Where a run was made, as its journal keeps it.
+pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
+    let Some(imported) = &facts.imported else { return Ok(Bench::of_rig(rig_of(run, texts)?)) };
+    let path = run.join("columns.toml").display().to_string();
+    let columns = Mapping::parse(&path, texts.columns()).map_err(Failure::usage)?;
+    Ok(Bench::of_import(columns.array, imported.outputs as usize))
 }
 
 /// The rig of a run, as its journal keeps it.
@@ -28,10 +36,10 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
 }
 
 /// The presses of a table that is named by its path: it is read as it is.
-pub fn read_presses(table: &Path) -> Result<Presses, Failure> {
-    let presses = read_table(table).map_err(Failure::usage)?;
+pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure> {
+    let presses = read_table(table, mapping).map_err(Failure::usage)?;
     warn_of_table(table)?;
-    if let Some(detected) = &presses.detected {
+    for detected in &presses.detected {
         tell(&format!("note: {}: {detected}\n", table.display()))?;
     }
     for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {

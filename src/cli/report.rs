@@ -9,7 +9,7 @@ use super::verdict::{AcceptArgs, rule_of, verdict_code};
 use crate::acceptance::Verdict;
 use crate::dataset::{Recorded, check_run, files};
 use crate::report::{Compared, Judged, MARK, Page, ReportError, Subject, ToCompare, comparison, counted, page};
-use crate::rig::RigSpec;
+use crate::rig::Bench;
 use crate::solver::{BEST, Evaluation};
 use std::fs;
 use std::io;
@@ -62,7 +62,7 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out, false)?;
-    let runs: Vec<(Recorded, RigSpec)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
+    let runs: Vec<(Recorded, Bench)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
     let (page, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
     // before anything is written
     let files = args.figures.as_deref().map(|folder| FigureFiles::new(folder, &page.figures)).transpose()?;
@@ -74,7 +74,7 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     Ok(code)
 }
 
-fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, String, ExitCode), Failure> {
+fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, ExitCode), Failure> {
     let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
     let verdict = judged.judgement.as_ref().map_or("no verdict", |judgement| judgement.verdict.told());
     let errors = judged.decisive().map_or(", not evaluated".to_owned(), |evaluation| {
@@ -88,7 +88,7 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, Strin
 
 /// The sensor of some runs, judged by the rule that was named or that their recipes agree on.
 pub(super) fn judged(
-    runs: Vec<(Recorded, RigSpec)>,
+    runs: Vec<(Recorded, Bench)>,
     same_sensor: bool,
     accept: &AcceptArgs,
 ) -> Result<(Subject, Judged), Failure> {
@@ -98,11 +98,11 @@ pub(super) fn judged(
     Ok((subject, judged))
 }
 
-fn compare(args: &ReportArgs, runs: Vec<(Recorded, RigSpec)>) -> Result<(Page, String, ExitCode), Failure> {
+fn compare(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, ExitCode), Failure> {
     let named = args.accept.rule()?;
-    let to_compare = |(run, rig): (Recorded, RigSpec)| {
+    let to_compare = |(run, bench): (Recorded, Bench)| {
         let rule = if named.is_some() { named.clone() } else { rule_of(&run)? };
-        Ok(ToCompare { run, rig, rule })
+        Ok(ToCompare { run, bench, rule })
     };
     let runs: Vec<ToCompare> = runs.into_iter().map(to_compare).collect::<Result<_, Failure>>()?;
     let compared = Compared::all(&runs, &args.solver);

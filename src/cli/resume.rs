@@ -49,6 +49,10 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
         strategy: facts.strategy,
         presses_max: facts.presses_max,
     };
+    if facts.imported.is_some() {
+        let help = "an imported run is complete: `palpate import` makes a new one";
+        return Err(Failure::usage(miette::miette!(help = help, "{} was imported, not measured", args.run.display())));
+    }
     rig_of(&args.run, &texts)?; // reports best that the journal has lost its beginning
     let rig_text = rig_text(args, &texts)?;
     let changes = changes(&rig.rig, &texts, &rig_text)?;

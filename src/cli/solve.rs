@@ -89,7 +89,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
             model
         }
         (None, Some(calibration)) => {
-            let source = Source::read(calibration, args.method.load())?;
+            let source = Source::read(calibration, &args.method)?;
             let model = args.method.fit(&source)?;
             if !args.quiet {
                 args.method.tell(&source, &model)?;
@@ -99,7 +99,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
         }
         (None, None) => return Err(Failure::usage(miette::miette!("--calibration or --model is required"))),
     };
-    let readings = Readings::new(SOURCE, model.validity().units, args.input);
+    let readings = Readings::new(SOURCE, model.validity().units, args.input, args.method.mapping()?);
     let mut answers = Answers::new(readings, Session::new(model));
     let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going);
     match answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions, args.keep_going) {

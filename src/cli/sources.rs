@@ -111,7 +111,7 @@ impl Sources {
         let spec = as_asked(spec, rig.simulate, rig.seed)?;
         let maps = [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map);
         let beside = maps.chain(rule).collect();
-        Ok(Sources { recipe, rig: spec, origins: Origins { recipe: recipe_text, rig: rig_text, beside } })
+        Ok(Sources { recipe, rig: spec, origins: Origins::new(recipe_text, rig_text, beside) })
     }
 
     /// The plan, limits of the rig.

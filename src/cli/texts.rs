@@ -2,8 +2,11 @@
 
 use super::exit::Failure;
 use super::summary::print;
+use crate::dataset::COLUMN_KEYS;
 use crate::document::{Keys, reference, schema};
+use crate::report::certificate::CERTIFICATE_KEYS;
 use crate::{driver, recipe, rig};
+use clap::builder::PossibleValue;
 use clap::{CommandFactory, ValueEnum};
 use std::process::ExitCode;
 
@@ -18,9 +21,18 @@ pub enum Text {
     RegisterMap,
     /// An acceptance rule in a file of its own
     Acceptance,
+    /// What the columns of your own tables hold
+    Columns,
+    /// What a certificate states and no run knows
+    Certificate,
 }
 
 impl Text {
+    /// Its name on the command line and in file names.
+    pub fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+
     /// The title of its schema and of its page.
     fn title(self) -> &'static str {
         match self {
@@ -28,6 +40,8 @@ impl Text {
             Text::Rig => "Rig",
             Text::RegisterMap => "Register map",
             Text::Acceptance => "Acceptance rule",
+            Text::Columns => "Columns file",
+            Text::Certificate => "Certificate file",
         }
     }
 
@@ -37,6 +51,8 @@ impl Text {
             Text::Rig => rig::KEYS,
             Text::RegisterMap => driver::modbus::KEYS,
             Text::Acceptance => recipe::RULE_KEYS,
+            Text::Columns => COLUMN_KEYS,
+            Text::Certificate => CERTIFICATE_KEYS,
         }
     }
 
@@ -47,6 +63,8 @@ impl Text {
             Text::Rig => include_str!("texts/rig.md"),
             Text::RegisterMap => include_str!("texts/register-map.md"),
             Text::Acceptance => include_str!("texts/acceptance.md"),
+            Text::Columns => include_str!("texts/columns.md"),
+            Text::Certificate => include_str!("texts/certificate.md"),
         }
     }
 
@@ -83,19 +101,42 @@ pub fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What has a reference page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+/// What has a reference page: a text, or the commands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Page {
-    /// The keys of a recipe
-    Recipe,
-    /// The keys of a rig
-    Rig,
-    /// The keys of a register map
-    RegisterMap,
-    /// The keys of an acceptance rule
-    Acceptance,
-    /// All commands and their options
+    Keys(Text),
     Commands,
+}
+
+impl ValueEnum for Page {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [Page; 7] = [
+            Page::Keys(Text::Recipe),
+            Page::Keys(Text::Rig),
+            Page::Keys(Text::RegisterMap),
+            Page::Keys(Text::Acceptance),
+            Page::Keys(Text::Columns),
+            Page::Keys(Text::Certificate),
+            Page::Commands,
+        ];
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            Page::Keys(text) => text.to_possible_value(),
+            Page::Commands => Some(PossibleValue::new("commands").help("All commands and their options")),
+        }
+    }
+}
+
+impl Page {
+    fn print(self) -> String {
+        match self {
+            Page::Keys(text) => text.page(),
+            Page::Commands => commands(),
+        }
+    }
 }
 
 const REFERENCE_EXAMPLES: &str = "\
@@ -112,13 +153,7 @@ pub struct ReferenceArgs {
 
 /// Prints the page.
 pub fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure> {
-    print(&match args.page {
-        Page::Recipe => Text::Recipe.page(),
-        Page::Rig => Text::Rig.page(),
-        Page::RegisterMap => Text::RegisterMap.page(),
-        Page::Acceptance => Text::Acceptance.page(),
-        Page::Commands => commands(),
-    })?;
+    print(&args.page.print())?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -155,22 +190,17 @@ mod tests {
     #[test]
     fn the_reference_pages_in_docs_are_those_that_the_program_prints() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference");
-        let pages = [
-            ("recipe", Text::Recipe.page()),
-            ("rig", Text::Rig.page()),
-            ("register-map", Text::RegisterMap.page()),
-            ("acceptance", Text::Acceptance.page()),
-            ("commands", commands()),
-        ];
-        for (name, page) in pages {
-            let kept = std::fs::read_to_string(folder.join(name).with_extension("md")).unwrap_or_default();
+        for page in Page::value_variants() {
+            let name = page.to_possible_value().unwrap().get_name().to_owned();
+            let page = page.print();
+            let kept = std::fs::read_to_string(folder.join(&name).with_extension("md")).unwrap_or_default();
             assert!(kept == page, "regenerate: palpate reference {name} > docs/reference/{name}.md");
         }
     }
 
     #[test]
     fn every_key_is_on_its_page() {
-        for text in [Text::Recipe, Text::Rig, Text::RegisterMap, Text::Acceptance] {
+        for text in Text::value_variants() {
             let page = text.page();
             for listed in text.keys().walk() {
                 assert!(page.contains(&format!("\n| `{}` | ", listed.key.name)), "{}", listed.path);

@@ -56,6 +56,9 @@ impl AcceptArgs {
 
 /// The rule of a run's own recipe. A recipe that today's program can't read gives none, and a warning.
 pub fn rule_of(run: &Recorded) -> Result<Option<Rule>, Failure> {
+    if run.manifest.facts.imported.is_some() {
+        return Ok(None);
+    }
     match parse_kept_recipe(&run.path, &run.texts) {
         Ok(read) => Ok(read.recipe.rule().cloned()),
         Err(_) => {

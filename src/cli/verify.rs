@@ -1,7 +1,7 @@
 //! `palpate verify`.
 
 use super::exit::Failure;
-use super::recorded::rig_of;
+use super::recorded::bench_of;
 use super::sources::read;
 use super::summary;
 use crate::dataset::{DatasetError, JournalError, Loss, Texts, journal_sha256, verify};
@@ -29,8 +29,8 @@ pub struct VerifyArgs {
 /// Reports what isn't as it was written.
 pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
     let layout = match Texts::read(&args.run) {
-        Ok((_, texts)) if texts.rig().is_empty() => None,
-        Ok((_, texts)) => Some(rig_of(&args.run, &texts)?.array.layout),
+        Ok((manifest, texts)) if texts.rig().is_empty() && manifest.facts.imported.is_none() => None,
+        Ok((manifest, texts)) => Some(bench_of(&args.run, &manifest.facts, &texts)?.layout),
         Err(DatasetError::Journal(JournalError::Damaged { .. })) => None,
         Err(error) => return Err(Failure::dataset(error)),
     };

@@ -1,11 +1,16 @@
 //! How a table from elsewhere separates its columns and writes its decimals.
 
+use super::mapping::{Decimal, Mapping};
 use super::table_error::TableError;
 use csv::StringRecord;
 
 /// The separator of a table, and the decimal marks that its numbers have.
 pub(super) struct Dialect {
     separator: u8,
+    /// Whether a columns file states the separator.
+    is_stated: bool,
+    /// The decimal mark that a columns file states.
+    decimal: Option<Decimal>,
     /// The first line with a decimal point in a number, and with a decimal comma.
     point: Option<u64>,
     comma: Option<u64>,
@@ -13,8 +18,8 @@ pub(super) struct Dialect {
 
 impl Dialect {
     /// The separator with which the header has a column of this name: comma, semicolon or tab; without any the comma. `start` is the
-    /// beginning of the table.
-    pub fn of_start(start: &[u8], column: &str) -> Self {
+    /// beginning of the table. What the mapping states isn't detected.
+    pub fn of_start(start: &[u8], column: &str, mapping: &Mapping) -> Self {
         let text = String::from_utf8_lossy(start);
         let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
         let header = text.trim_start_matches('\u{feff}').lines().find(is_header).unwrap_or_default();
@@ -22,8 +27,22 @@ impl Dialect {
             let mut names = header.split(char::from(*separator));
             names.any(|name| name.trim().trim_matches('"').trim() == column)
         };
-        let separator = [b',', b';', b'\t'].into_iter().find(has).unwrap_or(b',');
-        Dialect { separator, point: None, comma: None }
+        // without a header: what is between its numbers
+        let is_between = |separator: &u8| {
+            let mut cells = header.split(char::from(*separator)).map(str::trim);
+            let is_numeric = |cell: &str| cell.parse::<f64>().is_ok() || is_number(cell, ',');
+            cells.clone().count() > 1 && cells.all(is_numeric)
+        };
+        let by_name = || [b',', b';', b'\t'].into_iter().find(has);
+        let detected = || by_name().or_else(|| [b';', b'\t', b' '].into_iter().find(is_between)).unwrap_or(b',');
+        let separator = mapping.separator.unwrap_or_else(detected);
+        Dialect {
+            separator,
+            is_stated: mapping.separator.is_some(),
+            decimal: mapping.decimal,
+            point: None,
+            comma: None,
+        }
     }
 
     pub fn separator(&self) -> u8 {
@@ -35,7 +54,7 @@ impl Dialect {
     /// # Errors
     /// A table with decimal points and decimal commas: which of them groups thousands isn't known.
     pub fn with_points(&mut self, file: &str, line: u64, record: &mut StringRecord) -> Result<(), TableError> {
-        if self.separator == b',' {
+        if self.separator == b',' || self.decimal == Some(Decimal::Point) {
             return Ok(());
         }
         let marks = |mark: char| record.iter().any(|cell| is_number(cell.trim(), mark));
@@ -60,8 +79,12 @@ impl Dialect {
         let separator = match self.separator {
             b';' => "semicolons",
             b'\t' => "tabs",
+            b' ' => "spaces",
             _ => return None,
         };
+        if self.is_stated {
+            return None;
+        }
         let decimals = if self.comma.is_some() { ", decimal commas" } else { "" };
         Some(format!("columns are separated by {separator}{decimals}"))
     }
@@ -88,9 +111,14 @@ mod tests {
             ("\u{feff}# exported; by hand, twice\n\nx_mm;y_mm;a,b\n", b';'),
             ("y_mm\t\"x_mm\"\r\n1\t2\r\n", b'\t'),
             ("X;Y\n", b','),
+            ("1,5;-2\n", b';'),
+            ("1.5\t-2e3\n", b'\t'),
+            ("1.5 -2\n", b' '),
+            ("1,5\n", b','),
             ("", b','),
         ] {
-            assert_eq!(Dialect::of_start(start.as_bytes(), "x_mm").separator(), separator, "{start:?}");
+            let dialect = Dialect::of_start(start.as_bytes(), "x_mm", &Mapping::default());
+            assert_eq!(dialect.separator(), separator, "{start:?}");
         }
     }
 

@@ -259,11 +259,11 @@ pub(crate) mod tests {
         Trial::of_tables(calibration, test)?.evaluate(solver)
     }
 
-    use crate::dataset::parse_table;
+    use crate::dataset::{Mapping, parse_table};
 
     /// Reads what a table of that text holds.
     pub(crate) fn table(text: &str) -> Presses {
-        parse_table("a.csv", text.as_bytes()).unwrap()
+        parse_table("a.csv", text.as_bytes(), &Mapping::default()).unwrap()
     }
 
     /// The same of a run: a table with every column that a run's has.

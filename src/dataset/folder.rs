@@ -8,7 +8,7 @@ use super::lock::hold;
 use super::loss::lost;
 use super::manifest::MANIFEST;
 use super::press::{csv_header, csv_line};
-use super::recorded::{RECIPE, RIG, Texts};
+use super::recorded::{COLUMNS, RECIPE, RIG, Texts};
 use super::verify::fingerprints;
 use super::views::{PRESSES, TABLES, replace, write};
 use super::{
@@ -24,14 +24,10 @@ use std::path::{Path, PathBuf};
 const NAMES_MAX: usize = 100_000;
 
 /// The texts a run is made from, kept with it as given.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Origins {
-    /// `recipe.toml`.
-    pub recipe: String,
-    /// `rig.toml`.
-    pub rig: String,
-    /// Files that these name, beside them: register maps and an acceptance rule, each with its name and its text.
-    pub beside: Vec<(String, String)>,
+    /// Each with the name of its file.
+    texts: Vec<(String, String)>,
 }
 
 /// A run on disk, held by this program alone. Of its presses it knows the places in the journal, and no more.
@@ -315,10 +311,19 @@ impl Ledger for RunFolder {
 }
 
 impl Origins {
-    /// All texts with the names of their files.
+    /// A recipe, a rig, and the files that these name, beside them: register maps and an acceptance rule, each with its name and text.
+    pub fn new(recipe: String, rig: String, beside: Vec<(String, String)>) -> Origins {
+        let own = [(RECIPE.to_owned(), recipe), (RIG.to_owned(), rig)];
+        Origins { texts: own.into_iter().chain(beside).collect() }
+    }
+
+    /// The columns file of an import, where there is one.
+    pub fn of_import(columns: Option<String>) -> Origins {
+        Origins { texts: columns.map(|text| (COLUMNS.to_owned(), text)).into_iter().collect() }
+    }
+
     fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
-        let own = [(RECIPE, self.recipe.as_str()), (RIG, self.rig.as_str())];
-        own.into_iter().chain(self.beside.iter().map(|(name, text)| (name.as_str(), text.as_str())))
+        self.texts.iter().map(|(name, text)| (name.as_str(), text.as_str()))
     }
 }
 

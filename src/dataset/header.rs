@@ -1,6 +1,6 @@
 //! The header of a table: which column stands where, and what to say where one is missing.
 
-use super::press::{COLUMNS, Column, Presence, output_name};
+use super::press::{COLUMNS, Column, OUTPUTS, Presence, output_name};
 use super::table_error::{MAX_COLUMNS, TableError, quoted};
 use csv::StringRecord;
 
@@ -43,20 +43,25 @@ impl Header<'_> {
         self.names.iter().position(|name| name == column)
     }
 
-    /// Where a column stands.
-    pub fn needed(&self, column: &str) -> Result<usize, TableError> {
-        self.optional(column).ok_or_else(|| TableError::MissingColumn {
+    /// Where the column of this name stands, which holds `what`.
+    pub fn needed(&self, what: &str, name: &str) -> Result<usize, TableError> {
+        self.optional(name).ok_or_else(|| TableError::MissingColumn {
             file: self.file.to_owned(),
             line: self.line,
-            column: column.to_owned(),
-            help: self.hint(column),
+            column: quoted(name),
+            help: self.hint(what, name),
         })
     }
 
-    /// Where `out_1`, `out_2`, ... stand: at least one, without a gap.
-    pub fn outputs(&self) -> Result<Vec<usize>, TableError> {
-        let count = self.count_outputs()?;
-        (1..=count.max(1)).map(|unit| self.needed(&output_name(unit))).collect()
+    /// Where the outputs stand: the columns of these names, or `out_1`, `out_2`, ..., at least one and without a gap.
+    pub fn outputs(&self, names: Option<&[String]>) -> Result<Vec<usize>, TableError> {
+        match names {
+            Some(names) => names.iter().map(|name| self.needed(OUTPUTS, name)).collect(),
+            None => {
+                let count = self.count_outputs()?;
+                (1..=count.max(1)).map(|unit| self.needed(OUTPUTS, &output_name(unit))).collect()
+            }
+        }
     }
 
     /// The largest number of an `out_N` column that the number of columns allows; 0 without any.
@@ -76,23 +81,54 @@ impl Header<'_> {
     }
 
     /// What to do about a missing column: the header's nearest unknown name, where one is near.
-    fn hint(&self, column: &str) -> String {
+    fn hint(&self, what: &str, column: &str) -> String {
         /// Jaro-Winkler similarity from which a name is taken for a slip of another.
         const NEAR: f64 = 0.7;
         let only = self.names.get(0).unwrap_or_default();
         if self.names.len() == 1 && only.contains([';', '\t']) {
             return "separate the columns by commas".to_owned();
         }
+        if column.starts_with("out_") {
+            if let Some((first, last)) = self.series() {
+                let (first, last) = (quoted(first), quoted(last));
+                return format!(
+                    "the header has {first} to {last}: if they are the outputs, add --columns outputs={first}..{last}"
+                );
+            }
+        }
         let is_read = |column: &Column| matches!(column.presence, Presence::Needed | Presence::Optional);
         let known: Vec<&str> = COLUMNS.iter().filter(|column| is_read(column)).map(|column| column.name).collect();
         let is_known = |name: &str| known.contains(&name) || name.starts_with("out_");
         let unknown = self.names.iter().filter(|name| !name.is_empty() && !is_known(name));
-        let scored = unknown.map(|name| (strsim::jaro_winkler(column, &name.to_lowercase()), name));
+        let lower = column.to_lowercase();
+        let scored = unknown.map(|name| (strsim::jaro_winkler(&lower, &name.to_lowercase()), name));
         match scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(similarity, _)| *similarity > NEAR) {
-            Some((_, name)) => {
+            Some((_, name)) if what == OUTPUTS => {
                 format!("the header has `{}`: rename it to `{column}` if it holds that", quoted(name))
+            }
+            Some((_, name)) => {
+                let name = quoted(name);
+                format!("the header has `{name}`: if it holds that, rename it, or add --columns \"{what}={name}\"")
             }
             None => self.help.to_owned(),
         }
     }
+
+    /// The first and the last of the header's longest series of numbered names, `ch0` and `ch15`; none without one.
+    fn series(&self) -> Option<(&str, &str)> {
+        let is_next = |before: &str, name: &str| {
+            let ((word, number), (other, next)) = (numbered(before)?, numbered(name)?);
+            (word == other && next == number + 1).then_some(())
+        };
+        let names: Vec<&str> = self.names.iter().collect();
+        let runs = names.chunk_by(|before, name| is_next(before, name).is_some());
+        let longest = runs.filter(|run| run.len() > 1).max_by_key(|run| run.len())?;
+        Some((longest[0], longest[longest.len() - 1]))
+    }
+}
+
+/// A name and the number at its end.
+fn numbered(name: &str) -> Option<(&str, usize)> {
+    let word = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    Some((word, name[word.len()..].parse().ok()?))
 }

@@ -14,8 +14,8 @@ pub struct Presses {
     pub presses: Vec<Press>,
     /// Columns of its table that look like a force, a place or an output and aren't used.
     pub unused: Vec<Lookalike>,
-    /// How its table was taken to be written, where it isn't plain CSV.
-    pub detected: Option<String>,
+    /// What was detected in its table and what was excluded, in words; empty for plain CSV.
+    pub detected: Vec<String>,
     /// The line of each in its table, from 1; empty where they come from a journal.
     lines: Vec<u64>,
 }
@@ -31,7 +31,7 @@ impl Presses {
     /// Presses and, where they stand in a table, their lines.
     pub(super) fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
         let channels = presses.first().map_or(0, |press| press.outputs.len());
-        Presses { source: source.to_owned(), channels, presses, unused: Vec::new(), detected: None, lines }
+        Presses { source: source.to_owned(), channels, presses, unused: Vec::new(), detected: Vec::new(), lines }
     }
 
     /// Those of one phase, flagged ones left out.

@@ -9,9 +9,11 @@ use crate::control::Trip;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// The file names of the two texts that every run goes by.
+/// The file names of the two texts that every run of this program goes by.
 pub(super) const RECIPE: &str = "recipe.toml";
 pub(super) const RIG: &str = "rig.toml";
+/// That of the columns file of an import.
+pub(super) const COLUMNS: &str = "columns.toml";
 
 /// A run as its journal says.
 #[derive(Clone, Debug)]
@@ -149,6 +151,11 @@ impl Texts {
     /// The rig that the run goes by.
     pub fn rig(&self) -> &str {
         self.latest(RIG).unwrap_or_default()
+    }
+
+    /// The columns file of an import; empty without one.
+    pub fn columns(&self) -> &str {
+        self.latest(COLUMNS).unwrap_or_default()
     }
 
     /// The rig that it began with.

@@ -30,6 +30,27 @@ pub struct RunFacts {
     pub presses_max: Option<usize>,
     /// Whether our emulators were at the far ends of the links.
     pub simulated: bool,
+    /// The tables that the presses were imported from; none of a run that this program made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imported: Option<Imported>,
+}
+
+/// Where imported presses come from.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Imported {
+    /// The table of the calibration presses, and that of the test presses where there was one.
+    pub tables: Vec<Fingerprint>,
+    /// The columns file, where one was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub columns: Option<Fingerprint>,
+    /// How many outputs each press has.
+    pub outputs: u64,
+    /// What was detected and what was excluded, in words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// The day of the measurement, as year-month-day, where a person stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<String>,
 }
 
 /// What a run pressed and who made it, in a person's own words; each is optional.
@@ -81,7 +102,21 @@ impl Default for RunFacts {
             strategy: None,
             presses_max: None,
             simulated: false,
+            imported: None,
         }
+    }
+}
+
+impl Imported {
+    /// The tables, by name.
+    pub fn names(&self) -> String {
+        let names: Vec<&str> = self.tables.iter().map(|table| table.name.as_str()).collect();
+        names.join(" and ")
+    }
+
+    /// Each file with its SHA-256: the tables, then the columns file.
+    pub fn files(&self) -> impl Iterator<Item = &Fingerprint> {
+        self.tables.iter().chain(&self.columns)
     }
 }
 
@@ -102,6 +137,14 @@ impl Labels {
 }
 
 impl RunFacts {
+    /// What was carried out, for a sentence: the recipe, or an import.
+    pub fn told(&self) -> String {
+        match &self.imported {
+            None => format!("the recipe {}", self.recipe),
+            Some(imported) => format!("the import of {}", imported.names()),
+        }
+    }
+
     /// The facts of a plan.
     pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
         RunFacts {

@@ -3,11 +3,12 @@
 //! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged
 //! unless its cell is empty or 0). Columns may stand in any order; those that aren't known are ignored. A byte-order mark,
 //! either kind of line end, and comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the presses that
-//! the run's journal gives. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
+//! the run's journal gives. A [`Mapping`] reads tables with other names and units. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
 
 use super::dialect::Dialect;
 use super::header::Header;
 use super::lookalike::lookalikes;
+use super::mapping::Mapping;
 use super::press::{COLUMNS, Column, OUTPUTS, Presence};
 use super::table_error::{MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
 use super::{Press, Presses};
@@ -18,19 +19,20 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
 /// What a table needs.
-const HELP: &str = "required: x_mm, y_mm and out_1, out_2, ... without a gap";
+const HELP: &str =
+    "required: x_mm, y_mm and out_1, out_2, ... without a gap; --columns names the columns of another table";
 
-/// A column that every table has: the header is separated so that it is there.
-const PLACE_COLUMN: &str = "x_mm";
+/// The column that marks presses to exclude: a blank cell is a value there.
+const FLAGS: &str = "flags";
 
 /// Reads a table: at least one press, at least one channel, every number finite.
 ///
 /// # Errors
 /// What is wrong, with file, line and column.
-pub fn read_table(path: &Path) -> Result<Presses, TableError> {
+pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
     let file = path.display().to_string();
     match File::open(path) {
-        Ok(input) => parse_table(&file, input),
+        Ok(input) => parse_table(&file, input, mapping),
         Err(source) => Err(TableError::Unreadable { file, source }),
     }
 }
@@ -39,33 +41,63 @@ pub fn read_table(path: &Path) -> Result<Presses, TableError> {
 ///
 /// # Errors
 /// As of [`read_table`].
-pub fn parse_table(file: &str, input: impl Read) -> Result<Presses, TableError> {
-    let mut records = Records::new(file, input)?;
-    let mut header = StringRecord::new();
-    while records.next(&mut header)? && header.get(0).is_some_and(|cell| cell.starts_with('#')) {}
+pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Presses, TableError> {
+    let mut records = Records::new(file, input, mapping)?;
+    let (mut header, mut record) = (StringRecord::new(), StringRecord::new());
+    let mut is_there = records.next(&mut header)?;
+    while is_there && header.get(0).is_some_and(|cell| cell.starts_with('#')) {
+        is_there = records.next(&mut header)?;
+    }
     header.trim();
-    let columns = Columns::find(&Header { file, line: records.line, names: &header, help: HELP })?;
-    let (mut presses, mut lines, mut record) = (Vec::new(), Vec::new(), StringRecord::new());
-    while records.next_row(&mut record)? {
+    let header_line = records.line;
+    if !mapping.has_header {
+        record = header.clone();
+        header = (1..=record.len()).map(|number| number.to_string()).collect();
+        records.dialect.with_points(file, header_line, &mut record)?;
+    }
+    let columns = Columns::find(&Header { file, line: header_line, names: &header, help: HELP }, mapping)?;
+    let (mut presses, mut lines, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    is_there = if mapping.has_header { records.next_row(&mut record)? } else { is_there };
+    while is_there {
         let line = records.line;
         if presses.len() == MAX_ROWS {
             let (file, line) = (file.to_owned(), Some(line));
             return Err(TableError::TooLarge { file, line, limit: MAX_ROWS as u64, what: "rows" });
         }
-        let mut press = columns.press(&Cells { file, line, header: &header, record: &record })?;
-        if !columns.is_of_run {
-            press.press = presses.len() as u64;
+        let cells = Cells { file, line, header: &header, record: &record };
+        match columns.press(&cells, mapping)? {
+            Row::Press(mut press) => {
+                if !columns.is_of_run {
+                    press.press = presses.len() as u64;
+                }
+                presses.push(press);
+                lines.push(line);
+            }
+            Row::Incomplete(column) => left_out.push((line, quoted(header.get(column).unwrap_or_default()))),
         }
-        presses.push(press);
-        lines.push(line);
+        is_there = records.next_row(&mut record)?;
+    }
+    if let (true, Some((line, column))) = (presses.is_empty(), left_out.first()) {
+        return Err(TableError::NothingComplete {
+            file: file.to_owned(),
+            rows: left_out.len(),
+            line: *line,
+            column: column.clone(),
+        });
     }
     if presses.is_empty() {
         return Err(TableError::NoRows { file: file.to_owned() });
     }
-    let unused = if columns.is_of_run { Vec::new() } else { lookalikes(&header) };
+    let unused = if columns.is_of_run || mapping.is_given { Vec::new() } else { lookalikes(&header) };
     let mut presses = Presses::new(file, presses, lines);
     presses.unused = unused;
-    presses.detected = records.dialect.detected();
+    presses.detected.extend(records.dialect.detected());
+    if let Some((line, column)) = left_out.first() {
+        let rows = if left_out.len() == 1 { "1 row".to_owned() } else { format!("{} rows", left_out.len()) };
+        presses
+            .detected
+            .push(format!("{rows} excluded: a cell is blank or has no value (first: line {line}, column `{column}`)"));
+    }
     Ok(presses)
 }
 
@@ -76,27 +108,37 @@ struct Columns {
     is_of_run: bool,
 }
 
+/// What a row holds.
+enum Row {
+    /// A press.
+    Press(Press),
+    /// The first column without a value.
+    Incomplete(usize),
+}
+
 impl Columns {
-    fn find(header: &Header<'_>) -> Result<Self, TableError> {
+    fn find(header: &Header<'_>, mapping: &Mapping) -> Result<Self, TableError> {
         header.check()?;
         let is_there = |column: &Column| header.optional(column.name).is_some();
-        let is_of_run = COLUMNS.iter().filter(|column| column.presence == Presence::Run).all(is_there);
+        let is_of_run =
+            !mapping.is_given && COLUMNS.iter().filter(|column| column.presence == Presence::Run).all(is_there);
         let mut found = Vec::new();
         for column in COLUMNS {
+            let given = mapping.name_of(column.name);
+            let name = given.unwrap_or(column.name);
             let at = match column.presence {
-                _ if column.name == OUTPUTS => Some(header.outputs()?),
-                Presence::Needed => Some(vec![header.needed(column.name)?]),
-                Presence::Optional => header.optional(column.name).map(|at| vec![at]),
-                Presence::Run | Presence::Sparse => {
-                    header.optional(column.name).filter(|_| is_of_run).map(|at| vec![at])
-                }
+                _ if column.name == OUTPUTS => Some(header.outputs(mapping.output_names())?),
+                Presence::Needed => Some(vec![header.needed(column.name, name)?]),
+                Presence::Optional if given.is_some() => Some(vec![header.needed(column.name, name)?]),
+                Presence::Optional => header.optional(name).map(|at| vec![at]),
+                Presence::Run | Presence::Sparse => header.optional(name).filter(|_| is_of_run).map(|at| vec![at]),
             };
             found.extend(at.map(|at| (column, at)));
         }
         Ok(Columns { found, is_of_run })
     }
 
-    fn press(&self, cells: &Cells<'_>) -> Result<Press, TableError> {
+    fn press(&self, cells: &Cells<'_>, mapping: &Mapping) -> Result<Row, TableError> {
         cells.check_length()?;
         let mut press = Press::default();
         let mut texts = Vec::new();
@@ -106,10 +148,16 @@ impl Columns {
             if column.presence == Presence::Sparse && texts.iter().all(|text| text.is_empty()) {
                 continue;
             }
+            if mapping.is_given && column.name != FLAGS {
+                if let Some(missing) = texts.iter().position(|text| mapping.is_missing(text)) {
+                    return Ok(Row::Incomplete(places[missing]));
+                }
+            }
             let read = (column.read)(&mut press, &texts);
             read.map_err(|(index, expected)| cells.wrong(places[index], expected))?;
         }
-        Ok(press)
+        mapping.scale.apply(&mut press);
+        Ok(Row::Press(press))
     }
 }
 
@@ -157,10 +205,10 @@ struct Records<'a, R> {
 }
 
 impl<'a, R: Read> Records<'a, R> {
-    fn new(file: &'a str, input: R) -> Result<Self, TableError> {
+    fn new(file: &'a str, input: R, mapping: &Mapping) -> Result<Self, TableError> {
         let mut input = BufReader::new(input);
         let start = input.fill_buf().map_err(|source| TableError::Unreadable { file: file.to_owned(), source })?;
-        let dialect = Dialect::of_start(start, PLACE_COLUMN);
+        let dialect = Dialect::of_start(start, &mapping.x_mm, mapping);
         // Rows of the wrong length are found later, with their line: the reader counts lines its own way.
         let mut reader = csv::ReaderBuilder::new();
         reader.has_headers(false).flexible(true).delimiter(dialect.separator());
@@ -242,7 +290,7 @@ mod tests {
     use miette::Diagnostic as _;
 
     fn plain(text: &str) -> Result<Presses, TableError> {
-        parse_table("a.csv", text.as_bytes())
+        parse_table("a.csv", text.as_bytes(), &Mapping::default())
     }
 
     /// Message and help of a table that is refused.
@@ -280,8 +328,8 @@ mod tests {
         let table = plain(text).unwrap();
         let press = &table.presses[0];
         assert_eq!((press.place(), press.force_n, press.outputs[0]), (Place::new(-1.5, 2.0), Some(0.25), 0.0015));
-        assert_eq!(table.detected.as_deref(), Some("columns are separated by semicolons, decimal commas"));
-        assert_eq!(plain("x_mm,y_mm,out_1\n1,2,3\n").unwrap().detected, None);
+        assert_eq!(table.detected, ["columns are separated by semicolons, decimal commas"]);
+        assert!(plain("x_mm,y_mm,out_1\n1,2,3\n").unwrap().detected.is_empty());
         assert_eq!(table.at(0), "a.csv, line 3");
     }
 
@@ -371,11 +419,14 @@ mod tests {
 
     #[test]
     fn bytes_that_are_no_text_and_files_that_are_not_there_are_told_apart() {
-        let error = parse_table("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice()).unwrap_err();
+        let error = parse_table("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice(), &Mapping::default()).unwrap_err();
         assert_eq!(error.to_string(), "a.csv, line 2: not UTF-8 text");
         let folder = tempfile::tempdir().unwrap();
-        assert!(matches!(read_table(&folder.path().join("none.csv")), Err(TableError::Unreadable { .. })));
-        assert!(matches!(read_table(folder.path()), Err(TableError::Unreadable { .. })));
+        assert!(matches!(
+            read_table(&folder.path().join("none.csv"), &Mapping::default()),
+            Err(TableError::Unreadable { .. })
+        ));
+        assert!(matches!(read_table(folder.path(), &Mapping::default()), Err(TableError::Unreadable { .. })));
     }
 
     proptest::proptest! {

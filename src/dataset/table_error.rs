@@ -32,6 +32,10 @@ pub enum TableError {
     #[error("{file}: the table has no rows")]
     #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row"))]
     NoRows { file: String },
+    /// No row that has a value in every column that is read.
+    #[error("{file}: none of its {rows} rows has a value in every column (line {line}: none in column `{column}`)")]
+    #[diagnostic(help("leave the column out of `outputs`, or correct the cells"))]
+    NothingComplete { file: String, rows: usize, line: u64, column: String },
     /// A needed column isn't there.
     #[error("{file}, line {line}: column `{column}` is missing")]
     MissingColumn {

@@ -6,6 +6,7 @@
 
 mod difference;
 mod key;
+pub(crate) mod layout;
 mod problem;
 mod reference;
 mod schema;

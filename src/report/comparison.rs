@@ -12,17 +12,17 @@ use crate::dataset::{Evidence, Manifest, Presses, Recorded};
 use crate::parallel::in_parallel;
 use crate::quantity::Place;
 use crate::recipe::Phase;
-use crate::rig::RigSpec;
+use crate::rig::Bench;
 use crate::solver::{ErrorSummary, Evaluation};
 use maud::{Markup, html};
 use statrs::statistics::Statistics as _;
 
-/// A run to be compared, with its rig and the rule that it is judged by.
+/// A run to be compared, where it was made, and the rule that it is judged by.
 pub struct ToCompare {
     /// The run.
     pub run: Recorded,
-    /// Its rig.
-    pub rig: RigSpec,
+    /// Where it was made.
+    pub bench: Bench,
     /// The rule; none: no verdict.
     pub rule: Option<Rule>,
 }
@@ -54,9 +54,9 @@ impl Compared {
         in_parallel(runs, |run| Compared::of(run, solver))
     }
 
-    fn of(ToCompare { run, rig, rule }: &ToCompare, solver: &str) -> Compared {
-        let (presses, layout) = (run.presses(), &rig.array.layout);
-        let trial = Trial::of_run(&presses, Some(layout));
+    fn of(ToCompare { run, bench, rule }: &ToCompare, solver: &str) -> Compared {
+        let (presses, layout) = (run.presses(), &bench.layout);
+        let trial = Trial::of_run(&presses, bench.placed());
         let (evaluations, why_not) = match &trial {
             Ok(trial) => {
                 let answers = [PAPERS, solver].map(|solver| trial.answers(solver));
@@ -67,7 +67,7 @@ impl Compared {
         };
         let known: Vec<Evaluation> = evaluations.iter().flatten().cloned().collect();
         let evidence =
-            Evidence { presses: &presses, layout: Some(layout), runs: vec![run], u_place_mm: rig.u_place_mm() };
+            Evidence { presses: &presses, layout: Some(layout), runs: vec![run], u_place_mm: bench.u_place_mm() };
         let judgement = rule.as_ref().map(|rule| evidence.judge(rule, &trial, &known));
         let units = Staircases::of_run(&presses, layout)
             .map_or_else(Vec::new, |staircases| characterise(&staircases, Repeatability::default()));

@@ -3,7 +3,7 @@
 use super::Subject;
 use super::frame::{clock, section as framed, words};
 use crate::control::Trip;
-use crate::dataset::{Flag, Loss, Recorded, RigChange};
+use crate::dataset::{Flag, Imported, Loss, Recorded, RigChange};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
@@ -16,12 +16,16 @@ pub fn section(subject: &Subject) -> Option<Markup> {
 fn of_run(run: &Recorded) -> Markup {
     let manifest = &run.manifest;
     let facts = &manifest.facts;
-    let mut rows: Vec<(&str, String)> = vec![
-        ("recipe", facts.recipe.clone()),
-        ("presses", format!("{} of {}, {}", manifest.presses_done, facts.presses_planned, manifest.status.name())),
-        ("time in the run", format!("{:.1} min", manifest.virtual_s / 60.0)),
-        ("seed", facts.seed.to_string()),
-    ];
+    let presses = format!("{} of {}, {}", manifest.presses_done, facts.presses_planned, manifest.status.name());
+    let mut rows: Vec<(&str, String)> = match &facts.imported {
+        None => vec![
+            ("recipe", facts.recipe.clone()),
+            ("presses", presses),
+            ("time in the run", format!("{:.1} min", manifest.virtual_s / 60.0)),
+            ("seed", facts.seed.to_string()),
+        ],
+        Some(imported) => imported_rows(imported, presses),
+    };
     rows.splice(0..0, facts.labels.given().map(|(name, label)| (name, label.to_owned())));
     if let Some(strategy) = facts.strategy {
         rows.push(("strategy", strategy.name().to_owned()));
@@ -43,7 +47,9 @@ fn of_run(run: &Recorded) -> Markup {
     rows.extend(manifest.losses.iter().map(|loss| ("presses lost", lost(loss))));
     rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
     rows.push(("flagged rows", flags(run)));
-    rows.push(("zero in air", zeros(run)));
+    if facts.imported.is_none() {
+        rows.push(("zero in air", zeros(run)));
+    }
     let trips = run.trips.iter().map(|(t_s, press, trip)| ("safety trip", trip_told(*t_s, *press, trip)));
     rows.extend(trips);
     for touch in &run.retouches {
@@ -76,8 +82,21 @@ fn of_run(run: &Recorded) -> Markup {
                 }
             }
         }
-        p.note { "In the same folder: recipe.toml and rig.toml as given, journal.log, presses.csv; SHA-256 of each in manifest.json." }
+        p.note {
+            "In the same folder: " (if facts.imported.is_none() { "recipe.toml and rig.toml as given" } else { "columns.toml, if one was given" })
+            ", journal.log, presses.csv; SHA-256 of each in manifest.json."
+        }
     }
+}
+
+/// What an import was made from.
+fn imported_rows(imported: &Imported, presses: String) -> Vec<(&'static str, String)> {
+    let mut rows = vec![("presses", format!("{presses}: imported, not measured by this program"))];
+    let measured = imported.measured.as_deref().unwrap_or("not stated");
+    rows.push(("measured on", measured.to_owned()));
+    rows.extend(imported.files().map(|file| ("imported from", format!("{}, SHA-256 {}", file.name, file.sha256))));
+    rows.extend(imported.notes.iter().map(|note| ("on import", note.clone())));
+    rows
 }
 
 fn flags(run: &Recorded) -> String {

@@ -27,7 +27,7 @@ pub struct Judged {
 impl Judged {
     /// Evaluates a sensor's presses, and judges them by a rule.
     pub fn of(subject: &Subject, rule: Option<&Rule>) -> Judged {
-        let trial = Trial::of_run(&subject.presses, Some(&subject.layout));
+        let trial = Trial::of_run(&subject.presses, subject.placed());
         let second = rule.map_or(BEST, |rule| rule.method.as_str());
         let second = if second == PAPERS { BEST } else { second };
         let (evaluations, expecting, why_not) = match &trial {

@@ -5,7 +5,7 @@ use super::frame::counted;
 use crate::dataset::{DatasetError, Evidence, Labels, Presses, Recorded};
 use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
-use crate::rig::{ArraySpec, RigSpec};
+use crate::rig::Bench;
 use miette::Diagnostic;
 use std::path::Path;
 use thiserror::Error;
@@ -16,12 +16,8 @@ pub struct Subject {
     pub runs: Vec<Recorded>,
     /// The presses of all of them.
     pub presses: Presses,
-    /// Where the units are.
-    pub layout: ArrayLayout,
-    /// The unit of the outputs, as the rig says.
-    pub unit: String,
-    /// The rig of each run.
-    pub rigs: Vec<RigSpec>,
+    /// Where each run was made: at least one bench, all with the same array.
+    pub benches: Vec<Bench>,
 }
 
 /// Why there is no page.
@@ -107,19 +103,16 @@ impl Subject {
     ///
     /// # Errors
     /// No run, or runs that don't make one page.
-    pub fn of(runs: impl IntoIterator<Item = (Recorded, RigSpec)>, same_sensor: bool) -> Result<Subject, ReportError> {
+    pub fn of(runs: impl IntoIterator<Item = (Recorded, Bench)>, same_sensor: bool) -> Result<Subject, ReportError> {
         let mut subject: Option<Subject> = None;
-        for (run, rig) in runs {
+        for (run, bench) in runs {
             let presses = run.presses();
             subject = Some(match subject {
-                None => {
-                    let ArraySpec { layout, unit, .. } = rig.array.clone();
-                    Subject { runs: vec![run], presses, layout, unit, rigs: vec![rig] }
-                }
+                None => Subject { runs: vec![run], presses, benches: vec![bench] },
                 Some(subject) => {
                     subject.check_sensor(&run, same_sensor)?;
-                    subject.check_array(&run, &rig.array)?;
-                    subject.joined(run, rig, presses)?
+                    subject.check_array(&run, &bench)?;
+                    subject.joined(run, bench, presses)?
                 }
             });
         }
@@ -129,12 +122,27 @@ impl Subject {
     /// All that is on record of it, to be judged.
     pub fn evidence(&self) -> Evidence<'_> {
         let runs = self.runs.iter().collect();
-        Evidence { presses: &self.presses, layout: Some(&self.layout), runs, u_place_mm: self.u_place_mm() }
+        Evidence { presses: &self.presses, layout: Some(self.layout()), runs, u_place_mm: self.u_place_mm() }
+    }
+
+    /// The outputs and their units.
+    pub fn layout(&self) -> &ArrayLayout {
+        &self.benches[0].layout
+    }
+
+    /// The same, where the positions of the units are known.
+    pub fn placed(&self) -> Option<&ArrayLayout> {
+        self.benches[0].placed()
+    }
+
+    /// The unit of the outputs.
+    pub fn unit(&self) -> &str {
+        &self.benches[0].unit
     }
 
     /// Standard uncertainty of the pressed places, mm, the largest of the runs'; none where one doesn't know it.
     pub fn u_place_mm(&self) -> Option<f64> {
-        let all: Option<Vec<f64>> = self.rigs.iter().map(RigSpec::u_place_mm).collect();
+        let all: Option<Vec<f64>> = self.benches.iter().map(Bench::u_place_mm).collect();
         all?.into_iter().reduce(f64::max)
     }
 
@@ -166,20 +174,20 @@ impl Subject {
     }
 
     /// Whether a run's array is that of the runs before.
-    fn check_array(&self, run: &Recorded, ArraySpec { layout, unit, .. }: &ArraySpec) -> Result<(), ReportError> {
+    fn check_array(&self, run: &Recorded, Bench { layout, unit, .. }: &Bench) -> Result<(), ReportError> {
         let (first, second) = (self.runs[0].name(), run.name());
-        if self.layout != *layout {
-            let (first_units, second_units) = (self.layout.len(), layout.len());
+        if self.layout() != layout {
+            let (first_units, second_units) = (self.layout().len(), layout.len());
             return Err(ReportError::Arrays { first, first_units, second, second_units });
         }
-        if self.unit != *unit {
-            let (first_unit, second_unit) = (self.unit.clone(), unit.clone());
+        if self.unit() != unit {
+            let (first_unit, second_unit) = (self.unit().to_owned(), unit.clone());
             return Err(ReportError::Units { first, first_unit, second, second_unit });
         }
         Ok(())
     }
 
-    fn joined(mut self, run: Recorded, rig: RigSpec, presses: Presses) -> Result<Subject, ReportError> {
+    fn joined(mut self, run: Recorded, bench: Bench, presses: Presses) -> Result<Subject, ReportError> {
         for phase in PHASES {
             let earlier = self.runs.iter().find(|earlier| has(earlier, phase));
             if let Some(earlier) = earlier.filter(|_| has(&run, phase)) {
@@ -189,7 +197,7 @@ impl Subject {
         }
         self.presses.join(presses);
         self.runs.push(run);
-        self.rigs.push(rig);
+        self.benches.push(bench);
         Ok(self)
     }
 
@@ -202,17 +210,17 @@ impl Subject {
 
     /// On what it rests, in a sentence.
     pub fn told(&self) -> String {
-        let recipes: Vec<&str> = self.runs.iter().map(|run| run.manifest.facts.recipe.as_str()).collect();
+        let recipes: Vec<String> = self.runs.iter().map(|run| run.manifest.facts.told()).collect();
         let done: u64 = self.runs.iter().map(|run| run.manifest.presses_done).sum();
         let simulated =
             if self.runs.iter().any(|run| run.manifest.facts.simulated) { ", on a simulated rig" } else { "" };
-        let (presses, units) = (counted(done as usize, "press"), counted(self.layout.units().len(), "unit"));
-        format!("{presses} of the recipe {}, {units}{simulated}.", recipes.join(", "))
+        let (presses, units) = (counted(done as usize, "press"), counted(self.layout().units().len(), "unit"));
+        format!("{presses} of {}, {units}{simulated}.", recipes.join(", "))
     }
 
     /// Whether the paper's numbers stand beside its own, see [`is_beside_paper`].
     pub fn is_beside_paper(&self) -> bool {
-        is_beside_paper(&self.layout, &self.presses)
+        is_beside_paper(self.layout(), &self.presses)
     }
 
     /// The corners of the area that was calibrated; none without a calibration.

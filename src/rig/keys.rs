@@ -3,12 +3,9 @@
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
 use crate::control::FIRST_APPROACH_MM_S;
+use crate::document::layout::{CHANNELS_MAX, GRID};
 use crate::document::{Bounds, keys, words};
 use crate::quantity::{COVERAGE, Down};
-
-pub(super) const UNITS_MAX: u64 = 4096;
-/// Most outputs of all units together.
-pub(super) const OUTPUTS_MAX: usize = 4096;
 
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const UNCERTAIN: Bounds = Bounds::above(0.0, 10.0, "mm");
@@ -18,9 +15,6 @@ const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
 const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const AIR: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
-const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
-/// Most outputs of one unit.
-const CHANNELS_MAX: u64 = 16;
 /// Forces in certificates and of weights.
 const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
@@ -132,17 +126,8 @@ keys! {
             "largest possible output, + and -; without it, the range of NI inputs, or not known", "10.0";
     }
     one of {
-        grid: Table(&grid::KEYS), Allowed, "its units are in rows and columns, centred on the specimen's origin";
+        grid: Table(&GRID), Allowed, "its units are in rows and columns, centred on the specimen's origin";
         places_mm: Places(COORDINATE), Allowed, "positions of its units, in the order of its outputs", "[[0.0, 0.0]]";
-    }
-}
-
-keys! {
-    /// `grid` of `[array]`.
-    grid {
-        rows: Whole(1, UNITS_MAX), Refused, "number of rows along y", "3";
-        columns: Whole(1, UNITS_MAX), Refused, "number of columns along x; outputs are in order of rows", "3";
-        pitch_mm: Number(PITCH), Refused, "distance of neighbouring units", "4.5";
     }
 }
 

@@ -3,6 +3,7 @@
 //! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
 //! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
 
+mod bench;
 mod cell;
 mod certificate;
 mod compare;
@@ -19,6 +20,7 @@ mod skin;
 mod spec;
 mod which_way;
 
+pub use bench::Bench;
 pub use cell::{AdjustedCell, GAIN_UNKNOWN};
 pub use compare::{Consequence, Difference, differences};
 pub use emulated::{EmulatedDevice, FarEnd};

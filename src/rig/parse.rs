@@ -3,19 +3,17 @@
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
-use super::keys::{self, array, frame, grid, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
+use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::Driver;
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
+use crate::document::layout::{LayoutKeys, read_unit};
 use crate::document::{self, Problem, Problems, Span, Table};
-use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel};
+use crate::quantity::{Axis, Frame, Limits, Place, Range, Travel};
 use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
-
-/// Longest label of a unit, characters.
-const LABEL_MAX: usize = 16;
 
 /// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
 /// maps of the user's own.
@@ -111,32 +109,11 @@ fn or_wrong<T>(table: Option<Table>, read: impl Fn(&Table) -> Option<T>) -> Opti
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     let driver = read_array_driver(table, beside);
-    let layout = match (table.has(&array::grid), table.has(&array::places_mm)) {
-        (true, false) => table.table(&array::grid).and_then(|table| read_grid(&table)),
-        (false, true) => table
-            .places(&array::places_mm)
-            .map(|places| ArrayLayout::from_places(places.into_iter().map(|(place, _)| place).collect())),
-        _ => {
-            let told = "`array` has no positions of its units";
-            let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...], not both";
-            table.complain(Problem::new(table.span(), told).help(help));
-            None
-        }
-    };
-    let unit = table.text(&array::unit).filter(|unit| is_label(unit, table));
-    let channels = table.whole(&array::channels_per_unit);
-    let layout = layout.zip(channels).map(|(layout, channels)| layout.with_channels(channels as usize));
-    let layout_key = if table.has(&array::grid) { array::grid } else { array::places_mm };
-    let misfit = match (&driver, &layout) {
-        (_, Some(layout)) if layout.len() > keys::OUTPUTS_MAX => {
-            Some((format!("{} outputs, but at most {} are allowed", layout.len(), keys::OUTPUTS_MAX), None))
-        }
-        (_, Some(layout)) if layout.is_empty() => Some(("an array without units".to_owned(), None)),
-        (Some((driver, _)), Some(layout)) => driver.misfit(layout),
-        _ => None,
-    };
+    let layout = LAYOUT.read(table);
+    let unit = read_unit(table, &array::unit);
+    let misfit = driver.as_ref().zip(layout.as_ref()).and_then(|((driver, _), layout)| driver.misfit(layout));
     if let Some((told, help)) = misfit {
-        table.complain(problem(table.span_of(&layout_key), told, help));
+        table.complain(problem(table.span_of(LAYOUT.place(table)), told, help));
     }
     let range_v = table.number(&array::range_v);
     let (driver, link) = driver?;
@@ -149,27 +126,9 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     Some(ArraySpec { driver, link, layout, range_v, unit: unit?.to_owned() })
 }
 
-/// Whether a text can be shown beside a number: 1 to 16 printable characters.
-fn is_label(unit: &str, table: &Table) -> bool {
-    let is_label = (1..=LABEL_MAX).contains(&unit.chars().count()) && !unit.contains(char::is_control);
-    if !is_label {
-        let told = format!("`unit` is {unit:?}, expected 1 to {LABEL_MAX} printable characters");
-        table.complain(Problem::new(table.span_of(&array::unit), told));
-    }
-    is_label
-}
-
-/// `grid` of `[array]`.
-fn read_grid(table: &Table) -> Option<ArrayLayout> {
-    let (rows, columns) = (table.whole(&grid::rows), table.whole(&grid::columns));
-    let pitch_mm = table.number(&grid::pitch_mm);
-    let (rows, columns) = (rows?, columns?);
-    if rows * columns > keys::UNITS_MAX {
-        table.complain(Problem::new(table.span(), format!("more than {} units", keys::UNITS_MAX)));
-        return None;
-    }
-    Some(ArrayLayout::grid(rows as usize, columns as usize, pitch_mm?))
-}
+/// The keys of `[array]` that say where its outputs come from.
+const LAYOUT: LayoutKeys =
+    LayoutKeys { grid: array::grid, places_mm: array::places_mm, channels_per_unit: array::channels_per_unit };
 
 fn read_limits(table: &Table) -> Option<Limits> {
     let [force_n, depth_mm, stiffness_n_mm] =
@@ -265,6 +224,7 @@ fn check_room(spec: &RigSpec, table: &Table) {
 mod tests {
     use super::super::SIM_RIG;
     use super::*;
+    use crate::quantity::ArrayLayout;
 
     fn problems(from: &str, to: &str) -> Vec<String> {
         assert!(SIM_RIG.contains(from), "{from}");

@@ -10,8 +10,7 @@ mod seeds;
 use crate::support::mutation::{TEXT_MOST, rewritten};
 use feeding::{fuzz, fuzz_file, resealed};
 use palpate::dataset::readings::{Format, Held, Lines, ReadingError, Readings};
-use palpate::dataset::{Journal, Manifest, Records};
-use palpate::dataset::{Presses, TableError, read_table};
+use palpate::dataset::{Journal, Manifest, Mapping, Presses, Records, TableError, read_table};
 use palpate::document::Problems;
 use palpate::quantity::Axis;
 use palpate::recipe::{self, PRESSES_MAX, Plan};
@@ -74,13 +73,17 @@ fn register_maps() {
 fn tables() {
     let plain = b"x_mm,y_mm,out_1,out_2,flags\n0,0,0.1,0.2,\n1,-1,0.3,0.4,0\n2.5,1e-3,-0.3,4,stale\n".to_vec();
     let seeds = [plain, run().presses.clone()];
-    fuzz_file("tables", 10_000, &seeds, rewritten, |path, input| check_table(read_table(path), path, input));
+    fuzz_file("tables", 10_000, &seeds, rewritten, |path, input| {
+        check_table(read_table(path, &Mapping::default()), path, input)
+    });
 }
 
 #[test]
 fn presses() {
     let seeds = [run().presses.clone()];
-    fuzz_file("presses", 4000, &seeds, rewritten, |path, input| check_table(read_table(path), path, input));
+    fuzz_file("presses", 4000, &seeds, rewritten, |path, input| {
+        check_table(read_table(path, &Mapping::default()), path, input)
+    });
 }
 
 #[test]
@@ -98,7 +101,7 @@ fn readings() {
     fuzz("readings", 40_000, &seeds, |input| {
         nth += 1;
         let format = [None, Some(Format::Csv), Some(Format::Ndjson)][nth % 3];
-        let (mut lines, mut readings) = (Lines::new(FILE, input), Readings::new(FILE, 2, format));
+        let (mut lines, mut readings) = (Lines::new(FILE, input), Readings::new(FILE, 2, format, Mapping::default()));
         let most = self::lines(input);
         for _ in 0..=most {
             let Some(line) = lines.read_next().expect("bytes don't break off") else { return };

@@ -6,7 +6,7 @@ use palpate::control::{AirReadings, Lesson};
 use palpate::dataset::answers::Answers;
 use palpate::dataset::readings::{Format, Lines, Readings};
 use palpate::dataset::{
-    Air, Contact, End, Ledger, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
+    Air, Contact, End, Ledger, Mapping, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
 };
 use palpate::quantity::{ArrayLayout, Place};
 use palpate::recipe::Phase;
@@ -36,7 +36,7 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let home = tempfile::tempdir().unwrap();
     let path = home.path().join("run");
     let layout = ArrayLayout::grid(11, 11, 4.5);
-    let origins = Origins { recipe: String::new(), rig: String::new(), beside: Vec::new() };
+    let origins = Origins::new(String::new(), String::new(), Vec::new());
     let bound = PRESSES as usize * HELD_BYTES_A_PRESS + BUFFERS_BYTES;
 
     let before = HEAP.allocated();
@@ -81,7 +81,7 @@ fn readings_are_answered_and_none_is_held() {
     let calibration = calibration();
     for (readings, format) in [(CSV_READINGS, Format::Csv), (JSON_READINGS, Format::Ndjson)] {
         let session = Session::new(Model::fit("pearson", calibration.clone(), &Setting::default()).unwrap());
-        let mut answers = Answers::new(Readings::new("stdin", 3, Some(format)), session);
+        let mut answers = Answers::new(Readings::new("stdin", 3, Some(format), Mapping::default()), session);
         let mut lines = Lines::new("stdin", Repeated { block: block(readings), at: 0, left: READINGS / 1000 });
         let (mut answered, mut unsolved, mut before) = (0, 0, 0);
         while let Some(line) = lines.read_next().unwrap() {

@@ -5,7 +5,7 @@ use crate::support::skips::skipped;
 use crate::support::{Bench, shipped, shipped_text};
 use palpate::control::Branch;
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
-use palpate::dataset::parse_table;
+use palpate::dataset::{Mapping, parse_table};
 use palpate::quantity::{ArrayLayout, round};
 use std::process::{Command, Stdio};
 use toml::{Table, Value};
@@ -75,7 +75,7 @@ fn an_independent_script_finds_the_same_characteristics() {
 
 /// What the library makes of a table of staircases, as `characteristics.csv` has it.
 fn characterised(text: &str) -> String {
-    let presses = parse_table("characterisation.csv", text.as_bytes()).expect("a table");
+    let presses = parse_table("characterisation.csv", text.as_bytes(), &Mapping::default()).expect("a table");
     let staircases = Staircases::of_run(&presses, &ArrayLayout::grid(3, 3, 4.5)).expect("staircases");
     let mut table =
         shipped_text("data/example/characteristics.csv").lines().next().expect("a header").to_owned() + "\n";

@@ -49,7 +49,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap();
     let parent = tempfile::tempdir().unwrap();
     let out = parent.path().join("run");
-    let origins = Origins { recipe: recipe_text.to_owned(), rig: rig_text.to_owned(), beside: Vec::new() };
+    let origins = Origins::new(recipe_text.to_owned(), rig_text.to_owned(), Vec::new());
     let facts = RunFacts::new(&plan, true);
     let mut folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();

@@ -6,7 +6,7 @@
 
 use crate::support::skips::skipped;
 use palpate::dataset::evaluate::Trial;
-use palpate::dataset::{Press, Presses, read_table};
+use palpate::dataset::{Mapping, Press, Presses, read_table};
 use palpate::quantity::Place;
 use palpate::solver::Evaluation;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 fn every_place_calibrated_every_depth_tested() {
     let Some(data) = data("eflesh", "every_place_calibrated_every_depth_tested") else { return };
     let calibration = mean_of_passes(&data.join("fixed_depth.csv"));
-    let test = read_table(&data.join("random_depth.csv")).unwrap();
+    let test = read_table(&data.join("random_depth.csv"), &Mapping::default()).unwrap();
     assert_eq!((calibration.len(), test.presses.len(), test.channels), (961, 4805, 15));
     assert_mean_error(&calibration, test, 0.655);
 }
@@ -25,7 +25,7 @@ fn every_place_calibrated_every_depth_tested() {
 fn every_second_place_calibrated_the_others_tested() {
     let Some(data) = data("eflesh", "every_second_place_calibrated_the_others_tested") else { return };
     let mut calibration = mean_of_passes(&data.join("fixed_depth.csv"));
-    let mut test = read_table(&data.join("random_depth.csv")).unwrap();
+    let mut test = read_table(&data.join("random_depth.csv"), &Mapping::default()).unwrap();
     let is_calibrated = every_second(&test);
     calibration.retain(|(place, _)| is_calibrated(*place));
     test.presses.retain(|row| !is_calibrated(row.place()));
@@ -38,7 +38,7 @@ fn every_second_place_calibrated_the_others_tested() {
 #[test]
 fn one_pass_calibrated_another_tested() {
     let Some(data) = data("eflesh", "one_pass_calibrated_another_tested") else { return };
-    let mut table = read_table(&data.join("fixed_depth.csv")).unwrap();
+    let mut table = read_table(&data.join("fixed_depth.csv"), &Mapping::default()).unwrap();
     let is_calibrated = every_second(&table);
     // passes stand one after another, each over all places
     let passes = table.presses.len() / 31 / 31;
@@ -53,7 +53,7 @@ fn one_pass_calibrated_another_tested() {
 
 /// Four passes at random depths, and the fifth.
 fn four_passes_and_the_fifth(data: &Path) -> [Presses; 2] {
-    let mut calibration = read_table(&data.join("random_depth.csv")).unwrap();
+    let mut calibration = read_table(&data.join("random_depth.csv"), &Mapping::default()).unwrap();
     let is_calibrated = every_second(&calibration);
     let (passes, fifth) = calibration.presses.split_at(4 * 31 * 31);
     let fifth = fifth.iter().filter(|row| !is_calibrated(row.place())).cloned().collect();
@@ -80,7 +80,7 @@ fn every_depth_calibrated_other_places_tested() {
 #[test]
 fn a_fluid_pad_calibrated_at_every_second_place() {
     let Some(data) = data("sdu", "a_fluid_pad_calibrated_at_every_second_place") else { return };
-    let mut calibration = read_table(&data.join("pad_2d.csv")).unwrap();
+    let mut calibration = read_table(&data.join("pad_2d.csv"), &Mapping::default()).unwrap();
     let mut test = calibration.clone();
     let is_calibrated = |press: &Press| [press.x_mm, press.y_mm].iter().all(|mm| (mm / 2.0).round() as i64 % 2 == 0);
     calibration.presses.retain(is_calibrated);
@@ -137,7 +137,7 @@ fn data(skin: &str, test: &str) -> Option<PathBuf> {
 /// Each place of a table, and the mean of its outputs over the passes.
 fn mean_of_passes(path: &Path) -> Vec<(Place, Vec<f64>)> {
     let mut places: BTreeMap<(i64, i64), Vec<_>> = BTreeMap::new();
-    for row in read_table(path).unwrap().presses {
+    for row in read_table(path, &Mapping::default()).unwrap().presses {
         places.entry((row.x_mm.round() as i64, row.y_mm.round() as i64)).or_default().push(row);
     }
     let mean = |rows: &[Press], unit: usize| rows.iter().map(|row| row.outputs[unit]).sum::<f64>() / rows.len() as f64;
@@ -165,7 +165,8 @@ fn mean_error(calibration: &[(Place, Vec<f64>)], test: &Presses, solver: &str) -
         writer.write_record(numbers.iter().chain(outputs).map(f64::to_string)).unwrap();
     }
     writer.flush().unwrap();
-    let evaluation = Trial::of_tables(&read_table(&path).unwrap(), test).unwrap().evaluate(solver).unwrap();
+    let evaluation =
+        Trial::of_tables(&read_table(&path, &Mapping::default()).unwrap(), test).unwrap().evaluate(solver).unwrap();
     assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
     let mean_mm = evaluation.location_error_mm.mean;
     println!("{} of {} points: mean location error {mean_mm:.4} mm", evaluation.solver, evaluation.points);

@@ -67,7 +67,7 @@ impl Bench {
         let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let home = tempfile::tempdir().unwrap();
         let facts = RunFacts::new(&plan, true);
-        let origins = Origins { recipe: recipe_text.to_owned(), rig: String::new(), beside: Vec::new() };
+        let origins = Origins::new(recipe_text.to_owned(), String::new(), Vec::new());
         let (out, session) = (home.path().join("run"), Provenance::default());
         let folder = RunFolder::create(Some(&out), &origins, facts, session, &spec.array.layout).unwrap();
         Bench { spec, plan, folder, _home: home }

@@ -2,6 +2,7 @@
 
 use super::begun::{Begun, Common, ended, number};
 
+use crate::cli::columns::ColumnsArgs;
 use crate::cli::exit::Failure;
 use crate::cli::recorded::{read_presses, read_run};
 use crate::solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
@@ -61,6 +62,8 @@ struct Source {
     /// A table of test presses; without force_n, only location is evaluated
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     test: Option<PathBuf>,
+    #[command(flatten)]
+    columns: ColumnsArgs,
 }
 
 impl Source {
@@ -69,7 +72,8 @@ impl Source {
         match (&self.run, &self.calibration, &self.test) {
             (Some(run), ..) => trial_of(run).map(Some),
             (None, Some(calibration), Some(test)) => {
-                let (calibration, test) = (read_presses(calibration)?, read_presses(test)?);
+                let mapping = self.columns.mapping()?;
+                let (calibration, test) = (read_presses(calibration, &mapping)?, read_presses(test, &mapping)?);
                 of_tables(&calibration, &test).map_err(Failure::usage).map(Some)
             }
             _ => Ok(None),
@@ -134,9 +138,9 @@ pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
 }
 
 fn trial_of(run: &Path) -> Result<MethodTrial, Failure> {
-    let (recorded, spec) = read_run(run)?;
+    let (recorded, bench) = read_run(run)?;
     let name = run.file_name().map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned());
-    of_run(&name, &recorded.presses(), &spec, recorded.manifest.facts.seed).map_err(Failure::usage)
+    of_run(&name, &recorded.presses(), &bench, recorded.manifest.facts.seed).map_err(Failure::usage)
 }
 
 fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow>) -> String {

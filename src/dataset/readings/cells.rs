@@ -1,7 +1,9 @@
 //! A reading as a line of CSV.
 
 use super::{Held, Reading, ReadingError};
+use crate::dataset::dialect::Dialect;
 use crate::dataset::header::Header;
+use crate::dataset::mapping::Mapping;
 use crate::dataset::press::output_name;
 use crate::dataset::table_error::{TableError, quoted};
 use csv::{ByteRecord, StringRecord};
@@ -15,6 +17,9 @@ pub(super) struct Cells {
     reader: csv::Reader<Feed>,
     cells: ByteRecord,
     columns: Option<Columns>,
+    mapping: Mapping,
+    /// Known once the first line shows what separates the cells.
+    dialect: Option<Dialect>,
 }
 
 /// Where a line has what.
@@ -27,8 +32,8 @@ struct Columns {
 }
 
 impl Cells {
-    pub(super) fn new() -> Self {
-        Cells { reader: reader(), cells: ByteRecord::new(), columns: None }
+    pub(super) fn new(mapping: Mapping) -> Self {
+        Cells { reader: reader(b','), cells: ByteRecord::new(), columns: None, mapping, dialect: None }
     }
 
     /// Whether no line was read yet.
@@ -48,16 +53,32 @@ impl Cells {
         reading: &mut Reading,
     ) -> Result<Held, ReadingError> {
         let number = reading.line;
-        let is_open = self
-            .split(line)
-            .map_err(|error| ReadingError::Unreadable { file: file.to_owned(), source: error.into() })?;
+        let mut dialect = self.dialect.take().unwrap_or_else(|| {
+            let dialect = Dialect::of_start(line, &self.mapping.first_output(), &self.mapping);
+            self.reader = reader(dialect.separator());
+            dialect
+        });
+        let is_open = self.split(line, dialect.separator());
+        let points = self.write_points(file, number, &mut dialect);
+        self.dialect = Some(dialect);
+        let is_open =
+            is_open.map_err(|error| ReadingError::Unreadable { file: file.to_owned(), source: error.into() })?;
+        if let Err(error) = points {
+            return Ok(Held::Bad(error.into()));
+        }
         let open_quote = || ReadingError::OpenQuote { file: file.to_owned(), line: number };
         let columns = match &self.columns {
             Some(columns) => columns,
-            None if is_reading(&self.cells) => self.columns.insert(Columns::in_order(units)),
+            None if !self.mapping.has_header => {
+                let names: StringRecord = (1..=self.cells.len()).map(|number| number.to_string()).collect();
+                self.columns.insert(Columns::find(file, number, names, units, &self.mapping)?)
+            }
+            None if is_reading(&self.cells, &self.mapping) => self.columns.insert(Columns::in_order(units)),
             None if is_open => return Err(open_quote()),
             None => {
-                self.columns = Some(Columns::find(file, number, &self.cells, units)?);
+                let not_text = |_| TableError::NotText { file: file.to_owned(), line: number };
+                let names = StringRecord::from_byte_record(self.cells.clone()).map_err(not_text)?;
+                self.columns = Some(Columns::find(file, number, names, units, &self.mapping)?);
                 return Ok(Held::Nothing);
             }
         };
@@ -71,25 +92,36 @@ impl Cells {
     }
 
     /// Takes a line apart, and says whether a quotation mark in it isn't closed.
-    fn split(&mut self, line: &[u8]) -> Result<bool, csv::Error> {
+    fn split(&mut self, line: &[u8], separator: u8) -> Result<bool, csv::Error> {
         self.reader.get_mut().set(line);
         self.reader.read_byte_record(&mut self.cells)?;
         let is_open = self.reader.get_ref().is_starved;
         if is_open {
-            self.reader = reader(); // one that has seen an end reads no further
+            self.reader = reader(separator); // one that has seen an end reads no further
         }
         Ok(is_open)
     }
+
+    /// Writes decimal commas as points, where commas don't separate the cells.
+    fn write_points(&mut self, file: &str, line: u64, dialect: &mut Dialect) -> Result<(), TableError> {
+        if dialect.separator() != b',' && self.cells.as_slice().contains(&b',') {
+            let mut record = StringRecord::from_byte_record_lossy(self.cells.clone());
+            dialect.with_points(file, line, &mut record)?;
+            self.cells = record.into_byte_record();
+        }
+        Ok(())
+    }
 }
 
-fn reader() -> csv::Reader<Feed> {
-    csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(Feed::default())
+fn reader(separator: u8) -> csv::Reader<Feed> {
+    csv::ReaderBuilder::new().delimiter(separator).has_headers(false).flexible(true).from_reader(Feed::default())
 }
 
 /// Whether a first line is a reading and no header: each cell is an output, or one is a number and none is called `out_N`.
-fn is_reading(cells: &ByteRecord) -> bool {
+fn is_reading(cells: &ByteRecord, mapping: &Mapping) -> bool {
     let is_number = |cell: &[u8]| output_in(cell).is_some_and(f64::is_finite);
-    let is_named = |cell: &[u8]| cell.trim_ascii().starts_with(b"out_");
+    let first = mapping.first_output();
+    let is_named = |cell: &[u8]| cell.trim_ascii().starts_with(b"out_") || cell.trim_ascii() == first.as_bytes();
     cells.iter().all(|cell| output_in(cell).is_some()) || (cells.iter().any(is_number) && !cells.iter().any(is_named))
 }
 
@@ -99,13 +131,17 @@ impl Columns {
         Columns { names: None, outputs: (0..units).collect(), id: None, t_s: None }
     }
 
-    fn find(file: &str, line: u64, cells: &ByteRecord, units: usize) -> Result<Self, ReadingError> {
-        let not_text = |_| TableError::NotText { file: file.to_owned(), line };
-        let mut names = StringRecord::from_byte_record(cells.clone()).map_err(not_text)?;
+    fn find(
+        file: &str,
+        line: u64,
+        mut names: StringRecord,
+        units: usize,
+        mapping: &Mapping,
+    ) -> Result<Self, ReadingError> {
         names.trim();
         let header = Header { file, line, names: &names, help: HELP };
         header.check()?;
-        let outputs = header.outputs()?;
+        let outputs = header.outputs(mapping.output_names())?;
         if outputs.len() != units {
             return Err(ReadingError::Units { file: file.to_owned(), line, found: outputs.len(), expected: units });
         }
@@ -131,6 +167,10 @@ impl Columns {
         let (found, expected) = (cells.len(), self.names.as_ref().map_or(self.outputs.len(), StringRecord::len));
         match &self.names {
             _ if found == expected => Ok(()),
+            None if cells.get(0).is_some_and(|cell| output_in(cell).is_none()) => {
+                let found = String::from_utf8_lossy(cells.as_slice()).trim().to_owned();
+                Err(ReadingError::NoNumbers { file: file(), line, expected, found: quoted(&found) })
+            }
             None => Err(ReadingError::Units { file: file(), line, found, expected }),
             Some(names) => {
                 let column = quoted(names.get(found.min(expected).saturating_sub(1)).unwrap_or_default());

@@ -12,6 +12,7 @@ mod object;
 
 pub use lines::Lines;
 
+use super::mapping::Mapping;
 use super::table_error::TableError;
 use cells::Cells;
 use miette::Diagnostic;
@@ -74,13 +75,23 @@ pub enum ReadingError {
     #[diagnostic(help("expected one reading per line"))]
     OpenQuote { file: String, line: u64 },
     /// Another array.
-    #[error("{file}, line {line}: {found} outputs where the calibration has {expected}")]
-    #[diagnostic(help("a reading has one output for each output of the calibrated array"))]
+    #[error("{file}, line {line}: {} where the calibration has {expected}", outputs(*found))]
+    #[diagnostic(help("a reading has one number for each output of the calibrated array, separated by commas"))]
     Units { file: String, line: u64, found: usize, expected: usize },
+    /// A line of words among lines of numbers.
+    #[error("{file}, line {line}: expected {expected} numbers, found `{found}`")]
+    #[diagnostic(help(
+        "correct the program that sends it, or add --keep-going: such a line is then answered `unsolved`"
+    ))]
+    NoNumbers { file: String, line: u64, expected: usize, found: String },
     /// No JSON, or other JSON.
     #[error("{file}, line {line}, column {column}: {reason}")]
     #[diagnostic(help("expected a reading, as {{\"outputs\": [0.1, 0.2]}} or [0.1, 0.2]"))]
     Json { file: String, line: u64, column: usize, reason: String },
+}
+
+fn outputs(count: usize) -> String {
+    if count == 1 { "1 output".to_owned() } else { format!("{count} outputs") }
 }
 
 /// Says what one line after another holds; holds one line at a time.
@@ -88,14 +99,24 @@ pub struct Readings {
     file: String,
     units: usize,
     format: Option<Format>,
+    scale: f64,
     cells: Cells,
     reading: Reading,
 }
 
 impl Readings {
     /// Readings of so many units; `file` is what messages call the input. Without a format, it is detected from the first character.
-    pub fn new(file: &str, units: usize, format: Option<Format>) -> Self {
-        Readings { file: file.to_owned(), units, format, cells: Cells::new(), reading: Reading::default() }
+    /// The mapping names the outputs' columns, and scales outputs in either format.
+    pub fn new(file: &str, units: usize, format: Option<Format>, mapping: Mapping) -> Self {
+        let scale = mapping.scale.outputs;
+        Readings {
+            file: file.to_owned(),
+            units,
+            format,
+            scale,
+            cells: Cells::new(mapping),
+            reading: Reading::default(),
+        }
     }
 
     /// What the next line holds; with its end or without.
@@ -115,13 +136,17 @@ impl Readings {
             return Ok(Held::Nothing); // a comment above the header
         }
         let found = if matches!(first, b'{' | b'[') { Format::Ndjson } else { Format::Csv };
-        match *self.format.get_or_insert(found) {
-            Format::Csv => self.cells.read(&self.file, line, self.units, &mut self.reading),
-            Format::Ndjson => Ok(match object::read(&self.file, line, self.units, &mut self.reading) {
+        let held = match *self.format.get_or_insert(found) {
+            Format::Csv => self.cells.read(&self.file, line, self.units, &mut self.reading)?,
+            Format::Ndjson => match object::read(&self.file, line, self.units, &mut self.reading) {
                 Ok(()) => Held::Reading,
                 Err(error) => Held::Bad(error),
-            }),
+            },
+        };
+        if self.scale != 1.0 {
+            self.reading.outputs.iter_mut().for_each(|output| *output *= self.scale);
         }
+        Ok(held)
     }
 
     /// The reading of the last line; of a bad one its line, and its labels where they could be read.
@@ -139,7 +164,8 @@ mod tests {
     fn held(text: &str, format: Option<Format>) -> Vec<Result<Reading, String>> {
         let told =
             |error: ReadingError| format!("{error}; {}", error.help().map_or(String::new(), |help| help.to_string()));
-        let (mut lines, mut readings) = (Lines::new("stdin", text.as_bytes()), Readings::new("stdin", 2, format));
+        let (mut lines, mut readings) =
+            (Lines::new("stdin", text.as_bytes()), Readings::new("stdin", 2, format, Mapping::default()));
         let mut found = Vec::new();
         while let Some(line) = lines.read_next().expect("a text doesn't break off") {
             match readings.read(line) {
@@ -271,7 +297,7 @@ mod tests {
     #[test]
     fn a_bad_reading_keeps_its_label_where_it_can_be_read() {
         for text in ["id,t_s,out_1,out_2\na,0.5,1,x\n", "{\"id\":\"a\",\"t_s\":0.5,\"outputs\":[1]}\n"] {
-            let mut readings = Readings::new("stdin", 2, None);
+            let mut readings = Readings::new("stdin", 2, None, Mapping::default());
             let held: Vec<Held> = text.lines().map(|line| readings.read(line.as_bytes()).unwrap()).collect();
             assert!(matches!(held.last(), Some(Held::Bad(_))), "{text}");
             let Reading { id, t_s, .. } = readings.reading();

@@ -1,6 +1,6 @@
 //! `certificate.toml`: what a certificate must say and no run knows.
 
-use crate::document::{self, Bounds, Key, Problem, Problems, Table, keys, words};
+use crate::document::{self, Bounds, Key, Keys, Problem, Problems, Table, keys, words};
 
 const TEMPERATURE: Bounds = Bounds::within(-100.0, 200.0, "degrees Celsius");
 const HUMIDITY: Bounds = Bounds::within(0.0, 100.0, "%");
@@ -15,6 +15,9 @@ const PLACES: [(&str, &str); 5] = [
     ("customer-branch", "customerBranch"),
     ("other", "other"),
 ];
+
+/// All keys of `certificate.toml`.
+pub const CERTIFICATE_KEYS: Keys = root::KEYS;
 
 /// What a laboratory says of itself, its customer and the sensor.
 #[derive(Clone, Debug, PartialEq)]

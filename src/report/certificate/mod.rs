@@ -9,12 +9,12 @@ mod html;
 mod results;
 mod xml;
 
-pub use given::{Contact, Given, parse};
+pub use given::{CERTIFICATE_KEYS, Contact, Given, parse};
 
 use super::frame::capital;
 use super::{Judged, Subject};
 use crate::acceptance::{Check, Decision, Judgement};
-use crate::dataset::{DatasetError, Status, journal_sha256};
+use crate::dataset::{DatasetError, Imported, Status, journal_sha256};
 use crate::recipe::Phase;
 use crate::rig::RigSpec;
 use miette::Diagnostic;
@@ -37,7 +37,9 @@ pub struct Certificate<'a> {
     ended: String,
     /// The version of the program that wrote it.
     release: &'static str,
-    recipes: Vec<String>,
+    /// What was carried out: recipes and imports.
+    runs: Vec<String>,
+    imported: Vec<Imported>,
     instruments: Vec<Instrument>,
     results: Vec<Results>,
     judgement: Option<&'a Judgement>,
@@ -81,6 +83,13 @@ pub enum CertificateError {
         /// How it ended, or that it is under way.
         status: &'static str,
     },
+    /// The day of an imported measurement isn't known.
+    #[error("{run} was imported, and its columns file doesn't state the day of the measurement")]
+    #[diagnostic(help("add `measured = \"2026-05-04\"` to the columns file, and import the tables again"))]
+    NoDay {
+        /// The run.
+        run: String,
+    },
     /// There is nothing to certify.
     #[error("{run}: a certificate requires an evaluated test or a characterisation{}", why.as_deref().map(|why| format!(" ({why})")).unwrap_or_default())]
     Nothing {
@@ -123,10 +132,21 @@ impl<'a> Certificate<'a> {
             subject.runs.iter().map(|run| Ok(JournalHash { run: run.name(), sha256: journal_sha256(&run.path)? }));
         let journals = journals.collect::<Result<Vec<JournalHash>, DatasetError>>()?;
         let day = |time: &str| time.chars().take("2026-01-01".len()).collect::<String>();
-        let sessions = || subject.runs.iter().flat_map(|run| &run.manifest.sessions);
-        let began = sessions().map(|session| day(&session.started)).min().unwrap_or_default();
-        let ends = subject.runs.iter().filter_map(|run| run.manifest.ended.as_deref().map(day));
-        let ended = ends.chain(sessions().map(|session| day(&session.started))).max().unwrap_or_default();
+        let mut days: Vec<String> = Vec::new();
+        for run in &subject.runs {
+            match &run.manifest.facts.imported {
+                Some(imported) => {
+                    let no_day = || CertificateError::NoDay { run: run.name() };
+                    days.push(imported.measured.clone().ok_or_else(no_day)?);
+                }
+                None => {
+                    let started = run.manifest.sessions.iter().map(|session| session.started.as_str());
+                    days.extend(started.chain(run.manifest.ended.as_deref()).map(day));
+                }
+            }
+        }
+        days.sort();
+        let (began, ended) = (days.first().cloned().unwrap_or_default(), days.last().cloned().unwrap_or_default());
         Ok(Certificate {
             given,
             sensor,
@@ -134,7 +154,8 @@ impl<'a> Certificate<'a> {
             began,
             ended,
             release: env!("CARGO_PKG_VERSION"),
-            recipes: subject.runs.iter().map(|run| run.manifest.facts.recipe.clone()).collect(),
+            runs: subject.runs.iter().map(|run| run.manifest.facts.told()).collect(),
+            imported: subject.runs.iter().filter_map(|run| run.manifest.facts.imported.clone()).collect(),
             instruments: instruments(subject),
             judgement: judged.judgement.as_ref(),
             not_measured: not_measured(subject, judged, given),
@@ -164,7 +185,13 @@ impl<'a> Certificate<'a> {
     /// The procedure in a sentence.
     fn procedure(&self) -> String {
         let simulated = if self.simulated { " on a simulated rig: it certifies no sensor" } else { "" };
-        format!("{}, recipes {}{simulated}", self.given.procedure, self.recipes.join(", "))
+        let imported = self.imported.iter().flat_map(Imported::files);
+        let files: String = imported.map(|file| format!("; {} has SHA-256 {}", file.name, file.sha256)).collect();
+        let imported = match files.is_empty() {
+            true => String::new(),
+            false => format!(". The presses were imported from tables of another program{files}"),
+        };
+        format!("{}, {}{simulated}{imported}", self.given.procedure, self.runs.join(", "))
     }
 
     /// The decision rule, and what it came to.
@@ -200,13 +227,13 @@ fn limit(check: &Check) -> String {
 /// Stage and load cell with their own certificates, each once.
 fn instruments(subject: &Subject) -> Vec<Instrument> {
     let mut all: Vec<Instrument> = Vec::new();
-    for (run, rig) in subject.runs.iter().zip(&subject.rigs) {
+    for (run, bench) in subject.runs.iter().zip(&subject.benches) {
         for (role, name) in
             [("stage", "stage"), ("load_cell", "load cell"), ("array", "converter of the sensor's outputs")]
         {
             let device = run.manifest.devices.iter().find(|device| device.role == role);
             let identity = device.map_or_else(|| "not identified".to_owned(), |device| device.identity.clone());
-            let certificate = certificate_of(role, rig);
+            let certificate = certificate_of(role, bench.rig.as_ref());
             if !all
                 .iter()
                 .any(|known| known.role == name && known.identity == identity && known.certificate == certificate)
@@ -218,11 +245,13 @@ fn instruments(subject: &Subject) -> Vec<Instrument> {
     all
 }
 
-fn certificate_of(role: &str, rig: &RigSpec) -> String {
-    let (cell, stage) = (&rig.load_cell, &rig.stage);
-    let known = match role {
-        "stage" => stage.certificate.as_ref().map(|own| format!("certificate {} of {}", own.number, own.date)),
-        "load_cell" => {
+fn certificate_of(role: &str, rig: Option<&RigSpec>) -> String {
+    let known = match (role, rig) {
+        ("stage", Some(rig)) => {
+            rig.stage.certificate.as_ref().map(|own| format!("certificate {} of {}", own.number, own.date))
+        }
+        ("load_cell", Some(rig)) => {
+            let cell = &rig.load_cell;
             let own = cell.certificate.as_ref().map(|own| format!("certificate {} of {}", own.number, own.date));
             let check = cell.check.as_ref().map(|check| {
                 let adjusted = if check.adjusted { ", adjusted by it" } else { "" };
@@ -231,7 +260,8 @@ fn certificate_of(role: &str, rig: &RigSpec) -> String {
             let all: Vec<String> = own.into_iter().chain(check).collect();
             (!all.is_empty()).then(|| all.join("; "))
         }
-        _ => return "part of the sensor's readings".to_owned(),
+        ("array", _) => return "part of the sensor's readings".to_owned(),
+        _ => None,
     };
     known.unwrap_or_else(|| "no known certificate: not traceable".to_owned())
 }

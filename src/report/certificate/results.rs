@@ -86,7 +86,7 @@ type Error = fn(&PressError) -> Option<f64>;
 /// All that was measured of a sensor.
 pub fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
     let test = judged.decisive().map(|evaluation| of_test(subject, judged, evaluation));
-    let units = Staircases::of_run(&subject.presses, &subject.layout).map(|staircases| of_units(&staircases));
+    let units = Staircases::of_run(&subject.presses, subject.layout()).map(|staircases| of_units(&staircases));
     test.into_iter().chain(units).collect()
 }
 

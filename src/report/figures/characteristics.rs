@@ -16,7 +16,7 @@ const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), fil
 
 /// A panel a unit.
 pub fn characteristics(subject: &Subject) -> Option<Drawn> {
-    let staircases = Staircases::of_run(&subject.presses, &subject.layout)?;
+    let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
     let pressed: Vec<(usize, &[HeldLevel])> = staircases
         .readings
         .iter()
@@ -44,10 +44,10 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
             series.iter().map(move |held| Mark::Curve(look, means(held, branch))).collect::<Vec<Mark>>()
         };
         let points = [Mark::Curve(LOADING, of(Branch::Loading)), Mark::Curve(UNLOADING, of(Branch::Unloading))];
-        let title = Mark::Title(subject.layout.name(*unit));
+        let title = Mark::Title(subject.layout().name(*unit));
         Panel {
             x: ChartAxis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
-            y: ChartAxis::linear(&format!("output, {}", subject.unit), (least - room, most + room)),
+            y: ChartAxis::linear(&format!("output, {}", subject.unit()), (least - room, most + room)),
             marks: lines.into_iter().flat_map(curve).chain(points).chain([title]).collect(),
         }
     };

@@ -24,14 +24,14 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let outputs = || drawn.iter().flat_map(|row| row.outputs[..units].iter().map(|output| load.share(row, *output)));
     let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
     // the channels of a unit are beside each other
-    let channels = subject.layout.units().map(|unit| unit.len()).max().unwrap_or(1);
+    let channels = subject.layout().units().map(|unit| unit.len()).max().unwrap_or(1);
     let columns = if channels > 1 { channels.min(4) } else { (units as f64).sqrt().ceil().max(1.0) as usize };
     let half_mm = half_cell_mm(&places);
     let axes = Axes::around(least, most, half_mm);
-    let colours = ChartAxis::linear(&load.label(&subject.unit), (quietest, loudest));
+    let colours = ChartAxis::linear(&load.label(subject.unit()), (quietest, loudest));
     let panel = |unit: usize| {
         let cells = drawn.iter().map(|row| cell(row.place(), half_mm, load.share(row, row.outputs[unit]))).collect();
-        axes.panel(vec![Mark::Cells(colours.clone(), cells), Mark::Title(subject.layout.name(unit))])
+        axes.panel(vec![Mark::Cells(colours.clone(), cells), Mark::Title(subject.layout().name(unit))])
     };
     let left_out = subject.presses.channels - units;
     let figure = Figure {

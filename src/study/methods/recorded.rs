@@ -9,7 +9,7 @@ use crate::dataset::calibration::{LOAD_CELL, Selection};
 use crate::dataset::evaluate::{EvaluateError, check_channels};
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
-use crate::rig::RigSpec;
+use crate::rig::Bench;
 use crate::scene::Skin;
 use crate::solver::{Calibration, ForceKnown, Setting, Solver, TestPress, Workspace, fit};
 
@@ -18,15 +18,14 @@ use crate::solver::{Calibration, ForceKnown, Setting, Solver, TestPress, Workspa
 ///
 /// # Errors
 /// A run without presses of both kinds, or with one that can't be calibrated on.
-pub fn of_run(name: &str, presses: &Presses, spec: &RigSpec, seed: u64) -> Result<MethodTrial, EvaluateError> {
-    let layout = &spec.array.layout;
+pub fn of_run(name: &str, presses: &Presses, bench: &Bench, seed: u64) -> Result<MethodTrial, EvaluateError> {
     let calibration = Selection::of_phase(presses, Phase::Calibration)?;
     let test = readings(&Selection::of_phase(presses, Phase::Test)?, &calibration, presses.channels);
     let mut trial =
-        trial(name.to_owned(), calibration.calibration(&LOAD_CELL, ForceKnown::default())?, test, Some(layout));
-    if spec.is_simulated() {
+        trial(name.to_owned(), calibration.calibration(&LOAD_CELL, ForceKnown::default())?, test, bench.placed());
+    if let Some(spec) = bench.rig.as_ref().filter(|spec| spec.is_simulated()) {
         let full_scale_n = spec.limits.force_n;
-        let skin = Skin::new(&spec.scene.skin, layout, full_scale_n, seed);
+        let skin = Skin::new(&spec.scene.skin, &bench.layout, full_scale_n, seed);
         let least = MeanBound::over(&skin, &spec.scene.skin, full_scale_n, &trial.test);
         trial.least = least.map(|least| (least, CRAMER_RAO));
     }

@@ -28,7 +28,7 @@ pub fn run() -> &'static Run {
         let home = tempfile::tempdir().expect("a folder");
         let recipe = recipe::parse("small.toml", SMALL).expect("a recipe");
         let plan = Plan::new(&recipe, &spec.ground(), 1).expect("a plan");
-        let origins = Origins { recipe: SMALL.to_owned(), rig: SIM_RIG.to_owned(), beside: Vec::new() };
+        let origins = Origins::new(SMALL.to_owned(), SIM_RIG.to_owned(), Vec::new());
         let (facts, path) = (RunFacts::new(&plan, true), home.path().join("run"));
         let mut folder =
             RunFolder::create(Some(&path), &origins, facts, Provenance::default(), &spec.array.layout).expect("a run");

@@ -44,7 +44,7 @@ impl Kept {
     pub fn new(spec: &RigSpec, plan: &Plan) -> Kept {
         let home = tempfile::tempdir().expect("a folder");
         let (out, facts) = (home.path().join("run"), facts_of(plan));
-        let origins = Origins { recipe: RECIPE.to_owned(), rig: String::new(), beside: Vec::new() };
+        let origins = Origins::new(RECIPE.to_owned(), String::new(), Vec::new());
         let folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout);
         let folder = folder.expect("a run");
         Kept { folder, home }

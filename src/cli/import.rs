@@ -1,0 +1,138 @@
+//! `palpate import`: makes a run folder from tables that another program recorded.
+
+use super::columns::ColumnsArgs;
+use super::exit::Failure;
+use super::labels::LabelArgs;
+use super::provenance::{now, session};
+use super::recorded::read_presses;
+use super::summary::{print, tell};
+use crate::dataset::{
+    Contact, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Presses, Record, RunFacts,
+    RunFolder, Status, source_fingerprint,
+};
+use crate::recipe::Phase;
+use crate::rig::Bench;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate import grid.csv --test random.csv --columns columns.toml --sensor A-017
+  palpate import grid.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch15
+  palpate report runs/grid
+
+The run folder states that its presses were imported, with the SHA-256 of the
+tables and of the columns file; pages and certificates repeat it. A row with a
+blank cell or NaN is excluded when --columns is given. `palpate init --from tables`
+writes a columns file with comments; `palpate reference columns` lists its keys.
+
+Exit code: 0 imported, 2 bad input: nothing was written.";
+
+/// Make a run folder from tables of presses that another program recorded
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct ImportArgs {
+    /// The table of calibration presses
+    calibration: PathBuf,
+    /// The table of test presses, with the same columns
+    #[arg(long, value_name = "CSV")]
+    test: Option<PathBuf>,
+    #[command(flatten)]
+    columns: ColumnsArgs,
+    #[command(flatten)]
+    labels: LabelArgs,
+    /// Output folder [default: runs/NAME, runs/NAME-2, ...]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Reads the tables whole, then makes the folder.
+pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
+    let started = Instant::now();
+    let columns = args.columns.read()?;
+    let mapping = columns.as_ref().map(|columns| columns.mapping.clone()).unwrap_or_default();
+    let paths = [(Some(&args.calibration), Phase::Calibration), (args.test.as_ref(), Phase::Test)];
+    let given = || paths.into_iter().filter_map(|(path, phase)| Some((path?, phase)));
+    let tables: Vec<(Presses, Phase)> =
+        given().map(|(path, phase)| Ok((read_presses(path, &mapping)?, phase))).collect::<Result<_, Failure>>()?;
+    let outputs = tables[0].0.channels;
+    check_outputs(&tables, &mapping)?;
+    let imported = Imported {
+        tables: given()
+            .map(|(path, _)| source_fingerprint(path).map_err(Failure::dataset))
+            .collect::<Result<_, _>>()?,
+        columns: columns.as_ref().map(|columns| Fingerprint::of(&columns.name, columns.text.as_bytes())),
+        outputs: outputs as u64,
+        notes: tables
+            .iter()
+            .flat_map(|(table, _)| table.detected.iter().map(|note| format!("{}: {note}", table.source)))
+            .collect(),
+        measured: mapping.measured.clone(),
+    };
+    let presses: usize = tables.iter().map(|(table, _)| table.presses.len()).sum();
+    let facts = RunFacts {
+        recipe: name_of(&args.calibration),
+        labels: args.labels.labels(),
+        presses_planned: presses as u64,
+        imported: Some(imported),
+        ..RunFacts::default()
+    };
+    let bench = Bench::of_import(mapping.array.clone(), outputs);
+    let origins = Origins::of_import(columns.map(|columns| columns.text));
+    let folder = RunFolder::create(args.out.as_deref(), &origins, facts, session(Durability::Fast), &bench.layout);
+    let mut folder = folder.map_err(Failure::dataset)?;
+    record(&mut folder, tables, started).map_err(Failure::dataset)?;
+    let path = folder.path().display().to_string();
+    if !bench.is_placed {
+        tell("note: the positions of the units aren't known (`array` of the columns file)\n")?;
+    }
+    print(&format!("{path}: {presses} presses of {outputs} outputs imported\n"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The tables must be of one array, and of the one that the columns file states.
+fn check_outputs(tables: &[(Presses, Phase)], mapping: &Mapping) -> Result<(), Failure> {
+    let (first, outputs) = (&tables[0].0.source, tables[0].0.channels);
+    if let Some((other, _)) = tables.iter().find(|(table, _)| table.channels != outputs) {
+        let told = format!("{first} has {outputs} outputs, {} has {}", other.source, other.channels);
+        return Err(Failure::usage(miette::miette!(help = "import tables of one sensor together", "{told}")));
+    }
+    match &mapping.array {
+        Some((layout, _)) if layout.len() != outputs => {
+            let told = format!("{first} has {outputs} outputs, but `array` of the columns file has {}", layout.len());
+            let help = "correct grid, places_mm or channels_per_unit, or name the columns in `outputs`";
+            Err(Failure::usage(miette::miette!(help = help, "{told}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The name of a run from its table: without folder and ending, and without what a path can't have.
+fn name_of(table: &Path) -> String {
+    let stem = table.file_stem().unwrap_or_default().to_string_lossy();
+    let fit = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' };
+    let name: String = stem.chars().map(fit).collect();
+    match name.trim_matches(['-', '.']) {
+        "" => "import".to_owned(),
+        name => name.to_owned(),
+    }
+}
+
+/// Every press as a contact of its own, then the end.
+fn record(
+    folder: &mut RunFolder,
+    tables: Vec<(Presses, Phase)>,
+    started: Instant,
+) -> Result<(), crate::dataset::DatasetError> {
+    let presses =
+        tables.into_iter().flat_map(|(table, phase)| table.presses.into_iter().map(move |press| (press, phase)));
+    for (number, (mut press, phase)) in presses.enumerate() {
+        press.press = number as u64;
+        press.phase = Some(phase);
+        let contact = Contact { press: press.press, levels: vec![press], ..Contact::default() };
+        folder.record(&Record::Contact(contact))?;
+    }
+    let wall_s = started.elapsed().as_secs_f64();
+    folder.finish(End { status: Status::Complete, t_s: 0.0, ended: now(), wall_s, failure: None })
+}

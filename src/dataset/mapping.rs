@@ -1,0 +1,392 @@
+//! A columns file: which column of a table from elsewhere holds what, in which unit, and where the array's units are.
+
+use super::press::{Press, output_name};
+use crate::document::layout::{CHANNELS_MAX, GRID, LayoutKeys, read_unit};
+use crate::document::{self, Bounds, Key, Keys, Problem, Problems, Table, keys, words};
+use crate::quantity::ArrayLayout;
+
+/// All keys of a columns file.
+pub const COLUMN_KEYS: Keys = columns::KEYS;
+
+const FACTOR: Bounds = Bounds::within(-1e9, 1e9, "");
+const SHIFT_MM: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
+const SHIFT_N: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
+const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
+
+const SEPARATORS: [(&str, u8); 4] = [(",", b','), (";", b';'), ("tab", b'\t'), ("space", b' ')];
+const DECIMALS: [(&str, Decimal); 2] = [(".", Decimal::Point), (",", Decimal::Comma)];
+
+keys! {
+    /// The whole file.
+    columns {
+        x_mm: Text, or_word("x_mm"), "the column with the place along x", "\"X [mm]\"";
+        y_mm: Text, or_word("y_mm"), "the column with the place along y", "\"Y [mm]\"";
+        force_n: Text, Allowed, "the column with the force into the skin; without it, `force_n` if the table has it", "\"Fz [N]\"";
+        outputs: Either(&[Text, Texts]), Allowed,
+            "the columns with the outputs, in order: the first and the last of numbered ones, or a list; without it, out_1, out_2, ...",
+            "\"ch0..ch15\"";
+        flags: Text, Allowed, "the column that marks presses to exclude: neither empty nor 0", "\"bad\"";
+        scale: Table(&scale::KEYS), Allowed, "factors, for other units or signs";
+        offset: Table(&offset::KEYS), Allowed, "what is added after the factor, for another origin or a zero";
+        missing: Texts, or_texts(&[]), "cells that mean a missing value, besides blank cells and NaN", "[\"-999\"]";
+        separator: Word(&words(&SEPARATORS)), Allowed,
+            "what separates the columns; without it, detected from the header", "\";\"";
+        decimal: Word(&words(&DECIMALS)), Allowed,
+            "the decimal mark; without it, a comma is accepted where it doesn't separate the columns", "\",\"";
+        header: Flag, or_flag(true), "whether the table has a header; without one, columns are named 1, 2, ...", "true";
+        measured: Text, Allowed, "the day of the measurement, as year-month-day; a certificate requires it", "\"2026-05-04\"";
+        array: Table(&array::KEYS), Allowed, "where the array's units are, and the unit of its outputs";
+    }
+}
+
+keys! {
+    /// `[scale]`
+    scale {
+        x_mm: Number(FACTOR), or(1.0), "factor of x and of y: 0.001 where they are in um", "0.001";
+        force_n: Number(FACTOR), or(1.0), "factor of the force: -1 where pressing is negative", "-1.0";
+        outputs: Number(FACTOR), or(1.0), "factor of every output", "0.001";
+    }
+}
+
+keys! {
+    /// `[offset]`
+    offset {
+        x_mm: Number(SHIFT_MM), or(0.0), "added to x", "-9.0";
+        y_mm: Number(SHIFT_MM), or(0.0), "added to y", "-9.0";
+        force_n: Number(SHIFT_N), or(0.0), "added to the force", "0.0";
+    }
+}
+
+keys! {
+    /// `[array]`
+    array {
+        unit: Text, or_word("a.u."), "unit of the outputs in tables and figures, 1 to 16 characters", "\"counts\"";
+        channels_per_unit: Whole(1, CHANNELS_MAX), or_whole(1),
+            "number of successive outputs of each unit: 3 for chips with three axes", "3";
+    }
+    one of {
+        grid: Table(&GRID), Allowed, "its units are in rows and columns, centred on x = y = 0";
+        places_mm: Places(COORDINATE), Allowed, "positions of its units, in the order of its outputs", "[[0.0, 0.0]]";
+    }
+}
+
+const LAYOUT: LayoutKeys =
+    LayoutKeys { grid: array::grid, places_mm: array::places_mm, channels_per_unit: array::channels_per_unit };
+
+/// Which columns of a table hold what. The default is a table with the program's own names.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mapping {
+    pub(super) x_mm: String,
+    pub(super) y_mm: String,
+    /// None: `force_n`, if there is one.
+    pub(super) force_n: Option<String>,
+    pub(super) outputs: Outputs,
+    /// None: `flags`, if there is one.
+    pub(super) flags: Option<String>,
+    pub(super) scale: Scale,
+    pub(super) missing: Vec<String>,
+    /// None: detected.
+    pub(super) separator: Option<u8>,
+    pub(super) decimal: Option<Decimal>,
+    pub(super) has_header: bool,
+    /// Whether a person gave it: rows with missing values are then excluded, and a run's own columns aren't looked for.
+    pub(super) is_given: bool,
+    /// The day of the measurement, as year-month-day.
+    pub measured: Option<String>,
+    /// Where the array's units are, and the unit of the outputs.
+    pub array: Option<(ArrayLayout, String)>,
+}
+
+/// Which columns hold the outputs.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Outputs {
+    /// `out_1`, `out_2`, ..., as many as there are.
+    Own,
+    /// These.
+    Named(Vec<String>),
+}
+
+/// How a decimal fraction is marked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Decimal {
+    Point,
+    Comma,
+}
+
+/// What values are multiplied with, and what is added then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Scale {
+    pub place: f64,
+    pub force: f64,
+    pub outputs: f64,
+    pub x_mm: f64,
+    pub y_mm: f64,
+    pub force_n: f64,
+}
+
+impl Scale {
+    /// Turns the values of a table into millimetres and newtons.
+    pub fn apply(&self, press: &mut Press) {
+        press.x_mm = press.x_mm * self.place + self.x_mm;
+        press.y_mm = press.y_mm * self.place + self.y_mm;
+        press.force_n = press.force_n.map(|force| force * self.force + self.force_n);
+        press.outputs.iter_mut().for_each(|output| *output *= self.outputs);
+    }
+}
+
+impl Default for Mapping {
+    fn default() -> Self {
+        Mapping {
+            x_mm: "x_mm".to_owned(),
+            y_mm: "y_mm".to_owned(),
+            force_n: None,
+            outputs: Outputs::Own,
+            flags: None,
+            scale: Scale { place: 1.0, force: 1.0, outputs: 1.0, x_mm: 0.0, y_mm: 0.0, force_n: 0.0 },
+            missing: Vec::new(),
+            separator: None,
+            decimal: None,
+            has_header: true,
+            is_given: false,
+            measured: None,
+            array: None,
+        }
+    }
+}
+
+impl Mapping {
+    /// Reads a columns file.
+    ///
+    /// # Errors
+    /// Every problem of the text, each at its line.
+    pub fn parse(file: &str, text: &str) -> Result<Mapping, Problems> {
+        document::read(file, text, &columns::KEYS, read)
+    }
+
+    /// The text of a columns file that says the same as `x_mm=X,y_mm=Y,outputs=ch0..ch15`.
+    pub fn text_of(pairs: &str) -> String {
+        let pair = |pair: &str| match pair.split_once('=') {
+            Some((key, name)) => format!("{} = {:?}\n", key.trim(), name.trim()),
+            None => format!("{pair}\n"),
+        };
+        pairs.split(',').map(pair).collect()
+    }
+
+    /// Where the units of a table with so many outputs are, if it says so.
+    pub fn layout_of(&self, outputs: usize) -> Option<ArrayLayout> {
+        self.array.as_ref().map(|(layout, _)| layout).filter(|layout| layout.len() == outputs).cloned()
+    }
+
+    /// The name that was given for one of the program's own columns, if one was.
+    pub(super) fn name_of(&self, column: &str) -> Option<&str> {
+        match column {
+            "x_mm" => Some(&self.x_mm),
+            "y_mm" => Some(&self.y_mm),
+            "force_n" => self.force_n.as_deref(),
+            "flags" => self.flags.as_deref(),
+            _ => None,
+        }
+    }
+
+    /// The names of the output columns, where they are known without the table.
+    pub(super) fn output_names(&self) -> Option<&[String]> {
+        match &self.outputs {
+            Outputs::Own => None,
+            Outputs::Named(names) => Some(names),
+        }
+    }
+
+    /// The first column of outputs.
+    pub(super) fn first_output(&self) -> String {
+        self.output_names().map_or_else(|| output_name(1), |names| names[0].clone())
+    }
+
+    /// Whether a cell has no value.
+    pub(super) fn is_missing(&self, cell: &str) -> bool {
+        cell.is_empty() || cell.eq_ignore_ascii_case("nan") || self.missing.iter().any(|missing| missing == cell)
+    }
+}
+
+fn read(table: &Table) -> Option<Mapping> {
+    let own = |key: &Key| table.text(key).map(str::to_owned);
+    let names = [own(&columns::x_mm), own(&columns::y_mm)];
+    let outputs = read_outputs(table);
+    let scale = read_scale(table);
+    let given = |key: &Key| if table.has(key) { own(key).map(Some) } else { Some(None) };
+    let separator = optional(table, &columns::separator, |table, key| table.word(key, &SEPARATORS));
+    let decimal = optional(table, &columns::decimal, |table, key| table.word(key, &DECIMALS));
+    if let (Some(Some(b',')), Some(Some(Decimal::Comma))) = (separator, decimal) {
+        let told = "a comma can't be the separator and the decimal mark";
+        table.complain(Problem::new(table.span_of(&columns::decimal), told));
+    }
+    let array = optional(table, &columns::array, |table, key| {
+        let table = table.table(key)?;
+        let (layout, unit) = (LAYOUT.read(&table), read_unit(&table, &array::unit));
+        Some((layout?, unit?.to_owned()))
+    });
+    let measured = optional(table, &columns::measured, |table, key| table.day(key).map(str::to_owned));
+    let (force_n, flags) = (given(&columns::force_n), given(&columns::flags));
+    let missing = table.texts(&columns::missing);
+    let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
+    if let (Some((layout, _)), Outputs::Named(names)) = (&array, &outputs) {
+        if layout.len() != names.len() {
+            let told = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
+            table.complain(Problem::new(table.span_of(&columns::array), told));
+        }
+    }
+    let [x_mm, y_mm] = names;
+    Some(Mapping {
+        x_mm: x_mm?,
+        y_mm: y_mm?,
+        force_n: force_n?,
+        outputs,
+        flags: flags?,
+        scale: scale?,
+        missing: missing?.into_iter().map(str::to_owned).collect(),
+        separator: separator?,
+        decimal: decimal?,
+        has_header,
+        is_given: true,
+        measured: measured?,
+        array,
+    })
+}
+
+/// What is read of a key that may be missing; none where it is there and wrong.
+fn optional<T>(table: &Table, key: &Key, read: impl Fn(&Table, &Key) -> Option<T>) -> Option<Option<T>> {
+    if table.has(key) { read(table, key).map(Some) } else { Some(None) }
+}
+
+fn read_scale(table: &Table) -> Option<Scale> {
+    let mut read = Mapping::default().scale;
+    if let Some(table) = table.table(&columns::scale) {
+        read.place = table.number(&scale::x_mm)?;
+        read.force = table.number(&scale::force_n)?;
+        read.outputs = table.number(&scale::outputs)?;
+        for (key, factor) in [(scale::x_mm, read.place), (scale::force_n, read.force), (scale::outputs, read.outputs)] {
+            if factor == 0.0 {
+                table.complain(Problem::new(table.span_of(&key), format!("`{}` of `scale` is 0", key.name)));
+            }
+        }
+    }
+    if let Some(table) = table.table(&columns::offset) {
+        read.x_mm = table.number(&offset::x_mm)?;
+        read.y_mm = table.number(&offset::y_mm)?;
+        read.force_n = table.number(&offset::force_n)?;
+    }
+    Some(read)
+}
+
+/// The columns that `outputs` names: a list, or numbered ones from the first to the last.
+fn read_outputs(table: &Table) -> Option<Outputs> {
+    let key = &columns::outputs;
+    if !table.has(key) {
+        return Some(Outputs::Own);
+    }
+    let fail = |told: String| {
+        let help = "write outputs = \"ch0..ch15\", or a list: [\"left\", \"right\"]";
+        table.complain(Problem::new(table.span_of(key), told).help(help));
+        None
+    };
+    let names = match table.is_text(key) {
+        false => table.texts(key)?.into_iter().map(str::to_owned).collect(),
+        true => {
+            let text = table.text(key)?;
+            match numbered(text) {
+                Some(names) => names,
+                None if text.contains("..") => {
+                    return fail(format!(
+                        "`outputs` is {text:?}: expected the same word with a smaller and a larger number"
+                    ));
+                }
+                None => vec![text.to_owned()],
+            }
+        }
+    };
+    let repeated = (1..names.len()).find(|index| names[..*index].contains(&names[*index]));
+    match repeated {
+        Some(index) => fail(format!("`outputs` names the column {:?} twice", names[index])),
+        None if names.is_empty() => fail("`outputs` names no column".to_owned()),
+        None => Some(Outputs::Named(names)),
+    }
+}
+
+/// The names from `ch0` to `ch15` of `ch0..ch15`; what follows the number is in each of them too.
+fn numbered(text: &str) -> Option<Vec<String>> {
+    let (first, last) = text.split_once("..")?;
+    let ((word, from, rest), (other, to, other_rest)) = (split(first.trim())?, split(last.trim())?);
+    let is_series = word == other && rest == other_rest && from.len() <= to.len();
+    let width = if from.starts_with('0') && from.len() > 1 { from.len() } else { 1 };
+    let (from, to) = (from.parse::<usize>().ok()?, to.parse::<usize>().ok()?);
+    let is_series = is_series && from <= to && to - from < super::MAX_COLUMNS;
+    is_series.then(|| (from..=to).map(|number| format!("{word}{number:0width$}{rest}")).collect())
+}
+
+/// A name taken apart at its last number.
+fn split(name: &str) -> Option<(&str, &str, &str)> {
+    let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = name[..end]
+        .rfind(|c: char| !c.is_ascii_digit())
+        .map_or(0, |at| at + name[at..].chars().next().map_or(1, char::len_utf8));
+    Some((&name[..start], &name[start..end], &name[end..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> String {
+        Mapping::parse("columns.toml", text).unwrap_err().lines().join("\n")
+    }
+
+    #[test]
+    fn numbered_columns_are_named_by_the_first_and_the_last() {
+        let names = |text: &str| numbered(text).map(|names| names.join(" "));
+        for (text, expected) in [
+            ("ch0..ch3", Some("ch0 ch1 ch2 ch3")),
+            ("s01..s10", Some("s01 s02 s03 s04 s05 s06 s07 s08 s09 s10")),
+            ("s9..s11", Some("s9 s10 s11")),
+            ("4..6", Some("4 5 6")),
+            ("B1 [mT]..B2 [mT]", Some("B1 [mT] B2 [mT]")),
+            ("ß1..ß2", Some("ß1 ß2")),
+            ("ch3..ch0", None),
+            ("ch0..s3", None),
+            ("ch0", None),
+            ("a..b", None),
+            ("ch0..ch99999", None),
+        ] {
+            assert_eq!(names(text).as_deref(), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_short_text_says_the_same_as_a_file() {
+        let file = "x_mm = \"X [mm]\"\noutputs = \"ch0..ch1\"\n";
+        assert_eq!(Mapping::text_of("x_mm=X [mm], outputs=ch0..ch1"), file);
+        let mapping = Mapping::parse("columns.toml", file).unwrap();
+        assert_eq!((mapping.x_mm.as_str(), mapping.y_mm.as_str()), ("X [mm]", "y_mm"));
+        assert_eq!(mapping.outputs, Outputs::Named(vec!["ch0".to_owned(), "ch1".to_owned()]));
+        assert_eq!(Mapping::parse("columns.toml", "").unwrap(), Mapping { is_given: true, ..Mapping::default() });
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_columns_file_is_named() {
+        for (text, expected) in [
+            ("outputs = \"ch3..ch0\"", "expected the same word with a smaller and a larger number"),
+            ("outputs = []", "`outputs` names no column"),
+            ("outputs = [\"a\", \"a\"]", "`outputs` names the column \"a\" twice"),
+            ("separator = \",\"\ndecimal = \",\"", "a comma can't be the separator and the decimal mark"),
+            ("scale = { force_n = 0.0 }", "`force_n` of `scale` is 0"),
+            ("measured = \"4.5.2026\"", "expected a day as year-month-day"),
+            ("output = \"ch0..ch3\"", "unknown key `output`"),
+            ("array = { unit = \"V\" }", "`array` has no positions of its units"),
+            (
+                "outputs = \"ch0..ch3\"\narray = { places_mm = [[0.0, 0.0]] }",
+                "`array` has 1 outputs, but `outputs` names 4 columns",
+            ),
+        ] {
+            let told = refused(text);
+            assert!(told.contains(expected), "{text}: {told}");
+        }
+    }
+}
