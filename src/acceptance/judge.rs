@@ -254,7 +254,9 @@ fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
         }
         figure => {
             let worst = measured.worst.iter().find(|worst| worst.figure == figure);
-            let Worst { value, upper, n, missing, .. } = *worst.ok_or("it was not measured")?;
+            let how = if figure == Figure::Noise { "a calibration" } else { "a step with `staircase`" };
+            let worst = worst.ok_or_else(|| format!("not measured: {how} measures it"))?;
+            let Worst { value, upper, n, missing, .. } = *worst;
             if missing > 0 {
                 let noun = if figure == Figure::Noise { "channels" } else { "units" };
                 return Err(format!("{missing} {noun} have no value (not measured, or without an output)"));

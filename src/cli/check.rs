@@ -2,10 +2,11 @@
 
 use super::exit::Failure;
 use super::sources::{RigArgs, Sources};
-use super::summary::{duration, print};
+use super::summary::{duration, print, tell};
+use super::tables::filled;
 use crate::control::safe_speed_mm_s;
 use crate::quantity::COVERAGE;
-use crate::recipe::{Entry, Phase, Plan};
+use crate::recipe::{Entry, Phase, Plan, Recipe};
 use crate::rig::RigSpec;
 use crate::run::{estimated_s, first_descent};
 use std::fmt::Write;
@@ -38,7 +39,34 @@ pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     print(&described(&plan, &sources.rig))?;
+    for warning in warnings(&sources.recipe, &plan, &sources.rig) {
+        tell(&filled(&format!("warning: {warning}"), "  "))?;
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What can be run and is probably not meant.
+fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
+    /// A press that takes longer was probably given in milliseconds, s.
+    const LONG_S: f64 = 60.0;
+    let mut warnings = Vec::new();
+    let has = |phase| plan.entries.iter().any(|entry| entry.phase == phase);
+    if recipe.rule().is_some() && !has(Phase::Test) {
+        warnings.push(
+            "the recipe has an acceptance rule, but no step with `phase = \"test\"`: errors can't be judged".to_owned(),
+        );
+    }
+    let longest_s = plan.entries.iter().map(|entry| entry.task.hold_s + entry.task.sample_s).fold(0.0, f64::max);
+    if longest_s > LONG_S {
+        warnings.push(format!("a press takes over {longest_s} s: `hold_s` and `sample_s` are in seconds"));
+    }
+    if true_n(plan, rig).is_some_and(|true_n| true_n > rig.limits.force_n) {
+        warnings.push(
+            "the largest force may exceed the limit by the load cell's error: lower it, or raise `limits.force_n`"
+                .to_owned(),
+        );
+    }
+    warnings
 }
 
 fn described(plan: &Plan, rig: &RigSpec) -> String {
@@ -80,9 +108,13 @@ fn distance(plan: &Plan, rig: &RigSpec) -> String {
     let Some(u_n) = rig.load_cell.standard_uncertainty_n(set_n) else {
         return if set_n < limit_n { String::new() } else { ": exceeded by any error of the load cell".to_owned() };
     };
-    let true_n = set_n + COVERAGE * u_n;
-    let beyond = if true_n > limit_n { ", exceeds the limit" } else { "" };
-    format!(": with the\n  load cell's stated error up to {true_n:.3} N{beyond}")
+    format!(": with the\n  load cell's stated error up to {:.3} N", set_n + COVERAGE * u_n)
+}
+
+/// The largest force that is set, with the load cell's stated error, N; none where it states none.
+fn true_n(plan: &Plan, rig: &RigSpec) -> Option<f64> {
+    let set_n = plan.most_n();
+    rig.load_cell.standard_uncertainty_n(set_n).map(|u_n| set_n + COVERAGE * u_n)
 }
 
 /// What the permit bounds every move to, even if the host fails.

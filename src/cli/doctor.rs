@@ -133,9 +133,10 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
             let _ = writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would limit this zero", "");
         }
-        let noise = match spec.array.unit.as_str() {
-            "V" => format!("{:.2} mV", 1000.0 * outputs_sigma_v),
-            unit => format!("{outputs_sigma_v:.4} {unit}"),
+        let noise = match (outputs_sigma_v, spec.array.unit.as_str()) {
+            (None, _) => "not measured".to_owned(),
+            (Some(sigma_v), "V") => format!("{:.2} mV", 1000.0 * sigma_v),
+            (Some(sigma), unit) => format!("{sigma:.4} {unit}"),
         };
         let _ = writeln!(text, "{:<11}noise of the noisiest output {noise}", "");
     }
@@ -318,7 +319,7 @@ fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&
         zero_n: air.map(|air| air.zero.offset_n),
         noise_n: air.map(|air| air.zero.sigma_n),
         fresh_share: air.map(|air| air.fresh_share),
-        outputs_noise_v: air.map(|air| air.outputs_sigma_v),
+        outputs_noise_v: air.and_then(|air| air.outputs_sigma_v),
         trip: found
             .air
             .as_ref()

@@ -4,7 +4,7 @@
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::method::{load, solvers};
-use super::recorded::{read_presses, read_run};
+use super::recorded::{read_presses, read_run, warn_of_units};
 use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table, solvers_table};
 use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
@@ -28,7 +28,7 @@ Examples:
   palpate evaluate runs/paper
   palpate evaluate runs/paper --solver pearson --json
   palpate evaluate runs/paper --solver all
-  palpate evaluate --calibration grid.csv --test random.csv --accept data/example/accept.toml
+  palpate evaluate grid.csv random.csv --accept data/example/accept.toml
 
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. If the
 calibration has no force_n, the method uses only the proportions of the
@@ -43,9 +43,9 @@ Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct EvaluateArgs {
-    /// A run folder with calibration and test presses
-    #[arg(required_unless_present_any = ["calibration", "test"])]
-    run: Option<PathBuf>,
+    /// A run folder with calibration and test presses; or a table of calibration presses, followed by one of test presses
+    #[arg(value_name = "RUN", num_args = 0..=2, required_unless_present_any = ["calibration", "test"])]
+    run: Vec<PathBuf>,
     /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     calibration: Option<PathBuf>,
@@ -79,7 +79,16 @@ struct Failed<'a> {
 
 /// Evaluates, judges and prints; the verdict is the exit code. A run that was only characterised prints its characteristics.
 pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
-    match (&args.run, &args.calibration, &args.test) {
+    let (run, calibration, test) = match args.run.as_slice() {
+        [] => (None, args.calibration.as_ref(), args.test.as_ref()),
+        [run] => (Some(run), None, None),
+        [first, second, ..] if first.is_dir() || second.is_dir() => {
+            let help = "one page about several runs of a sensor: palpate report RUN...";
+            return Err(Failure::usage(miette::miette!(help = help, "`evaluate` takes one run folder, or two tables")));
+        }
+        [calibration, test, ..] => (None, Some(calibration), Some(test)),
+    };
+    match (run, calibration, test) {
         (Some(run), ..) => {
             let (recorded, bench) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), &bench.layout);
@@ -97,8 +106,10 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
         (None, Some(calibration), Some(test)) => {
             let mapping = args.columns.mapping()?;
             let (calibration, test) = (read_presses(calibration, &mapping)?, read_presses(test, &mapping)?);
+            warn_of_units(&calibration, &test)?;
             let evidence = Evidence { presses: &calibration, layout: None, runs: Vec::new(), u_place_mm: None };
-            let trial = Trial::of_tables(&calibration, &test);
+            let layout = mapping.layout_of(calibration.channels);
+            let trial = Trial::of_tables(&calibration, &test).map(|trial| trial.with_layout(layout.as_ref()));
             report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))
         }
         // the command line asks for one of the two; a caller that builds the arguments itself may not

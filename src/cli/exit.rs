@@ -49,6 +49,7 @@ impl Failure {
             DatasetError::Exists { .. }
             | DatasetError::NoFolder { .. }
             | DatasetError::NoRun { .. }
+            | DatasetError::NoJournal { .. }
             | DatasetError::Held { .. }
             | DatasetError::Changed { .. }
             | DatasetError::Lost { .. }

@@ -4,12 +4,13 @@ use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::labels::LabelArgs;
 use super::provenance::{now, session};
-use super::recorded::read_presses;
+use super::recorded::{read_presses, warn_of_units};
 use super::summary::{print, tell};
 use crate::dataset::{
-    Contact, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Presses, Record, RunFacts,
+    Contact, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses, Record, RunFacts,
     RunFolder, Status, source_fingerprint,
 };
+use crate::quantity::round;
 use crate::recipe::Phase;
 use crate::rig::Bench;
 use std::path::{Path, PathBuf};
@@ -58,6 +59,9 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
         given().map(|(path, phase)| Ok((read_presses(path, &mapping)?, phase))).collect::<Result<_, Failure>>()?;
     let outputs = tables[0].0.channels;
     check_outputs(&tables, &mapping)?;
+    if let [(calibration, _), (test, _)] = tables.as_slice() {
+        warn_of_units(calibration, test)?;
+    }
     let imported = Imported {
         tables: given()
             .map(|(path, _)| source_fingerprint(path).map_err(Failure::dataset))
@@ -70,6 +74,8 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
             .collect(),
         measured: mapping.measured.clone(),
     };
+    check_forces(&tables)?;
+    let ranges: String = tables.iter().map(|(table, phase)| ranges_of(table, *phase)).collect();
     let presses: usize = tables.iter().map(|(table, _)| table.presses.len()).sum();
     let facts = RunFacts {
         recipe: name_of(&args.calibration),
@@ -87,7 +93,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     if !bench.is_placed {
         tell("note: the positions of the units aren't known (`array` of the columns file)\n")?;
     }
-    print(&format!("{path}: {presses} presses of {outputs} outputs imported\n"))?;
+    print(&format!("{path}: {presses} presses of {outputs} outputs imported\n{ranges}"))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -106,6 +112,27 @@ fn check_outputs(tables: &[(Presses, Phase)], mapping: &Mapping) -> Result<(), F
         }
         _ => Ok(()),
     }
+}
+
+/// A calibration that only pulls has its forces with the other sign.
+fn check_forces(tables: &[(Presses, Phase)]) -> Result<(), Failure> {
+    let is_pulled =
+        |(table, _): &&(Presses, Phase)| table.presses.iter().all(|press| press.force_n.is_some_and(|n| n < 0.0));
+    let Some((table, _)) = tables.iter().find(is_pulled) else { return Ok(()) };
+    let help = "pressing is a positive force: write a columns file with `force_n = -1.0` in [scale]";
+    Err(Failure::usage(miette::miette!(help = help, "{}: all forces are negative", table.source)))
+}
+
+/// From where to where the presses of a table are, in a line: a wrong column or unit shows.
+fn ranges_of(table: &Presses, phase: Phase) -> String {
+    let range = |of: fn(&Press) -> Option<f64>| {
+        let values = || table.presses.iter().filter_map(of);
+        let ends = values().reduce(f64::min).zip(values().reduce(f64::max));
+        ends.map(|(least, most)| format!("{} to {}", round(least, 3), round(most, 3)))
+    };
+    let [x, y] = [range(|press| Some(press.x_mm)), range(|press| Some(press.y_mm))].map(Option::unwrap_or_default);
+    let force = range(|press| press.force_n).map_or(", no forces".to_owned(), |force| format!(", force {force} N"));
+    format!("  {:<12} x {x} mm, y {y} mm{force}\n", phase.name())
 }
 
 /// The name of a run from its table: without folder and ending, and without what a path can't have.

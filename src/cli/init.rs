@@ -25,7 +25,7 @@ pub struct InitArgs {
     #[arg(value_name = "DIR", default_value = ".")]
     folder: PathBuf,
 
-    /// What you begin with: the sensor that is nearest to yours, or tables
+    /// What you begin with: the sensor nearest to yours, tables, or the book's example
     #[arg(long, value_name = "START", default_value = "paper")]
     from: Start,
 }
@@ -41,12 +41,14 @@ enum Start {
     Barometer,
     /// Tables of presses that another program recorded
     Tables,
+    /// The example files that the book uses
+    Example,
 }
 
 /// What is written, and what to do with it.
 struct Template {
-    /// Each text with its kind.
-    texts: Vec<(Text, String)>,
+    /// Each file's name and text.
+    files: Vec<(String, String)>,
     /// Lines to type next.
     next: String,
 }
@@ -64,8 +66,15 @@ impl Start {
             Start::Barometer => {
                 bench(skin("barometer"), include_str!("init/barometer-rig.toml"), "barometer", " --simulate")
             }
+            Start::Example => Template {
+                files: EXAMPLE.map(|(name, text)| (name.to_owned(), text.to_owned())).to_vec(),
+                next: "  palpate run short.toml\n  \
+                       palpate report runs/short --accept accept.toml\n  \
+                       palpate evaluate calibration.csv test.csv\n"
+                    .to_owned(),
+            },
             Start::Tables => Template {
-                texts: vec![(Text::Columns, include_str!("init/columns.toml").to_owned()), certificate()],
+                files: with_schemas([(Text::Columns, include_str!("init/columns.toml")), CERTIFICATE]),
                 next: "  palpate import ../grid.csv --test ../random.csv --columns columns.toml\n  \
                        palpate report runs/grid\n\n\
                        grid.csv and random.csv are your tables of calibration and test presses. Change\n\
@@ -79,7 +88,7 @@ impl Start {
 /// A recipe and a rig. The run's name is that of the recipe; `simulate` is the option with which the rig runs without hardware.
 fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
     Template {
-        texts: vec![(Text::Recipe, recipe), (Text::Rig, rig.to_owned()), certificate()],
+        files: with_schemas([(Text::Recipe, recipe.as_str()), (Text::Rig, rig), CERTIFICATE]),
         next: format!(
             "  palpate check recipe.toml --rig rig.toml{simulate}\n  \
              palpate run recipe.toml --rig rig.toml{simulate}\n  \
@@ -90,19 +99,34 @@ fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
     }
 }
 
-fn certificate() -> (Text, String) {
-    (Text::Certificate, include_str!("../../data/example/certificate.toml").to_owned())
+const CERTIFICATE: (Text, &str) = (Text::Certificate, include_str!("init/certificate.toml"));
+
+/// Tables of presses, a short recipe with its rules, and a program for each role.
+const EXAMPLE: [(&str, &str); 9] = [
+    ("short.toml", include_str!("../../data/example/short.toml")),
+    ("recipe.toml", include_str!("../../data/example/recipe.toml")),
+    ("accept.toml", include_str!("../../data/example/accept.toml")),
+    ("certificate.toml", include_str!("../../data/example/certificate.toml")),
+    ("calibration.csv", include_str!("../../data/example/calibration.csv")),
+    ("test.csv", include_str!("../../data/example/test.csv")),
+    ("stage.py", include_str!("../../examples/stage.py")),
+    ("load_cell.py", include_str!("../../examples/load_cell.py")),
+    ("array.py", include_str!("../../examples/array.py")),
+];
+
+/// Texts under the names of their kinds, each with its schema.
+fn with_schemas<const N: usize>(texts: [(Text, &str); N]) -> Vec<(String, String)> {
+    let both = |(kind, text): (Text, &str)| {
+        let name = kind.name();
+        let schema = format!("{name}.schema.json");
+        [(format!("{name}.toml"), format!("#:schema {schema}\n{text}")), (schema, kind.schema())]
+    };
+    texts.into_iter().flat_map(both).collect()
 }
 
 /// Writes the files, none of which may exist, and prints what to do next.
 pub fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
-    let Template { texts, next } = args.from.template();
-    let mut files = Vec::new();
-    for (kind, text) in texts {
-        let name = kind.name();
-        files.push((format!("{name}.toml"), format!("#:schema {name}.schema.json\n{text}")));
-        files.push((format!("{name}.schema.json"), kind.schema()));
-    }
+    let Template { files, next } = args.from.template();
     if let Some((file, _)) = files.iter().find(|(file, _)| args.folder.join(file).symlink_metadata().is_ok()) {
         let there = args.folder.join(file);
         let help = "name another folder: palpate init DIR";

@@ -39,7 +39,7 @@ pub struct MethodArgs {
     /// Accepted share of single contacts with a wrong verdict
     #[arg(long, value_name = "SHARE", default_value_t = Setting::default().false_alarms, value_parser = share)]
     false_alarms: f64,
-    /// Expected forces, N [default: from a tenth of the calibration force to the calibration force]
+    /// Expected forces, N, if the calibration has one force [default: from a tenth of that force to that force]
     #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
     forces_n: Option<Vec<f64>>,
     #[command(flatten)]

@@ -50,6 +50,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use miette::MietteHandlerOpts;
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::{ExitCode, exit};
 use textwrap::{WordSeparator, WordSplitter};
 
@@ -149,6 +150,9 @@ fn refuse(error: &clap::Error) -> ! {
     if error.kind() == ErrorKind::InvalidSubcommand {
         let root = CommandLine::command();
         let first = std::env::args().nth(1).unwrap_or_default();
+        if Path::new(&first).exists() {
+            let _ = writeln!(io::stderr(), "error: {first} is a file: the command comes first\n");
+        }
         let within = root.find_subcommand(first).unwrap_or(&root);
         let names: Vec<&str> = within.get_subcommands().map(clap::Command::get_name).collect();
         let known = textwrap::fill(&format!("commands: {}", names.join(", ")), 80);

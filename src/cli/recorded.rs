@@ -3,7 +3,7 @@
 use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
-use crate::dataset::{Lookalike, Mapping, Presses, Recorded, RunFacts, Texts, read_table};
+use crate::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
 use crate::rig::{Bench, RigSpec};
 use std::path::Path;
 
@@ -44,7 +44,7 @@ pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure>
     }
     for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {
         tell(&format!(
-            "warning: {}: column `{column}` looks like {looks_like} but isn't used (only {read_from})\n",
+            "warning: {}: column `{column}` looks like {looks_like} but isn't used (only {read_from}; or name it in --columns)\n",
             table.display()
         ))?;
     }
@@ -52,6 +52,27 @@ pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure>
         tell(&format!("warning: and {} more such columns\n", presses.unused.len() - LOOKALIKES_MAX))?;
     }
     Ok(presses)
+}
+
+/// Warns where the forces or places of a test are of another order than those of the calibration: of another unit, probably.
+pub fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
+    /// From how many times as large, or as small, the largest value is of another order.
+    const OTHER_ORDER: f64 = 30.0;
+    let largest = |presses: &Presses, of: fn(&Press) -> f64| presses.presses.iter().map(of).fold(0.0, f64::max);
+    let columns: [(&str, &str, fn(&Press) -> f64); 2] = [
+        ("force_n", "N", |press| press.force_n.unwrap_or_default().abs()),
+        ("x_mm and y_mm", "mm", |press| press.x_mm.abs().max(press.y_mm.abs())),
+    ];
+    for (column, unit, of) in columns {
+        let (before, now) = (largest(calibration, of), largest(test, of));
+        if before > 0.0 && now > 0.0 && (now > OTHER_ORDER * before || before > OTHER_ORDER * now) {
+            let (first, second) = (&calibration.source, &test.source);
+            tell(&format!(
+                "warning: {column} goes up to {now} in {second}, and up to {before} in {first}: both must be in {unit}\n"
+            ))?;
+        }
+    }
+    Ok(())
 }
 
 /// The most columns that a person is warned of one by one.

@@ -52,7 +52,7 @@ answered.";
 #[command(after_help = EXAMPLES)]
 pub struct SolveArgs {
     /// A run folder, or a table of calibration presses
-    #[arg(long, value_name = "RUN", required_unless_present = "model")]
+    #[arg(long, value_name = "RUN")]
     calibration: Option<PathBuf>,
     /// A sensor file, written by `palpate fit`
     #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
@@ -97,7 +97,11 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
             tell_left_out(calibration, model.fitted())?;
             model
         }
-        (None, None) => return Err(Failure::usage(miette::miette!("--calibration or --model is required"))),
+        (None, None) => {
+            let help =
+                "add --model FILE, a sensor file of `palpate fit`, or --calibration RUN, a run folder or a table";
+            return Err(Failure::usage(miette::miette!(help = help, "`solve` needs a calibrated sensor")));
+        }
     };
     let readings = Readings::new(SOURCE, model.validity().units, args.input, args.method.mapping()?);
     let mut answers = Answers::new(readings, Session::new(model));

@@ -136,8 +136,12 @@ fn parse_recipe(path: &Path, text: String, beside: &dyn Fn(&str) -> io::Result<S
     let Some(Accept::File(name)) = recipe.accept.clone() else { return Ok(ReadRecipe { recipe, text, rule: None }) };
     let file = path.with_file_name(&name).display().to_string();
     let rule_text = beside(&name).map_err(|why| {
-        let help = "the recipe names it in `accept`: it must be in the recipe's folder";
-        Failure::usage(miette::miette!(help = help, "{file}: {why}"))
+        let why = match why.kind() {
+            io::ErrorKind::NotFound => "which isn't in the recipe's folder".to_owned(),
+            _ => format!("which can't be read: {why}"),
+        };
+        let help = "correct the name, or put the file into the recipe's folder";
+        Failure::usage(miette::miette!(help = help, "{}: `accept` names {file}, {why}", path.display()))
     })?;
     let rule = recipe::parse_rule(&file, &rule_text).map_err(Failure::usage)?;
     Ok(ReadRecipe { recipe: recipe.with_rule(rule), text, rule: Some((name, rule_text)) })

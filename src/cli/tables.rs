@@ -107,7 +107,20 @@ pub fn chosen(choice: &Choice) -> String {
     if tried.is_empty() {
         return "chosen without cross-validation: too few presses\n".to_owned();
     }
-    filled(&format!("chosen by cross-validation on the calibration: {}", tried.join(", ")), "  ")
+    // `physics` and `blend` need more than a slightly smaller error
+    let errors: Vec<(&str, f64)> = choice
+        .candidates
+        .iter()
+        .filter_map(|candidate| Some((candidate.solver.as_str(), candidate.location_error_mm?)))
+        .collect();
+    let smaller = errors.iter().skip(1).filter(|(_, error_mm)| *error_mm < errors[0].1).map(|(solver, _)| *solver);
+    let smaller: Vec<&str> = smaller.collect();
+    let why = if smaller.is_empty() {
+        String::new()
+    } else {
+        format!(" (its lead is too small to choose: {})", smaller.join(", "))
+    };
+    filled(&format!("chosen by cross-validation on the calibration: {}{why}", tried.join(", ")), "  ")
 }
 
 /// A number, not negative, in at most 6 characters.
@@ -174,7 +187,7 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
         papers("", None, None),
         plain(26, "repeatability, unloading".to_owned()),
     ]);
-    let head = || ("ours".to_owned(), "95 % interval".to_owned());
+    let head = || ("found".to_owned(), "95 % interval".to_owned());
     text += &repeats("unit".to_owned(), [head(), head()], None);
     for unit in units() {
         let loading =
@@ -186,7 +199,7 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
     text.push('\n');
     let width = if is_beside_paper { 21 } else { 12 };
     text += &format!("{:>width$}{:>18}\n", "hysteresis", "hysteresis,");
-    let heads = ["ours", "% of reading", "linearity", "zero return"].map(str::to_owned);
+    let heads = ["found", "% of reading", "linearity", "zero return"].map(str::to_owned);
     text += &others("unit".to_owned(), heads, None);
     for unit in units() {
         let cells = [

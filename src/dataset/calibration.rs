@@ -24,7 +24,9 @@ pub enum CalibrateError {
     },
     /// A press can't be calibrated on.
     #[error("{at}, column `{column}`: this press can't be used for a calibration")]
-    #[diagnostic(help("correct the row, or remove it"))]
+    #[diagnostic(help(
+        "correct or remove the row; where pressing is a negative force, use a columns file with `force_n = -1.0` in [scale]"
+    ))]
     Press {
         /// Where it stands.
         at: String,

@@ -21,7 +21,7 @@ impl Dialect {
     /// beginning of the table. What the mapping states isn't detected.
     pub fn of_start(start: &[u8], column: &str, mapping: &Mapping) -> Self {
         let text = String::from_utf8_lossy(start);
-        let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
+        let is_header = |line: &&str| !line.trim().is_empty() && !is_comment(line);
         let header = text.trim_start_matches('\u{feff}').lines().find(is_header).unwrap_or_default();
         let has = |separator: &u8| {
             let mut names = header.split(char::from(*separator));
@@ -34,7 +34,11 @@ impl Dialect {
             cells.clone().count() > 1 && cells.all(is_numeric)
         };
         let by_name = || [b',', b';', b'\t'].into_iter().find(has);
-        let detected = || by_name().or_else(|| [b';', b'\t', b' '].into_iter().find(is_between)).unwrap_or(b',');
+        let by_numbers = || [b';', b'\t', b' '].into_iter().find(is_between);
+        // the name is missing, or misspelt: the error names it, if the header is taken apart rightly
+        let most = |separator: &u8| header.bytes().filter(|byte| byte == separator).count();
+        let by_count = || [b'\t', b';', b','].into_iter().max_by_key(most);
+        let detected = || by_name().or_else(by_numbers).or_else(by_count).unwrap_or(b',');
         let separator = mapping.separator.unwrap_or_else(detected);
         Dialect {
             separator,
@@ -90,6 +94,11 @@ impl Dialect {
     }
 }
 
+/// Whether a line above the header belongs to no column: a comment, or Excel's line that states the separator, `sep=;`.
+pub(super) fn is_comment(line: &str) -> bool {
+    line.starts_with('#') || line.trim_matches('"').starts_with("sep=")
+}
+
 /// Whether a cell is a number with this decimal mark: `-0,5`, `1.5e-3`.
 fn is_number(cell: &str, mark: char) -> bool {
     let Some((whole, rest)) = cell.split_once(mark) else { return false };
@@ -110,7 +119,9 @@ mod tests {
             ("x_mm,y_mm\n", b','),
             ("\u{feff}# exported; by hand, twice\n\nx_mm;y_mm;a,b\n", b';'),
             ("y_mm\t\"x_mm\"\r\n1\t2\r\n", b'\t'),
-            ("X;Y\n", b','),
+            ("X;Y\n", b';'),
+            ("sep=;\nX;Y;Z\n", b';'),
+            ("X,Y\n", b','),
             ("1,5;-2\n", b';'),
             ("1.5\t-2e3\n", b'\t'),
             ("1.5 -2\n", b' '),

@@ -24,9 +24,16 @@ pub enum DatasetError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Journal(#[from] JournalError),
+    /// A run folder that has lost its journal.
+    #[error("{}: journal.log is missing; the other files of a run are there", path.display())]
+    #[diagnostic(help("restore journal.log from a copy: it is the record, and the other files follow from it"))]
+    NoJournal {
+        /// The run folder.
+        path: PathBuf,
+    },
     /// There is no journal where a run was expected.
     #[error("{} is not a run folder (journal.log not found)", path.display())]
-    #[diagnostic(help("give the folder of a run, such as runs/paper"))]
+    #[diagnostic(help("give the folder of a run, such as runs/paper; `palpate import` makes one from tables"))]
     NoRun {
         /// The folder that was named.
         path: PathBuf,

@@ -79,12 +79,13 @@ pub struct Trial<'a> {
 
 impl<'a> Trial<'a> {
     /// A run's calibration presses and its test presses: `force_error_n` by the commanded force throughout, as in the paper,
-    /// `force_error_load_cell_n` by the load cell throughout.
+    /// `force_error_load_cell_n` by the load cell throughout. Imported presses have no commanded force: the table's counts.
     pub fn of_run(presses: &'a Presses, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
         let calibration = Selection::of_phase(presses, Phase::Calibration)?;
         let test = Selection::of_phase(presses, Phase::Test)?;
-        let prepared = OnceLock::new();
-        Ok(Trial { calibration, test, layout, load: ForceKnown::default(), force: &COMMANDED, is_run: true, prepared })
+        let is_run = calibration.knows(&COMMANDED) && test.knows(&COMMANDED);
+        let force = if is_run { &COMMANDED } else { &LOAD_CELL };
+        Ok(Trial { calibration, test, layout, load: ForceKnown::default(), force, is_run, prepared: OnceLock::new() })
     }
 
     /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
@@ -102,6 +103,12 @@ impl<'a> Trial<'a> {
             is_run: false,
             prepared,
         })
+    }
+
+    /// The same with the positions of the units, where they are known.
+    #[must_use]
+    pub fn with_layout(self, layout: Option<&'a ArrayLayout>) -> Self {
+        Trial { layout, prepared: OnceLock::new(), ..self }
     }
 
     /// The same with what is known of the load of the test.

@@ -84,11 +84,13 @@ impl Header<'_> {
     fn hint(&self, what: &str, column: &str) -> String {
         /// Jaro-Winkler similarity from which a name is taken for a slip of another.
         const NEAR: f64 = 0.7;
-        let only = self.names.get(0).unwrap_or_default();
-        if self.names.len() == 1 && only.contains([';', '\t']) {
-            return "separate the columns by commas".to_owned();
-        }
-        if column.starts_with("out_") {
+        let number =
+            column.strip_prefix("out_").and_then(|number| number.parse::<usize>().ok()).filter(|_| what == OUTPUTS);
+        if let Some(number) = number {
+            let is_there = |number| self.optional(&output_name(number)).is_some();
+            if (1..=self.names.len()).any(|later| later > number && is_there(later)) {
+                return "number the outputs without a gap, in all tables and readings of this sensor".to_owned();
+            }
             if let Some((first, last)) = self.series() {
                 let (first, last) = (quoted(first), quoted(last));
                 return format!(

@@ -3,6 +3,8 @@
 use super::fingerprint::is_plain;
 use super::index::Index;
 use super::journal::JOURNAL;
+use super::manifest::MANIFEST;
+use super::views::PRESSES;
 use super::{DatasetError, Journal, Manifest, Peaks, Press, Record, Records, Status, Text};
 use crate::recipe::Phase;
 use std::path::Path;
@@ -101,6 +103,10 @@ impl Known {
 /// # Errors
 /// It isn't one.
 pub fn check_run(path: &Path) -> Result<(), DatasetError> {
-    let is_one = path.join(JOURNAL).is_file();
-    is_one.then_some(()).ok_or_else(|| DatasetError::NoRun { path: path.to_owned() })
+    if path.join(JOURNAL).is_file() {
+        return Ok(());
+    }
+    let is_rest_of_one = [MANIFEST, PRESSES].iter().all(|name| path.join(name).is_file());
+    let path = path.to_owned();
+    Err(if is_rest_of_one { DatasetError::NoJournal { path } } else { DatasetError::NoRun { path } })
 }

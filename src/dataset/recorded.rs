@@ -2,6 +2,8 @@
 
 use super::journal::JOURNAL;
 use super::known::{Known, check_run};
+use super::lock::is_held;
+use super::loss::lost;
 use super::press::{csv_header, csv_line};
 use super::views::PRESSES;
 use super::{Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
@@ -46,7 +48,7 @@ impl Recorded {
     /// Reads a run's journal.
     ///
     /// # Errors
-    /// No run, or a journal that is damaged or can't be read.
+    /// No run, or a journal that is damaged, holds fewer presses than the other files of the run, or can't be read.
     pub fn read(path: &Path) -> Result<Recorded, DatasetError> {
         check_run(path)?;
         let mut known = Known::of(None);
@@ -62,6 +64,11 @@ impl Recorded {
                 Record::Contact(contact) => contacts.push(contact),
                 _ => {}
             }
+        }
+        // the tables of a run under way grow while they would be read
+        let lost = if is_held(path) { Vec::new() } else { lost(path, &known)? };
+        if !lost.is_empty() {
+            return Err(DatasetError::Lost { path: path.to_owned(), lost });
         }
         let has_ended = known.end.is_some();
         let (manifest, texts) = (known.manifest, Texts { all: known.texts });

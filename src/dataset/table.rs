@@ -5,7 +5,7 @@
 //! either kind of line end, and comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the presses that
 //! the run's journal gives. A [`Mapping`] reads tables with other names and units. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
 
-use super::dialect::Dialect;
+use super::dialect::{Dialect, is_comment};
 use super::header::Header;
 use super::lookalike::lookalikes;
 use super::mapping::Mapping;
@@ -45,7 +45,7 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
     let mut records = Records::new(file, input, mapping)?;
     let (mut header, mut record) = (StringRecord::new(), StringRecord::new());
     let mut is_there = records.next(&mut header)?;
-    while is_there && header.get(0).is_some_and(|cell| cell.starts_with('#')) {
+    while is_there && header.get(0).is_some_and(is_comment) {
         is_there = records.next(&mut header)?;
     }
     header.trim();
@@ -372,13 +372,18 @@ mod tests {
             ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; the header has `y-mm`"),
             ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; the header has `X_MM`"),
             ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; required:"),
-            ("X;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; separate the columns by commas"),
+            ("X;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; the header has `X`"),
+            (
+                "x_mm,y_mm,ch0,ch1\n1,2,3,4\n",
+                "`out_1` is missing; the header has ch0 to ch1: if they are the outputs, add --columns outputs=ch0..ch1",
+            ),
+            ("x,y_mm,out_1\n1,2,3\n", "the header has `x`: if it holds that, rename it, or add --columns \"x_mm=x\""),
             (
                 "x_mm;y_mm;out_1\n1;2,5;3\n1;2;3.5\n",
                 "a.csv: numbers with a decimal comma (line 2) and numbers with a decimal point (line 3)",
             ),
             ("x_mm,y_mm\n1,2\n", "column `out_1` is missing"),
-            ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing"),
+            ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing; number the outputs without a gap"),
             ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "invalid output column `out_0`; use out_1, out_2"),
             ("x_mm,y_mm,out_1\n", "a.csv: the table has no rows"),
             ("", "a.csv: the table has no rows"),

@@ -55,7 +55,10 @@ pub enum TableError {
     OutputNumber { file: String, line: u64, column: String },
     /// A row of another length than the header.
     #[error("{file}, line {line}: {found} cells where the header has {expected} (up to column `{column}`)")]
-    #[diagnostic(help("every row needs one cell per column; write decimals with a point, not a comma"))]
+    #[diagnostic(help(
+        "every row needs one cell per column; {}",
+        if found < expected { "if the table was cut off, copy or export it again" } else { "write decimals with a point, not a comma" }
+    ))]
     Ragged { file: String, line: u64, column: String, expected: usize, found: usize },
     /// Decimal points and decimal commas.
     #[error(

@@ -63,13 +63,13 @@ impl Diagnostic for DeviceError {
     fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
         Some(Box::new(match self.problem {
             DeviceProblem::Link(_) => {
-                "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports"
+                "check that the device is on, its cable, and the address in the rig file; `palpate ports` lists ports; --simulate needs no device"
             }
             DeviceProblem::NotStarted(_) => {
                 "check the spelling of the program in the rig file's `process`, or give its path"
             }
             DeviceProblem::Ended(_) => {
-                "see the program's own messages above; run it alone to find the cause, then continue with `palpate resume`"
+                "see the program's own messages above and correct it; then repeat the command, or continue a run with `palpate resume`"
             }
             DeviceProblem::Claim(_) => {
                 "only one program at a time can use a device; palpate uses a lock file in the temporary folder"
@@ -78,14 +78,16 @@ impl Diagnostic for DeviceError {
                 "check that the driver in the rig file fits the device, and that no other program talks to it"
             }
             DeviceProblem::Refused(_) => {
-                "find the message in the device's manual and clear its cause, then continue with `palpate resume`"
+                "find the message in the device's manual and clear its cause; then repeat the command, or continue a run with `palpate resume`"
             }
             DeviceProblem::Mismatch(_) => "change the rig file or the device's settings so that they agree",
             DeviceProblem::Guarded { .. } => "check the specimen and the load cell before you continue",
             DeviceProblem::Coarse(_) => {
                 "use a finer resolution (microsteps, encoder) or a finer stage; also check the axis for friction and backlash"
             }
-            DeviceProblem::Motion(_) => "find what blocks the stage and clear it, then continue with `palpate resume`",
+            DeviceProblem::Motion(_) => {
+                "find what blocks the stage and clear it; then repeat the command, or continue a run with `palpate resume`"
+            }
         }))
     }
 }

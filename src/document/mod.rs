@@ -86,9 +86,25 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
     let collector = Collector::default();
     for error in &errors {
         let place = error.span().unwrap_or(0..0);
-        collector.add(Problem::new(place, format!("not valid TOML: {}", error.message())));
+        collector.add(match decimal_comma(text, place.start) {
+            Some((number, decimal)) => {
+                Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
+            }
+            None => Problem::new(place, format!("not valid TOML: {}", error.message())),
+        });
     }
     Err(collector.into_problems(name, text))
+}
+
+/// The number with a decimal comma at this byte, `0,5`, and the same with a point.
+fn decimal_comma(text: &str, at: usize) -> Option<(Span, String)> {
+    let (before, after) = (text.get(..at)?, text.get(at..)?.strip_prefix(',')?);
+    let is_in_number = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '_');
+    let start = before.rfind(|c| !is_in_number(c)).map_or(0, |end| end + 1);
+    let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+    let is_value = before[..start].trim_end_matches([' ', '\t']).ends_with('=');
+    let number = start..at + 1 + digits;
+    (is_value && start < at && digits > 0).then(|| (number.clone(), text[number].replace(',', ".")))
 }
 
 /// Where the first bracket opens that is too deep within others. One of the other kind closes nothing.

@@ -52,6 +52,11 @@ impl<'d> Table<'d> {
         self.find(key.name).is_some_and(|value| value.get_ref().is_str())
     }
 
+    /// Whether the key is there and a table.
+    pub fn is_table(&self, key: &Key) -> bool {
+        self.find(key.name).is_some_and(|value| value.get_ref().is_table())
+    }
+
     /// Whether the key is there and just this string.
     pub fn text_is(&self, key: &Key, text: &str) -> bool {
         self.find(key.name).and_then(|value| value.get_ref().as_str()) == Some(text)
@@ -159,7 +164,8 @@ impl<'d> Table<'d> {
             Some(value) => {
                 let text = self.text_of(key, value)?;
                 if !known.contains(&text) {
-                    let told = format!("`{}` is \"{text}\", expected one of {}", key.name, known.join(", "));
+                    let tables = key.inner().map(|keys| tables_told(keys)).unwrap_or_default();
+                    let told = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, known.join(", "));
                     self.complain(with_typo(Problem::new(value.span(), told), text, known));
                 }
                 text
@@ -233,7 +239,7 @@ impl<'d> Table<'d> {
 
     /// A list of tables (`[[key]]`), empty without the key.
     pub fn tables(&self, key: &Key) -> Vec<Table<'d>> {
-        let items = self.get(key).and_then(|value| self.list(key, value, "a list of tables"));
+        let items = self.get(key).and_then(|value| self.list(key, value, TABLES));
         items.into_iter().flatten().filter_map(|item| self.table_of(key, item)).collect()
     }
 
@@ -325,7 +331,15 @@ impl<'d> Table<'d> {
         let whole = value.get_ref().as_integer().map(|i| i64::from_str_radix(i.as_str(), i.radix()));
         match whole {
             Some(Ok(n)) if n >= 0 && (min..=max).contains(&(n as u64)) => Some(n as u64),
-            Some(_) => self.fail(value, format!("`{}` must be {min} to {max}", key.name)),
+            Some(Ok(0))
+                if min == 1 && key.kind.pick(|kind| matches!(kind, Kind::Wholes(..)).then_some(())).is_some() =>
+            {
+                let told = format!("`{}` has 0, must be {min} to {max}", key.name);
+                self.complain(Problem::new(value.span(), told).help("the first is 1"));
+                None
+            }
+            Some(Ok(n)) => self.fail(value, format!("`{}` is {n}, must be {min} to {max}", key.name)),
+            Some(Err(_)) => self.fail(value, format!("`{}` must be {min} to {max}", key.name)),
             None => self.wrong_kind(key, value, "a whole number"),
         }
     }
@@ -353,10 +367,11 @@ impl<'d> Table<'d> {
         let article = if kind.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
         let problem = Problem::new(value.span(), format!("`{}` is {article} {kind}, expected {expected}", key.name));
         let helped = expected.contains(" in ") && value.get_ref().is_str();
-        self.complain(if helped {
-            problem.help("the unit is in the key's name: write only the number")
-        } else {
-            problem
+        let is_one_table = expected == TABLES && value.get_ref().is_table();
+        self.complain(match (helped, is_one_table) {
+            (true, _) => problem.help("the unit is in the key's name: write only the number"),
+            (_, true) => problem.help(format!("write [[{}]] with double brackets, also for a single one", key.name)),
+            _ => problem,
         });
         None
     }
@@ -366,6 +381,22 @@ impl<'d> Table<'d> {
         None
     }
 }
+
+/// The tables that may stand instead of a word, by the key that chooses each.
+fn tables_told(keys: &Keys) -> String {
+    let each = |key: &Key| {
+        let own = match key.kind {
+            Kind::Texts => "[...]",
+            _ => "...",
+        };
+        format!("{{ {} = {own} }}", key.name)
+    };
+    let first: Vec<String> = keys.cases.iter().filter_map(|case| case.keys.first()).map(each).collect();
+    if first.is_empty() { String::new() } else { format!(", or a table: {}", first.join(", ")) }
+}
+
+/// What a list of tables is called.
+const TABLES: &str = "a list of tables";
 
 /// What a key that is missing would be.
 fn expected(key: &Key) -> String {
@@ -377,6 +408,7 @@ fn expected(key: &Key) -> String {
         Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
         Kind::Word(words) => Some(format!("one of {}", words.join(", "))),
         Kind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
+        Kind::Tables(keys) => Some(format!("a list: [[{}]]{}", key.name, with_keys(keys))),
         _ => None,
     };
     key.kind.pick(of).unwrap_or_else(|| key.meaning.to_owned())

@@ -77,6 +77,11 @@ keys! {
 /// # Errors
 /// Every problem of the text, each at its line.
 pub fn parse_rule(file: &str, text: &str) -> Result<Rule, Problems> {
+    if document::has_key(text, "accept") {
+        let at = text.find("accept").unwrap_or_default();
+        let problem = Problem::new(at..at + "accept".len(), "an acceptance file has its keys without a heading");
+        return Err(Problems::new(file, text, vec![problem.help("remove the line [accept]")]));
+    }
     document::read(file, text, &accept::KEYS, read_rule)
 }
 

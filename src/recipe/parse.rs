@@ -37,7 +37,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
         let accept = read_accept(table);
         let tables = table.tables(&root::step);
-        if tables.is_empty() {
+        if tables.is_empty() && !table.is_table(&root::step) {
             table.complain(
                 Problem::new(table.span(), "there is no [[step]]: nothing to press")
                     .help("add a [[step]] with a phase, a place (grid, list, random or units) and a force"),
@@ -376,7 +376,7 @@ mod tests {
             ["r.toml:4:22: `places_mm` is empty: nothing to press"]
         );
         let none = step("random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.1, 1] }");
-        assert_eq!(none, ["r.toml:4:20: `count` must be 1 to 10000000"]);
+        assert_eq!(none, ["r.toml:4:20: `count` is 0, must be 1 to 10000000"]);
         assert_eq!(problems("name = \"r\"\n"), ["r.toml:1:1: there is no [[step]]: nothing to press"]);
     }
 

@@ -4,7 +4,7 @@ use super::teach::{Entry, teach};
 use super::{Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
 use crate::control::{Level, Task};
 use crate::document::{PROBLEMS_MAX, Problem, Problems, Span};
-use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, stream};
+use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, round, stream};
 use rand::RngExt;
 use std::sync::Arc;
 
@@ -243,10 +243,16 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
             break; // more than are reported
         }
         let (travel, name) = (ground.travel.along(axis), axis.name());
-        let message = format!(
-            "({}, {}) mm is outside the stage's travel: {name} goes from {} to {} mm",
-            place.x_mm, place.y_mm, travel.min, travel.max
-        );
+        let at = position.along(axis);
+        let place = format!("({}, {}) mm", place.x_mm, place.y_mm);
+        // where the frame is moved or turned, the stage's own coordinate is another one
+        let is_moved =
+            ground.frame.to_stage(Place::default(), 0.0).along(axis) != 0.0 || ground.frame.rotation_deg != 0.0;
+        let where_ = match is_moved {
+            true => format!("{place} is at {name} = {} mm of the stage, outside its travel", round(at, 3)),
+            false => format!("{place} is outside the stage's travel"),
+        };
+        let message = format!("{where_}: {name} goes from {} to {} mm", travel.min, travel.max);
         problems.push(Problem::new(span.clone(), message).help("keep places within `stage.travel_mm` of the rig"));
         told = Some(span.clone());
     }

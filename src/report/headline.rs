@@ -60,9 +60,6 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
         row("force error, median", blank(), &of_force(|e| e.median, "median")),
         row("force error, 95th percentile", blank(), &of_force(|e| e.p95, "p95")),
         row("force error, largest", blank(), &of_force(|e| e.max, "max")),
-        row("force error, mean, by the load cell", blank(), &|key, e| {
-            Some(number(&format!("{key}.force_error_load_cell_n.mean"), e.force_error_load_cell_n?.mean, 4, " N"))
-        }),
         row("location error under 1 mm", shares(paper::WITHIN_1MM), &|key, e| {
             Some(percent(&format!("{key}.within.location_1mm"), e.within.location_1mm))
         }),
@@ -73,6 +70,13 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
             Some(percent(&format!("{key}.within.both"), e.within.both?))
         }),
     ];
+    let has_load_cell = evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some());
+    if has_load_cell {
+        let by_load_cell = row("force error, mean, by the load cell", blank(), &|key, e| {
+            Some(number(&format!("{key}.force_error_load_cell_n.mean"), e.force_error_load_cell_n?.mean, 4, " N"))
+        });
+        rows.insert(AFTER_FORCE_ERRORS, by_load_cell);
+    }
     for (label, name, part) in COVERAGES {
         let cell =
             |key: &str, e: &Evaluation| Some(percent(&format!("{key}.coverage.{name}"), part(e.coverage.as_ref()?)?));
@@ -84,9 +88,11 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
     html! {
         (table(&head, &rows))
         p.note {
-            "Force errors are against the commanded force" @if is_beside_paper { ", as in the paper" }
-            "; by the load cell both calibration and test are. "
-            "Stated sd: the method's own estimate of its errors; if it is right, 68.3 and 95.4 % of errors are within one and two sd."
+            @if has_load_cell {
+                "Force errors are against the commanded force" @if is_beside_paper { ", as in the paper" }
+                "; in the row by the load cell, calibration and test use its forces. "
+            }
+            "Stated half-width: the method's own estimate of its error; if it is right, 68 and 95 % of the errors are within it."
         }
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
             p.note { (evaluation.at_calibrated_places) " of the test presses are at places of the calibration." }
@@ -96,6 +102,9 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
 }
 
 type Part = fn(&ErrorSummary) -> f64;
+
+/// The rows before that of the load cell: the number of presses, and four of each error.
+const AFTER_FORCE_ERRORS: usize = 9;
 
 /// How often errors were no larger than stated: label, name in the evaluation, and value.
 type Share = fn(&Coverage) -> Option<f64>;

@@ -34,8 +34,10 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     let plain = |name, value: Value| Column { name, units: first, value, interval: |_| None };
     let loading: Interval = |unit| unit.repeatability_interval_percent(Branch::Loading);
     let unloading: Interval = |unit| unit.repeatability_interval_percent(Branch::Unloading);
-    let hysteresis =
-        [plain("ours", |unit| unit.hysteresis_percent), plain("of reading", |unit| unit.hysteresis_of_reading_percent)];
+    let hysteresis = [
+        plain("found", |unit| unit.hysteresis_percent),
+        plain("of reading", |unit| unit.hysteresis_of_reading_percent),
+    ];
     let others =
         [plain("linearity", |unit| unit.linearity_percent), plain("zero return", |unit| unit.zero_return_percent)];
     let papers = |column: usize| subject.is_beside_paper().then_some(column);

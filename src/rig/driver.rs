@@ -84,8 +84,16 @@ fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Optio
         Link::Daqmx(_) => links == Links::Daqmx,
         Link::Process(_) => false,
     };
-    let link = Link::parse(text).map_err(|told| format!("`link` is \"{text}\", {told}")).and_then(|link| {
-        if fits(&link) { Ok(link) } else { Err(format!("`link` is \"{text}\", this driver expects {expected}")) }
+    let is_port = links == Links::Stream && (text.starts_with("COM") || text.starts_with("/dev/"));
+    let told = match Link::parse(text) {
+        Ok(link) if fits(&link) => return Some(link),
+        Err(told) if text.contains("://") => format!("`link` is \"{text}\", {told}"),
+        _ => format!("`link` is \"{text}\", expected {expected}"),
+    };
+    let problem = Problem::new(table.span_of(key), told);
+    table.complain(match is_port {
+        true => problem.help(format!("write \"serial://{text}?baud=115200\", with the baud rate of the device")),
+        false => problem,
     });
-    link.map_err(|told| table.complain(Problem::new(table.span_of(key), told))).ok()
+    None
 }

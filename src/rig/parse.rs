@@ -239,12 +239,16 @@ mod tests {
     fn the_failure_twins_of_the_shipped_rig() {
         assert_eq!(problems("force_n", "force_n"), [""; 0]);
         for (from, to, told) in [
-            ("\"esp301\"", "\"esp310\"", "`driver` is \"esp310\", expected one of esp301, esp300, grbl"),
+            (
+                "\"esp301\"",
+                "\"esp310\"",
+                "`driver` is \"esp310\", expected one of esp301, esp300, grbl, or a table: { xps = ... }, { process = [...] }",
+            ),
             ("modbus = \"labjack-t7\"", "modbus = \"labjack\"", "there is no register map \"labjack\""),
             (
                 "modbus = \"labjack-t7\"",
                 "modbus = \"generic-rs485\"",
-                "the register map \"generic-rs485\" has no [outputs]",
+                "the register map \"generic-rs485\" has no [outputs], which this device needs",
             ),
             (
                 "stiffness_n_mm = 2.0",
@@ -294,7 +298,7 @@ mod tests {
             ("unit = \"\"", "`unit` is \"\", expected 1 to 16 printable characters"),
             ("unit = \"seventeen letters\"", "expected 1 to 16 printable characters"),
             ("unit = \"a\\tb\"", "expected 1 to 16 printable characters"),
-            ("channels_per_unit = 0", "`channels_per_unit` must be 1 to 16"),
+            ("channels_per_unit = 0", "`channels_per_unit` is 0, must be 1 to 16"),
             ("channels_per_unit = 4", "a simulated unit has at most 3 channels"),
         ] {
             let problems = array(text).unwrap_err();

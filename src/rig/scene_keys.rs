@@ -85,7 +85,7 @@ keys! {
 keys! {
     /// `taxel_noise` of the scene.
     taxel_noise {
-        repeatability_percent: PerUnit(PERCENT), Refused, "standard deviation of the error of a contact", "[1.6, 3.74, 2.19]";
+        repeatability_percent: PerUnit(PERCENT), Refused, "repeatability of each unit, which is three standard deviations of the error of a contact", "[1.6, 3.74, 2.19]";
         of: Word(&words(&NOISE_OF)), or_word("full-scale"), "reference of the percentages", "\"reading\"";
         floor: Number(within(0.0, 1000.0, "")), or(0.0), "standard deviation of an error that doesn't depend on the load", "0.001";
     }

@@ -105,7 +105,8 @@ fn read_percents(table: &Table, key: &Key, units: Option<usize>) -> Option<Vec<f
         && percents.len() != units
     {
         let told = format!("`{}` has {} values for {units} units", key.name, percents.len());
-        table.complain(Problem::new(table.span_of(key), told));
+        let help = format!("give one value for each of the {units} units, in their order");
+        table.complain(Problem::new(table.span_of(key), told).help(help));
     }
     Some(percents)
 }
@@ -236,7 +237,7 @@ mod tests {
                 with("converter = { bits = 0 }"),
                 vec![
                     "36:13: `range` is missing in `scene.converter`: a number, over 0, at most 1000",
-                    "36:22: `bits` must be 1 to 32",
+                    "36:22: `bits` is 0, must be 1 to 32",
                 ],
             ),
             (with_fault("unit = 10\nkind = \"dead\""), vec!["43:8: there is no unit 10: the rig's array has 9"]),

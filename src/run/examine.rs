@@ -45,8 +45,8 @@ pub struct CellInAir {
     pub zero: Zero,
     /// Share of the readings that were another number than the one before.
     pub fresh_share: f64,
-    /// The largest standard deviation of any unit's output, V.
-    pub outputs_sigma_v: f64,
+    /// The largest standard deviation of any unit's output, V; none where the array failed.
+    pub outputs_sigma_v: Option<f64>,
 }
 
 /// Looks at a rig: identifies each device and holds it against the rig file, brings the stage home and to the clear, times the
@@ -128,7 +128,7 @@ async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
         readings => readings?,
     };
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
-    let outputs_sigma_v = if has_array { spread_v(&mut hand.array).await? } else { 0.0 };
+    let outputs_sigma_v = if has_array { Some(spread_v(&mut hand.array).await?) } else { None };
     Ok(Ok(CellInAir {
         zero: Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64()),
         fresh_share: fresh as f64 / (readings.len() - 1) as f64,

@@ -176,7 +176,7 @@ pub enum CalibrationError {
         point: usize,
     },
     /// The force doesn't press: dividing by it would mean nothing.
-    #[error("a calibration force must be above 0 N, this is {force_n} N")]
+    #[error("a calibration force must be above 0 N, but this is {force_n} N")]
     Force {
         /// Index of the point, from 0.
         point: usize,

@@ -75,7 +75,7 @@ impl Link {
             let form = "expected daqmx, or daqmx:///PATH/OF/THE/LIBRARY";
             return if path.is_empty() { Err(form.to_owned()) } else { Ok(Link::Daqmx(Some(path.to_owned()))) };
         }
-        Err("expected sim, serial://PORT?baud=RATE, tcp://HOST:PORT or daqmx".to_owned())
+        Err("expected an address: sim, serial://, tcp:// or daqmx".to_owned())
     }
 }
 

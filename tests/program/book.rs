@@ -19,9 +19,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// What a reader has in the folder where the commands are run.
-const CHECKOUT: [&str; 4] = ["data", "examples", "recipes", "rigs"];
-
 /// How many commands and checked files there are at least: a test that reads nothing would pass.
 const COMMANDS_LEAST: usize = 40;
 const FILES_LEAST: usize = 6;
@@ -81,7 +78,6 @@ struct Tried {
 /// Tries all blocks of a page in a folder of its own.
 fn try_page(page: &str) -> Tried {
     let bench = Bench::with([("small.toml", SMALL)]);
-    CHECKOUT.iter().for_each(|name| copy(&shipped(name), &bench.path(name)));
     let mut tried = Tried::default();
     for block in blocks(&shipped_text(page)) {
         let at = format!("{page}:{}", block.line);
@@ -201,18 +197,4 @@ fn blocks(page: &str) -> Vec<Block> {
         }
     }
     blocks
-}
-
-/// A folder with all that is in it.
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir(to).expect("a folder can be made");
-    for entry in fs::read_dir(from).expect("a folder can be read") {
-        let path = entry.expect("an entry").path();
-        let place = to.join(path.file_name().expect("a name"));
-        if path.is_dir() {
-            copy(&path, &place);
-        } else {
-            fs::copy(&path, &place).expect("a file can be copied");
-        }
-    }
 }

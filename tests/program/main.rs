@@ -7,5 +7,6 @@ mod begin;
 mod book;
 mod cli;
 mod data;
+mod import;
 mod refusals;
 mod shipped;

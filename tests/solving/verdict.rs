@@ -169,7 +169,8 @@ fn columns_that_look_like_what_is_read_are_named() {
     let calibration = "x_mm,y_mm,Fz,out_1,out_2\n-4,0,1,1.0,0.3\n0,0,1,0.3,1.0\n4,0,1,0.1,0.3\n";
     let bench = Bench::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
     let told = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
-    let warning = "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n)\n";
+    let warning =
+        "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n; or name it in --columns)\n";
     assert_eq!(told.err, warning);
 }
 

@@ -104,7 +104,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
         from: RANDOM,
         to: "random = { count = 0, x_mm = [0, 1], y_mm = [0, 1], force_n = [0.5, 1] }",
         refused_by: Schema,
-        parts: &["`count` must be 1 to"],
+        parts: &["`count` is 0, must be 1 to"],
     },
     Twin {
         from: GRID,

@@ -12,6 +12,7 @@ mod object;
 
 pub use lines::Lines;
 
+use super::dialect::is_comment;
 use super::mapping::Mapping;
 use super::table_error::TableError;
 use cells::Cells;
@@ -132,7 +133,10 @@ impl Readings {
         let is_first = self.reading.line == 1;
         let line = line.strip_prefix(b"\xef\xbb\xbf").filter(|_| is_first).unwrap_or(line); // a byte-order mark
         let Some(first) = line.trim_ascii_start().first() else { return Ok(Held::Nothing) };
-        if *first == b'#' && self.cells.awaits_header() && self.format != Some(Format::Ndjson) {
+        if is_comment(&String::from_utf8_lossy(line))
+            && self.cells.awaits_header()
+            && self.format != Some(Format::Ndjson)
+        {
             return Ok(Held::Nothing); // a comment above the header
         }
         let found = if matches!(first, b'{' | b'[') { Format::Ndjson } else { Format::Csv };
@@ -314,10 +318,10 @@ mod tests {
             ("1,2,3\n", 0, "stdin, line 1: 3 outputs where the calibration has 2"),
             ("note,out_2,out_1\n,1,2\n,1,2,3\n", 1, "stdin, line 3: 4 cells where the header has 3"),
             ("note,out_2,out_1\n,1,2\n,-,2\n", 1, "stdin, line 3, column `out_2`: expected a number, found `-`"),
-            ("out_1\n1\n", 0, "stdin, line 1: 1 outputs where the calibration has 2"),
-            ("out_1,out-2\n1,2\n", 0, "stdin, line 1: 1 outputs where the calibration has 2"),
+            ("out_1\n1\n", 0, "stdin, line 1: 1 output where the calibration has 2"),
+            ("out_1,out-2\n1,2\n", 0, "stdin, line 1: 1 output where the calibration has 2"),
             ("out_1,out_3\n1,2\n", 0, "stdin, line 1: column `out_2` is missing; required: out_1"),
-            ("a;b\n1;2\n", 0, "stdin, line 1: column `out_1` is missing; separate the columns by commas"),
+            ("a;b\n1;2\n", 0, "stdin, line 1: column `out_1` is missing; required: out_1"),
             ("out_1,out_1\n1,2\n", 0, "stdin, line 1: column `out_1` is in the header twice"),
             ("out_1,out_2,note\n1,2,\"a\n1,2,b\"\n", 0, "stdin, line 2: a quotation mark isn't closed"),
             ("[1,2]\n[1,2,3]\n", 1, "stdin, line 2: 3 outputs where the calibration has 2"),

@@ -94,7 +94,7 @@ keys! {
         identifier: Text, Refused, "its number, which must be unique", "\"LAB-2026-0042\"";
         revision: Whole(1, REVISIONS_MAX), or_whole(1), "its revision", "1";
         issued: Text, Refused, "date of issue, as year-month-day", "\"2026-05-04\"";
-        language: Text, Refused, "the language it is written in, ISO 639-1", "\"en\"";
+        language: Word(&["en"]), Refused, "the language it is written in, ISO 639-1", "\"en\"";
         country: Text, Refused, "country where it is issued, ISO 3166-1", "\"DE\"";
         place: Word(&words(&PLACES)), Refused, "where the calibration was performed", "\"laboratory\"";
     }
@@ -209,8 +209,8 @@ fn read_certificate(table: &Table) -> Option<Given> {
     let identifier = text_of(table, &certificate::identifier);
     let revision = table.whole(&certificate::revision);
     let issued = table.day(&certificate::issued).map(str::to_owned);
-    let language = code_of(table, &certificate::language, char::is_lowercase, "two lower-case letters, such as \"en\"");
-    let country = read_country(table, &certificate::country);
+    let language = table.word(&certificate::language, &[("en", "en")]).map(str::to_owned);
+    let country = country_of(table, &certificate::country);
     let place = table.word(&certificate::place, &PLACES);
     let nobody = Contact {
         name: String::new(),
@@ -245,12 +245,8 @@ fn read_contact(table: &Table) -> Option<Contact> {
     let [name, street, post_code, city, e_mail] =
         [contact::name, contact::street, contact::post_code, contact::city, contact::e_mail]
             .map(|key| text_of(table, &key));
-    let country = read_country(table, &contact::country);
+    let country = country_of(table, &contact::country);
     Some(Contact { name: name?, street, post_code, city: city?, country: country?, e_mail })
-}
-
-fn read_country(table: &Table, key: &Key) -> Option<String> {
-    code_of(table, key, char::is_uppercase, "two upper-case letters, such as \"DE\"")
 }
 
 /// A text with something in it, its blanks made single: the schema allows no others.
@@ -265,9 +261,10 @@ fn text_of(table: &Table, key: &Key) -> Option<String> {
 }
 
 /// A code of two letters.
-fn code_of(table: &Table, key: &Key, is_fit: fn(char) -> bool, expected: &str) -> Option<String> {
+fn country_of(table: &Table, key: &Key) -> Option<String> {
+    let expected = "two upper-case letters, such as \"DE\"";
     let code = table.text(key)?;
-    if code.len() == 2 && code.chars().all(|c| c.is_ascii_alphabetic() && is_fit(c)) {
+    if code.len() == 2 && code.chars().all(|c| c.is_ascii_uppercase()) {
         return Some(code.to_owned());
     }
     table.complain(Problem::new(table.span_of(key), format!("`{}` is {code:?}, expected {expected}", key.name)));

@@ -3,7 +3,7 @@
 use super::given::Contact;
 use super::results::{Results, Row, Uncertainty};
 use super::{Certificate, Instrument, NOT_SIGNED};
-use crate::acceptance::Verdict;
+use crate::acceptance::{Decision, Verdict};
 use crate::quantity::round;
 use crate::report::frame::{document as page, section, table, words};
 use maud::{Markup, html};
@@ -109,17 +109,17 @@ fn conformity(certificate: &Certificate<'_>) -> Markup {
         Some(Verdict::NotDecided) | None => ("verdict", "No statement"),
     };
     let limits = certificate.judgement.map(|judgement| {
+        // the simple rule has no bounds
+        let is_guarded = judgement.rule == Decision::Guarded.word();
         let row = |check: &crate::acceptance::Check| {
             let shown = |value: Option<f64>| format!("{} {}", check.shown(value), check.kind.unit());
-            let name = check.kind.full_name(check.reach);
-            [name, shown(check.value), shown(check.bound), shown(Some(check.limit)), check.verdict.told().to_owned()]
-                .map(words)
-                .to_vec()
+            let mut row = vec![check.kind.full_name(check.reach), shown(check.value)];
+            row.extend(is_guarded.then(|| shown(check.bound)));
+            row.extend([shown(Some(check.limit)), check.verdict.told().to_owned()]);
+            row.into_iter().map(words).collect::<Vec<_>>()
         };
-        table(
-            &["", "found", "95 % bound", "limit", ""].map(words),
-            &judgement.checks.iter().map(row).collect::<Vec<_>>(),
-        )
+        let head = ["", "found"].into_iter().chain(is_guarded.then_some("95 % bound")).chain(["limit", ""]);
+        table(&head.map(words).collect::<Vec<_>>(), &judgement.checks.iter().map(row).collect::<Vec<_>>())
     });
     html! {
         div class=(class) { strong { (statement) } p { (certificate.conformity()) } }

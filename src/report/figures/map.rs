@@ -3,10 +3,11 @@
 use super::WIDTH_PX;
 use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
 use crate::dataset::Press;
-use crate::quantity::Place;
+use crate::quantity::{ArrayLayout, Place, round};
 use crate::recipe::Phase;
 use crate::report::Subject;
 use crate::report::frame::{Drawn, counted};
+use std::cmp::Ordering;
 
 /// The most units that are drawn: of more, the first.
 const MOST_UNITS: usize = 16;
@@ -25,7 +26,12 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
     // the channels of a unit are beside each other
     let channels = subject.layout().units().map(|unit| unit.len()).max().unwrap_or(1);
-    let columns = if channels > 1 { channels.min(4) } else { (units as f64).sqrt().ceil().max(1.0) as usize };
+    let (order, columns) = match subject.placed().filter(|_| channels == 1).and_then(|layout| as_placed(layout, units))
+    {
+        Some(rows) => rows,
+        None if channels > 1 => ((0..units).collect(), channels.min(4)),
+        None => ((0..units).collect(), (units as f64).sqrt().ceil().max(1.0) as usize),
+    };
     let half_mm = half_cell_mm(&places);
     let axes = Axes::around(least, most, half_mm);
     let colours = ChartAxis::linear(&load.label(subject.unit()), (quietest, loudest));
@@ -38,12 +44,23 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
         title: load.title(),
         subtitle: format!("{}; one scale for all", load.told(presses.len())),
         height_px: axes.height_px(columns),
-        panels: (0..units).map(panel).collect(),
+        panels: order.into_iter().map(panel).collect(),
         grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
         notes: if left_out > 0 { vec![format!("{left_out} more outputs are not shown.")] } else { Vec::new() },
         ..Figure::default()
     };
     Some(Drawn::plain(figure))
+}
+
+/// The units in rows from the largest y down, each from the smallest x, and how many a row has; none where rows differ in length.
+fn as_placed(layout: &ArrayLayout, units: usize) -> Option<(Vec<usize>, usize)> {
+    let places = layout.places().get(..units)?;
+    let mut order: Vec<usize> = (0..units).collect();
+    let key = |unit: &usize| (-places[*unit].y_mm, places[*unit].x_mm);
+    order.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
+    let rows = || order.chunk_by(|a, b| (places[*a].y_mm - places[*b].y_mm).abs() < SAME_MM);
+    let columns = rows().next()?.len();
+    rows().all(|row| row.len() == columns).then_some((order.clone(), columns))
 }
 
 /// What the presses of a calibration were loaded with, N.
@@ -82,6 +99,7 @@ impl Load {
 
     fn title(self) -> String {
         match self {
+            Load::One(0.0) => "Output of each unit at each place".to_owned(),
             Load::One(force_n) => format!("Output of each unit for {force_n} N at each place"),
             Load::Many(..) => "Output of each unit over the force, at each place".to_owned(),
         }
@@ -91,14 +109,14 @@ impl Load {
         let presses = counted(presses, "press");
         match self {
             Load::One(_) => presses,
-            Load::Many(least, most) => format!("{presses} of {least} to {most} N"),
+            Load::Many(least, most) => format!("{presses} of {} to {} N", round(least, 3), round(most, 3)),
         }
     }
 }
 
-/// The force that was commanded, N.
+/// The force that was commanded, N; of an imported press the one that was measured.
 fn set_n(row: &Press) -> f64 {
-    row.force_set_n.unwrap_or_default()
+    row.force_set_n.or(row.force_n).unwrap_or_default()
 }
 
 /// The highest and the lowest that a map is over its width.

@@ -81,7 +81,11 @@ fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: 
         }
     };
     if !fits(&map.profile) {
-        table.complain(Problem::new(span, format!("the register map \"{name}\" has no [{part}]")));
+        let help = format!("name another map, or add [{part}]: `palpate reference register-map` lists its keys");
+        table.complain(
+            Problem::new(span, format!("the register map \"{name}\" has no [{part}], which this device needs"))
+                .help(help),
+        );
         return None;
     }
     Some(map)
@@ -138,7 +142,8 @@ impl ArrayDriver for Array {
         let Profile { name, outputs: own, .. } = &self.0.profile;
         let most = own.as_ref().map_or(0, |own| own.count_max);
         let told = format!("{}, but {name} has {most} outputs", counted(layout));
-        let help = "a register map of your own can have more, but only on real links: it has no emulator";
+        let help = "a register map of your own can have more, on real links; to simulate more outputs, use { process = [...] }: `palpate init \
+                    --from magnetic` writes such a rig";
         (layout.len() > most).then_some((told, Some(help)))
     }
 }
