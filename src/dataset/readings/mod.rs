@@ -133,10 +133,8 @@ impl Readings {
         let is_first = self.reading.line == 1;
         let line = line.strip_prefix(b"\xef\xbb\xbf").filter(|_| is_first).unwrap_or(line); // a byte-order mark
         let Some(first) = line.trim_ascii_start().first() else { return Ok(Held::Nothing) };
-        if is_comment(&String::from_utf8_lossy(line))
-            && self.cells.awaits_header()
-            && self.format != Some(Format::Ndjson)
-        {
+        let may_be_comment = self.cells.awaits_header() && self.format != Some(Format::Ndjson);
+        if may_be_comment && is_comment(String::from_utf8_lossy(line).trim_start()) {
             return Ok(Held::Nothing); // a comment above the header
         }
         let found = if matches!(first, b'{' | b'[') { Format::Ndjson } else { Format::Csv };
