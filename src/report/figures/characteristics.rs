@@ -1,6 +1,7 @@
 //! What each unit reads of the load on it, up and down again, every repeat.
 
 use super::WIDTH_PX;
+use super::map::as_placed;
 use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::Branch;
 use crate::dataset::characteristics::{HeldLevel, Level, Staircases, by_series};
@@ -13,6 +14,9 @@ const MOST_UNITS: usize = 25;
 
 const LOADING: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
 const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None };
+
+/// The most panels side by side.
+const MOST_COLUMNS: usize = 5;
 
 /// A panel a unit.
 pub fn characteristics(subject: &Subject) -> Option<Drawn> {
@@ -32,7 +36,12 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
     let most_n = all().map(|reading| reading.force_n).fold(0.0, f64::max);
     let (least, most) = all().fold((0.0f64, 0.0f64), |(l, m), reading| (l.min(reading.output), m.max(reading.output)));
     let room = 0.06 * (most - least).max(f64::MIN_POSITIVE);
-    let columns = (drawn.len() as f64).sqrt().ceil().clamp(1.0, 5.0) as usize;
+    let is_every_unit = drawn.iter().enumerate().all(|(index, (unit, _))| index == *unit);
+    let placed = as_placed(subject, drawn.len()).filter(|(_, columns)| is_every_unit && *columns <= MOST_COLUMNS);
+    let (order, columns) = placed.unwrap_or_else(|| {
+        let columns = (drawn.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize;
+        ((0..drawn.len()).collect(), columns)
+    });
     let panel = |(unit, readings): &(usize, &[HeldLevel])| {
         let of = |branch: Branch| -> Vec<(f64, f64)> {
             readings.iter().filter(|r| r.branch == branch).map(|r| (r.force_n, r.output)).collect()
@@ -57,7 +66,7 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
         subtitle: "every level of every staircase, and a line through the means at each place; force by the load cell"
             .to_owned(),
         height_px: if columns > 3 { 60.0 } else { 104.0 },
-        panels: drawn.iter().map(panel).collect(),
+        panels: order.into_iter().map(|index| panel(&drawn[index])).collect(),
         grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
         legend: vec![vec![
             (line(LOADING, Line::Solid), "loading".to_owned()),

@@ -3,7 +3,7 @@
 use super::WIDTH_PX;
 use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
 use crate::dataset::Press;
-use crate::quantity::{ArrayLayout, Place, round};
+use crate::quantity::{Place, round};
 use crate::recipe::Phase;
 use crate::report::Subject;
 use crate::report::frame::{Drawn, counted};
@@ -26,8 +26,7 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
     // the channels of a unit are beside each other
     let channels = subject.layout().units().map(|unit| unit.len()).max().unwrap_or(1);
-    let (order, columns) = match subject.placed().filter(|_| channels == 1).and_then(|layout| as_placed(layout, units))
-    {
+    let (order, columns) = match as_placed(subject, units) {
         Some(rows) => rows,
         None if channels > 1 => ((0..units).collect(), channels.min(4)),
         None => ((0..units).collect(), (units as f64).sqrt().ceil().max(1.0) as usize),
@@ -52,15 +51,18 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
     Some(Drawn::plain(figure))
 }
 
-/// The units in rows from the largest y down, each from the smallest x, and how many a row has; none where rows differ in length.
-fn as_placed(layout: &ArrayLayout, units: usize) -> Option<(Vec<usize>, usize)> {
+/// The order in which panels of the first units are where the units are: rows from the largest y down, each from the smallest x; and
+/// how many columns they make. None where units have several channels, or rows differ in length.
+pub fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)> {
+    let layout = subject.placed()?;
     let places = layout.places().get(..units)?;
     let mut order: Vec<usize> = (0..units).collect();
     let key = |unit: &usize| (-places[*unit].y_mm, places[*unit].x_mm);
     order.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
     let rows = || order.chunk_by(|a, b| (places[*a].y_mm - places[*b].y_mm).abs() < SAME_MM);
     let columns = rows().next()?.len();
-    rows().all(|row| row.len() == columns).then_some((order.clone(), columns))
+    let is_grid = rows().all(|row| row.len() == columns) && (0..units).all(|unit| layout.unit(unit) == unit);
+    is_grid.then_some((order, columns))
 }
 
 /// What the presses of a calibration were loaded with, N.
