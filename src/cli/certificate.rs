@@ -13,9 +13,11 @@ use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
-  palpate certificate runs/paper --with data/example/certificate.toml
-  palpate certificate runs/calibrate runs/test --with data/example/certificate.toml --out A-017
+  palpate certificate runs/paper --with example/certificate.toml
+  palpate certificate runs/calibrate runs/test --with example/certificate.toml --out A-017
   palpate verify runs/paper --certificate runs/paper/certificate.xml
+
+The files of example/ are written by `palpate init example --from example`.
 
 Writes OUT.html, which prints on A4, and OUT.xml, a Digital Calibration
 Certificate of the PTB (schema 3.2.0, units in D-SI). It isn't signed: the SHA-256

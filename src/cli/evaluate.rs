@@ -28,7 +28,9 @@ Examples:
   palpate evaluate runs/paper
   palpate evaluate runs/paper --solver pearson --json
   palpate evaluate runs/paper --solver all
-  palpate evaluate grid.csv random.csv --accept data/example/accept.toml
+  palpate evaluate grid.csv random.csv --accept example/accept.toml
+
+The files of example/ are written by `palpate init example --from example`.
 
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. If the
 calibration has no force_n, the method uses only the proportions of the

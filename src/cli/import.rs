@@ -10,7 +10,7 @@ use crate::dataset::{
     Contact, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses, Record, RunFacts,
     RunFolder, Status, source_fingerprint,
 };
-use crate::quantity::round;
+use crate::quantity::{Place, round};
 use crate::recipe::Phase;
 use crate::rig::Bench;
 use std::path::{Path, PathBuf};
@@ -85,6 +85,9 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
         ..RunFacts::default()
     };
     let bench = Bench::of_import(mapping.array.clone(), outputs);
+    if let Some(outside) = outside(&bench, &tables) {
+        tell(&outside)?;
+    }
     let origins = Origins::of_import(columns.map(|columns| columns.text));
     let folder = RunFolder::create(args.out.as_deref(), &origins, facts, session(Durability::Fast), &bench.layout);
     let mut folder = folder.map_err(Failure::dataset)?;
@@ -121,6 +124,25 @@ fn check_forces(tables: &[(Presses, Phase)]) -> Result<(), Failure> {
     let Some((table, _)) = tables.iter().find(is_pulled) else { return Ok(()) };
     let help = "pressing is a positive force: write a columns file with `force_n = -1.0` in [scale]";
     Err(Failure::usage(miette::miette!(help = help, "{}: all forces are negative", table.source)))
+}
+
+/// A warning where most units are outside the area of the presses: their origin is probably another one.
+fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
+    let presses = || tables.iter().flat_map(|(table, _)| &table.presses);
+    let ends = |of: fn(&Press) -> f64| {
+        presses().map(of).fold((f64::MAX, f64::MIN), |(least, most), mm| (least.min(mm), most.max(mm)))
+    };
+    let (x, y) = (ends(|press| press.x_mm), ends(|press| press.y_mm));
+    let is_outside = |unit: &&Place| unit.x_mm < x.0 || unit.x_mm > x.1 || unit.y_mm < y.0 || unit.y_mm > y.1;
+    let units = bench.placed()?.one_per_unit();
+    let count = units.places().iter().filter(is_outside).count();
+    let all = units.len();
+    (2 * count > all).then(|| {
+        format!(
+            "warning: {count} of {all} units are outside the area of the presses:\n  \
+             check the origin (`grid` is centred on x = y = 0; [offset] moves the presses)\n"
+        )
+    })
 }
 
 /// From where to where the presses of a table are, in a line: a wrong column or unit shows.

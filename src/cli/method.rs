@@ -161,13 +161,13 @@ impl MethodArgs {
 
 /// Which method was fitted to how much.
 pub fn fitted_to(method: &str, Validity { presses, units, .. }: &Validity) -> String {
-    format!("{method}, fitted to {presses} presses of {units} units")
+    format!("{method}, fitted to {presses} presses of {units} outputs")
 }
 
 /// Says which units of a calibration are left out of account.
 pub fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
     for Broken { unit, fault } in fitted.broken() {
-        tell(&format!("{}: unit {} {}, excluded\n", path.display(), unit + 1, fault.told()))?;
+        tell(&format!("{}: output {} {}, excluded\n", path.display(), unit + 1, fault.told()))?;
     }
     Ok(())
 }

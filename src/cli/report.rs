@@ -20,9 +20,11 @@ const EXAMPLES: &str = "\
 Examples:
   palpate report runs/paper
   palpate report runs/characterise runs/calibrate runs/test --out A-017.html
-  palpate report runs/calibrate runs/test --same-sensor --accept data/example/accept.toml
+  palpate report runs/calibrate runs/test --same-sensor --accept example/accept.toml
   palpate report --compare runs/batch-* --out batch.html
   palpate report runs/paper --figures figures
+
+The files of example/ are written by `palpate init example --from example`.
 
 All runs of a page must be of one sensor, with each phase in one run. The page is one
 self-contained file: it opens without a network and can be printed. --figures

@@ -144,7 +144,7 @@ fn answer(
                 solutions.write(answer.reading, &answer.solved)?;
                 for Broken { unit, fault } in answer.broken {
                     let (line, unit, does) = (answer.reading.line, unit + 1, fault.told());
-                    writeln!(io::stderr(), "{SOURCE}, line {line}: unit {unit} {does}, excluded from here on")?;
+                    writeln!(io::stderr(), "{SOURCE}, line {line}: output {unit} {does}, excluded from here on")?;
                 }
             }
             Ok(None) => {}

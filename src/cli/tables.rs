@@ -118,7 +118,7 @@ pub fn chosen(choice: &Choice) -> String {
     let why = if smaller.is_empty() {
         String::new()
     } else {
-        format!(" (its lead is too small to choose: {})", smaller.join(", "))
+        format!(" (not chosen, because its lead is small: {})", smaller.join(", "))
     };
     filled(&format!("chosen by cross-validation on the calibration: {}{why}", tried.join(", ")), "  ")
 }
@@ -194,7 +194,7 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
             (number(unit.repeatability_loading_percent), interval(unit.repeatability_loading_interval_percent));
         let unloading =
             (number(unit.repeatability_unloading_percent), interval(unit.repeatability_unloading_interval_percent));
-        text += &repeats(unit.unit.to_string(), [loading, unloading], Some(unit.unit));
+        text += &repeats(unit.name(), [loading, unloading], Some(unit.unit));
     }
     text.push('\n');
     let width = if is_beside_paper { 21 } else { 12 };
@@ -208,7 +208,7 @@ pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatabili
             unit.linearity_percent,
             unit.zero_return_percent,
         ];
-        text += &others(unit.unit.to_string(), cells.map(number), Some(unit.unit));
+        text += &others(unit.name(), cells.map(number), Some(unit.unit));
     }
     text.push('\n');
     let repeats = ("repeatability", repeatability.definition());
@@ -367,7 +367,8 @@ mod tests {
             [up.as_slice(), &down].concat().into_iter().map(|held| HeldLevel { output: -12.0 * held.output, ..held });
         let readings = vec![[up.to_vec(), down.to_vec(), wild.collect()].concat(); 9];
         for repeatability in Repeatability::value_variants() {
-            let staircases = Staircases { readings: readings.clone(), left_out: 3 };
+            let staircases =
+                Staircases { units: (0..readings.len()).collect(), readings: readings.clone(), left_out: 3 };
             let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()], true)
                 + &characteristics_table(&staircases, *repeatability, true);
             assert!(text.lines().all(|line| line.len() <= 80), "{text}");

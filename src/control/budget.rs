@@ -1,42 +1,43 @@
-//! How well one force is known: the parts of its uncertainty, after the GUM.
+//! Uncertainty budget of one force: the parts of its uncertainty, after the GUM.
 
 use super::press::AirReadings;
 use super::zero::Zero;
 use crate::quantity::round;
 use serde::{Deserialize, Serialize};
 
-/// The parts of a force's standard uncertainty, N each. The parts are independent: their squares add up (GUM 5.1.2).
+/// Parts of a force's standard uncertainty, N each. The parts are independent, so their squares add up (GUM 5.1.2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
-    /// The load cell: what its certificate states of such a force, or its check with a known weight (type B). None: neither.
+    /// Load cell: uncertainty from its certificate at such a force, or from its check with a known weight (type B). `None` if
+    /// there is neither.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell_n: Option<f64>,
-    /// The zero, interpolated between the air before and after: noise of both means (type A), and what the zero may have done between them but go
-    /// evenly from one to the other (type B, rectangular).
+    /// Zero, interpolated between the air before and the air after. The first part is the noise of both means (type A). The
+    /// second part is any departure of the zero from a linear change between the two (type B, rectangular).
     pub zero_n: f64,
-    /// The noise of the readings in the window (type A).
+    /// Noise of the readings in the window (type A).
     pub noise_n: f64,
-    /// One step of what the cell can read (type B, rectangular).
+    /// One step of the cell's readings (type B, rectangular).
     pub resolution_n: f64,
-    /// What is left of the mains hum (type B, arcsine).
+    /// Remainder of the mains hum (type B, arcsine).
     pub hum_n: f64,
 }
 
-/// What a force was averaged from.
+/// Data that a force was averaged from.
 #[derive(Clone, Copy, Debug)]
 pub struct Averaged {
-    /// How many readings its window had.
+    /// Number of readings in the window.
     pub readings: u32,
-    /// How long they took, s.
+    /// Time that the readings took, s.
     pub seconds: f64,
-    /// The air before the press and after it.
+    /// Air readings before the press and after the press.
     pub airs: [AirReadings; 2],
-    /// Where the window stands between the two, 0 to 1.
+    /// Position of the window between the two air readings, 0 to 1.
     pub share: f64,
 }
 
 impl Budget {
-    /// The budget of a force; `cell_n` is the load cell's own standard uncertainty there.
+    /// Returns the budget of a force; `cell_n` is the load cell's own standard uncertainty at this force.
     pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> Budget {
         let Averaged { readings, seconds, airs: [before, after], share } = *averaged;
         let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
@@ -52,13 +53,13 @@ impl Budget {
         Budget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
     }
 
-    /// The combined standard uncertainty, N; none where nothing is known of the load cell.
+    /// Returns the combined standard uncertainty, N; `None` if the load cell's uncertainty is unknown.
     pub fn u_n(&self) -> Option<f64> {
         let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = *self;
         Some([cell_n?, zero_n, noise_n, resolution_n, hum_n].iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
-    /// Rounded to 0.1 uN.
+    /// Returns the budget rounded to 0.1 uN.
     #[must_use]
     pub fn rounded(self) -> Budget {
         let rounded = |n: f64| round(n, 7);

@@ -1,4 +1,4 @@
-//! Force against depth, as learned.
+//! Force as a function of depth, learned from presses.
 
 /// Force against depth, as learned from loading paths of all presses: `linear s + quadratic s^2`.
 ///
@@ -24,7 +24,7 @@ pub(super) struct CurveShape {
 const STRAIGHT: f64 = 1.6e-3;
 
 impl Curve {
-    /// Takes in a loading path: depth below the touched surface, mm, and force, N.
+    /// Adds a loading path: depth below the touched surface, mm, and force, N.
     pub fn learn(&mut self, path: impl Iterator<Item = (f64, f64)>) {
         for (s, force_n) in path.filter(|&(s, force_n)| s > 0.0 && force_n > 0.0) {
             self.s2 += s * s;
@@ -36,12 +36,12 @@ impl Curve {
         }
     }
 
-    /// The largest force that it rests on, N.
+    /// Largest force among the data of the curve, N.
     pub fn most_n(&self) -> f64 {
         self.most_n
     }
 
-    /// The curve by least squares; none before a path was taken in.
+    /// Returns the curve by least squares; `None` before the first path was added.
     pub fn shape(&self) -> Option<CurveShape> {
         if self.s2 <= 0.0 {
             return None;

@@ -1,4 +1,4 @@
-//! The mains in what a load cell reads: found in air, and averaged away by means over whole periods.
+//! Mains hum in the load cell's readings: found in air, and removed by means over complete periods.
 
 use crate::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
@@ -24,19 +24,20 @@ const DENSE: f64 = 8.0;
 const PERIODS_MAX: u32 = 10;
 const EVEN: f64 = 0.1;
 
-/// Mains hum in what the load cell reads.
+/// Mains hum in the load cell's readings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hum {
-    /// Its amplitude, N.
+    /// Amplitude of the hum, N.
     pub amplitude_n: f64,
-    /// Its frequency, Hz: that of the mains.
+    /// Frequency of the hum, Hz: that of the mains.
     pub hz: f64,
-    /// A mean over this time, or a multiple of it, has none of it, s; none where the cell converts too slowly for that.
+    /// Time, s, over which a mean removes the hum; multiples of this time remove the hum too. `None` if the cell converts too
+    /// slowly for that.
     pub whole_s: Option<f64>,
 }
 
 impl Hum {
-    /// The hum in some readings in air, if there is any; conversions are `conversion_s` apart.
+    /// Finds the hum in some readings in air, if there is any. Conversions are `conversion_s` apart.
     pub fn find(readings: &[ForceReading], conversion_s: f64) -> Option<Hum> {
         let levelled = levelled(readings);
         let n = levelled.len() as f64;
@@ -52,7 +53,8 @@ impl Hum {
         counts.then(|| Hum { amplitude_n, hz, whole_s: whole_s(hz, conversion_s) })
     }
 
-    /// What a mean over so long leaves of it, standard deviation, N: of whole periods what the mains' frequency is off by.
+    /// Returns the part of the hum that remains in a mean over `seconds`, standard deviation, N. For complete periods, this part
+    /// comes from the error of the mains frequency.
     pub fn left_n(&self, seconds: f64) -> f64 {
         let left = match self.whole_s {
             Some(_) => MAINS_OFF_SHARE,
@@ -61,7 +63,7 @@ impl Hum {
         self.amplitude_n * left / 2f64.sqrt()
     }
 
-    /// The time of a mean that takes at least `least_s`, s.
+    /// Duration of a mean that takes at least `least_s`, s.
     pub fn whole_s(&self, least_s: f64) -> f64 {
         self.whole_s.map_or(least_s, |whole_s| whole_s * (least_s / whole_s - 1e-9).ceil().max(1.0))
     }

@@ -1,4 +1,4 @@
-//! What presses before have taught: surface, curve and how much deeper each went.
+//! Knowledge from earlier presses: the surface, the curve, and how much deeper each press went.
 
 use super::curve::{Curve, CurveShape};
 use super::plane::Plane;
@@ -47,65 +47,65 @@ const FADED_MOST: f64 = 0.2;
 /// Least weight of a new press in the learned fading.
 const FADE_GAIN: f64 = 0.1;
 
-/// What one press teaches about later ones, as it stands in the journal.
+/// Information from one press for later presses, as stored in the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Lesson {
-    /// A guarded press: where the surface is and how the force grows below it.
+    /// A guarded press: position of the surface, and growth of the force below it.
     Touch {
         /// The place, specimen frame.
         #[serde(flatten)]
         place: Place,
-        /// Where contact began, mm into the specimen.
+        /// Position where contact began, mm into the specimen.
         z_mm: f64,
-        /// The loading path at rest: z, mm, and force, N.
+        /// Loading path at rest: z, mm, and force, N.
         path: Vec<(f64, f64)>,
     },
-    /// A press whose first motion went where the map said.
+    /// A press whose first motion went to the position that the map gave.
     Shot {
         /// The place, specimen frame.
         #[serde(flatten)]
         place: Place,
-        /// Where the first motion ended, mm into the specimen.
+        /// Position where the first motion ended, mm into the specimen.
         z_mm: f64,
-        /// The force that was met there, N.
+        /// Force measured at that position, N.
         force_n: f64,
-        /// The force that the map had expected there, N.
+        /// Force that the map expected at that position, N.
         expected_n: f64,
-        /// What the force lost from the last correction to the mean of the window, as a share of the force that is set.
+        /// Force lost between the last correction and the mean of the window, as a fraction of the set force.
         faded: f64,
     },
 }
 
-/// What is known of a specimen from the presses so far: its surface, its curve, and how both vary from place to place.
+/// Knowledge of a specimen from the presses so far: its surface, its curve, and how both vary from place to place.
 #[derive(Clone, Debug)]
 pub struct Map {
     surface: SurfaceMap,
     curve: Curve,
     rises: Rises,
-    /// Where shots went, and how much deeper than the curve says a force was met there, as a share.
+    /// Places of the shots, and how much deeper than on the curve the force was reached there, as a fraction.
     scales: Vec<(Place, f64)>,
     shots: f64,
-    /// Mean square of the misses in units of what was assumed.
+    /// Mean square of the misses, in units of the assumed miss.
     miss: f64,
     faded: Option<f64>,
 }
 
-/// What a map says about one place: how deep a force will be met.
+/// Prediction of a map for one place: the depth at which a force will be reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
     surface_mm: f64,
     shape: CurveShape,
-    /// Depth here over depth on the curve.
+    /// Ratio of the depth at this place to the depth on the curve.
     scale: f64,
-    /// Where to aim, as a share of the set force.
+    /// Force to aim at, as a fraction of the set force.
     aim: f64,
     /// What the force will lose until the middle of the window, as a share of the set force.
     pub(super) faded: f64,
 }
 
 impl Map {
-    /// A map that knows only that the surface is within `uncertainty_mm` of z = 0.
+    /// Creates a map that contains only this: the surface is within `uncertainty_mm` of z = 0.
     pub fn new(uncertainty_mm: f64) -> Self {
         Map {
             surface: SurfaceMap::new(uncertainty_mm),
@@ -118,17 +118,17 @@ impl Map {
         }
     }
 
-    /// Where the surface is expected.
+    /// Returns the expected position of the surface.
     pub fn expect(&self, place: Place) -> Expected {
         self.surface.expect(place)
     }
 
-    /// Whether the specimen was touched: until then a map says what the frame does, on which no motion may rest.
+    /// Whether the specimen was touched. Before the first touch the map only repeats the frame, and no motion may rely on that.
     pub fn is_touched(&self) -> bool {
         self.surface.touches() > 0
     }
 
-    /// Takes in what a press taught.
+    /// Adds the information from a press.
     pub fn learn(&mut self, lesson: &Lesson) {
         match lesson {
             Lesson::Touch { place, z_mm, path } => {
@@ -158,8 +158,8 @@ impl Map {
         }
     }
 
-    /// What to expect of a shot at a place, or none where the map can't be trusted with it: not taught yet, a force too near
-    /// the limit or beyond what was learned, a surface or a stiffness that varies too much.
+    /// Returns the prediction for a shot at a place, or `None` if the map can't be trusted there. Reasons: the map has learned
+    /// too little, the force is too near the limit or beyond the learned forces, or the surface or the stiffness varies too much.
     pub fn shot(&self, place: Place, force_set_n: f64, limits: &Limits) -> Option<Shot> {
         let shape = self.curve.shape()?;
         let known_n = (BEYOND * self.curve.most_n()).min(limits.force_n - SHOT_ROOM_N);
@@ -183,7 +183,7 @@ impl Map {
         })
     }
 
-    /// What the presses around a place have taught of how deep a force is met; none of too few.
+    /// Returns how deep the presses around a place went for their force; `None` if there are too few.
     pub fn taught(&self, place: Place) -> Option<Taught> {
         self.rises.around(place, self.curve.shape())
     }
@@ -236,22 +236,22 @@ impl Map {
 }
 
 impl Shot {
-    /// Where a force will be met, mm into the specimen.
+    /// Position where a force will be reached, mm into the specimen.
     pub fn z_mm(&self, force_n: f64) -> f64 {
         self.surface_mm + self.scale * self.shape.depth_mm(force_n)
     }
 
-    /// The force to aim the first motion at, N: below the set one, by as much as it may miss.
+    /// Force to aim the first motion at, N. This force is below the set force by the possible miss.
     pub fn aim_n(&self, force_set_n: f64) -> f64 {
         self.aim * force_set_n
     }
 
-    /// The force that is expected at a place, N.
+    /// Expected force at a position, N.
     pub fn force_n(&self, z_mm: f64) -> f64 {
         self.shape.force_n((z_mm - self.surface_mm) / self.scale)
     }
 
-    /// The stiffness at a force, N/mm, by what this shot met: `force_n` at `z_mm`.
+    /// Stiffness at a force, N/mm, from the result of this shot: `force_n` at `z_mm`.
     pub fn stiffness_n_mm(&self, at_n: f64, z_mm: f64, force_n: f64) -> f64 {
         let met = (z_mm - self.surface_mm) / self.shape.depth_mm(force_n);
         let [least, most] = SURPRISES.map(|surprise| surprise * self.scale);
@@ -259,12 +259,12 @@ impl Shot {
         self.shape.stiffness_n_mm(self.shape.depth_mm(at_n)) / scale
     }
 
-    /// Where the surface is, mm into the specimen.
+    /// Position of the surface, mm into the specimen.
     pub fn surface_mm(&self) -> f64 {
         self.surface_mm
     }
 
-    /// Depth and stiffness at a force where the curve holds as it is, mm and N/mm.
+    /// Depth and stiffness at a force if the curve holds unchanged, mm and N/mm.
     pub fn on_curve(&self, force_n: f64) -> (f64, f64) {
         let depth_mm = self.shape.depth_mm(force_n);
         (depth_mm, self.shape.stiffness_n_mm(depth_mm))

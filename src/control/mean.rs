@@ -1,20 +1,21 @@
-//! The mean of readings in time.
+//! Mean of readings over time.
 
 use super::zero::Zero;
 
 /// A mean of readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mean {
-    /// The mean, in the readings' unit.
+    /// Value of the mean, in the readings' unit.
     pub value: f64,
-    /// The middle of the time it covers, s, by the readings' clock.
+    /// Middle of the time that the mean covers, s, by the readings' clock.
     pub middle_s: f64,
-    /// How many readings it is made of.
+    /// Number of readings in the mean.
     pub readings: u32,
 }
 
-/// The mean of readings, each with its time, s, oldest first: over the last whole periods of the hum where the zero has found
-/// any and they cover one, else of all of them alike. None of none.
+/// Returns the mean of readings, each with its time, s, oldest first. If the zero has found hum and the readings cover at least
+/// one period of it, the mean covers the last complete periods. Otherwise all readings have the same weight. `None` if there are
+/// no readings.
 pub fn mean_of(readings: &[(f64, f64)], zero: &Zero) -> Option<Mean> {
     let (first_s, last_s) = (readings.first()?.0, readings.last()?.0);
     let whole_s = zero.hum.and_then(|hum| hum.whole_s);

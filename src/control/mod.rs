@@ -1,11 +1,12 @@
-//! The force loop, pure: what to do next, given what was just seen.
+//! The force loop, as pure code: decides what to do next from the latest events.
 //!
-//! [`ForceLoop`] is a state machine for one contact: events in, commands out, no device, no clock, no randomness. Every motion
-//! toward the specimen is a [`Permitted`] one, which only a [`Permit`] can make: its end point is safe by itself, so a host
-//! that dies costs nothing. [`Watch`] holds every reading against the trip rules; [`Map`] learns from each press what the next
-//! will meet.
+//! [`ForceLoop`] is a state machine for one contact. Events go in and commands come out; there is no device, no clock and no
+//! randomness. Every motion toward the specimen is a [`Permitted`] one, which only a [`Permit`] can create. The end point of such
+//! a motion is safe by itself, so a host that fails does no harm. [`Watch`] checks every reading against the trip rules. [`Map`]
+//! learns from each press what to expect of the next.
 //!
-//! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces count from the zero taken in air.
+//! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces are relative to the zero measured in
+//! air.
 
 mod budget;
 mod curve;

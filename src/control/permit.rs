@@ -1,4 +1,4 @@
-//! What motions are permitted.
+//! Permitted motions.
 
 use super::speed::safe_speed_mm_s;
 use super::trip::{Rule, Trip};
@@ -39,7 +39,7 @@ const SOUNDING_MOST_MM: f64 = 0.1;
 /// Least clearance above the highest the surface can be at which x and y may move, mm (I7).
 const SIDEWAYS_MM: f64 = 0.030;
 
-/// A motion along z that may be commanded. Only [`Permit`] makes one.
+/// A motion along z that may be commanded. Only [`Permit`] creates it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Permitted {
     z_mm: f64,
@@ -47,68 +47,69 @@ pub struct Permitted {
 }
 
 impl Permitted {
-    /// Where it ends, mm into the specimen.
+    /// End of the motion, mm into the specimen.
     pub fn z_mm(&self) -> f64 {
         self.z_mm
     }
 
-    /// Its greatest speed, mm/s.
+    /// Maximum speed of the motion, mm/s.
     pub fn speed_mm_s(&self) -> f64 {
         self.speed_mm_s
     }
 }
 
-/// Leave to move x and y. Only [`Permit`] gives it.
+/// Permission to move x and y. Only [`Permit`] gives it.
 #[derive(Debug)]
 pub struct Sideways(());
 
-/// What is known when a motion is asked for.
+/// Known state when a motion is requested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing {
-    /// Where the indenter is, read back, mm.
+    /// Position of the indenter, read back, mm.
     pub z_mm: f64,
-    /// The force on it, N.
+    /// Force on the indenter, N.
     pub force_n: f64,
     /// Standard deviation of that force, N.
     pub sigma_n: f64,
-    /// How old that force is, s.
+    /// Age of that force, s.
     pub age_s: f64,
-    /// The earliest z at which there can be contact, mm.
+    /// Earliest z at which contact is possible, mm.
     pub first_mm: f64,
 }
 
-/// The rules under which a motion may be commanded: its own end point must be safe, even if the host fails, the link or the
-/// loop while it is under way. I1 to I7 are the study's names for them.
+/// Rules under which a motion may be commanded. The end point of a motion must be safe even if the host, the link or the loop
+/// fails during the motion. I1 to I7 are the study's names for the rules.
 ///
 /// | rule | where |
 /// |---|---|
 /// | I1 force at the end point, by the declared stiffness | [`deepest_mm`](Self::deepest_mm) |
 /// | I2 depth at the end point | [`deepest_mm`](Self::deepest_mm) |
-/// | I3 speed, by the reaction time that was measured | [`advance`](Self::advance) |
-/// | I4 a fresh force; a zero that moves no faster than a drift, asked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
-/// | I5 no harder than declared | [`most_n`](Self::most_n) |
-/// | I6 away is always allowed; a stop asks nobody | [`withdraw`](Self::withdraw) |
-/// | I7 x and y move in the clear alone | [`sideways`](Self::sideways) |
+/// | I3 speed, by the measured reaction time | [`advance`](Self::advance) |
+/// | I4 a recent force, and a zero that moves no faster than a drift, checked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
+/// | I5 contact no stiffer than declared | [`most_n`](Self::most_n) |
+/// | I6 motion away is always allowed; a stop needs no permission | [`withdraw`](Self::withdraw) |
+/// | I7 x and y move only in the clear | [`sideways`](Self::sideways) |
 #[derive(Clone, Copy, Debug)]
 pub struct Permit {
     limits: Limits,
     reaction_s: f64,
     acceleration_mm_s2: f64,
     detect_n: f64,
-    /// Of one reading, N.
+    /// Standard deviation of one reading, N.
     sigma_n: f64,
 }
 
 impl Permit {
-    /// The permit of a rig: its limits, its measured reaction time, its acceleration, and the force that counts as contact.
+    /// Creates the permit of a rig from its limits, its measured reaction time, its acceleration, and the force that counts as
+    /// contact.
     pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
         Permit { limits, reaction_s, acceleration_mm_s2, detect_n: zero.detect_n(), sigma_n: zero.sigma_n }
     }
 
-    /// The deepest end point that would be granted, mm.
+    /// Returns the deepest end point that would be permitted, mm.
     ///
     /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
-    /// included. Depth (I2): `z - z_first <= depth limit`, less a margin for the error of the touched surface.
+    /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface.
     pub fn deepest_mm(&self, standing: &Standing) -> f64 {
         let Standing { z_mm, force_n, sigma_n, first_mm, .. } = *standing;
         if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) {
@@ -122,23 +123,23 @@ impl Permit {
         by_force.min(by_depth)
     }
 
-    /// The fastest approach after which the force is at most `force_n` when contact comes unannounced, mm/s.
+    /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact.
     pub fn approach_speed_mm_s(&self, force_n: f64) -> f64 {
         let room_n = force_n - self.detect_n;
         safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.acceleration_mm_s2)
     }
 
-    /// The most that a contact no stiffer than declared pushes with at `z_mm`, N, after a motion from a place and a force there
-    /// (E+): what pushes harder isn't the specimen that the limits were declared for.
+    /// Returns the largest force at `z_mm`, N, of a contact no stiffer than declared (E+). The motion began at a position
+    /// `from_mm` with a force `from_n`. If the contact pushes harder, it isn't the specimen that the limits were declared for.
     pub fn most_n(&self, (from_mm, from_n): (f64, f64), first_mm: f64, z_mm: f64) -> f64 {
         let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0);
         from_n.max(0.0) + self.limits.stiffness_n_mm * way_mm + HARD_N.max(HARD_SIGMAS * self.sigma_n)
     }
 
-    /// A motion toward the specimen, no faster than the force limit allows (I3).
+    /// Permits a motion toward the specimen, no faster than the force limit allows (I3).
     ///
     /// # Errors
-    /// A trip if its end point isn't safe or the force it rests on isn't fresh (I4); nothing is moved then.
+    /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
     pub fn advance(&self, standing: &Standing, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         // asked for what must hold, so that a NaN is refused
         let fastest = self.approach_speed_mm_s(self.limits.force_n);
@@ -154,38 +155,40 @@ impl Permit {
         Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
     }
 
-    /// The newest air has moved from that before no further than a zero drifts in the time between (I4).
+    /// Checks that the newest air differs from the earlier air by no more than a zero drifts in the time between (I4).
     ///
     /// # Errors
-    /// A trip if it has.
+    /// A trip if the difference is larger.
     pub fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
         moved_no_further(Rule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
-    /// Whether the air moved no further than a zero drifts in the time between. What is more may be a touch that is too light to
-    /// count as contact. `sigma_n` is the standard deviation of the newer mean, N.
+    /// Whether the air moved no further than a zero drifts in the time between. A larger change may be a touch that is too light
+    /// to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
     pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64) -> bool {
         moved_n.abs() <= DRIFT_N_S * between_s + DRIFT_SIGMAS * sigma_n
     }
 
-    /// What the load cell says in air is the same where z is a little farther away, or nearer: no contact makes a part of it.
+    /// Checks that the load cell's reading in air stays the same when z moves a little away or nearer, so no contact contributes
+    /// to it.
     ///
     /// # Errors
-    /// A trip if it isn't.
+    /// A trip if the reading changes.
     pub fn air_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
         moved_no_further(Rule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
-    /// How far z is moved to see whether the air is free, mm: what the declared specimen answers with a small part of the limit.
+    /// Distance that z moves to check that the air is free, mm. On this distance the declared specimen would give a small part of
+    /// the force limit.
     pub fn sounding_mm(&self) -> f64 {
         (SOUNDING_SHARE * self.limits.force_n / self.limits.stiffness_n_mm).min(SOUNDING_MOST_MM)
     }
 
-    /// A motion of x and y (I7): with z read back clear of the highest the surface can be on the way, and no force. `first_mm`
-    /// is the earliest z at which there can be contact.
+    /// Permits a motion of x and y (I7). The z that was read back must be clear of the highest possible surface on the way,
+    /// without force. `first_mm` is the earliest z at which contact is possible.
     ///
     /// # Errors
-    /// A trip if it isn't clear.
+    /// A trip if z isn't clear.
     pub fn sideways(&self, z_mm: f64, first_mm: f64, force_n: f64) -> Result<Sideways, Trip> {
         let clear_mm = first_mm - SIDEWAYS_MM;
         let (is_clear, is_free) = (z_mm <= clear_mm, force_n.abs() < self.detect_n);
@@ -198,20 +201,20 @@ impl Permit {
         Ok(Sideways(()))
     }
 
-    /// The z at which x and y may move, mm, where there can be contact from `first_mm` on.
+    /// Returns the z at which x and y may move, mm, if contact is possible from `first_mm` on.
     pub fn clear_mm(first_mm: f64) -> f64 {
         first_mm - SIDEWAYS_MM
     }
 
-    /// The force that counts as contact, N.
+    /// Force that counts as contact, N.
     pub fn detect_n(&self) -> f64 {
         self.detect_n
     }
 
-    /// A motion away from the specimen: always allowed.
+    /// Permits a motion away from the specimen, which is always allowed.
     ///
     /// # Errors
-    /// A trip if it isn't one.
+    /// A trip if the motion isn't directed away.
     pub fn withdraw(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         if z_mm.is_finite() && z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
             Ok(Permitted { z_mm, speed_mm_s })

@@ -1,4 +1,4 @@
-//! A plane over places, learned as values come.
+//! A plane over places, learned from values as they arrive.
 
 use crate::quantity::Place;
 
@@ -7,9 +7,9 @@ use crate::quantity::Place;
 /// All sums, so its size doesn't grow. Values are in any unit; precisions are in units of 1 / (sd of one value)^2.
 #[derive(Clone, Debug)]
 pub(super) struct Plane {
-    /// Where x and y count from.
+    /// Origin of x and y.
     centre: Place,
-    /// Diagonal of the prior's precision: height, slope in x, slope in y; the prior's mean is zero.
+    /// Diagonal of the prior's precision: height, slope in x, slope in y. The prior's mean is zero.
     prior: [f64; 3],
     /// Sums over the values: basis times basis, basis times value, value squared, all weighted.
     moments: [[f64; 3]; 3],
@@ -23,7 +23,7 @@ impl Plane {
         Plane { centre, prior, moments: [[0.0; 3]; 3], weighted: [0.0; 3], squares: 0.0, count: 0 }
     }
 
-    /// Takes in a value with the weight that it has.
+    /// Adds a value with its weight.
     pub fn take(&mut self, place: Place, value: f64, weight: f64) {
         let basis = self.basis(place);
         for (row, left) in basis.iter().enumerate() {
@@ -36,12 +36,12 @@ impl Plane {
         self.count += 1;
     }
 
-    /// How many values it has taken in.
+    /// Number of values added.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The plane at a place, and the variance of it in units of that of one value.
+    /// Returns the plane's value at a place and its variance, in units of the variance of one value.
     pub fn at(&self, place: Place) -> (f64, f64) {
         let basis = self.basis(place);
         let precision = self.precision();

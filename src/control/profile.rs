@@ -1,6 +1,6 @@
-//! A motion from rest to rest as a controller plans it.
+//! A motion from rest to rest as planned by a controller.
 
-/// A motion from rest to rest as a controller plans it: a trapezoid of speed, or a triangle where the way is short.
+/// A motion from rest to rest as planned by a controller: a trapezoid of speed, or a triangle if the distance is short.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionProfile {
     way_mm: f64,
@@ -9,14 +9,15 @@ pub struct MotionProfile {
 }
 
 impl MotionProfile {
-    /// Over a way (its length counts), at most at a speed, with one acceleration both ways.
+    /// Creates the profile for a distance (its sign doesn't matter), a maximum speed, and one acceleration for speeding up and
+    /// braking.
     pub fn new(way_mm: f64, speed_mm_s: f64, acceleration_mm_s2: f64) -> Self {
         let way_mm = way_mm.abs();
         let summit_mm_s = (way_mm * acceleration_mm_s2).sqrt();
         MotionProfile { way_mm, peak_mm_s: summit_mm_s.min(speed_mm_s), acceleration_mm_s2 }
     }
 
-    /// How long it takes, s.
+    /// Duration of the motion, s.
     pub fn duration_s(&self) -> f64 {
         if self.peak_mm_s <= 0.0 {
             return 0.0;
@@ -24,7 +25,7 @@ impl MotionProfile {
         self.way_mm / self.peak_mm_s + self.peak_mm_s / self.acceleration_mm_s2
     }
 
-    /// How far it has come after a time, mm.
+    /// Distance covered after a time, mm.
     pub fn at_mm(&self, after_s: f64) -> f64 {
         let (v, a, whole_s) = (self.peak_mm_s, self.acceleration_mm_s2, self.duration_s());
         let ramp_s = v / a;
@@ -39,7 +40,7 @@ impl MotionProfile {
         }
     }
 
-    /// When it has come so far, s.
+    /// Time at which the motion has covered a distance, s.
     pub fn reaches_s(&self, mm: f64) -> f64 {
         let (v, a) = (self.peak_mm_s, self.acceleration_mm_s2);
         let ramp_mm = v * v / (2.0 * a);

@@ -1,32 +1,33 @@
-//! How fast the rig may approach by how fast it reacts.
+//! Largest approach speed that the reaction time of the rig allows.
 
-/// How long the rig takes from a force to a stage that brakes.
+/// Time between a force and the braking of the stage, in parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reaction {
-    /// From one conversion of the load cell to the next, s.
+    /// Time between two conversions of the load cell, s.
     pub conversion_s: f64,
-    /// Longest reading of the load cell seen, s.
+    /// Longest observed reading of the load cell, s.
     pub load_cell_s: f64,
-    /// Longest exchange with the stage seen, s.
+    /// Longest observed exchange with the stage, s.
     pub stage_s: f64,
-    /// How long the load cell's filters and its transport hold a force back, s.
+    /// Delay of a force by the load cell's filters and its transport, s.
     pub lag_s: f64,
 }
 
-/// How fast the parts of a press follow each other on a rig.
+/// Timing of the parts of a press on a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// Longest exchange with the stage seen, s.
+    /// Longest observed exchange with the stage, s.
     pub exchange_s: f64,
-    /// From the end of a motion as its controller says it to a force that can be read: the stage settles, the cell follows, s.
+    /// Time from the end of a motion as its controller reports it until the force can be read, s. The stage settles and the cell
+    /// follows.
     pub settle_s: f64,
-    /// How long the cell's filter holds a force back, s; a part of `settle_s`.
+    /// Delay of a force by the cell's filter, s; a part of `settle_s`.
     pub lag_s: f64,
-    /// From one conversion of the load cell to the next, s.
+    /// Time between two conversions of the load cell, s.
     pub conversion_s: f64,
     /// Acceleration of the stage, mm/s^2.
     pub acceleration_mm_s2: f64,
-    /// From a force to a stage that moves otherwise, at worst, s.
+    /// Longest time from a force until the stage changes its motion, s.
     pub reaction_s: f64,
 }
 
@@ -36,14 +37,14 @@ impl Reaction {
     /// What the longest exchange seen in a few is multiplied with, for the longest there is.
     const MARGIN: f64 = 1.5;
 
-    /// The time between a force and the beginning of the braking, at worst, s.
+    /// Longest time between a force and the beginning of the braking, s.
     pub fn worst_s(&self) -> f64 {
         self.conversion_s + self.lag_s + Self::MARGIN * (self.load_cell_s + self.stage_s) + Self::SERVO_S
     }
 }
 
-/// The fastest approach that stays within a force when it hits a stiffness unannounced, mm/s:
-/// `a (-T + sqrt(T^2 + 2 F / (k a)))`, from `F = k (v T + v^2 / 2a)`: the way of the reaction and that of the braking.
+/// Returns the fastest approach, mm/s, that stays within a force when it meets a stiffness unexpectedly: `a (-T + sqrt(T^2 + 2 F
+/// / (k a)))`, from `F = k (v T + v^2 / 2a)`. The two terms are the reaction distance and the braking distance.
 pub fn safe_speed_mm_s(force_n: f64, stiffness_n_mm: f64, reaction_s: f64, acceleration_mm_s2: f64) -> f64 {
     let (t, a) = (reaction_s, acceleration_mm_s2);
     let braking = 2.0 * force_n.max(0.0) / (stiffness_n_mm * a);

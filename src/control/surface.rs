@@ -1,4 +1,4 @@
-//! Where the surface is, as learned from touches.
+//! Position of the surface, learned from touches.
 
 use super::plane::Plane;
 use crate::quantity::Place;
@@ -15,21 +15,21 @@ const BOUND_SIGMAS: f64 = 5.0;
 /// Touches after which the scatter about the plane is taken from the touches themselves.
 const SCATTER_TOUCHES: usize = 5;
 
-/// Where the surface is expected at a place.
+/// Expected position of the surface at a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
     /// The most likely z, mm into the specimen.
     pub z_mm: f64,
-    /// The earliest z at which there can be contact, mm.
+    /// Earliest z at which contact is possible, mm.
     pub first_mm: f64,
-    /// The latest z at which contact must have begun, mm.
+    /// Latest z at which contact must have begun, mm.
     pub last_mm: f64,
-    /// Whether a touch stands behind it. Without one it is the frame's word, on which no motion may rest.
+    /// Whether the value comes from a touch. Without a touch the value comes from the frame only, and no motion may rely on it.
     pub touched: bool,
 }
 
-/// The surface as learned from touches: a plane, with the certainty it has earned. The prior is the rig's frame (flat,
-/// within its uncertainty), so that the map is usable from no touch on.
+/// Surface learned from touches: a plane with its uncertainty. The prior is the rig's frame (flat, within its uncertainty), so
+/// the map is usable before the first touch.
 #[derive(Clone, Debug)]
 pub struct SurfaceMap {
     uncertainty_mm: f64,
@@ -37,7 +37,7 @@ pub struct SurfaceMap {
 }
 
 impl SurfaceMap {
-    /// A map that knows only that the surface is within `uncertainty_mm` of z = 0.
+    /// Creates a map that contains only this: the surface is within `uncertainty_mm` of z = 0.
     pub fn new(uncertainty_mm: f64) -> Self {
         let prior = |sigma: f64| (TOUCH_SIGMA_MM / sigma).powi(2);
         let slope = prior(uncertainty_mm / SLOPE_ARM_MM);
@@ -45,17 +45,17 @@ impl SurfaceMap {
         SurfaceMap { uncertainty_mm, plane }
     }
 
-    /// Takes in a touch: contact began at `z_mm` at this place.
+    /// Adds a touch: contact began at `z_mm` at this place.
     pub fn learn(&mut self, place: Place, z_mm: f64) {
         self.plane.take(place, z_mm, 1.0);
     }
 
-    /// How many touches it rests on.
+    /// Number of touches in the map.
     pub fn touches(&self) -> usize {
         self.plane.count()
     }
 
-    /// Where the surface is expected. The bounds never exceed what the rig's frame says.
+    /// Returns the expected position of the surface. The bounds never exceed the bounds of the rig's frame.
     pub fn expect(&self, place: Place) -> Expected {
         let (z_mm, spread) = self.plane.at(place);
         let sigma_mm = self.scatter_mm() * (spread + 1.0).sqrt();

@@ -1,9 +1,10 @@
-//! What a press is to do.
+//! Task of a press.
 
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Which way a level is reached: the sensor has hysteresis, so a level reached from the wrong side is another measurement.
+/// Direction from which a level is reached. The sensor has hysteresis, so a level reached from the wrong side is a different
+/// measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Branch {
     /// Only from below.
@@ -12,17 +13,17 @@ pub enum Branch {
     Unloading,
 }
 
-/// How a press finds its force.
+/// Method by which a press reaches its force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
-    /// A slow approach that contact stops, then steps from below: never above the force that is set.
+    /// A slow approach that contact stops, then steps from below. The force never exceeds the set force.
     #[default]
     Guarded,
-    /// One permitted motion whose speed follows the force that is missing, and that is stopped when it is reached.
+    /// One permitted motion. Its speed follows the missing force, and it is stopped when the force is reached.
     Velocity,
-    /// One motion to where the presses before say the force will be nearly reached, then corrections; guarded where they
-    /// can't say.
+    /// One motion to the position where earlier presses predict nearly the full force, then corrections. The press is guarded if
+    /// they can't predict it.
     Map,
 }
 
@@ -30,7 +31,7 @@ impl Strategy {
     /// All strategies.
     pub const ALL: [Strategy; 3] = [Strategy::Guarded, Strategy::Velocity, Strategy::Map];
 
-    /// The strategy as it stands in files and on the command line.
+    /// Name of the strategy in files and on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Strategy::Guarded => "guarded",
@@ -43,36 +44,37 @@ impl Strategy {
 /// One force to hold and sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
-    /// The force, N; 0: sampled in air.
+    /// The force, N; 0 is sampled in air.
     pub force_set_n: f64,
-    /// The side it is reached from.
+    /// Side from which the level is reached.
     pub branch: Branch,
 }
 
-/// What one contact is to measure, in this order.
+/// Measurements of one contact, in this order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
-    /// The levels, as they are held; presses that measure the same share them.
+    /// The levels, in the order they are held. Presses that measure the same use the same list.
     pub levels: Arc<[Level]>,
-    /// Largest allowed difference of the force in the window from the set one, N.
+    /// Largest allowed difference between the force in the window and the set force, N.
     pub force_tolerance_n: f64,
     /// Dwell at each level before its window, s.
     pub hold_s: f64,
     /// Length of the window, s.
     pub sample_s: f64,
-    /// How the force is found.
+    /// Method by which the force is reached.
     pub strategy: Strategy,
-    /// When the window of the first level begins, s from contact; none: when the level is reached and held.
+    /// Time at which the window of the first level begins, s from contact. `None`: the window begins when the level is reached
+    /// and held.
     pub sample_after_s: Option<f64>,
 }
 
 impl Task {
-    /// The levels of one plain press.
+    /// Returns the levels of one plain press.
     pub fn press(force_n: f64) -> Arc<[Level]> {
         Arc::new([Level { force_set_n: force_n, branch: Branch::Loading }])
     }
 
-    /// The levels of a staircase: 0, step, ..., top, ..., step, 0.
+    /// Returns the levels of a staircase: 0, step, ..., top, ..., step, 0.
     pub fn staircase(to_n: f64, step_n: f64) -> Arc<[Level]> {
         let steps = (to_n / step_n).round().max(1.0) as usize;
         let force_n = |i: usize| to_n * i as f64 / steps as f64;
@@ -81,7 +83,7 @@ impl Task {
         up.chain(down).collect()
     }
 
-    /// The largest force it asks for, N.
+    /// Largest force of the task, N.
     pub fn most_n(&self) -> f64 {
         self.levels.iter().map(|level| level.force_set_n).fold(0.0, f64::max)
     }

@@ -1,4 +1,4 @@
-//! How deep the presses so far went for their force: what the next one around them is compared with.
+//! Depth that the presses so far needed for their force. The next press near them is compared with it.
 
 use super::curve::CurveShape;
 use crate::quantity::Place;
@@ -14,10 +14,10 @@ const ROSE_SHARE: f64 = 0.5;
 /// A rise of the force as a press showed it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rise {
-    /// From and to which force, N.
+    /// Force at the start and at the end, N.
     pub from_n: f64,
     pub to_n: f64,
-    /// The way that it took, mm.
+    /// Distance that the rise took, mm.
     pub way_mm: f64,
 }
 
@@ -27,16 +27,16 @@ pub(super) struct Rises {
     all: Vec<(Place, Rise)>,
 }
 
-/// What the presses around a place have taught: the softest of them.
+/// Information from the presses around a place: the softest of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taught {
     shape: CurveShape,
-    /// Way over that on the curve.
+    /// Ratio of the distance to that on the curve.
     softest: f64,
 }
 
 impl Rises {
-    /// Takes in a rise. Where there is no more room it takes the place of the nearest.
+    /// Adds a rise. If there is no room left, the new rise replaces the nearest one.
     pub fn learn(&mut self, place: Place, rise: Rise) {
         let tells = rise.to_n - rise.from_n >= ROSE_SHARE * rise.to_n && rise.way_mm > 0.0;
         if !tells {
@@ -51,7 +51,7 @@ impl Rises {
         nearest.into_iter().for_each(|near| *near = (place, rise));
     }
 
-    /// What the presses around a place have taught; none of too few.
+    /// Returns the information from the presses around a place; `None` if there are too few.
     pub fn around(&self, place: Place, shape: Option<CurveShape>) -> Option<Taught> {
         let shape = shape?;
         let mut near: Vec<(f64, usize)> =
@@ -71,12 +71,12 @@ impl Rises {
 }
 
 impl Taught {
-    /// The longest way that a rise of the force took around there, mm.
+    /// Longest distance that a rise of the force needed around that place, mm.
     pub fn way_mm(&self, from_n: f64, to_n: f64) -> f64 {
         self.softest * (self.shape.depth_mm(to_n) - self.shape.depth_mm(from_n))
     }
 
-    /// The force that the softest of them met a way below a force, N.
+    /// Force, N, of the softest of them at a position deeper by `way_mm` than where the force is `from_n`.
     pub fn force_n(&self, from_n: f64, way_mm: f64) -> f64 {
         self.shape.force_n(self.shape.depth_mm(from_n) + way_mm / self.softest)
     }

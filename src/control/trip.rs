@@ -3,91 +3,91 @@
 use crate::quantity::any_number;
 use serde::{Deserialize, Serialize};
 
-/// A safety rule that was broken: stop, retract, record, report. It is never retried by itself.
+/// A broken safety rule: stop, retract, record, report. The press is never retried automatically.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trip {
-    /// Which rule.
+    /// The broken rule.
     pub rule: Rule,
-    /// What was measured, in `unit`.
+    /// Measured value, in `unit`.
     #[serde(with = "any_number")]
     pub measured: f64,
-    /// What the rule allows, in `unit`.
+    /// Value that the rule allows, in `unit`.
     #[serde(with = "any_number")]
     pub limit: f64,
-    /// Unit of both.
+    /// Unit of both values.
     pub unit: String,
 }
 
-/// The rules under which a press continues.
+/// Rules under which a press continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
-    /// The mean of 10 ms is above the force limit by more than the noise explains.
+    /// The mean of 10 ms exceeds the force limit by more than the noise explains.
     OverForce,
-    /// The stage's controller saw too large a force itself and ended the motion.
+    /// The stage's controller detected too large a force and ended the motion itself.
     Guarded,
     /// The mean of 10 ms is below zero by more than the noise explains.
     WrongSign,
-    /// The cell gives the same code again and again, which its noise makes all but impossible.
+    /// The cell repeats the same code; its noise makes that almost impossible.
     Frozen,
-    /// The cell or its transmitter says it is beyond its range or broken.
+    /// The cell or its transmitter reports an overrange or a fault.
     Unhealthy,
     /// A reading that is not a number.
     NotFinite,
     /// No good reading for too long.
     Stale,
-    /// The force in air is not zero any more, or not the zero the run began with.
+    /// The force in air is no longer zero, or no longer the zero of the run's start.
     ZeroDrifted,
-    /// The noise in air is too large a part of the force limit.
+    /// The noise in air is too large a fraction of the force limit.
     Noisy,
-    /// The force doesn't answer a step into the specimen.
+    /// The force doesn't change after a step into the specimen.
     NoResponse,
-    /// The force is gone although nothing was withdrawn.
+    /// The force vanished although the indenter didn't withdraw.
     Fallen,
-    /// The contact pushes harder than the declared stiffness lets it.
+    /// The contact pushes harder than the declared stiffness allows.
     HardContact,
-    /// At the first press the force rises less than the declared least stiffness makes it.
+    /// At the first press the force rises less than the declared least stiffness requires.
     SofterThanDeclared,
     /// The force rises much less than at the presses around.
     SofterThanTaught,
-    /// The stage hasn't said for too long that a motion ended.
+    /// The stage hasn't reported the end of a motion for too long.
     StageSilent,
-    /// No contact where the surface must be.
+    /// There is no contact where the surface must be.
     NoContact,
     /// The contact lasts after the indenter was withdrawn.
     StillTouching,
-    /// The force couldn't be reached within the depth or the force that is permitted.
+    /// The force couldn't be reached within the permitted depth or force.
     OutOfReach,
-    /// The force wasn't reached in as many steps as are allowed.
+    /// The force wasn't reached within the allowed number of steps.
     NoConvergence,
-    /// A place that was touched before is touched at another height.
+    /// A place that was touched before now has its surface at another height.
     SurfaceMoved,
-    /// The first touch came where the frame says that there is no specimen yet.
+    /// The first touch came at a position where the frame has no specimen yet.
     SurfaceElsewhere,
     /// The force rose while z moved away, before there was a zero.
     ForceRose,
-    /// It fell further than a contact within the limit can make it.
+    /// The force fell further than a contact within the limit can explain.
     ForceFell,
-    /// What the load cell says in air isn't what it may say there.
+    /// The load cell's reading in air is outside the allowed range.
     ZeroOutside,
-    /// The zero is another one where z is a little farther away: it was taken in contact.
+    /// The zero changes when z moves a little away: the zero was measured in contact.
     ZeroInContact,
-    /// The outputs moved before the first touch, and the force didn't.
+    /// The outputs changed before the first touch, but the force didn't.
     OutputsMoved,
-    /// The load cell's gain, as a known weight showed it, is off and isn't adjusted for.
+    /// The load cell's gain, measured with a known weight, is wrong and isn't corrected.
     GainOff,
-    /// No known weight came to rest on the load cell in time.
+    /// No known weight rested on the load cell in time.
     NoWeight,
-    /// The known weight wasn't taken off the load cell in time.
+    /// The known weight wasn't removed from the load cell in time.
     WeightLeftOn,
-    /// A known weight reads differently from time to time.
+    /// The readings of a known weight differ between repetitions.
     WeightUnsteady,
-    /// A motion was asked for whose end point isn't safe.
+    /// The end point of a requested motion isn't safe.
     NotPermitted,
 }
 
 impl Rule {
-    /// The rule as it stands in files and messages.
+    /// Name of the rule in files and messages.
     pub fn name(self) -> &'static str {
         match self {
             Rule::OverForce => "over-force",
@@ -124,7 +124,7 @@ impl Rule {
         }
     }
 
-    /// What to look at first.
+    /// First thing to check.
     pub fn check(self) -> &'static str {
         match self {
             Rule::OverForce => "check whether the specimen is stiffer than `limits.stiffness_n_mm`",
@@ -185,7 +185,7 @@ impl Rule {
 }
 
 impl Trip {
-    /// A broken rule with its numbers.
+    /// Creates a broken rule with its numbers.
     pub fn new(rule: Rule, measured: f64, limit: f64, unit: &str) -> Self {
         Trip { rule, measured, limit, unit: unit.to_owned() }
     }

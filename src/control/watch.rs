@@ -1,4 +1,4 @@
-//! What every reading must pass.
+//! Checks that every reading must pass.
 
 use super::press::AirReadings;
 use super::trip::{Rule, Trip};
@@ -31,10 +31,10 @@ const JOLT: f64 = 2.0;
 #[derive(Debug)]
 pub struct Watch {
     limit_n: f64,
-    /// Where the force may be, N from the zero, and which rules say so.
+    /// Allowed range of the force, N from the zero, and the rules that set it.
     within_n: Range,
     rules: [Rule; 2],
-    /// How far the force may rise while z moves away, N.
+    /// Largest allowed rise of the force while z moves away, N.
     rise_most_n: f64,
     zero: Zero,
     recent: std::collections::VecDeque<(f64, f64)>,
@@ -44,7 +44,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// The rules of a rig with a zero taken in air.
+    /// Creates the rules of a rig with a zero measured in air.
     pub fn new(limits: &Limits, zero: Zero) -> Self {
         let within_n =
             Range { min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n), max: limits.force_n + 3.0 * zero.sigma_n };
@@ -52,9 +52,9 @@ impl Watch {
         Watch::of(limits, zero, within_n, [Rule::WrongSign, Rule::OverForce], rise_most_n)
     }
 
-    /// The rules before there is a zero, of a stage that moves z away: the force doesn't rise above what the cell read at rest,
-    /// `still`, and falls no further than a contact within the limit can make it. A tool on the cell shows what accelerates it:
-    /// at most one that weighs as much as the cell may say in air, `air_n`.
+    /// Creates the rules for a stage that moves z away before there is a zero. The force must not rise above the reading at rest,
+    /// `still`. It must not fall further than a contact within the limit can explain. A tool on the cell causes a force when it
+    /// accelerates; its weight is at most what the cell may read in air, `air_n`.
     pub fn before_zero(limits: &Limits, still: Zero, air_n: Range, acceleration_mm_s2: f64) -> Self {
         let rise_n = Watch::rise_n(limits, air_n, acceleration_mm_s2) + RISE_SIGMAS * still.sigma_n;
         let within_n = Range { min: -limits.force_n - rise_n, max: rise_n };
@@ -62,7 +62,7 @@ impl Watch {
         Watch::of(limits, still, within_n, [Rule::ForceFell, Rule::ForceRose], rise_n)
     }
 
-    /// How far the force may rise by what isn't contact while a stage moves, N.
+    /// Largest rise of the force without contact while a stage moves, N.
     pub fn rise_n(limits: &Limits, air_n: Range, acceleration_mm_s2: f64) -> f64 {
         let tool_kg = air_n.min.abs().max(air_n.max.abs()) / GRAVITY_M_S2;
         RISE_SHARE * limits.force_n + JOLT * tool_kg * acceleration_mm_s2 / 1000.0
@@ -82,46 +82,47 @@ impl Watch {
         }
     }
 
-    /// The zero that forces count from.
+    /// Zero that forces are relative to.
     pub fn zero(&self) -> &Zero {
         &self.zero
     }
 
-    /// How far the force may rise while z moves away, N.
+    /// Largest allowed rise of the force while z moves away, N.
     pub fn rise_most_n(&self) -> f64 {
         self.rise_most_n
     }
 
-    /// Forces count from newer air from here on.
+    /// Makes forces relative to newer air from now on.
     pub fn count_from(&mut self, air: &AirReadings) {
         self.zero = self.zero.counted_from(air);
         self.recent.clear();
     }
 
-    /// Says that no reading is expected for a while (the stage rests in air).
+    /// States that no reading is expected for a while (the stage rests in air).
     pub fn pause(&mut self) {
         self.last_s = None;
         self.recent.clear();
     }
 
-    /// The mean that is compared with the limits, N; none before two readings.
+    /// Mean that is compared with the limits, N; `None` before two readings.
     pub fn mean_n(&self) -> Option<f64> {
         let count = self.recent.len();
         (count >= 2).then(|| self.recent.iter().map(|(_, n)| n).sum::<f64>() / count as f64)
     }
 
-    /// The force of a reading, N from the zero.
+    /// Returns the force of a reading, N from the zero.
     ///
     /// # Errors
-    /// The rule it breaks.
+    /// The broken rule.
     pub fn force_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         self.checked(reading, self.within_n)
     }
 
-    /// The same of a stage that rests in air: the zero may have moved since it was taken, either way, but not beyond the limit.
+    /// Returns the same for a stage that rests in air. The zero may have moved either way since it was measured, but not beyond
+    /// the limit.
     ///
     /// # Errors
-    /// The rule it breaks.
+    /// The broken rule.
     pub fn in_air_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         self.checked(reading, Range { min: -self.limit_n, ..self.within_n })
     }
@@ -170,10 +171,10 @@ impl Watch {
     }
 }
 
-/// Whether a reading is a number and the cell says nothing against it.
+/// Checks that a reading is a number and that the cell reports no fault.
 ///
 /// # Errors
-/// The rule it breaks.
+/// The broken rule.
 pub fn check_sound(reading: &ForceReading) -> Result<(), Trip> {
     if !reading.force_n.is_finite() {
         return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N"));

@@ -1,4 +1,4 @@
-//! The load cell's zero in air, and its noise.
+//! Zero of the load cell in air, and its noise.
 
 use super::hum::Hum;
 use super::press::AirReadings;
@@ -24,29 +24,30 @@ const DETECT_LEAST_N: f64 = 0.030;
 /// How far above the noise a single reading must be to count as contact, sd.
 const DETECT_SIGMAS: f64 = 8.0;
 
-/// What the load cell reads in air: forces count from here.
+/// Load cell reading in air; forces are relative to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zero {
-    /// The reading that means no force, N.
+    /// Reading at zero force, N.
     pub offset_n: f64,
     /// Standard deviation of one reading, N, hum included.
     pub sigma_n: f64,
-    /// Standard deviation of what a mean over whole periods leaves to chance in one reading, N.
+    /// Standard deviation of one reading without the part that a mean over complete periods removes, N.
     pub noise_n: f64,
-    /// How much of one reading's noise the next one shares, 0 to 1: behind a filter neighbours are alike.
+    /// Fraction of one reading's noise that the next reading contains too, 0 to 1. After a filter, neighbouring readings are
+    /// alike.
     pub shared: f64,
-    /// The smallest step between two readings, N; 0 where no two were the same.
+    /// Smallest step between two readings, N; 0 if no two readings were the same.
     pub step_n: f64,
     /// Standard deviation of the offset itself, N.
     pub offset_sigma_n: f64,
-    /// The mains in the readings; none where there are none to be seen.
+    /// Mains hum in the readings; `None` if no hum is visible.
     pub hum: Option<Hum>,
-    /// Equal readings in a row that mean a frozen cell; none where the cell repeats itself honestly.
+    /// Number of equal readings in a row that means a frozen cell; `None` if a healthy cell repeats its readings too.
     pub frozen_after: Option<u32>,
 }
 
 impl Zero {
-    /// A zero at nothing, of a cell with this noise and without hum.
+    /// Returns a zero with offset 0, of a cell with this noise and without hum.
     pub const fn with_noise(sigma_n: f64) -> Zero {
         Zero {
             offset_n: 0.0,
@@ -60,8 +61,8 @@ impl Zero {
         }
     }
 
-    /// The zero of some readings in air, at least two, that are `conversion_s` apart. Readings that aren't finite are the
-    /// caller's to refuse.
+    /// Returns the zero of at least two readings in air that are `conversion_s` apart. The caller must reject readings that
+    /// aren't finite.
     pub fn of(readings: &[ForceReading], conversion_s: f64) -> Zero {
         let n = readings.len().max(2) as f64;
         let mean = readings.iter().map(|r| r.force_n).sum::<f64>() / n;
@@ -84,39 +85,40 @@ impl Zero {
         }
     }
 
-    /// The same cell, its forces counted from newer air.
+    /// Returns the zero of the same cell relative to newer air.
     #[must_use]
     pub fn counted_from(&self, air: &AirReadings) -> Zero {
         Zero { offset_n: air.mean_n, offset_sigma_n: self.sigma_own_n(air.readings), ..*self }
     }
 
-    /// Standard deviation of the mean of some readings by their own noise, N, each taken for independent of the others.
+    /// Standard deviation of the mean of some readings by their own noise, N, with the readings treated as independent.
     pub fn sigma_own_n(&self, readings: u32) -> f64 {
         self.noise_n / f64::from(readings.max(1)).sqrt()
     }
 
-    /// Standard deviation of the mean of some readings as a force, N: their own noise and the zero's.
+    /// Standard deviation of the mean of some readings as a force, N: the noise of the readings and that of the zero.
     pub fn sigma_mean_n(&self, readings: u32) -> f64 {
         self.sigma_own_n(readings).hypot(self.offset_sigma_n)
     }
 
-    /// Standard deviation of the mean of some readings by their own noise, N, neighbours that share some of it counted as fewer.
+    /// Standard deviation of the mean of some readings by their own noise, N. Neighbouring readings with common noise count as
+    /// fewer readings.
     pub fn noise_of_mean_n(&self, readings: u32) -> f64 {
         let fewer = (1.0 + self.shared) / (1.0 - self.shared);
         self.noise_n * (fewer / f64::from(readings.max(1))).min(1.0).sqrt()
     }
 
-    /// The time that a mean takes which is to last at least so long, s: whole periods of the hum, where there is any.
+    /// Duration of a mean that must take at least `least_s`, s: complete periods of the hum, if there is any.
     pub fn mean_s(&self, least_s: f64) -> f64 {
         self.hum.map_or(least_s, |hum| hum.whole_s(least_s))
     }
 
-    /// The noise in air above which it has grown, N.
+    /// Largest acceptable noise in air, N. Above this value the noise has grown.
     pub fn noise_most_n(&self) -> f64 {
         NOISE_FACTOR * self.sigma_n + NOISE_LEAST_N
     }
 
-    /// The force above which one reading means contact, N.
+    /// Force above which one reading means contact, N.
     pub fn detect_n(&self) -> f64 {
         DETECT_LEAST_N.max(DETECT_SIGMAS * self.sigma_n)
     }

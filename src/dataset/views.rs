@@ -122,10 +122,16 @@ const CHARACTERISTIC_COLUMNS: [(&str, Characteristic); 10] = [
 ];
 
 fn characteristics(staircases: &Staircases) -> String {
-    let mut text = format!("unit,{}\n", CHARACTERISTIC_COLUMNS.map(|(name, _)| name).join(","));
+    let units = characterise(staircases, Repeatability::default());
+    // a unit with one channel needs no column for it
+    let has_channels = units.iter().any(|unit| unit.channel.is_some());
+    let channel_head = if has_channels { "channel," } else { "" };
+    let mut text = format!("unit,{channel_head}{}\n", CHARACTERISTIC_COLUMNS.map(|(name, _)| name).join(","));
     let cell = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{:.4}", round(value, 4)));
-    for unit in characterise(staircases, Repeatability::default()) {
-        text += &format!("{},{}\n", unit.unit, CHARACTERISTIC_COLUMNS.map(|(_, of)| cell(of(&unit))).join(","));
+    for unit in units {
+        let channel = if has_channels { format!("{},", unit.channel.unwrap_or(1)) } else { String::new() };
+        text +=
+            &format!("{},{channel}{}\n", unit.unit, CHARACTERISTIC_COLUMNS.map(|(_, of)| cell(of(&unit))).join(","));
     }
     text
 }

@@ -1,28 +1,28 @@
-//! What a device didn't do.
+//! Error of a device.
 
 use super::shown::{shortened, shown};
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// A device didn't do what it was asked: which, while doing what, what came back, and what to do next.
+/// A device failed to do a requested task: the device, the task, the answer, and the next step.
 #[derive(Debug, Error)]
 #[error("{device}: while {doing}: {problem}")]
 pub struct DeviceError {
-    /// The role and the instrument, such as `stage (ESP301)`.
+    /// Role and instrument, such as `stage (ESP301)`.
     pub device: String,
-    /// What was being done.
+    /// Task that was under way.
     pub doing: String,
-    /// What came back, or didn't.
+    /// Answer of the device, or its absence.
     pub problem: DeviceProblem,
 }
 
-/// What came back. What a device said is shown without what a terminal would obey, and shortened.
+/// Answer or problem. Text from a device is shown shortened and without control characters that a terminal would execute.
 #[derive(Debug, Error)]
 pub enum DeviceProblem {
     /// The link failed or stayed silent.
     #[error("{}", shown(.0))]
     Link(String),
-    /// The link isn't this program's to use.
+    /// This program may not use the link.
     #[error("{}", shown(.0))]
     Claim(String),
     /// The program of the rig file can't be started.
@@ -31,30 +31,30 @@ pub enum DeviceProblem {
     /// The program of the rig file has ended.
     #[error("{}", shown(.0))]
     Ended(String),
-    /// An answer that isn't one.
+    /// The answer makes no sense.
     #[error("it answered {:?}, expected {expected}", shortened(.answer))]
     Misfit {
-        /// What came.
+        /// Received answer.
         answer: String,
-        /// What should have come.
+        /// Expected answer.
         expected: String,
     },
     /// The device refused, in its own words.
     #[error("it reports: {}", shown(.0))]
     Refused(String),
-    /// The device is in order but isn't what the rig file says.
+    /// The device works but differs from the rig file.
     #[error("{}", shown(.0))]
     Mismatch(String),
-    /// The controller ended a motion by itself, at the force that its guard was given.
+    /// The controller ended a motion itself, at the force of its guard.
     #[error("its guard ended the motion at a force of {limit_n:.3} N or more")]
     Guarded {
         /// The guard's force, N, the cell's own zero included.
         limit_n: f64,
     },
-    /// A motion ended a little beside its target, without an error of the controller.
+    /// A motion ended slightly off its target, and the controller reported no error.
     #[error("{}", shown(.0))]
     Coarse(String),
-    /// A motion didn't end, or not where it should.
+    /// A motion didn't end, or ended at the wrong position.
     #[error("{}", shown(.0))]
     Motion(String),
 }

@@ -1,7 +1,8 @@
-//! The roles of a rig as traits: a stage that moves, a load cell and an array that are read.
+//! The roles of a rig as traits: a stage that moves, and a load cell and an array that are read.
 //!
-//! A driver plays a role over a link. What is common to all drivers of a role in a press (moving and watching the force,
-//! checking the read-back) is written once over these traits, in [`mod@crate::run`]; a driver gives the few hooks it needs.
+//! A driver plays a role over a link. The common part of all drivers of a role in a press (moving while watching the force,
+//! checking the read-back) is written once over these traits, in [`mod@crate::run`]. A driver adds only the few hooks that this
+//! part needs.
 
 mod error;
 mod reins;
@@ -16,22 +17,22 @@ use serde::{Deserialize, Serialize};
 use std::future::Future;
 use std::time::Duration;
 
-/// What a device says it is.
+/// Identity that a device reports.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
-    /// The role it plays: `stage`, `load_cell` or `array`.
+    /// Role of the device: `stage`, `load_cell` or `array`.
     pub role: String,
-    /// What it says of itself, or its protocol where it can't say.
+    /// Identity in the device's own words, or its protocol if it can't report one.
     pub identity: String,
-    /// Where it is.
+    /// Link of the device.
     pub link: String,
-    /// What a person should know before relying on it.
+    /// Facts that a person should know before using the device.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
 impl Identity {
-    /// The same as it may be shown and kept.
+    /// Returns the identity in a form that may be shown and stored.
     #[must_use]
     pub fn shown(self) -> Identity {
         let warnings = self.warnings.iter().map(|warning| shown(warning)).collect();
@@ -39,18 +40,18 @@ impl Identity {
     }
 }
 
-/// How the stage is to be used, from the rig.
+/// Use of the stage, as set by the rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageUse {
-    /// How far each axis may go, mm; z already ends where the specimen's depth limit does.
+    /// Travel limits of each axis, mm; z already ends at the specimen's depth limit.
     pub travel: Travel,
-    /// +1 or -1: the direction along z that leads away from the specimen.
+    /// Direction along z that leads away from the specimen: +1 or -1.
     pub away: f64,
-    /// Fastest speed to be used on any axis, mm/s.
+    /// Highest speed allowed on any axis, mm/s.
     pub speed_mm_s: f64,
     /// Acceleration and deceleration to be used, mm/s^2.
     pub acceleration_mm_s2: f64,
-    /// Speed of a search for home, mm/s: what can be stopped within the force limit.
+    /// Speed of a search for home, mm/s. At this speed the stage can be stopped within the force limit.
     pub home_speed_mm_s: f64,
 }
 
@@ -58,7 +59,7 @@ pub struct StageUse {
 const BEYOND_MM: f64 = 0.1;
 
 impl StageUse {
-    /// Where an axis can be: a read-back elsewhere is damaged.
+    /// Returns the possible range of an axis. A read-back outside this range is damaged.
     pub fn reach(&self, axis: Axis) -> Range {
         self.travel.along(axis).widened(BEYOND_MM)
     }
@@ -66,8 +67,8 @@ impl StageUse {
 
 /// A three-axis stage. Positions are stage coordinates, mm.
 ///
-/// A motion is begun and then followed: a controller finishes what was begun even if the program ends, so only what
-/// is safe to finish is begun.
+/// A motion is started and then followed. A controller finishes a started motion even if the program ends, so only a motion that
+/// is safe to finish is started.
 pub trait Stage {
     /// Connects, brings all axes to rest, and checks units and limits. Nothing else moves.
     fn identify(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;

@@ -1,9 +1,9 @@
-//! What is asked of a motion under way.
+//! Requests for a motion under way.
 
 use std::cell::Cell;
 use tokio::sync::Notify;
 
-/// What is asked of a motion under way, by the code that watches the force meanwhile.
+/// Requests for a motion under way, from the code that watches the force meanwhile.
 #[derive(Debug, Default)]
 pub struct Reins {
     pulled: Notify,
@@ -11,17 +11,17 @@ pub struct Reins {
     stopped: Cell<bool>,
 }
 
-/// One thing to do with a motion under way.
+/// One request for a motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MotionOrder {
-    /// Bring it to rest.
+    /// Stop the motion.
     Stop,
     /// Continue toward the same target at this speed, mm/s.
     Speed(f64),
 }
 
 impl Reins {
-    /// Asks for rest. Nothing that is asked later takes it back.
+    /// Requests a stop. Later requests can't cancel it.
     pub fn stop(&self) {
         if !self.stopped.replace(true) {
             self.order.set(Some(MotionOrder::Stop));
@@ -29,7 +29,7 @@ impl Reins {
         }
     }
 
-    /// Asks for another speed, mm/s.
+    /// Requests another speed, mm/s.
     pub fn speed(&self, mm_s: f64) {
         if !self.stopped.get() {
             self.order.set(Some(MotionOrder::Speed(mm_s)));
@@ -37,17 +37,17 @@ impl Reins {
         }
     }
 
-    /// Whether rest was asked for.
+    /// Whether a stop was requested.
     pub fn stopped(&self) -> bool {
         self.stopped.get()
     }
 
-    /// Notified when something is asked for.
+    /// Notified when something is requested.
     pub fn pulled(&self) -> &Notify {
         &self.pulled
     }
 
-    /// What was asked for last and not taken yet.
+    /// Returns the last request that hasn't been taken yet.
     pub fn take(&self) -> Option<MotionOrder> {
         self.order.take()
     }

@@ -1,12 +1,12 @@
-//! What a device said, fit to be shown.
+//! Text from a device, prepared for display.
 
-/// Most characters of what a device said that are shown or kept (docs/process.md): a message stays one that is read.
+/// Largest number of characters of a device's text that are shown or stored (docs/process.md), so that a message stays readable.
 pub const SHOWN_MAX_CHARS: usize = 300;
 
 /// Stands for a character that would act on a terminal.
 const UNSHOWN: char = '\u{fffd}';
 
-/// What a device said: no control characters, which a terminal would obey, and shortened.
+/// Returns a device's text without control characters, which a terminal would execute, and shortened.
 pub fn shown(said: &str) -> String {
     let visible = |c: char| match c {
         '\t' | '\n' | '\r' => ' ',

@@ -57,6 +57,11 @@ impl<'d> Table<'d> {
         self.find(key.name).is_some_and(|value| value.get_ref().is_table())
     }
 
+    /// Whether the key is present and a list.
+    pub fn is_list(&self, key: &Key) -> bool {
+        self.find(key.name).is_some_and(|value| value.get_ref().is_array())
+    }
+
     /// Whether the key is there and just this string.
     pub fn text_is(&self, key: &Key, text: &str) -> bool {
         self.find(key.name).and_then(|value| value.get_ref().as_str()) == Some(text)

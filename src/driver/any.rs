@@ -1,5 +1,5 @@
-//! Whichever driver plays a role: a rig file decides while the program runs. A driver has one line in the list of each role that
-//! it plays. What a device says of itself is made fit to be shown here.
+//! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
+//! of its roles. The identity that a device reports is prepared for display here.
 
 use super::{daqmx, esp301, grbl, modbus, process, xps};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};

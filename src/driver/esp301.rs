@@ -1,7 +1,7 @@
 //! Newport ESP301 (and ESP300): three axes behind one ASCII line.
 //!
-//! Commands and answers after the ESP300 manual (pages named at each) and a recording of a real ESP301. Set commands are
-//! silent, so what became of one is read from `MD?`, the read-back and the error queue.
+//! Commands and answers follow the ESP300 manual (pages named at each) and a recording of a real ESP301. Set commands have no
+//! answer. So their result is read from `MD?`, the read-back and the error queue.
 
 use super::MOTION_MARGIN;
 use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
@@ -45,18 +45,18 @@ const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
 pub struct Esp301 {
     line: LineExchange,
     link: String,
-    /// The axes go no further than this; none before it is prepared.
+    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
     usage: Option<StageUse>,
-    /// The quickest answer of the press so far: a question that is sent that much before a motion ends finds it ended.
+    /// Fastest answer of the press so far. A question sent this time before the end of a motion finds the motion ended.
     quickest: Duration,
-    /// What the error queue held, oldest first, and wasn't reported yet.
+    /// Unreported errors from the error queue, oldest first.
     complaints: Vec<String>,
-    /// It was stopped from outside a motion, and hasn't moved since.
+    /// Whether the controller was stopped outside a motion and hasn't moved since.
     stopped: bool,
 }
 
 impl Esp301 {
-    /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
+    /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
         let line = LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30");
         Esp301 { line, link, usage: None, quickest: ANSWER_DEADLINE, complaints: Vec::new(), stopped: false }

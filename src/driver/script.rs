@@ -1,4 +1,5 @@
-//! What a driver's tests talk to: the far end of a link that expects what is sent, byte for byte, and answers as a script says.
+//! Counterpart for a driver's tests: the far end of a link. It expects the sent bytes exactly, and answers as defined in a
+//! script.
 
 use crate::device::{DeviceError, Identity, Reins, Stage, StageUse};
 use crate::quantity::{Range, Travel};
@@ -8,10 +9,11 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::sync::mpsc::unbounded_channel;
 use tokio::task::JoinHandle;
 
-/// What is sent and what comes back, in this order.
+/// Sent bytes and their answers, in this order.
 pub type Script = &'static [(&'static [u8], &'static [u8])];
 
-/// A link whose far end goes through a script. The task fails where something else is sent, nothing is, or bytes are left over.
+/// Creates a link whose far end follows a script. The task fails if other bytes are sent, no bytes are sent, or bytes are left
+/// over.
 pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
     let (near, mut far) = duplex(4096);
     let near = Mutex::new(Some(near));
@@ -25,8 +27,8 @@ pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
     (Connector::Memory(Box::new(dial)), device)
 }
 
-/// A link whose far end goes through a script of its own each time the link is opened, and then closes it. The task fails as
-/// that of [`scripted`] does, or where the link is opened more or less often.
+/// Creates a link whose far end follows a separate script at each opening of the link, and then closes it. The task fails like
+/// the task of [`scripted`], or if the link is opened more or less often.
 pub fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>) {
     let (ends, mut opened) = unbounded_channel();
     let dial = move || {
@@ -58,18 +60,18 @@ fn shown(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// A link that nobody may open.
+/// Creates a link that must not be opened.
 pub fn unused() -> Connector {
     Connector::Memory(Box::new(|| unreachable!("nothing is to be sent here")))
 }
 
-/// The use of a stage like the paper's.
+/// Use of a stage like the paper's stage.
 pub fn usage() -> StageUse {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
     StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0, home_speed_mm_s: 2.0 }
 }
 
-/// A stage identified and homed.
+/// Identifies and homes a stage.
 pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
     let identity = stage.identify(usage).await?;
     stage.home(usage, reins).await.map(|()| identity)

@@ -8,24 +8,25 @@ use tokio::net::TcpListener;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, sleep};
 
-/// Most clients at once on one TCP port. One more is let in and closed at once, so that it sees a refusal and not a wait.
+/// Largest number of clients at once on one TCP port. A further client is accepted and closed at once, so that it sees a refusal
+/// instead of a wait.
 pub const CLIENTS_MOST: usize = 16;
 
 /// Rest after a client couldn't be let in: if the cause lasts, this keeps the loop from spinning.
 const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);
 
-/// Why an instrument can't be offered.
+/// Reason why an instrument can't be offered.
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
-    /// The TCP port can't be had.
+    /// The TCP port isn't available.
     #[error("can't listen on {at}; port 0 selects a free port")]
     Port {
-        /// The address and port that were asked for.
+        /// Requested address and port.
         at: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// There is no pseudo-terminal to be had.
+    /// No pseudo-terminal is available.
     #[error("can't open a pseudo-terminal; use a TCP port instead")]
     PseudoTerminal(#[source] tokio_serial::Error),
     /// This system has no pseudo-terminals.
@@ -33,7 +34,7 @@ pub enum ListenError {
     NoPseudoTerminals,
 }
 
-/// An instrument on offer, until this is dropped.
+/// An instrument that is offered until this value is dropped.
 #[derive(Debug)]
 pub struct Listening {
     address: String,
@@ -41,7 +42,7 @@ pub struct Listening {
 }
 
 impl Listening {
-    /// Where a client finds the instrument: a path such as `/dev/pts/4`, or `127.0.0.1:port`.
+    /// Address of the instrument for a client: a path such as `/dev/pts/4`, or `127.0.0.1:port`.
     pub fn address(&self) -> &str {
         &self.address
     }
@@ -53,11 +54,11 @@ impl Drop for Listening {
     }
 }
 
-/// Offers an instrument on a new pseudo-terminal. Clients may come and go; the terminal stays. It has no modem lines
-/// (RTS, CTS, DTR), and takes any baud rate without meaning it.
+/// Offers an instrument on a new pseudo-terminal. Clients may connect and disconnect; the terminal stays. It has no modem lines
+/// (RTS, CTS, DTR). It accepts any baud rate, which has no effect.
 ///
 /// # Errors
-/// If the system has no pseudo-terminals, or none is left.
+/// The system has no pseudo-terminals, or all are in use.
 #[cfg(unix)]
 pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
     instrument: Shared<I>,
@@ -78,7 +79,7 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
     Ok(Listening { address, task })
 }
 
-/// Offers an instrument on a new pseudo-terminal; this system has none.
+/// Fails to offer an instrument on a pseudo-terminal, because this system has no pseudo-terminals.
 ///
 /// # Errors
 /// Always.
@@ -91,11 +92,11 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
     Err(ListenError::NoPseudoTerminals)
 }
 
-/// Offers an instrument at a TCP address (port 0: any that is free), to up to [`CLIENTS_MOST`] clients at once. Nobody is asked
-/// who they are: any address but that of this machine itself is for who names it.
+/// Offers an instrument at a TCP address (port 0: any free port), to up to [`CLIENTS_MOST`] clients at once. Clients aren't
+/// authenticated, so the caller is responsible for any address other than that of this machine.
 ///
 /// # Errors
-/// If the port can't be had.
+/// The port isn't available.
 pub async fn tcp<I: Instrument + ?Sized + 'static>(
     at: SocketAddr,
     instrument: Shared<I>,

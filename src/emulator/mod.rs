@@ -1,16 +1,16 @@
-//! Emulated devices, byte by byte: requests come in as a device's manual writes them, act on a [`Scene`], and go back as
-//! the manual says they are answered.
+//! Emulated devices, byte by byte: requests in the form of a device's manual act on a [`Scene`], and the answers have the form of
+//! the manual.
 //!
-//! An [`Instrument`] is one device: it finds whole requests in a stream of bytes and answers them, and knows nothing of
-//! clocks, sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one;
-//! [`listen`] offers it to other programs. This room and the drivers are two readings of one manual and share nothing,
-//! so that a wrong scale factor cannot cancel out.
+//! An [`Instrument`] is one device. It finds complete requests in a stream of bytes and answers them; it has no access to clocks,
+//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one. [`listen`] offers
+//! it to other programs. These emulators and the drivers are two independent implementations of one manual and share no code, so
+//! that a wrong scale factor cannot cancel out.
 //!
 //! - [`Esp301`]: a Newport ESP301 motion controller with three VP-25XL stages.
 //! - [`Xps`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
-//! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library, which is called and not written to: no [`Instrument`].
-//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load
-//!   cells), or [`LabJackT7`] (load cell or array).
+//! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library. The library is called, not written to, so it is no [`Instrument`].
+//! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load cells),
+//!   or [`LabJackT7`] (load cell or array).
 //! - [`Grbl`]: GRBL 1.1h on a frame of three axes.
 //! - [`ProcessStage`], [`ProcessLoadCell`], [`ProcessArray`]: devices of the process protocol (docs/process.md).
 
@@ -38,11 +38,11 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::Notify;
 
-/// What several links, or several instruments, act on together: a device keeps its state when a link is dropped and
-/// opened again, and all devices of a rig act on one scene.
+/// State that several links or instruments use together. A device keeps its state when a link is dropped and opened again, and
+/// all devices of a rig act on one scene.
 pub type Shared<T> = Arc<Mutex<T>>;
 
-/// How far every emulated stage goes either way along each axis, mm: that of a VP-25XL.
+/// Travel of every emulated stage to either side along each axis, mm: that of a VP-25XL.
 pub const STAGE_TRAVEL_MM: f64 = 12.5;
 
 /// One emulated device: bytes in, bytes out, acting on a scene.
@@ -93,15 +93,15 @@ pub trait Instrument: Send {
     }
 }
 
-/// What a device owes a link, on which it took a request that it answers later.
+/// Answer that a device still owes a link after it took a request to answer later.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Owed {
-    /// Nothing, until its bell is rung.
+    /// No answer, until its bell is rung.
     Nothing,
-    /// Maybe an answer, at this time, s: ask again then, or when its bell is rung.
+    /// Perhaps an answer at this time, s. The caller asks again then, or when its bell is rung.
     At(f64),
     /// These bytes, now.
     Ready(Vec<u8>),
-    /// Nothing any more: the device hung up, and the link is closed.
+    /// No answer any more: the device hung up, and the link is closed.
     HungUp,
 }

@@ -1,4 +1,4 @@
-//! Serves an instrument on a link: requests in, answers out, each in its time.
+//! Serves an instrument on a link: receives requests and sends each answer at its time.
 
 use super::{Instrument, Owed, Shared};
 use crate::quantity::seconds;
@@ -11,8 +11,8 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// Most bytes that wait for a device on one link. The longest request of any protocol here has some 1000 bytes; a client that
-/// sends more at once waits, and what fills the inbox without holding one request is thrown away.
+/// Largest number of bytes that wait for a device on one link. The longest request of any protocol here has some 1000 bytes. A
+/// client that sends more at once waits. If the full inbox contains no request, it is discarded.
 pub const INBOX_MOST: usize = 1024;
 
 /// Least time from a request to its answer. A device that answered in no time would let a polling client spin for ever
@@ -22,14 +22,14 @@ const LEAST_LATENCY: Duration = Duration::from_millis(1);
 /// Longest time after which an answer that is owed is asked for again.
 const OWED_MOST: Duration = Duration::from_secs(3600);
 
-/// Serves one link until its far end is closed: requests are answered one after another, each after the scene's latency
-/// for the device; those to a device whose link the scene has gone silent are lost. An answer that the device owes is sent
-/// when it is due, with any requests meanwhile. `origin` is the instant the scene counts from.
+/// Serves one link until its far end is closed. Requests are answered one after another, each after the scene's latency for the
+/// device. Requests to a device whose link the scene has made silent are lost. An answer that the device owes is sent when it is
+/// due, together with any requests meanwhile. Time zero of the scene is `origin`.
 ///
-/// Nothing is locked while this waits, so other links and other devices continue meanwhile.
+/// Nothing is locked during a wait, so other links and devices continue.
 ///
 /// # Errors
-/// What the stream reports, and a device that hung up. That the client has gone while an answer was due is one of these.
+/// Errors of the stream, and a device that hung up. A client that disconnected before its answer is one of these errors.
 pub async fn serve<S, I>(stream: S, instrument: Shared<I>, scene: Shared<Scene>, origin: Instant) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,

@@ -1,5 +1,5 @@
-//! From a transform back to the plane: `f(k) = 1/3 int h F(h) J0(h k) dh`, in units of a half-space's peak (whose own integral
-//! `int h (1 + h) e^-h dh` is 3), as a table that is read in a few ns.
+//! Inverse transform to the plane: `f(k) = 1/3 int h F(h) J0(h k) dh`, in units of a half-space's peak (whose own integral `int h
+//! (1 + h) e^-h dh` is 3). The result is a table that is read in a few ns.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -19,12 +19,12 @@ const NODES: usize = 560;
 /// A function of the distance in depths: twice continuously differentiable, even, 0 far out.
 #[derive(Debug, PartialEq)]
 pub(super) struct Table {
-    /// Coefficients of each cell's quintic in the share of the cell, constant first.
+    /// Coefficients of each cell's quintic, constant first; its variable is the fraction of the cell.
     cells: Vec<[f64; 6]>,
 }
 
 impl Table {
-    /// The function whose transform this is; accurate to some 1e-8 of a half-space's peak.
+    /// Returns the function with this transform, accurate to some 1e-8 of a half-space's peak.
     pub fn inverse_of(transform: impl Fn(f64) -> f64) -> Self {
         let inversion = &*INVERSION;
         let weights: Vec<f64> = inversion.nodes.iter().map(|&(h, weight)| weight * h * transform(h) / 3.0).collect();
@@ -34,7 +34,7 @@ impl Table {
         Table { cells }
     }
 
-    /// The value at `k` depths and what it changes by in a depth.
+    /// Returns the value at `k` depths and its change per depth.
     #[inline]
     pub fn value_and_slope(&self, k: f64) -> (f64, f64) {
         let at = k / PER_CELL;
@@ -64,7 +64,7 @@ static INVERSION: LazyLock<Inversion> = LazyLock::new(Inversion::new);
 struct Inversion {
     /// Abscissae h in (0, `LONGEST`) and weights.
     nodes: Vec<(f64, f64)>,
-    /// J0 and J1 of h k, knot by knot.
+    /// J0 and J1 of h k, for each knot.
     bessel: Vec<(f64, f64)>,
 }
 

@@ -1,9 +1,10 @@
-//! What the load presses on.
+//! Medium that the load presses on.
 
-/// What the load presses on, and so how its stress spreads on the way to the taxels. Frictionless normal load at the surface.
+/// Medium that the load presses on. It determines the spread of the stress on the way to the taxels. The load at the surface is
+/// normal and frictionless.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Medium {
-    /// An elastic half-space (Boussinesq): there is no end below the taxels. Poisson's ratio doesn't matter.
+    /// An elastic half-space (Boussinesq), which continues without end below the taxels. Poisson's ratio has no effect.
     HalfSpace,
     /// An elastic layer bonded to a rigid base, with the taxels at the bond.
     BondedLayer {
@@ -12,7 +13,7 @@ pub enum Medium {
     },
 }
 
-/// The largest Poisson's ratio that is used, 1: nearly incompressible.
+/// Largest Poisson's ratio that is used, 1: nearly incompressible.
 pub const MOST_POISSON_RATIO: f64 = 0.4999;
 
 impl Medium {

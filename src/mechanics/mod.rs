@@ -1,7 +1,7 @@
-//! Linear elasticity: what a load on the surface does at the depth of the taxels.
+//! Linear elasticity: the effect of a surface load at the depth of the taxels.
 //!
-//! [`lambda`] is the shape of a point load's stress in a half-space, in closed form. A [`Response`] is what a taxel reads of a
-//! load on the sensor's material: a half-space or a bonded layer, an indenter and a taxel of some size.
+//! [`lambda`] is the shape of a point load's stress in a half-space, in closed form. A [`Response`] is the reading of a taxel for
+//! a load on the sensor's material: a half-space or a bonded layer, with an indenter and a taxel of some size.
 
 mod hankel;
 mod layer;
@@ -11,7 +11,7 @@ mod spread;
 pub use layer::{MOST_POISSON_RATIO, Medium};
 pub use response::{MOST_RADIUS_DEPTHS, Passage, Response};
 
-/// The shape of the stress under a point load, lambda = (k^2 + 1)^(-5/2) (paper equation 4); `k` = distance over depth.
+/// Shape of the stress under a point load, lambda = (k^2 + 1)^(-5/2) (paper equation 4); `k` = distance over depth. The value is
 /// 1 straight above.
 pub fn lambda(k: f64) -> f64 {
     let base = k * k + 1.0;

@@ -1,4 +1,4 @@
-//! What a taxel reads of a load, from place to place.
+//! Reading of a taxel under a load, as a function of distance.
 
 use super::hankel::Table;
 use super::lambda;
@@ -6,46 +6,47 @@ use super::layer::Medium;
 use super::spread::{disc, flat_punch};
 use std::sync::Arc;
 
-/// What there is between a load and a taxel, all of it round and seen from straight above.
+/// Path between a load and a taxel. Indenter and taxel are round when seen from straight above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passage {
-    /// What the load presses on.
+    /// Medium that the load presses on.
     pub medium: Medium,
-    /// Depth of the taxel below the surface, mm; of a bonded layer its thickness.
+    /// Depth of the taxel below the surface, mm; for a bonded layer this is its thickness.
     pub depth_mm: f64,
-    /// Radius of the indenter, a rigid flat punch, mm; 0: a point. At most [`MOST_RADIUS_DEPTHS`] times the depth.
+    /// Radius of the indenter, a rigid flat punch, mm; 0: a point load. At most [`MOST_RADIUS_DEPTHS`] times the depth.
     pub indenter_radius_mm: f64,
-    /// Radius of the disc over which the taxel takes the mean of the stress, mm; 0: a point. Bounded as the indenter's.
+    /// Radius of the disc over which the taxel averages the stress, mm; 0: a point. It has the same bound as the indenter's
+    /// radius.
     pub taxel_radius_mm: f64,
 }
 
-/// The largest radius of an indenter or a taxel, depths.
+/// Largest radius of an indenter or a taxel, depths.
 pub const MOST_RADIUS_DEPTHS: f64 = 2.0;
 
 impl Passage {
-    /// A point load over a point taxel in a half-space (the paper's).
+    /// Creates a point load over a point taxel in a half-space (the paper's).
     pub fn half_space(depth_mm: f64) -> Self {
         Passage { medium: Medium::HalfSpace, depth_mm, indenter_radius_mm: 0.0, taxel_radius_mm: 0.0 }
     }
 }
 
-/// What a taxel reads of a load, as a function of the distance between their centres.
+/// Reading of a taxel under a load, as a function of the distance between their centres.
 ///
-/// The normal stress at the taxel per newton, compression positive, in units of a point load's peak in a half-space of the
-/// same depth, which is `3 / (2 pi depth^2)` MPa a newton. Linear: the readings of several loads add up. A point load over a
-/// point taxel in a half-space is [`lambda`] itself; anything else is a table, made in a fraction of a millisecond and
-/// accurate to some 1e-8, which is shared by all copies. Far out (20 depths) there is nothing left of a layer's stress, and
-/// nothing but `lambda` of a half-space's.
+/// The reading is the normal stress at the taxel per newton, compression positive. Its unit is a point load's peak in a
+/// half-space of the same depth, which is `3 / (2 pi depth^2)` MPa per newton. The readings of several loads add up, because the
+/// response is linear. A point load over a point taxel in a half-space is [`lambda`] itself. Any other response is a table,
+/// created in a fraction of a millisecond and accurate to some 1e-8. All copies use the same table. At large distances (20
+/// depths) a layer's stress is zero, and a half-space's stress is only `lambda`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
     passage: Passage,
-    /// Whether `lambda` is to be added to the table: only what differs from it is tabulated.
+    /// Whether `lambda` must be added to the table, which then contains only the difference from `lambda`.
     over_lambda: bool,
     table: Option<Arc<Table>>,
 }
 
 impl Response {
-    /// The response of a passage.
+    /// Creates the response of a passage.
     pub fn new(passage: Passage) -> Self {
         let Passage { medium, depth_mm, indenter_radius_mm, taxel_radius_mm } = passage;
         let over_lambda = medium == Medium::HalfSpace;
@@ -59,12 +60,12 @@ impl Response {
         Response { passage, over_lambda, table }
     }
 
-    /// The passage this is the response of.
+    /// Returns the passage of this response.
     pub fn passage(&self) -> &Passage {
         &self.passage
     }
 
-    /// The reading per newton at a distance (mm).
+    /// Returns the reading per newton at a distance (mm).
     #[inline]
     pub fn at(&self, distance_mm: f64) -> f64 {
         let k = distance_mm / self.passage.depth_mm;
@@ -76,7 +77,7 @@ impl Response {
         }
     }
 
-    /// The reading per newton at a distance (mm), and what it changes by in a millimetre.
+    /// Returns the reading per newton at a distance (mm), and its change per millimetre.
     #[inline]
     pub fn with_slope(&self, distance_mm: f64) -> (f64, f64) {
         let k = distance_mm / self.passage.depth_mm;

@@ -1,5 +1,5 @@
-//! What isn't a point: the Hankel transforms (order 0) of a pressure or an average over a disc, 1 at 0. The response to a
-//! spread load read by a spread taxel is the point response with both transforms multiplied in.
+//! Hankel transforms (order 0) of a pressure or an average over a disc, 1 at 0, for loads and taxels that aren't points. The
+//! response of a spread taxel to a spread load is the point response with both transforms multiplied in.
 
 /// A rigid flat punch of radius a that carries 1 N: `p = 1 / (2 pi a sqrt(a^2 - r^2))` (Johnson, Contact Mechanics, section
 /// 3.4), which is that on a half-space and holds on a layer while a is small beside its thickness. `x` is the wave number

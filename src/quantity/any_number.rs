@@ -1,19 +1,20 @@
-//! A number in JSON that may be none: JSON knows no infinity and no NaN, which a broken device may well say. They stand as text.
+//! A number in JSON that may be infinite or NaN, which a broken device may report. JSON has no such numbers, so they are written
+//! as text.
 
 use serde::{Deserialize, Deserializer, Serializer};
 
-/// Writes a finite number as it is, any other as its name.
+/// Writes a finite number unchanged and any other number by its name.
 ///
 /// # Errors
-/// The serializer's.
+/// Errors of the serializer.
 pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.collect_str(value) }
 }
 
-/// Reads either.
+/// Reads a number or the name of a number.
 ///
 /// # Errors
-/// What is neither a number nor the name of one.
+/// The value is neither a number nor the name of one.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]

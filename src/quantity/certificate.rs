@@ -1,23 +1,24 @@
-//! How true instruments are: their certificates, and the check of a load cell with a known weight.
+//! Accuracy of instruments: their certificates, and the check of a load cell with a known weight.
 
 /// Coverage factor of an expanded uncertainty that doesn't state its own: 95 % of a normal distribution.
 pub const COVERAGE: f64 = 2.0;
 
-/// A load cell's gain that is farther from 1 than this is a fault, and is never adjusted for.
+/// Largest difference of a load cell's gain from 1 that can be adjusted for. A larger difference is a fault and is never adjusted
+/// for.
 pub const GAIN_OFF_MOST: f64 = 0.1;
 
 /// A load cell's calibration certificate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
-    /// Its number.
+    /// Number of the certificate.
     pub number: String,
-    /// When the cell was calibrated, as year-month-day.
+    /// Date of the calibration, as year-month-day.
     pub date: String,
-    /// What it states of a reading's error.
+    /// Stated error of a reading.
     pub stated: StatedError,
 }
 
-/// What a certificate states of a reading's error.
+/// Error of a reading, as stated in a certificate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StatedError {
     /// An expanded uncertainty and its coverage factor.
@@ -27,14 +28,14 @@ pub enum StatedError {
         /// Its coverage factor.
         k: f64,
     },
-    /// An expanded uncertainty as a share of the force, and its coverage factor.
+    /// An expanded uncertainty as a fraction of the force, and its coverage factor.
     Relative {
         /// The expanded uncertainty, percent of the force.
         u_percent: f64,
         /// Its coverage factor.
         k: f64,
     },
-    /// Limits of error as a share of full scale: any error within them is as likely as another.
+    /// Limits of error as a fraction of full scale. All errors within the limits are equally likely.
     Class {
         /// The limit of error either way, percent of full scale.
         class_percent: f64,
@@ -46,13 +47,13 @@ pub enum StatedError {
 /// A stage's calibration certificate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageCertificate {
-    /// Its number.
+    /// Number of the certificate.
     pub number: String,
-    /// When the stage was calibrated, as year-month-day.
+    /// Date of the calibration, as year-month-day.
     pub date: String,
     /// Expanded uncertainty of a place along one axis, mm.
     pub u_mm: f64,
-    /// Its coverage factor.
+    /// Coverage factor.
     pub k: f64,
 }
 
@@ -74,53 +75,53 @@ impl Certificate {
     }
 }
 
-/// A load cell's gain as a known weight showed it.
+/// Gain of a load cell, measured with a known weight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WeightCheck {
     /// The weight's force, N.
     pub weight_n: f64,
     /// Expanded uncertainty of the weight's force, k = 2, N.
     pub weight_u_n: f64,
-    /// Whether the weight hung from the tip; else it lay on it and acted as contact does.
+    /// Whether the weight hung from the tip. Otherwise it acted in the direction of contact.
     pub pull: bool,
-    /// What the cell read of the weight, as a share of it; negative where it read it with the wrong sign.
+    /// Cell reading of the weight, as a fraction of the weight; negative if the sign was wrong.
     pub gain: f64,
-    /// Repeatability: standard deviation of the gain from one time to the next.
+    /// Repeatability: standard deviation of the gain between repetitions.
     pub gain_sd: f64,
-    /// How often the weight was put on.
+    /// Number of times that the weight was put on.
     pub times: u32,
-    /// When, as year-month-day.
+    /// Date of the check, as year-month-day.
     pub date: String,
-    /// Whether readings are divided by the gain from then on.
+    /// Whether readings are divided by the gain from this check on.
     pub adjusted: bool,
 }
 
 impl WeightCheck {
-    /// Standard uncertainty of the gain: the weight's and the repeatability of the mean.
+    /// Standard uncertainty of the gain, from the weight's uncertainty and the repeatability of the mean.
     pub fn standard_uncertainty(&self) -> f64 {
         let weight = self.gain.abs() * self.weight_u_n / COVERAGE / self.weight_n;
         weight.hypot(self.gain_sd / f64::from(self.times.max(1)).sqrt())
     }
 
-    /// What readings are divided by.
+    /// Number that readings are divided by.
     pub fn divisor(&self) -> f64 {
         if self.adjusted { self.gain } else { 1.0 }
     }
 
-    /// How far a gain may be from 1 before it is off: twice the standard uncertainty of this check and, where there is one, of
-    /// the certificate. A gain that was adjusted for no longer rests on the certificate.
+    /// Largest difference of a gain from 1 that can be explained. It is twice the standard uncertainty of this check combined
+    /// with that of the certificate, if there is one. The certificate isn't used for a gain that was adjusted for.
     pub fn explained(&self, certificate: Option<&Certificate>) -> f64 {
         let certificate = certificate.filter(|_| !self.adjusted);
         let stated = certificate.map_or(0.0, |stated| stated.standard_uncertainty_n(self.weight_n) / self.weight_n);
         COVERAGE * self.standard_uncertainty().hypot(stated)
     }
 
-    /// Whether the gain is near enough to 1 to be adjusted for: farther off it is a fault.
+    /// Whether the gain is near enough to 1 to be adjusted for. With a larger difference it is a fault.
     pub fn is_adjustable(&self) -> bool {
         (self.gain - 1.0).abs() <= GAIN_OFF_MOST
     }
 
-    /// Whether the readings can be used: the gain is no fault and adjusted for, or it is 1 as far as check and
+    /// Whether the readings can be used. Either the gain is no fault and is adjusted for, or it is 1 within what check and
     /// certificate can show.
     pub fn is_sound(&self, certificate: Option<&Certificate>) -> bool {
         self.is_adjustable() && (self.adjusted || (self.gain - 1.0).abs() <= self.explained(certificate))

@@ -1,4 +1,4 @@
-//! Axes, places, and where the specimen is in the stage's coordinates.
+//! Axes, places, and the position of the specimen in stage coordinates.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ impl Axis {
         self as usize
     }
 
-    /// The axis' letter as it stands in a rig file.
+    /// Letter of the axis in a rig file.
     pub fn name(self) -> &'static str {
         ["x", "y", "z"][self.index()]
     }
@@ -56,12 +56,12 @@ pub struct Place {
 }
 
 impl Place {
-    /// A place from its two coordinates, mm.
+    /// Creates a place from its two coordinates, mm.
     pub fn new(x_mm: f64, y_mm: f64) -> Self {
         Place { x_mm, y_mm }
     }
 
-    /// The place turned about the origin, from x toward y, degrees.
+    /// Returns the place rotated about the origin, from x toward y, degrees.
     #[must_use]
     pub fn turned(self, degrees: f64) -> Place {
         if degrees == 0.0 {
@@ -71,23 +71,23 @@ impl Place {
         Place::new(cos * self.x_mm - sin * self.y_mm, sin * self.x_mm + cos * self.y_mm)
     }
 
-    /// The distance to another place, mm.
+    /// Returns the distance to another place, mm.
     pub fn distance_mm(&self, other: Place) -> f64 {
         (self.x_mm - other.x_mm).hypot(self.y_mm - other.y_mm)
     }
 }
 
-/// Which way along the stage's z axis the specimen lies.
+/// Direction of the specimen along the stage's z axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Down {
-    /// The stage coordinate grows as the indenter nears the specimen (`down = "+z"`).
+    /// The stage coordinate grows as the indenter approaches the specimen (`down = "+z"`).
     Plus,
-    /// The stage coordinate falls as the indenter nears the specimen (`down = "-z"`).
+    /// The stage coordinate falls as the indenter approaches the specimen (`down = "-z"`).
     Minus,
 }
 
 impl Down {
-    /// +1 or -1: the change of the stage coordinate per mm toward the specimen.
+    /// Change of the stage coordinate per mm toward the specimen: +1 or -1.
     pub fn sign(self) -> f64 {
         match self {
             Down::Plus => 1.0,
@@ -96,18 +96,18 @@ impl Down {
     }
 }
 
-/// Where the specimen is, in the stage's coordinates.
+/// Position of the specimen in stage coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Stage x and y of the specimen's origin, mm.
     pub origin: Place,
-    /// How far the specimen's x axis is turned from the stage's toward the stage's y, degrees.
+    /// Rotation of the specimen's x axis from the stage's x axis toward the stage's y axis, degrees.
     pub rotation_deg: f64,
     /// Stage z of the nominal surface, mm.
     pub surface_z_mm: f64,
-    /// How far the true surface may be from the nominal one, anywhere on it, mm.
+    /// Largest distance of the true surface from the nominal surface, anywhere on it, mm.
     pub uncertainty_mm: f64,
-    /// Which way the specimen lies.
+    /// Direction of the specimen.
     pub down: Down,
 }
 
@@ -132,7 +132,7 @@ impl Frame {
         Place::new(x_mm - self.origin.x_mm, y_mm - self.origin.y_mm).turned(-self.rotation_deg)
     }
 
-    /// The frame of a specimen that lies, in this one, at `origin`, is turned by `rotation_deg` and sunk by `z_mm`.
+    /// Returns the frame of a specimen that is at `origin` in this frame, rotated by `rotation_deg` and deeper by `z_mm`.
     #[must_use]
     pub fn moved(&self, origin: Place, rotation_deg: f64, z_mm: f64) -> Frame {
         let Position { x_mm, y_mm, z_mm } = self.to_stage(origin, z_mm);

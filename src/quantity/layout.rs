@@ -1,34 +1,34 @@
-//! Where the outputs of a sensor array come from.
+//! Positions of the outputs of a sensor array.
 
 use super::Place;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// The outputs of a sensor array, in their order, and the units that they belong to. A unit is one place with one output, or
-/// with several, its channels, as of a chip with three axes; the channels of a unit follow each other.
+/// Outputs of a sensor array, in their order, and the units that they belong to. A unit is one place with one output, or with
+/// several outputs, its channels, such as a chip with three axes. The channels of a unit follow each other.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArrayLayout {
-    /// Of each output.
+    /// Place of each output.
     places: Vec<Place>,
-    /// The index of the unit that each output belongs to.
+    /// Index of the unit of each output.
     units: Vec<usize>,
 }
 
 impl ArrayLayout {
-    /// Units of one output each at given places (specimen frame), in the order of their outputs.
+    /// Creates units of one output each at given places (specimen frame), in the order of their outputs.
     pub fn from_places(places: Vec<Place>) -> Self {
         ArrayLayout { units: (0..places.len()).collect(), places }
     }
 
-    /// Units of one output each in a grid centred on the origin, row-major: x grows along a row, y from row to row (unit 1 at
-    /// the smallest x and y).
+    /// Creates units of one output each in a grid centred on the origin, row-major. x grows along a row, and y grows from row to
+    /// row (unit 1 at the smallest x and y).
     pub fn grid(rows: usize, columns: usize, pitch_mm: f64) -> Self {
         let offset = |index: usize, count: usize| (index as f64 - (count as f64 - 1.0) / 2.0) * pitch_mm;
         let place = |i: usize| Place::new(offset(i % columns, columns), offset(i / columns, rows));
         ArrayLayout::from_places((0..rows * columns).map(place).collect())
     }
 
-    /// The same units with so many outputs each: those of the first unit, then those of the second, and so on.
+    /// Returns the same units with this number of outputs each: those of the first unit, then those of the second, and so on.
     #[must_use]
     pub fn with_channels(self, channels_per_unit: usize) -> Self {
         let each = |index: usize| std::iter::repeat_n(index, channels_per_unit);
@@ -39,10 +39,10 @@ impl ArrayLayout {
         }
     }
 
-    /// Some of the outputs, by their indices, each with its unit's place.
+    /// Returns some of the outputs, by their indices, each with its unit's place.
     ///
     /// # Panics
-    /// If there is no such output.
+    /// If an output doesn't exist.
     #[must_use]
     pub fn only(&self, outputs: &[usize]) -> Self {
         ArrayLayout {
@@ -51,10 +51,10 @@ impl ArrayLayout {
         }
     }
 
-    /// What an output is called: its unit, counted from 1, and where a unit has several channels the channel too.
+    /// Returns the name of an output: its unit, counted from 1, and also the channel if a unit has several channels.
     ///
     /// # Panics
-    /// If there is no such output.
+    /// If the output doesn't exist.
     pub fn name(&self, output: usize) -> String {
         let unit = self.units[output];
         let of_unit = |index: &usize| self.units[*index] == unit;
@@ -63,25 +63,25 @@ impl ArrayLayout {
         format!("unit {}{channel}", unit + 1)
     }
 
-    /// How many outputs there are.
+    /// Number of outputs.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// Whether there is no output at all.
+    /// Whether there are no outputs.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }
 
-    /// The place of each output, in their order, mm: channels of one unit have the same one.
+    /// Place of each output, in their order, mm. Channels of one unit have the same place.
     pub fn places(&self) -> &[Place] {
         &self.places
     }
 
-    /// The index of the unit that an output belongs to.
+    /// Returns the index of the unit that an output belongs to.
     ///
     /// # Panics
-    /// If there is no such output.
+    /// If the output doesn't exist.
     pub fn unit(&self, output: usize) -> usize {
         self.units[output]
     }
@@ -93,7 +93,7 @@ impl ArrayLayout {
         starts.zip(ends).map(|(start, end)| start..end).collect::<Vec<_>>().into_iter()
     }
 
-    /// One output for each unit, its first: where the units are.
+    /// Returns the first output of each unit, to give the positions of the units.
     #[must_use]
     pub fn one_per_unit(&self) -> Self {
         self.only(&self.units().map(|unit| unit.start).collect::<Vec<_>>())

@@ -1,8 +1,8 @@
-//! Intervals, travels and what a specimen bears.
+//! Intervals, travels and limits of a specimen.
 
 use super::Axis;
 
-/// A closed interval, mm (or the unit its owner's name says).
+/// A closed interval, mm (or the unit in its owner's name).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     /// Lower end.
@@ -12,23 +12,23 @@ pub struct Range {
 }
 
 impl Range {
-    /// Whether a value lies in the interval, ends included; never for NaN.
+    /// Whether a value is in the interval, ends included; always false for NaN.
     pub fn contains(&self, value: f64) -> bool {
         value >= self.min && value <= self.max
     }
 
-    /// The interval, longer by a margin at either end.
+    /// Returns the interval, extended by a margin at both ends.
     pub fn widened(&self, by: f64) -> Range {
         Range { min: self.min - by, max: self.max + by }
     }
 
-    /// Upper less lower end.
+    /// Upper end minus lower end.
     pub fn width(&self) -> f64 {
         self.max - self.min
     }
 }
 
-/// How far each axis may travel, in the stage frame, mm.
+/// Travel limits of each axis, in the stage frame, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Travel {
     /// Travel of x, y and z, in that order.
@@ -42,13 +42,13 @@ impl Travel {
     }
 }
 
-/// What the specimen bears: the plan and every move are checked against these.
+/// Limits of the specimen. The plan and every move are checked against them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Largest contact force, N.
     pub force_n: f64,
-    /// Largest indentation, counted from the surface as touched there, mm.
+    /// Largest indentation, relative to the surface touched there, mm.
     pub depth_mm: f64,
-    /// Largest stiffness the specimen shows, relaxation included, N/mm: an upper bound on which every permit rests.
+    /// Largest stiffness of the specimen, relaxation included, N/mm. Every permit relies on this upper bound.
     pub stiffness_n_mm: f64,
 }

@@ -1,9 +1,9 @@
-//! The vocabulary, with units: places, limits, travel, the array's layout, force readings, what is known of a load
-//! cell's gain, and random streams.
+//! Basic quantities, with units: places, limits, travel, the array's layout, force readings, data on a load cell's gain, and
+//! random streams.
 //!
-//! Units stand last in every name. Two frames are used and never mixed:
-//! the **stage frame** (what the controller counts in, [`Position`]) and the **specimen frame** ([`Place`] plus a
-//! `z_mm` that grows into the specimen and is zero at its nominal surface). [`Frame`] leads from one to the other.
+//! Units are at the end of every name. Two frames are used and never mixed: the **stage frame** (coordinates of the controller,
+//! [`Position`]) and the **specimen frame** ([`Place`] plus a `z_mm` that grows into the specimen and is zero at its nominal
+//! surface). [`Frame`] converts from one to the other.
 
 pub mod any_number;
 mod certificate;

@@ -1,6 +1,6 @@
 //! One reading of a load cell.
 
-/// What a load cell says of itself along with a reading; all false means healthy.
+/// Status of a load cell together with a reading; all false means healthy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
     /// The cell or its amplifier is beyond its range.
@@ -12,10 +12,10 @@ pub struct Health {
 /// One reading of the load cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceReading {
-    /// When the answer arrived, s since the program's clock began.
+    /// Time at which the answer arrived, s since the program's clock began.
     pub at_s: f64,
-    /// Force as the cell reports it, N, pressing positive; from the cell's own zero.
+    /// Force as the cell reports it, N, pressing positive, relative to the cell's own zero.
     pub force_n: f64,
-    /// What the cell says of itself.
+    /// Status of the cell.
     pub health: Health,
 }

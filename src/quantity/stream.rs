@@ -5,10 +5,10 @@ use rand::SeedableRng;
 /// The generator behind every random stream: portable, so a seed means the same on every machine.
 pub type Stream = rand_pcg::Pcg64Mcg;
 
-/// The random stream of one device in one press of one seed.
+/// Returns the random stream of one device in one press of one seed.
 ///
-/// Streams of other presses, devices or seeds are unrelated, and a press that is measured again draws what it drew before.
-/// What belongs to the specimen, or to the plan, takes press 0.
+/// Streams of other presses, devices or seeds are unrelated. A press that is measured again draws the same values. Properties of
+/// the specimen or the plan use press 0.
 pub fn stream(seed: u64, press: u64, device: &str) -> Stream {
     let mut state = mix(seed);
     state = mix(state ^ press);

@@ -16,12 +16,12 @@ const CHANNELS_MAX: u64 = 4096;
 const DECISIONS: [(&str, Decision); 2] =
     [(Decision::Simple.word(), Decision::Simple), (Decision::Guarded.word(), Decision::Guarded)];
 
-/// What `accept` of a recipe holds.
+/// Content of `accept` in a recipe.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Accept {
-    /// A rule of its own.
+    /// A rule in the recipe itself.
     Rule(Rule),
-    /// The name of a file beside the recipe that has the rule.
+    /// Name of a file next to the recipe that contains the rule.
     File(String),
 }
 
@@ -75,7 +75,7 @@ keys! {
 /// Reads an acceptance file: the keys of `[accept]`, without the heading.
 ///
 /// # Errors
-/// Every problem of the text, each at its line.
+/// All problems of the text, each with its line.
 pub fn parse_rule(file: &str, text: &str) -> Result<Rule, Problems> {
     if document::has_key(text, "accept") {
         let at = text.find("accept").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The keys of a recipe, table by table.
+//! Keys of a recipe, table by table.
 
 use super::accept::accept as accept_keys;
 use super::{Manner, Order, PRESSES_CEILING, Phase};
@@ -39,7 +39,7 @@ pub(super) const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
 };
 
 keys! {
-    /// The whole recipe.
+    /// The complete recipe.
     root {
         name: Text, Refused, "name of the run folder", "\"paper\"";
         press: Table(&press::KEYS), Allowed, "settings of every press, unless a step overrides them";

@@ -1,7 +1,7 @@
-//! What to do: a TOML recipe, read with all its problems at once, and the plan that follows from it.
+//! Tasks of a run: a TOML recipe, which is read with all its problems at once, and the plan that follows from it.
 //!
-//! A [`Recipe`] is a text understood; a [`Plan`] is its list of presses on a given rig with a given seed. A plan
-//! can be printed before anything moves, and a recipe that asks for what the rig can't or mustn't do has no plan.
+//! A [`Recipe`] is a parsed text. A [`Plan`] is its list of presses on a given rig with a given seed. A plan can be printed
+//! before anything moves. A recipe that requests more than the rig can do or may do has no plan.
 
 mod accept;
 mod keys;
@@ -20,45 +20,45 @@ use crate::acceptance::Rule;
 use crate::control::Strategy;
 use crate::document::Keys;
 
-/// Every key that a recipe may have.
+/// All keys that a recipe may have.
 pub const KEYS: Keys = keys::root::KEYS;
 
-/// Every key that an acceptance file may have.
+/// All keys that an acceptance file may have.
 pub const RULE_KEYS: Keys = accept::accept::KEYS;
 
-/// Most presses of one recipe unless more are [allowed](Recipe::with_presses_max). A night of 10 hours holds some
-/// 20,000.
+/// Largest number of presses of one recipe unless more are [allowed](Recipe::with_presses_max). A night of 10 hours is enough for
+/// some 20,000.
 pub const PRESSES_MAX: usize = 100_000;
 
-/// Most entries any plan has: the recipe's presses, and those that teach.
+/// Largest number of entries of any plan: the recipe's presses, and the presses that teach.
 pub const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
 
 /// A recipe, parsed but not yet checked against a rig.
 #[derive(Clone, Debug)]
 pub struct Recipe {
-    /// The recipe's name; a run folder is named after it.
+    /// Name of the recipe; a run folder is named after it.
     pub name: String,
-    /// The steps, in the order they are done.
+    /// Steps, in the order of execution.
     pub steps: Vec<Step>,
-    /// Solvers to evaluate the run with when it is done; empty: no evaluation.
+    /// Solvers that evaluate the run when it is done; empty: no evaluation.
     pub solvers: Vec<String>,
-    /// The acceptance rule; none: no verdict.
+    /// Acceptance rule; `None`: no verdict.
     pub accept: Option<Accept>,
-    /// Its most presses.
+    /// Largest number of presses.
     pub presses_max: usize,
     pub(super) file: String,
     pub(super) text: String,
 }
 
 impl Recipe {
-    /// A recipe that no file holds.
+    /// Creates a recipe that isn't in a file.
     pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
         let name = name.to_owned();
         let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
         Recipe { name, steps, solvers: Vec::new(), accept: None, presses_max: PRESSES_MAX, file, text }
     }
 
-    /// The acceptance rule, once a file that the recipe names has been read.
+    /// Returns the acceptance rule, once a file named in the recipe has been read.
     pub fn rule(&self) -> Option<&Rule> {
         match &self.accept {
             Some(Accept::Rule(rule)) => Some(rule),
@@ -66,20 +66,20 @@ impl Recipe {
         }
     }
 
-    /// The recipe with an acceptance rule.
+    /// Returns the recipe with an acceptance rule.
     #[must_use]
     pub fn with_rule(self, rule: Rule) -> Recipe {
         Recipe { accept: Some(Accept::Rule(rule)), ..self }
     }
 
-    /// The recipe with every press made by one strategy instead of those of its steps.
+    /// Returns the recipe with one strategy for every press instead of the strategies of its steps.
     #[must_use]
     pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
         self.steps.iter_mut().for_each(|step| step.manner.strategy = strategy);
         self
     }
 
-    /// The recipe with so many presses allowed, at most [`PRESSES_CEILING`].
+    /// Returns the recipe with this number of presses allowed, at most [`PRESSES_CEILING`].
     #[must_use]
     pub fn with_presses_max(self, presses_max: usize) -> Recipe {
         Recipe { presses_max: presses_max.min(PRESSES_CEILING), ..self }

@@ -1,4 +1,4 @@
-//! A recipe's text, read into a [`Recipe`].
+//! Parsing of a recipe's text into a [`Recipe`].
 
 use super::accept::{Accept, read_rule};
 use super::keys::{self, evaluate, grid, list, press, random, root, staircase, step};
@@ -14,7 +14,7 @@ const WHOLE: f64 = 1e-6;
 /// Reads a recipe's text; `file` is its name in messages.
 ///
 /// # Errors
-/// Every problem of the text, each at its line.
+/// All problems of the text, each with its line.
 pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
     if document::has_key(text, "stage") && !document::has_key(text, root::step.name) {
         let problem = Problem::new(0..0, "this is a rig, not a recipe").help("give it with --rig");
@@ -122,6 +122,12 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         _ => (None, None),
     };
     let inner_force = random_force.is_some();
+    if table.is_list(&step::force_n) {
+        let told = "`force_n` is an interval, expected one force in N";
+        let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }";
+        table.complain(Problem::new(table.span_of(&step::force_n), told).help(help));
+        return None;
+    }
     let force = table.number(&step::force_n).map(Load::Force);
     let staircase = read_staircase(table);
     let loads = usize::from(inner_force)
@@ -287,7 +293,7 @@ impl Load {
         }
     }
 
-    /// The largest force that it asks for, N.
+    /// Largest force of the load, N.
     pub fn most_n(&self) -> f64 {
         match self {
             Load::Force(force_n) => *force_n,

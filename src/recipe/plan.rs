@@ -15,30 +15,30 @@ pub struct Plan {
     pub name: String,
     /// Random seed of places and forces.
     pub seed: u64,
-    /// The presses in the order they are made, which need not be that of their numbers.
+    /// Presses in the order of execution, which may differ from the order of their numbers.
     pub entries: Vec<Entry>,
 }
 
-/// What a plan is checked against.
+/// Data that a plan is checked against.
 #[derive(Clone, Debug)]
 pub struct Ground<'a> {
-    /// How far the axes may go.
+    /// Travel limits of the axes.
     pub travel: &'a Travel,
-    /// Where the specimen is.
+    /// Position of the specimen.
     pub frame: &'a Frame,
-    /// What it bears.
+    /// Limits of the specimen.
     pub limits: &'a Limits,
-    /// Where the units of the array are.
+    /// Positions of the array's units.
     pub layout: &'a ArrayLayout,
 }
 
 impl Plan {
-    /// The plan of a recipe. Where enough presses find their force from those before (`strategy = "map"`), it begins with
-    /// presses that teach.
+    /// Creates the plan of a recipe. If enough presses find their force from earlier presses (`strategy = "map"`), the plan
+    /// begins with presses that teach.
     ///
     /// # Errors
-    /// Every step that leaves the stage's travel, exceeds the specimen's force, names a unit there isn't, or makes the plan
-    /// too long, at its line.
+    /// Every step that leaves the stage's travel, exceeds the specimen's force limit, names a unit that doesn't exist, or makes
+    /// the plan too long, with its line.
     pub fn new(recipe: &Recipe, ground: &Ground, seed: u64) -> Result<Plan, Problems> {
         let mut problems = Vec::new();
         let mut steps: Vec<Vec<Entry>> = Vec::new();
@@ -67,12 +67,12 @@ impl Plan {
         }
     }
 
-    /// The largest force anywhere in the plan, N.
+    /// Largest force in the plan, N.
     pub fn most_n(&self) -> f64 {
         self.entries.iter().map(|entry| entry.task.most_n()).fold(0.0, f64::max)
     }
 
-    /// The intervals of x and y that the plan's places span, mm.
+    /// Returns the intervals of x and y that contain the plan's places, mm.
     pub fn envelope(&self) -> [Range; 2] {
         let span = |along: fn(&Place) -> f64| {
             let all = self.entries.iter().map(|entry| along(&entry.place));

@@ -1,11 +1,11 @@
-//! One step of a recipe: where, how hard and how it presses.
+//! One step of a recipe: place, force and manner of its presses.
 
 use crate::control::Strategy;
 use crate::document::Span;
 use crate::quantity::{Place, Range};
 use serde::{Deserialize, Serialize};
 
-/// What a press is made for: it decides which table its row lands in.
+/// Purpose of a press, which determines the table of its row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
@@ -13,18 +13,18 @@ pub enum Phase {
     Characterisation,
     /// The calibration database.
     Calibration,
-    /// Points whose place and force the solver is to find.
+    /// Points whose place and force the solver must find.
     Test,
-    /// Presses from which the force loop learns before others rely on it. A plan begins with them where it has such presses;
-    /// no recipe asks for them, and no table but the presses holds them.
+    /// Presses from which the force loop learns before others rely on it. A plan begins with these presses if it has any. No
+    /// recipe requests them, and only the table of presses contains them.
     Teach,
 }
 
 impl Phase {
-    /// Every phase.
+    /// All phases.
     pub const ALL: [Phase; 4] = [Phase::Characterisation, Phase::Calibration, Phase::Test, Phase::Teach];
 
-    /// The phase as it stands in files.
+    /// Name of the phase in files.
     pub const fn name(self) -> &'static str {
         match self {
             Phase::Characterisation => "characterisation",
@@ -38,46 +38,46 @@ impl Phase {
 /// One `[[step]]`.
 #[derive(Clone, Debug)]
 pub struct Step {
-    /// What its presses are made for.
+    /// Purpose of its presses.
     pub phase: Phase,
-    /// Where it presses.
+    /// Places of its presses.
     pub places: Places,
-    /// How hard.
+    /// Force of its presses.
     pub load: Load,
-    /// How each press is made.
+    /// Manner of each press.
     pub manner: Manner,
-    /// Where the step's places stand in the text.
+    /// Position of the step's places in the text.
     pub places_span: Span,
-    /// Where its force stands in the text.
+    /// Position of the step's force in the text.
     pub load_span: Span,
 }
 
 impl Step {
-    /// A step that no file holds.
+    /// Creates a step that isn't in a file.
     pub fn new(phase: Phase, places: Places, load: Load, manner: Manner) -> Step {
         Step { phase, places, load, manner, places_span: 0..0, load_span: 0..0 }
     }
 }
 
-/// Where a step presses, in the specimen frame, mm.
+/// Places of a step, in the specimen frame, mm.
 #[derive(Clone, Debug)]
 pub enum Places {
-    /// Rows of constant y, both ends included; x changes fastest in their numbers, in any order of visits.
+    /// Rows of constant y, both ends included. The numbering goes along x first; the order of visits may differ.
     Grid {
         /// First and last x.
         x_mm: Range,
         /// First and last y.
         y_mm: Range,
-        /// From one point to the next.
+        /// Distance from one point to the next.
         spacing_mm: f64,
-        /// In which order.
+        /// Order of the visits.
         order: Order,
     },
-    /// Places as given, each with its own stretch of the text.
+    /// Places as given, each with its position in the text.
     List(Vec<(Place, Span)>),
     /// Places drawn uniformly from the run's seed, to 1 um.
     Random {
-        /// How many.
+        /// Number of places.
         count: u64,
         /// Interval of x.
         x_mm: Range,
@@ -88,19 +88,19 @@ pub enum Places {
     Units(UnitChoice),
 }
 
-/// In which order the points of a grid are visited.
+/// Order in which the points of a grid are visited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
-    /// As they are numbered.
+    /// Order of their numbers.
     #[default]
     Raster,
-    /// Every second one of every second row, four times over: what is pressed next is no neighbour, whose dent may still be
-    /// there.
+    /// Every second point of every second row, four times. So the next press is not at a neighbour, where the dent of the last
+    /// press may remain.
     Interleaved,
 }
 
 impl Order {
-    /// The order as it stands in files.
+    /// Name of the order in files.
     pub const fn name(self) -> &'static str {
         match self {
             Order::Raster => "raster",
@@ -108,7 +108,7 @@ impl Order {
         }
     }
 
-    /// The numbers of the points of so many columns and rows, as they are visited.
+    /// Returns the numbers of the points of this number of columns and rows, in the order of the visits.
     pub fn visits(self, columns: usize, rows: usize) -> Vec<usize> {
         let pass = |(from_x, from_y, stride): (usize, usize, usize)| {
             let row = move |y: usize| (from_x..columns).step_by(stride).map(move |x| y * columns + x);
@@ -122,47 +122,47 @@ impl Order {
     }
 }
 
-/// Which units of the array.
+/// Selection of units of the array.
 #[derive(Clone, Debug)]
 pub enum UnitChoice {
-    /// Every one.
+    /// All units.
     All,
-    /// These, counted from 1, with their places in the text.
+    /// These units, counted from 1, with their positions in the text.
     Some(Vec<(usize, Span)>),
 }
 
-/// How hard a step presses.
+/// Force of a step's presses.
 #[derive(Clone, Debug)]
 pub enum Load {
     /// The same force everywhere, N.
     Force(f64),
     /// A force drawn uniformly for each place, N, to 1 mN.
     RandomForce(Range),
-    /// Up to a force and back in equal steps, at every place several times.
+    /// Up to a force and back in equal steps, several times at each place.
     Staircase {
-        /// The top, N.
+        /// Largest force, N.
         to_n: f64,
-        /// From level to level, N.
+        /// Step from level to level, N.
         step_n: f64,
-        /// How often at each place.
+        /// Number of repetitions at each place.
         repeats: u64,
-        /// Rest between two repeats at a place, s.
+        /// Rest between two repetitions at a place, s.
         rest_s: f64,
     },
 }
 
-/// How each press of a step is made.
+/// Manner of each press of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Manner {
-    /// Largest allowed difference of the force in the window from the set one, N.
+    /// Largest allowed difference between the force in the window and the set force, N.
     pub force_tolerance_n: f64,
     /// Dwell at the set force before the window, s.
     pub hold_s: f64,
     /// Length of the window in which force and outputs are sampled, s.
     pub sample_s: f64,
-    /// How the force is found.
+    /// Method by which the force is reached.
     pub strategy: Strategy,
-    /// When the window begins, s from contact; none: as soon as the strategy can be sure of the force.
+    /// Time at which the window begins, s from contact; `None`: as soon as the strategy can rely on the force.
     pub sample_after_s: Option<f64>,
 }
 
@@ -183,5 +183,5 @@ impl Default for Manner {
     }
 }
 
-/// Most presses that can be allowed: their plan takes some 2 GB.
+/// Largest number of presses that can be allowed; their plan takes some 2 GB.
 pub const PRESSES_CEILING: usize = 10_000_000;

@@ -7,15 +7,15 @@ use crate::quantity::{Limits, Place};
 /// One contact of the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Its number, from 0 in the order of the recipe, with those that teach last: tables keep to it.
+    /// Number of the press, from 0 in the order of the recipe, with the presses that teach last. Tables use this order.
     pub press: u64,
-    /// What it is made for.
+    /// Purpose of the press.
     pub phase: Phase,
-    /// Where.
+    /// Place of the press.
     pub place: Place,
-    /// What it measures.
+    /// Measurement task.
     pub task: Task,
-    /// Rest in air after it, s.
+    /// Rest in air after the press, s.
     pub rest_after_s: f64,
 }
 

@@ -77,7 +77,11 @@ fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
         (0..units).filter(|&unit| columns.iter().any(|column| ours(unit, column).is_some())).collect();
     let row = |&unit: &usize| -> Vec<Markup> {
         let cells = columns.iter().map(|column| with_interval(unit, column));
-        [words(unit + 1)].into_iter().chain(papers.iter().map(|papers| cell(papers(unit)))).chain(cells).collect()
+        [words(columns[0].units[unit].name())]
+            .into_iter()
+            .chain(papers.iter().map(|papers| cell(papers(unit))))
+            .chain(cells)
+            .collect()
     };
     let mut rows: Vec<Vec<Markup>> = told.iter().map(row).collect();
     let mean_of = |values: &mut dyn Iterator<Item = Option<f64>>| {

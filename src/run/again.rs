@@ -1,4 +1,4 @@
-//! What comes before a run continues: is this still the specimen, and back to where the last contact was left.
+//! Checks before a run continues: whether this is still the same specimen, and the return to the position after the last contact.
 
 use super::Halt;
 use super::past::TouchedPlace;
@@ -26,7 +26,7 @@ const UNCOUNTED: u64 = 1 << 62;
 const SAME_SIGMAS: f64 = 5.0;
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    /// Touches places again that were touched before, as if nothing were known of the specimen, and compares.
+    /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares.
     pub async fn touch_again(
         &mut self,
         landmarks: &[TouchedPlace],
@@ -60,7 +60,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(())
     }
 
-    /// Goes to where the last contact was left, above the next place. What the cell said in air then holds if it still says so.
+    /// Goes to the position where the last contact ended, above the next place. The earlier air readings of the cell remain valid
+    /// if the cell still reads the same.
     pub async fn go_back(&mut self, place: Place, before: Standby) -> Result<(), Halt> {
         self.go_to(place).await?;
         self.hand.cell.open_air();

@@ -1,4 +1,4 @@
-//! Finds where the specimen really is: presses around where it should be, and what they show.
+//! Finds the real position of the specimen: presses around its expected position, and evaluates the results.
 
 use super::Cancel;
 use super::walk::{Ending, Listener, Walk, walk};
@@ -28,24 +28,24 @@ const LATER_SHARE: f64 = 4.0 / 3.0;
 const SURFACE_SIGMAS: f64 = 5.0;
 const SURFACE_LEAST_MM: f64 = 0.02;
 
-/// Where a specimen really is, and how well that is known.
+/// Real position of a specimen, and its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub struct Alignment {
-    /// The frame it gives: origin, rotation, surface and what the surface may be off.
+    /// Resulting frame: origin, rotation, surface and the surface's uncertainty.
     pub frame: Frame,
-    /// The array in the frame that was believed before.
+    /// Array in the frame that was assumed before.
     pub placement: Placement,
-    /// The surface at the new origin in the frame that was believed before, mm into the specimen.
+    /// Surface at the new origin in the frame that was assumed before, mm into the specimen.
     pub surface_mm: f64,
-    /// How far the surface's plane rises over the area that is pressed, from its middle, mm.
+    /// Rise of the surface's plane over the pressed area, from its middle, mm.
     pub tilt_mm: f64,
     /// Standard deviation of one touch about the plane, mm.
     pub touch_sigma_mm: f64,
-    /// How many presses it rests on.
+    /// Number of presses used.
     pub presses: usize,
 }
 
-/// Why a specimen's place can't be found.
+/// Reason why a specimen's place can't be found.
 #[derive(Debug, thiserror::Error)]
 pub enum AlignError {
     /// The presses can't be made on this rig.
@@ -54,22 +54,22 @@ pub enum AlignError {
     /// The walk ended early.
     #[error("the presses ended early")]
     Halted(Box<Ending>),
-    /// A press gave nothing to go by.
+    /// A press gave no usable data.
     #[error("a press can't be used: {0}")]
     Press(#[from] CalibrationError),
     /// The fit is poor.
     #[error("can't locate the array: {0}")]
     Placement(#[from] PlacementError),
-    /// The touches don't make a plane.
+    /// The touches don't form a plane.
     #[error("the touched points don't fit a plane")]
     Surface,
 }
 
-/// Presses around where the array should be, and finds from the touches where its surface is and from its outputs where it is
-/// itself.
+/// Presses around the expected position of the array. The touches show the position of its surface, and its outputs show the
+/// position of the array itself.
 ///
 /// # Errors
-/// Anything that prevents an answer: a poor fit is an error.
+/// Anything that prevents an answer; a poor fit is an error too.
 pub async fn align(
     spec: &RigSpec,
     seed: u64,
@@ -87,10 +87,10 @@ pub async fn align(
     found(spec, &presses)
 }
 
-/// The presses, so that a person sees them before they are made.
+/// Returns the presses, so that a person sees them before they start.
 ///
 /// # Errors
-/// They don't fit the rig.
+/// The presses don't fit the rig.
 pub fn plan(spec: &RigSpec, seed: u64) -> Result<Plan, Problems> {
     let half = half_mm(spec);
     let force_n = FORCE_SHARE * spec.limits.force_n;

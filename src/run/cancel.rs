@@ -1,11 +1,11 @@
-//! A person's word to a run.
+//! Requests of a person to a run.
 
 use super::Halt;
 use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// A person's word to a run; clones share it.
+/// Requests of a person to a run; clones share the state.
 #[derive(Clone, Debug)]
 pub struct Cancel {
     sender: watch::Sender<Word>,
@@ -16,7 +16,7 @@ pub struct Cancel {
 enum Word {
     #[default]
     GoOn,
-    /// Nothing yet, and no press is under way that could be finished first.
+    /// No request so far, and no press is under way that could be finished first.
     Preparing,
     Pause,
     Stop,
@@ -29,13 +29,13 @@ impl Default for Cancel {
 }
 
 impl Cancel {
-    /// Asks for a stop at once, in the middle of a press. Nothing takes that back.
+    /// Requests an immediate stop, even during a press. The request can't be withdrawn.
     pub fn ask(&self) {
         self.sender.send_replace(Word::Stop);
     }
 
-    /// Asks for a pause when the press that is under way is recorded. Whether there will be one: there is none while the rig is
-    /// made ready, and no second one.
+    /// Requests a pause after the press under way is recorded. Returns whether there will be a pause: there is none while the rig
+    /// is being prepared, and no second one.
     pub fn pause(&self) -> bool {
         self.exchange(Word::GoOn, Word::Pause)
     }
@@ -55,7 +55,7 @@ impl Cancel {
         self.exchange(Word::Pause, Word::GoOn);
     }
 
-    /// Whether a stop was asked for.
+    /// Whether a stop was requested.
     pub fn asked(&self) -> bool {
         *self.sender.borrow() == Word::Stop
     }
@@ -66,22 +66,22 @@ impl Cancel {
         if self.asked() { Err(Halt::Cancelled) } else { Ok(()) }
     }
 
-    /// Whether a pause was asked for.
+    /// Whether a pause was requested.
     pub fn pausing(&self) -> bool {
         *self.sender.borrow() == Word::Pause
     }
 
-    /// Waits until a stop is asked for.
+    /// Waits until a stop is requested.
     pub async fn wait(&self) {
         self.wait_for(|word| word == Word::Stop).await;
     }
 
-    /// Waits until a pause is over, or a stop is asked for.
+    /// Waits until a pause ends or a stop is requested.
     pub async fn while_pausing(&self) {
         self.wait_for(|word| word != Word::Pause).await;
     }
 
-    /// Sleeps, but no longer than until a pause or a stop is asked for.
+    /// Sleeps for a duration, but ends early if a pause or a stop is requested.
     pub async fn sleep(&self, duration: Duration) {
         tokio::select! {
             biased;

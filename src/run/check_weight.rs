@@ -1,5 +1,5 @@
-//! The load cell checked with a known weight: a person puts it on the tip and takes it off, the cell itself shows when, and the stage
-//! stays where it is.
+//! Check of the load cell with a known weight. A person puts the weight on the tip and removes it. The cell itself detects both,
+//! and the stage doesn't move.
 
 use super::Halt;
 use super::hand::Gauge;
@@ -10,10 +10,10 @@ use crate::rig::SceneProbe;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How often the weight is put on.
+/// Number of times that the weight is put on.
 pub const WEIGHT_TIMES: u32 = 3;
 
-/// Longest wait for the weight to be put on, or taken off, and to rest.
+/// Longest wait until the weight is put on or removed, and rests.
 pub const WEIGHT_WAIT: Duration = Duration::from_secs(60);
 
 /// A mean that moved by more than this share of the weight has the weight on: so little that a cell in wrong units shows it too.
@@ -40,37 +40,37 @@ const UNSTEADY: f64 = 0.01;
 pub struct KnownWeight {
     /// Its force, N.
     pub weight_n: f64,
-    /// Expanded uncertainty of that, k = 2, N.
+    /// Expanded uncertainty of the force, k = 2, N.
     pub u_n: f64,
-    /// Whether it hangs from the tip, and pulls; else it acts as contact does.
+    /// Whether the weight hangs from the tip and pulls. Otherwise it acts in the direction of contact.
     pub pull: bool,
 }
 
-/// What a person is asked to do.
+/// Request to a person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ask {
-    /// Put the weight on, for this time, counted from 1.
+    /// Put the weight on, for the repetition of this number, counted from 1.
     PutOn(u32),
-    /// Take it off.
+    /// Remove the weight.
     TakeOff(u32),
 }
 
-/// A check with a weight: which one, and who is asked.
+/// A check with a weight: the weight and the person who is asked.
 pub struct Weighing<'a> {
     /// The weight.
     pub weight: KnownWeight,
-    /// The person.
+    /// Asks the person.
     pub ask: &'a mut dyn FnMut(Ask),
 }
 
-/// What a known weight showed.
+/// Result of the measurement of a known weight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weighed {
     /// The weight.
     pub weight: KnownWeight,
-    /// What the cell read of it, as a share of it, each time.
+    /// Cell readings of the weight, as fractions of the weight, one for each repetition.
     pub gains: Vec<f64>,
-    /// What the noise of the readings alone makes of one of them, sd.
+    /// Standard deviation of one gain from the noise of the readings alone.
     pub noise: f64,
 }
 
@@ -80,14 +80,15 @@ impl Weighed {
         self.gains.iter().sum::<f64>() / self.gains.len().max(1) as f64
     }
 
-    /// Repeatability: sd of a gain from time to time, no less than the noise of the readings explains.
+    /// Returns the repeatability: standard deviation of a gain between repetitions, at least the value that the noise of the
+    /// readings explains.
     pub fn gain_sd(&self) -> f64 {
         let mean = self.gain();
         let squares: f64 = self.gains.iter().map(|gain| (gain - mean).powi(2)).sum();
         (squares / (self.gains.len().max(2) - 1) as f64).sqrt().max(self.noise)
     }
 
-    /// The check as a rig keeps it.
+    /// Returns the check as stored in a rig file.
     pub fn check(&self, date: &str, adjusted: bool) -> WeightCheck {
         let KnownWeight { weight_n, u_n: weight_u_n, pull } = self.weight;
         WeightCheck {
@@ -233,27 +234,28 @@ impl Scale {
     }
 }
 
-/// What came of a check.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
     /// Whether the cell can be relied on.
     pub verdict: Verdict,
-    /// How far the gain is from what it should be, as a share: from 1, or from the gain that the rig adjusts for.
+    /// Difference of the gain from its correct value, as a fraction. The correct value is 1, or the gain that the rig adjusts
+    /// for.
     pub off: f64,
-    /// How far that can be explained, as a share.
+    /// Part of the difference that can be explained, as a fraction.
     pub explained: f64,
 }
 
 /// Whether a load cell can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The gain is what it should be, as far as weight and certificate can show.
+    /// The gain is correct, within what weight and certificate can show.
     Verified,
-    /// It is off, by no more than can be adjusted for.
+    /// The gain is wrong, but the error is small enough to adjust for.
     Off,
-    /// A weight that presses reads negative.
+    /// A weight that presses gives a negative reading.
     WrongSign,
-    /// It is off by so much that it is a fault; and what it may be.
+    /// The gain is so wrong that there is a fault; the text states a possible cause.
     Fault(Option<&'static str>),
 }
 
@@ -268,7 +270,7 @@ const UNITS: [(f64, &str); 6] = [
 ];
 const UNIT_NEAR: f64 = 0.03;
 
-/// Judges a check of a cell's own readings. `before` is what the rig holds so far.
+/// Judges a check from the cell's own readings. `before` is the check that the rig has so far.
 pub fn judged(new: &WeightCheck, before: Option<&WeightCheck>, certificate: Option<&Certificate>) -> Judged {
     let (off, explained) = match before.filter(|before| before.adjusted) {
         Some(before) => {

@@ -10,17 +10,17 @@ pub(super) struct RunClock {
 }
 
 impl RunClock {
-    /// A clock that continues from `before_s`, s.
+    /// Creates a clock that continues from `before_s`, s.
     pub fn going_on_from(before_s: f64) -> Self {
         RunClock { began: Instant::now(), before_s }
     }
 
-    /// The time of an instant, s since the run's start.
+    /// Returns the time of an instant, s since the run's start.
     pub fn at_s(&self, instant: Instant) -> f64 {
         self.before_s + (instant - self.began).as_secs_f64()
     }
 
-    /// The time now, s since the run's start.
+    /// Returns the time now, s since the run's start.
     pub fn now_s(&self) -> f64 {
         self.at_s(Instant::now())
     }

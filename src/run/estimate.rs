@@ -1,4 +1,4 @@
-//! How long a plan takes.
+//! Estimated duration of a plan.
 
 use crate::control::{MotionProfile, Strategy, TOUCH_MOST_N, safe_speed_mm_s};
 use crate::recipe::Entry;
@@ -21,7 +21,7 @@ const LEVEL_S: f64 = 0.4;
 const LOOK_S: f64 = 0.1;
 const REACTION_S: f64 = 0.05;
 
-/// The first descent from home to where the frame says that the surface is: how many steps at least, and how long it takes, s.
+/// Returns data on the first descent from home to the surface of the frame: the minimum number of steps, and the duration, s.
 pub fn first_descent(spec: &RigSpec) -> (f64, f64) {
     let (way_mm, limits) = (-spec.top_mm(), spec.limits);
     let steps = (way_mm * limits.stiffness_n_mm / limits.force_n).ceil().max(1.0);
@@ -32,7 +32,7 @@ pub fn first_descent(spec: &RigSpec) -> (f64, f64) {
     (steps, way_mm / speed_mm_s + steps * LOOK_S)
 }
 
-/// How long some entries of a plan will take on a rig that is ready, s: within a third or so.
+/// Estimates the duration of some entries of a plan on a rig that is ready, s. The error is about a third.
 pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
     let mut total_s = 0.0;
     let mut place = spec.frame.origin;

@@ -1,4 +1,4 @@
-//! What each device says and how fast, without pressing.
+//! Identity and speed of each device, checked without pressing.
 
 use super::check_weight::{Weighed, Weighing, weigh};
 use super::hand::Hand;
@@ -18,43 +18,43 @@ const TIMED: usize = 200;
 const ZERO_READINGS: usize = 200;
 const ZERO_S: f64 = 1.0;
 
-/// What a rig turned out to be when it was looked at, pressing nothing.
+/// Result of an examination of a rig, without pressing.
 #[derive(Debug, Default)]
 pub struct Examination {
-    /// The devices in the order stage, load cell, array: what they say they are, or why they aren't of use.
+    /// Devices in the order stage, load cell, array: the identity that each reports, or the reason why it isn't usable.
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
-    /// How long exchanges took, s: the same order. Empty for a device that isn't of use.
+    /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
     pub exchanges_s: [Vec<f64>; 3],
-    /// The load cell in air, or why it can't be trusted.
+    /// Load cell in air, or the reason why it can't be trusted.
     pub air: Option<Result<CellInAir, Trip>>,
-    /// From a force to a stage that brakes, s: one for each pair of exchanges, conversion and lag included.
+    /// Times from a force to the braking of the stage, s: one for each pair of exchanges, conversion and lag included.
     pub reactions_s: Vec<f64>,
-    /// What a run would reckon with.
+    /// Reaction time that a run would use.
     pub reaction: Option<Reaction>,
-    /// The fastest approach that follows, mm/s.
+    /// Fastest approach that results, mm/s.
     pub approach_mm_s: Option<f64>,
-    /// What a known weight showed, or why it showed nothing, where one was asked for; none too where stage or load cell weren't of
-    /// use.
+    /// Result of a known weight, or the reason why there is none. `None` if no weight was requested, or if stage or load cell
+    /// weren't usable.
     pub weighed: Option<Result<Weighed, Trip>>,
 }
 
-/// The load cell in air.
+/// Load cell in air.
 #[derive(Clone, Copy, Debug)]
 pub struct CellInAir {
-    /// Its zero and its noise.
+    /// Zero of the load cell, and its noise.
     pub zero: Zero,
-    /// Share of the readings that were another number than the one before.
+    /// Fraction of the readings that differ from the reading before.
     pub fresh_share: f64,
-    /// The largest standard deviation of any unit's output, V; none where the array failed.
+    /// Largest standard deviation of any unit's output, V; `None` if the array failed.
     pub outputs_sigma_v: Option<f64>,
 }
 
-/// Looks at a rig: identifies each device and holds it against the rig file, brings the stage home and to the clear, times the
-/// links and takes the zero; then has a known weight put on the load cell, where one is asked for. A device that fails doesn't keep
-/// the others from being looked at.
+/// Examines a rig: identifies each device and compares it with the rig file, moves the stage home and to the clear, measures the
+/// time of the links, and measures the zero. Then, if requested, asks for a known weight on the load cell. If one device fails,
+/// the others are still examined.
 ///
 /// # Errors
-/// A person's word to stop; NI's library where it is needed and missing; a stage that loses its way.
+/// A person requests a stop, NI's library is required and missing, or a stage loses its position.
 pub async fn examine(
     spec: &RigSpec,
     seed: u64,

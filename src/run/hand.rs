@@ -46,16 +46,16 @@ pub(super) struct Hand<'a, S, C, A> {
     pub usage: StageUse,
     pub timing: Timing,
     pub probe: Option<SceneProbe>,
-    /// The outputs in air, from which outputs count.
+    /// Outputs in air; outputs are relative to them.
     pub air: Vec<f64>,
-    /// Standard deviation of one reading of each.
+    /// Standard deviation of one reading of each output.
     air_sigmas: Vec<f64>,
-    /// Those that come now.
+    /// Outputs that are being read in air now.
     pub outputs_in_air: OutputMeans,
-    /// Where the indenter is: specimen frame, read back.
+    /// Position of the indenter: specimen frame, read back.
     pub place: Place,
     pub z_mm: f64,
-    /// Nobody else drives the instruments while this does.
+    /// Claims on the links, so that nobody else drives the instruments during this time.
     _claims: Claims,
 }
 
@@ -64,12 +64,12 @@ pub(super) struct Gauge<'a, C> {
     pub cell: C,
     pub watch: Watch,
     pub cancel: &'a Cancel,
-    /// Called for every force, for a person to see.
+    /// Called for every force, to show it to a person.
     pub shown: &'a dyn Fn(f64),
     began: Instant,
     next: Instant,
     last: Option<Instant>,
-    /// No force before this instant is that of a stage at rest.
+    /// Time at which the stage is at rest. No earlier force belongs to a stage at rest.
     pub settled: Instant,
     air: ForcesInAir,
 }
@@ -77,9 +77,9 @@ pub(super) struct Gauge<'a, C> {
 /// The newest readings of the cell in air, as they come.
 #[derive(Debug, Default)]
 struct ForcesInAir {
-    /// Whether what comes is air.
+    /// Whether the current readings are readings in air.
     open: bool,
-    /// When, and what the cell read, N.
+    /// Times of the readings, and the cell's readings, N.
     readings: VecDeque<(Instant, f64)>,
 }
 
@@ -90,7 +90,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Gauge { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, air }
     }
 
-    /// Waits for the cell's next conversion to be due.
+    /// Waits until the cell's next conversion is due.
     pub async fn due(&mut self) -> Result<(), Halt> {
         self.cancel.check()?;
         let now = Instant::now();
@@ -101,7 +101,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
-    /// A press begins, with a conversion of its own: every earlier reading has had its time. Its clock counts from here.
+    /// Begins a press with a new conversion. The earlier readings no longer matter. The clock of the press starts here.
     pub async fn begin(&mut self) {
         sleep(self.cell.conversion()).await;
         self.cell.afresh();
@@ -109,7 +109,8 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         self.next = self.began;
     }
 
-    /// Readings before there is a zero, at least so many and for at least so long: sound ones, but no forces yet.
+    /// Reads before there is a zero: at least `least` readings and for at least `seconds`. The readings are sound, but no forces
+    /// yet.
     pub async fn sound_readings(&mut self, least: usize, seconds: f64) -> Result<Vec<ForceReading>, Halt> {
         let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);
         let mut readings = Vec::with_capacity(count);
@@ -119,7 +120,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(readings)
     }
 
-    /// The next reading, a sound one, no force yet.
+    /// Returns the next sound reading, which is no force yet.
     pub async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
         self.due().await?;
         let reading = self.cell.read().await?;
@@ -127,14 +128,14 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(reading)
     }
 
-    /// The next force, N from the zero; every reading passes the trip rules.
+    /// Returns the next force, N from the zero. Every reading passes the trip rules.
     pub async fn force_n(&mut self) -> Result<f64, Halt> {
         self.due().await?;
         let reading = self.cell.read().await?;
         Ok(self.watched(&reading)?)
     }
 
-    /// A reading's force, N from the zero.
+    /// Returns a reading's force, N from the zero.
     pub fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
         self.take(reading, force_n);
@@ -148,7 +149,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         self.air.take(now, reading.force_n);
     }
 
-    /// What a rule that was broken is really about: in air a noise that has grown breaks the others first.
+    /// Returns the real cause of a broken rule: in air, noise that has grown breaks the other rules first.
     pub fn in_air(&self, trip: Trip) -> Trip {
         let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
         let noisy = self.air.open && self.air.count() >= AIR_READINGS && sigma_n > most_n;
@@ -158,8 +159,8 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         }
     }
 
-    /// What a rule that was broken at rest, before the first touch, is really about: a noise that has grown looks like a touch that
-    /// comes too early, and hides one from the force that the outputs feel.
+    /// Returns the real cause of a broken rule at rest, before the first touch. Noise that has grown looks like an early touch.
+    /// It also hides a real touch from the force while the outputs show it.
     pub async fn at_first_touch(&mut self, trip: Trip) -> Trip {
         if !matches!(trip.rule, Rule::SurfaceElsewhere | Rule::OutputsMoved) {
             return trip;
@@ -173,13 +174,14 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         if sigma_n > most_n { Trip::new(Rule::Noisy, sigma_n, most_n, "N") } else { trip }
     }
 
-    /// The time that the parts of a press are given, s.
+    /// Time used by the parts of a press, s.
     pub fn now_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
     }
 
-    /// Reads until a withdrawal is over, and stops it if the force rises above what it was, and above none: z goes the wrong way. A
-    /// cell that reads pushes as pulls comes up to none on the way out. One that doesn't answer, or gives no number, holds up nothing.
+    /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
+    /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
+    /// answer or gives no number doesn't stop the withdrawal.
     pub async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
         let none_n = self.watch.zero().offset_n;
@@ -213,18 +215,18 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         }
     }
 
-    /// Whether what is read is taken for air.
+    /// Whether readings count as air.
     pub fn is_air_open(&self) -> bool {
         self.air.open
     }
 
-    /// From here on what is read is air.
+    /// Treats the readings from now on as air.
     pub fn open_air(&mut self) {
         self.air = ForcesInAir { open: true, ..ForcesInAir::default() };
     }
 
-    /// The newest of what was read in air, and more of it until it is enough, of a stage at rest; what comes after it isn't air
-    /// any more.
+    /// Returns the newest readings in air, and reads more until there are enough; the stage must be at rest. Later readings are
+    /// no longer air.
     pub async fn close_air(&mut self) -> Result<AirReadings, Halt> {
         if !self.air.open {
             self.open_air();
@@ -245,7 +247,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(AirReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
     }
 
-    /// How old the last good reading is, s.
+    /// Age of the last good reading, s.
     pub fn age_s(&self) -> f64 {
         self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
     }
@@ -258,20 +260,21 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(())
     }
 
-    /// The mean of at least so many readings of a stage at rest, N from the zero.
+    /// Returns the mean of at least `readings` readings of a stage at rest, N from the zero.
     pub async fn mean_n(&mut self, readings: u32) -> Result<f64, Halt> {
         self.settle().await?;
         let least_s = self.whole_s(f64::from(readings) * self.cell.conversion().as_secs_f64());
         Ok(self.read_for(readings, least_s).await?.value)
     }
 
-    /// How long a mean must last, however many readings it has, s: whole periods of the hum; 0 where there is none.
+    /// Least duration of a mean, independent of its number of readings, s: complete periods of the hum; 0 if there is no hum.
     pub fn whole_s(&self, least_s: f64) -> f64 {
         let zero = self.watch.zero();
         if zero.hum.is_some() { zero.mean_s(least_s) } else { 0.0 }
     }
 
-    /// The mean of at least so many readings and, beyond the first, of so long; its middle by the press' clock.
+    /// Returns the mean of at least `readings` readings over at least `seconds` after the first reading. Its middle is in the
+    /// time of the press' clock.
     pub async fn read_for(&mut self, readings: u32, seconds: f64) -> Result<Mean, Halt> {
         let mut read: Vec<(f64, f64)> = Vec::new();
         while read.len() < readings.max(1) as usize || self.now_s() - read[0].0 < seconds {
@@ -281,7 +284,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(mean_of(&read, self.watch.zero()).unwrap_or(Mean { value: f64::NAN, middle_s: self.now_s(), readings: 0 }))
     }
 
-    /// Reads for so long.
+    /// Reads for this time, s.
     pub async fn dwell(&mut self, seconds: f64) -> Result<(), Halt> {
         let until = Instant::now() + Duration::from_secs_f64(seconds);
         while Instant::now() < until {
@@ -323,7 +326,7 @@ impl ForcesInAir {
 }
 
 impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
-    /// Instruments that are prepared, with the zero taken; the axes are read back.
+    /// Creates prepared instruments with a measured zero; the axes are read back.
     pub fn new(
         instruments: Instruments<S, Gauge<'a, C>, A>,
         frame: Frame,
@@ -352,13 +355,13 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         }
     }
 
-    /// From here on what is read is air.
+    /// Treats the readings from now on as air.
     pub fn open_air(&mut self) {
         self.cell.open_air();
         self.outputs_in_air = OutputMeans::default();
     }
 
-    /// What cell and array read in air, and more of it until it is enough, of a stage at rest.
+    /// Returns the readings of cell and array in air, and reads more until there are enough; the stage must be at rest.
     pub async fn close_air(&mut self) -> Result<Air, Halt> {
         let (gauge, array, means) = (&mut self.cell, &mut self.array, &mut self.outputs_in_air);
         let over = Notify::new();
@@ -378,9 +381,9 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         Ok(Air { force, outputs: std::mem::take(means).means })
     }
 
-    /// Whether the outputs are still what they were at the look before, `known`, or in air. Before the first touch they are the
-    /// second witness: a cell that reads zero with honest noise, under any load, shows nothing of a contact. A touch too light
-    /// to count as one yet moves them too: then a mean of the force shows it.
+    /// Checks that the outputs still equal the outputs of the last check, `known`, or the outputs in air. Before the first touch,
+    /// the outputs are a second witness. A cell that reads zero with plausible noise under any load shows nothing of a contact. A
+    /// touch too light to count as contact also moves the outputs; then a mean of the force shows the touch.
     pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];
         let mut worst = (0.0, 0.0);
@@ -402,7 +405,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         Err(self.cell.at_first_touch(moved).await.into())
     }
 
-    /// Forces and outputs count from this air.
+    /// Makes forces and outputs relative to this air.
     pub fn count_from(&mut self, air: &Air) {
         self.cell.watch.count_from(&air.force);
         self.air.clone_from(&air.outputs);

@@ -1,5 +1,5 @@
-//! The stage brought home before there is a zero: identified, which way z goes confirmed, homed, z at the top, all while the cell
-//! is read.
+//! Homing of the stage before there is a zero: identify it, confirm the direction of z, home it, move z to the top. The cell is
+//! read all the time.
 
 use super::hand::{Gauge, Hand};
 use super::motion::{unless_it_rises, watched};
@@ -78,8 +78,8 @@ fn hand_of<'a>(
     Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims)
 }
 
-/// Takes z away from the specimen and does nothing else: the load cell is read if it answers. A stage that moves nothing before it
-/// is homed is homed.
+/// Moves z away from the specimen and does nothing else. The load cell is read if it answers. A stage that can't move before
+/// homing is homed.
 ///
 /// # Errors
 /// The stage doesn't work, the direction of z isn't confirmed, or the force rises.
@@ -122,9 +122,9 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
 
 /// Why the stage didn't do what it was to.
 enum Unmoved {
-    /// By its own word.
+    /// The stage reported an error.
     Stage(DeviceError),
-    /// By anything else.
+    /// Anything else prevented it.
     Halted(Halt),
 }
 
@@ -146,18 +146,18 @@ impl From<Unmoved> for Halt {
 /// How the load cell is read while the stage moves.
 #[derive(Clone, Copy, Debug)]
 enum Reading {
-    /// Every reading passes the watch: a cell that falls silent stops the stage.
+    /// Every reading passes the watch. A cell that falls silent stops the stage.
     Watched,
-    /// A rise stops the stage; a cell that doesn't answer holds up nothing.
+    /// A rise of the force stops the stage. A cell that doesn't answer doesn't stop it.
     IfItAnswers,
 }
 
-/// Where z was withdrawn to.
+/// Result of the withdrawal of z.
 #[derive(Clone, Debug)]
 pub struct Withdrawn {
-    /// Where z is as the stage counts, mm.
+    /// Position of z in stage coordinates, mm.
     pub z_mm: f64,
-    /// Why the load cell wasn't read on the way; none where it was.
+    /// Reason why the load cell wasn't read on the way; `None` if it was read.
     pub load_cell: Option<String>,
 }
 

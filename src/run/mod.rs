@@ -1,6 +1,7 @@
-//! Walks a plan on a rig: prepares the instruments, makes each press, records it, and parks the stage in every case.
+//! Executes a plan on a rig: prepares the instruments, makes each press, records it, and always parks the stage.
 //!
-//! Decisions are [`crate::control`]'s; here they are carried out. Nothing is printed: a [`Listener`] is informed of what happens.
+//! [`crate::control`] decides; this module carries out the decisions. It prints nothing, but informs a [`Listener`] of all
+//! events.
 
 mod again;
 mod align;
@@ -33,18 +34,18 @@ use crate::control::{Rule, Trip};
 use crate::dataset::DatasetError;
 use crate::device::{DeviceError, DeviceProblem};
 
-/// Why a run ended before its plan did.
+/// Reason why a run ended before its plan did.
 #[derive(Debug)]
 pub enum Halt {
-    /// A person asked for it.
+    /// A person requested the stop.
     Cancelled,
     /// A safety rule was broken.
     Tripped(Trip),
     /// A device failed.
     Device(DeviceError),
-    /// The record couldn't be kept.
+    /// The record couldn't be written.
     Record(DatasetError),
-    /// Nobody has seen that z goes away from the specimen when it is sent there.
+    /// No reading has confirmed that z moves away from the specimen when it is commanded to.
     Unconfirmed(String),
 }
 

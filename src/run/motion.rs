@@ -1,4 +1,4 @@
-//! Motions followed while the force is read.
+//! Motions during which the force is read.
 
 use super::Halt;
 use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
@@ -38,13 +38,14 @@ const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
 
 /// A motion that has ended.
 struct Driven {
-    /// Where the axes are, in the order they were given.
+    /// Positions of the axes, in the given order.
     places_mm: Vec<f64>,
     stopped: bool,
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Moves along z to a permitted end, the force read meanwhile and passed to the press, which may steer or stop it.
+    /// Moves along z to a permitted end. The force is read meanwhile and passed to the press, which may change the speed or stop
+    /// the motion.
     pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
         let target_mm = self.stage_z_mm(granted.z_mm());
         let from_mm = self.stage_z_mm(self.z_mm);
@@ -66,8 +67,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Withdraws from a contact for good, and continues sideways as soon as z reads back clear. What is read from then on is air.
-    /// `first_mm` is the earliest z at which there can be contact, here and there.
+    /// Withdraws from a contact for good, and continues sideways as soon as the z that was read back is clear. Later readings are
+    /// in air. `first_mm` is the earliest z at which contact is possible, here and at the next place.
     pub async fn depart(
         &mut self,
         granted: Permitted,
@@ -175,7 +176,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_at(place, targets, &driven.places_mm).await
     }
 
-    /// Moves z slowly to a place away from the specimen, every force watched.
+    /// Moves z slowly away from the specimen to a position; every force is checked.
     pub async fn creep(&mut self, z_mm: f64) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.cell.watch.pause();
@@ -205,8 +206,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
-    /// Stops all axes and withdraws to the clear, with any answer of the load cell or none: to park, and first of all, since a
-    /// program before may have left the axes in contact.
+    /// Stops all axes and withdraws to the clear, whether the load cell answers or not. It is used to park, and also at the very
+    /// start, because an earlier program may have left the axes in contact.
     pub async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
         let mut withdrawn = Ok(());
         for _ in 0..WITHDRAW_TRIES {
@@ -229,7 +230,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.retreat(z_mm).await
     }
 
-    /// Reads x, y and z back, wherever the axes are.
+    /// Reads back x, y and z at any position of the axes.
     pub async fn find_itself(&mut self) -> Result<(), Halt> {
         let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
         let y_mm = self.stage.position_mm(Axis::Y, &Reins::default()).await?;

@@ -1,4 +1,4 @@
-//! Virtual time slowed to the clock on the wall.
+//! Virtual time slowed down to the wall clock.
 
 use std::time::{Duration, Instant as WallInstant};
 use tokio::time::{Instant, sleep};
@@ -8,7 +8,7 @@ const GRAIN: Duration = Duration::from_millis(10);
 
 /// Slows a run on the paused clock down to `pace` times real time; never ends.
 ///
-/// The thread itself sleeps, which is what holds a paused clock still: everything that answers lives on this thread too.
+/// The thread itself sleeps, and so the paused clock stays still, because everything that answers runs on this thread too.
 pub async fn keep_pace(pace: f64) {
     let (began, wall_began) = (Instant::now(), WallInstant::now());
     loop {

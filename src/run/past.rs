@@ -1,4 +1,4 @@
-//! What a record says of the presses so far.
+//! Information from a record about the presses so far.
 
 use super::walk::Standby;
 use crate::control::{Lesson, Map};
@@ -12,15 +12,15 @@ const KNOWN_MAX: usize = 4096;
 
 /// What a run knows of itself when it continues, out of its records: all that a press rests on besides its rig.
 pub(super) struct Past {
-    /// What the presses so far have taught.
+    /// Knowledge from the presses so far.
     pub map: Map,
-    /// The load cell's reading in air when the run began, N; none before the first zero.
+    /// Load cell reading in air when the run began, N; `None` before the first zero.
     pub first_zero_n: Option<f64>,
     /// Time that has passed in the run, s.
     pub elapsed_s: f64,
-    /// The entry that was made last, and how it was left.
+    /// Last completed entry, and the state after it.
     pub last: Option<(u64, Option<Standby>)>,
-    /// What the devices said they were.
+    /// Identities that the devices reported.
     pub devices: Vec<Identity>,
     /// Places that were touched.
     known: Vec<TouchedPlace>,
@@ -30,14 +30,14 @@ pub(super) struct Past {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TouchedPlace {
     pub place: Place,
-    /// Where contact began, mm into the specimen.
+    /// Position where contact began, mm into the specimen.
     pub z_mm: f64,
     /// The largest force on the way from the touch to the first level, N.
     pub force_n: f64,
 }
 
 impl Past {
-    /// Recalls what a ledger holds. The frame says that the surface is within `uncertainty_mm` of z = 0.
+    /// Reads the content of a ledger. By the frame, the surface is within `uncertainty_mm` of z = 0.
     pub fn of(ledger: &dyn Ledger, uncertainty_mm: f64) -> Result<Past, DatasetError> {
         let mut past = Past {
             map: Map::new(uncertainty_mm),
@@ -51,7 +51,7 @@ impl Past {
         Ok(past)
     }
 
-    /// Whether the devices are those that the run began with.
+    /// Checks that the devices are the devices of the run's start.
     pub fn check_devices(&self, devices: &[Identity]) -> Result<(), DeviceError> {
         let differing = |before: &&Identity| {
             devices
@@ -98,8 +98,8 @@ impl Past {
         }
     }
 
-    /// Three places of the plan that were touched, or as many as there are, as far from one another as they come: a surface
-    /// that has sunk, risen or tilted shows at one of them.
+    /// Returns three places of the plan that were touched, or all of them if there are fewer. The places are as far from one
+    /// another as possible. A surface that has sunk, risen or tilted shows at one of these places.
     pub fn landmarks(&self, plan: &Plan) -> Vec<TouchedPlace> {
         let planned = |known: &&TouchedPlace| plan.entries.iter().any(|entry| entry.place == known.place);
         let mut chosen: Vec<TouchedPlace> = self.known.iter().find(planned).copied().into_iter().collect();

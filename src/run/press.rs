@@ -1,4 +1,4 @@
-//! One press carried out.
+//! Execution of one press.
 
 use super::Halt;
 use super::walk::Walker;
@@ -31,7 +31,7 @@ const AIR_FRESH_S: f64 = 1.0;
 pub(super) struct Pressed {
     levels: Vec<Held>,
     air: Air,
-    /// When that air was read, by the press' clock, s.
+    /// Time of that air by the press' clock, s.
     air_s: f64,
     pub touched_mm: Option<f64>,
     lesson: Option<Lesson>,
@@ -64,7 +64,7 @@ impl ZeroMoved {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    /// One entry of the plan, from the clear to the clear above the next place, which it is given.
+    /// Executes one entry of the plan, from the clear to the clear above the `next` place.
     pub async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {
@@ -119,8 +119,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.close_air().await
     }
 
-    /// A contact at a place. All that is random in a simulated one follows from its number, so that it is the same whether it
-    /// was made after the one before or on another day.
+    /// Makes a contact at a place. In a simulated contact, all random values follow from its number. So the contact is the same
+    /// right after the one before or on another day.
     pub async fn contact(&mut self, number: u64, place: Place, task: &Task, next: Place) -> Result<Pressed, Halt> {
         self.go_to(place).await?;
         self.hand.stage.afresh();
@@ -197,7 +197,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(())
     }
 
-    /// Goes to a place in the clear.
+    /// Moves to a place in the clear.
     pub async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
         let first_mm = self.first_mm(self.hand.place, place);
         self.hand.travel(place, &self.permit, first_mm).await
@@ -287,7 +287,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         all.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect()
     }
 
-    /// What really happened since this was last asked, in a simulated run.
+    /// Returns the true events since the last call, in a simulated run.
     pub fn truth(&self) -> Option<PressTruth> {
         let truth = self.hand.probe.as_ref()?.take_truth();
         Some(PressTruth {

@@ -1,4 +1,4 @@
-//! Makes a rig ready: the stage clear and homed, links timed, the zero taken.
+//! Prepares a rig: moves the stage to the clear, homes it, measures the time of the links, and measures the zero.
 
 use super::clock::RunClock;
 use super::hand::Hand;
@@ -16,7 +16,7 @@ const TIMED: usize = 10;
 /// Readings in air that make the zero, at least, and how long they take, at least, s.
 const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
-/// Largest noise of one reading, as a share of the force limit: beyond it contact can't be detected in time.
+/// Largest noise of one reading, as a fraction of the force limit. With more noise, contact can't be detected in time.
 pub const NOISE_SHARE: f64 = 0.02;
 /// How far the zero may be from the first one of the run, as a share of the force limit.
 const DRIFT_SHARE: f64 = 0.2;
@@ -35,7 +35,7 @@ pub(super) struct Conditions<'a> {
     pub cancel: &'a Cancel,
     pub shown: &'a dyn Fn(f64),
     pub clock: RunClock,
-    /// The load cell's zero when the run began, N, in a run that continues.
+    /// Load cell's zero when the run began, N, if this run continues an earlier one.
     pub first_zero_n: Option<f64>,
 }
 

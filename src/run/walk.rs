@@ -1,4 +1,4 @@
-//! Walks a plan on a rig.
+//! Execution of a plan on a rig.
 
 use super::clock::RunClock;
 use super::hand::Hand;
@@ -20,32 +20,32 @@ use tokio::time::Instant;
 /// so that noise and hum are known as they are now.
 const NEW_ZERO_SHARE: f64 = 0.05;
 
-/// What is to be done: a plan on a rig, recorded in a ledger.
+/// Task of a walk: a plan on a rig, recorded in a ledger.
 pub struct Walk<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// The rig.
     pub spec: &'a RigSpec,
-    /// Where it is recorded. Entries that are there already aren't made again.
+    /// Ledger that records the entries. Entries that are already in the ledger aren't repeated.
     pub ledger: &'a mut dyn Ledger,
-    /// A person's word to pause or to stop.
+    /// Requests of a person to pause or to stop.
     pub cancel: &'a Cancel,
-    /// Called for every force, N, for a person to see.
+    /// Called for every force, N, to show it to a person.
     pub shown: &'a dyn Fn(f64),
 }
 
-/// How a walk ended.
+/// End of a walk.
 #[derive(Debug)]
 pub struct Ending {
-    /// Why it ended early; none: the plan is done.
+    /// Reason why the walk ended early; `None` if the plan is complete.
     pub halt: Option<Halt>,
-    /// Why the stage couldn't be parked, if it couldn't.
+    /// Reason why the stage couldn't be parked, if there is one.
     pub unparked: Option<Halt>,
-    /// When, s since the run's start.
+    /// Time of the end, s since the run's start.
     pub t_s: f64,
 }
 
-/// Who is informed of what happens.
+/// Receiver of information about events.
 pub trait Listener {
     /// The instruments are ready: what they said they are.
     fn ready(&mut self, _devices: &[Identity]) {}
@@ -64,7 +64,7 @@ pub trait Listener {
     }
 }
 
-/// Makes every press of the plan that isn't recorded yet. However it ends, the stage is parked in the clear.
+/// Makes every press of the plan that isn't recorded yet. The stage is always parked in the clear at the end.
 pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
     match errand.spec.open(errand.plan.seed) {
         Ok(rig) => walk_on(rig, errand, listener).await,
@@ -72,9 +72,10 @@ pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
     }
 }
 
-/// The same on a rig that is open already.
+/// Does the same on a rig that is already open.
 ///
-/// It is boxed so that the library compiles it once: what is `async` is compiled again in each program that awaits it.
+/// The future is boxed so that the library compiles it once. Code that is `async` is compiled again in each program that awaits
+/// it.
 pub fn walk_on<'w, 'e: 'w>(
     rig: OpenRig,
     errand: Walk<'e>,
@@ -119,7 +120,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
 }
 
 impl Ending {
-    /// The status that the run's manifest is to have.
+    /// Returns the status for the run's manifest.
     pub fn status(&self) -> Status {
         match (&self.halt, &self.unparked) {
             (None, None) => Status::Complete,
@@ -129,12 +130,12 @@ impl Ending {
         }
     }
 
-    /// What the run's journal is to say of it.
+    /// Returns the end of the run for its journal.
     pub fn end(&self, ended: String, wall_s: f64) -> End {
         End { status: self.status(), t_s: self.t_s, ended, wall_s, failure: self.told() }
     }
 
-    /// What went wrong, in words; none where nothing did, or where a person stopped it.
+    /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
     pub fn told(&self) -> Option<String> {
         let told = |halt: &Halt| match halt {
             Halt::Cancelled => None,
@@ -162,9 +163,9 @@ fn permit<S, C, A>(hand: &Hand<'_, S, C, A>, spec: &RigSpec, reaction: &Reaction
 
 /// Where the indenter waits for the next press.
 pub(super) struct Standby {
-    /// In the clear above the next place, specimen frame, mm.
+    /// Position in the clear above the next place, specimen frame, mm.
     pub z_mm: f64,
-    /// What was read on the way there; none where it may have changed since.
+    /// Readings in air on the way there; `None` if the air may have changed since.
     pub air: Option<Air>,
 }
 
@@ -175,15 +176,15 @@ pub(super) struct Walker<'a, S, C, A> {
     pub map: Map,
     pub reaction: Reaction,
     pub conditions: Conditions<'a>,
-    /// The entry that is under way.
+    /// Entry that is under way.
     pub pressing: Option<u64>,
-    /// How the last contact was left, where nothing has come between.
+    /// State after the last contact, if nothing has happened since.
     pub standby: Option<Standby>,
-    /// When the air was read that forces count from.
+    /// Time of the air that forces are relative to.
     pub zeroed: Instant,
-    /// What the load cell read in air when the zero was last taken in full, N.
+    /// Load cell reading in air at the last complete measurement of the zero, N.
     pub full_zero_n: f64,
-    /// The last contact that the array was sampled in: where and how hard, and what it said, V.
+    /// Last contact in which the array was sampled: place, force, and outputs, V.
     pub felt: Option<((Place, f64), Vec<f64>)>,
 }
 

@@ -21,12 +21,12 @@ const FULL_SCALE: f64 = 0.999;
 pub(super) struct OutputMeans {
     pub means: Vec<f64>,
     pub readings: u32,
-    /// Sums of the squares of what readings differ by from their mean.
+    /// Sums of the squares of the readings' differences from their mean.
     squares: Vec<f64>,
 }
 
 impl OutputMeans {
-    /// One more reading of them all. Readings that are all alike have themselves for their mean, to the last bit.
+    /// Adds one reading of all outputs. If all readings are equal, the mean equals them exactly, to the last bit.
     pub fn take(&mut self, outputs: &[f64]) {
         self.means.resize(outputs.len(), 0.0);
         self.squares.resize(outputs.len(), 0.0);
@@ -39,8 +39,8 @@ impl OutputMeans {
         }
     }
 
-    /// Takes in reading after reading, no faster than outputs change, while `goes_on` and until `over` is notified; none before
-    /// `begins`. Every reading passes `check`, with how long it took.
+    /// Adds readings one by one, no faster than outputs change, while `goes_on` and until `over` is notified. It adds no reading
+    /// before `begins`. `check` checks every reading, with its duration.
     pub async fn take_while<A: SensorArray>(
         &mut self,
         array: &mut A,
@@ -75,33 +75,33 @@ impl OutputMeans {
 /// What a window came to.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
-    /// When it began.
+    /// Time when the window began.
     pub began: Instant,
-    /// Mean force, N from the air before.
+    /// Mean force, N relative to the air before.
     pub force_n: f64,
-    /// The middle of the forces, s by the press' clock.
+    /// Middle of the forces, s by the press' clock.
     pub middle_s: f64,
-    /// How many forces, and how long they took, s.
+    /// Number of forces, and their duration, s.
     pub forces: u32,
     pub seconds: f64,
-    /// Mean outputs, less those in air, in the array's unit.
+    /// Mean outputs minus the outputs in air, in the array's unit.
     pub outputs: Vec<f64>,
-    /// Whether an output stood at the end of its range.
+    /// Whether an output was at the end of its range.
     pub saturated: bool,
-    /// Whether the outputs kept the window waiting for longer than a reading may be old.
+    /// Whether the outputs delayed the window by more than the allowed age of a reading.
     pub late: bool,
 }
 
 impl Window {
-    /// Whether the array can't have felt this contact: no unit has moved since it was in air, or since another contact.
+    /// Whether the array can't have measured this contact: no unit has changed since the air before, or since another contact.
     pub fn is_frozen(&self, before: Option<&[f64]>) -> bool {
         self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
     }
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Samples force and outputs together for so long, or for whole periods of the hum, z at rest. An output that is not a number
-    /// is the array's failure; one at the end of the array's range, `range_v`, is noted.
+    /// Samples force and outputs together for `seconds`, or for complete periods of the hum, with z at rest. An output that is
+    /// not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
     pub async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();

@@ -1,4 +1,4 @@
-//! The force of a contact, with relaxation, advanced in closed form.
+//! Force of a contact, with relaxation, advanced in closed form.
 
 use super::spec::{ContactLaw, RelaxationBranch};
 use super::surface::Depth;
@@ -29,11 +29,11 @@ pub(super) struct ContactState {
     curve: ContactLaw,
     relaxes: bool,
     branches: Vec<RelaxationBranch>,
-    /// How stiff what carries the tip is, N/mm; none: rigid.
+    /// Stiffness of the support of the tip, N/mm; `None`: rigid.
     series_n_mm: Option<f64>,
-    /// What each branch keeps over the last piece of a motion: the next is mostly as long.
+    /// Decay of each branch over the last piece of a motion, stored because the next piece usually has the same duration.
     fades: Vec<Fade>,
-    /// What each branch adds now, N.
+    /// Additional force of each branch now, N.
     extra_n: Vec<f64>,
     force_n: f64,
     depth_mm: f64,
@@ -73,7 +73,7 @@ impl ContactState {
         }
     }
 
-    /// What the tip, in air now, will find where it touches next.
+    /// Sets the properties of the next contact; the tip must be in air.
     pub fn will_meet(&mut self, curve: ContactLaw, relaxes: bool) {
         self.curve = curve;
         self.relaxes = relaxes;
@@ -82,30 +82,30 @@ impl ContactState {
         }
     }
 
-    /// The tip slips: in the contact under way or the next one, and until it leaves the specimen.
+    /// Makes the tip slip, in the contact under way or the next one, until it leaves the specimen.
     pub fn slip(&mut self) {
         self.will_slip = true;
         self.settle(self.depth_mm);
     }
 
-    /// The specimen is gone. The depth still counts from where its surface was.
+    /// Removes the specimen. The depth is still relative to the earlier position of its surface.
     pub fn vanish(&mut self) {
         self.gone = true;
         self.settle(self.depth_mm);
     }
 
-    /// True contact force, N, never negative: the tip doesn't stick.
+    /// True contact force, N. It is never negative, because the tip doesn't stick.
     pub fn force_n(&self) -> f64 {
         self.force_n
     }
 
-    /// Whether the tip is below the surface of a specimen that is there.
+    /// Whether the tip is below the surface of a specimen that is present.
     pub fn touching(&self) -> bool {
         self.depth_mm > 0.0 && !self.gone
     }
 
-    /// The largest force, N, and depth, mm, since they were last forgotten. Between two looks (2 ms of motion at most) the
-    /// force can have been higher by what the branches relax meanwhile, under 0.1 mN at 1 N.
+    /// Largest force, N, and largest depth, mm, since the last reset. Between two evaluations (2 ms of motion at most) the force
+    /// may have been higher, by the relaxation of the branches in that time. This is less than 0.1 mN at 1 N.
     pub fn peaks(&self) -> (f64, f64) {
         (self.peak_n, self.peak_mm)
     }
@@ -115,12 +115,12 @@ impl ContactState {
         self.peak_mm = self.depth_mm.max(0.0);
     }
 
-    /// Relaxes at once: the tip goes to a spot that hasn't been loaded.
+    /// Relaxes at once, because the tip goes to a spot that hasn't been loaded.
     pub fn forget_load(&mut self) {
         self.extra_n.fill(0.0);
     }
 
-    /// Moves on by `dt_s`, in which what carries the tip follows one quadratic of depth.
+    /// Advances by `dt_s`, during which the support of the tip follows one quadratic of depth.
     pub fn advance(&mut self, depth: Depth, dt_s: f64) {
         match self.series_n_mm {
             Some(series_n_mm) if depth.mm > 0.0 || depth.after(dt_s) > 0.0 => self.yield_to(series_n_mm, &depth, dt_s),

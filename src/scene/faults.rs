@@ -1,47 +1,48 @@
-//! What goes wrong at a moment, for rehearsals and tests.
+//! Faults that begin at a set time, for rehearsals and tests.
 
-/// Something that goes wrong at a moment, for rehearsals and tests.
+/// A fault that begins at a set time, for rehearsals and tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {
-    /// What goes wrong.
+    /// Kind of the fault.
     pub kind: FaultKind,
-    /// From when on, s since the rig was opened.
+    /// Start of the fault, s since the rig was opened.
     pub from_s: f64,
-    /// How much of it; none: [`FaultKind::usual`].
+    /// Size of the fault; `None`: [`FaultKind::usual`].
     pub value: Option<f64>,
 }
 
-/// What can go wrong.
+/// Kinds of faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultKind {
-    /// The load cell gives its last reading for ever.
+    /// The load cell repeats its last reading forever.
     Stuck,
-    /// The load cell reads its offset and its noise, and no force.
+    /// The load cell reads only its offset and its noise, and no force.
     NoSensor,
     /// The load cell reads pushes as pulls.
     WrongSign,
-    /// The load cell reads no more than the value, N.
+    /// The load cell reads at most the value, N.
     Saturated,
-    /// In the contact under way, or the next one, the true force drops to 35 % until the tip leaves the specimen; once.
+    /// In the contact under way, or the next one, the true force drops to 35 % until the tip leaves the specimen. This happens
+    /// once.
     Slip,
-    /// From the next contact to begin on, the specimen is a linear spring of the value, N/mm, that doesn't relax.
+    /// From the next contact on, the specimen is a linear spring of the value, N/mm, without relaxation.
     HardContact,
-    /// The specimen is gone: there is no force any more.
+    /// The specimen is gone, so there is no force any more.
     NoContact,
     /// The load cell's link is silent: requests are not answered.
     Stale,
     /// The stage's link is silent: requests are neither acted on nor answered.
     StageLost,
-    /// The stage takes the value longer over each exchange, ms.
+    /// Each exchange of the stage takes longer by the value, ms.
     SlowStage,
-    /// The load cell's noise is the value times as large.
+    /// The load cell's noise is multiplied by the value.
     Noisy,
-    /// The load cell reads the value more, N.
+    /// The load cell's reading is higher by the value, N.
     DriftedZero,
 }
 
 impl FaultKind {
-    /// All kinds, as they are named in a rig file.
+    /// All kinds, with their names in a rig file.
     pub const ALL: [(&str, FaultKind); 12] = [
         ("stuck", FaultKind::Stuck),
         ("no-sensor", FaultKind::NoSensor),
@@ -57,7 +58,7 @@ impl FaultKind {
         ("drifted-zero", FaultKind::DriftedZero),
     ];
 
-    /// The value of one that has no other: 0.8 N, 20 N/mm, 200 ms, 10 times or -0.5 N; none where it takes none.
+    /// Returns the default value of a kind: 0.8 N, 20 N/mm, 200 ms, 10 times or -0.5 N; `None` for a kind without a value.
     pub fn usual(self) -> Option<f64> {
         match self {
             FaultKind::Saturated => Some(0.8),
@@ -83,23 +84,23 @@ impl Faults {
         self.0.is_empty()
     }
 
-    /// The values of a kind's faults that there are by now.
+    /// Returns the values of a kind's faults that have begun by now.
     pub fn values(&self, kind: FaultKind, now_s: f64) -> impl Iterator<Item = f64> {
         let by_now = self.0.iter().filter(move |fault| fault.kind == kind && fault.from_s <= now_s);
         by_now.map(move |fault| fault.value.or(kind.usual()).unwrap_or(0.0))
     }
 
-    /// Whether there is one of a kind by now.
+    /// Whether a fault of a kind has begun by now.
     pub fn any(&self, kind: FaultKind, now_s: f64) -> bool {
         self.values(kind, now_s).next().is_some()
     }
 
-    /// The kinds that begin after `after_s` and by `now_s`.
+    /// Returns the kinds that begin after `after_s` and not later than `now_s`.
     pub fn beginning(&self, after_s: f64, now_s: f64) -> impl Iterator<Item = FaultKind> {
         self.0.iter().filter(move |fault| fault.from_s > after_s && fault.from_s <= now_s).map(|fault| fault.kind)
     }
 
-    /// When the next one begins after `now_s`, s; infinite: none does.
+    /// Start of the next fault after `now_s`, s; infinite if there is no further fault.
     pub fn next_s(&self, now_s: f64) -> f64 {
         self.0.iter().map(|fault| fault.from_s).filter(|&from_s| from_s > now_s).fold(f64::INFINITY, f64::min)
     }

@@ -1,4 +1,4 @@
-//! What the load cell reads of the true force.
+//! Load cell reading of the true force.
 
 use super::faults::{FaultKind, Faults};
 use super::spec::LoadCell;
@@ -25,14 +25,14 @@ pub(super) struct LoadCellState {
     /// Rate of the low-pass, 1/s.
     low_pass: Option<f64>,
     rng: Stream,
-    /// When the press under way began, s: conversions count from there.
+    /// Start of the press under way, s; conversions are timed from it.
     began_s: f64,
-    /// The force behind the low-pass, N.
+    /// Force after the low-pass, N.
     passed_n: f64,
-    /// The conversion that is read now and those after it: number and force, N. Never empty.
+    /// Conversion that is read now and the conversions after it: number and force, N. Never empty.
     held: VecDeque<(u64, f64)>,
     read: Option<(u64, f64)>,
-    /// The conversion that was read last and the noise in it that passed the low-pass, N.
+    /// Conversion that was read last, and the part of its noise that passed the low-pass, N.
     filtered: Option<(u64, f64)>,
 }
 
@@ -53,13 +53,13 @@ impl LoadCellState {
         }
     }
 
-    /// What it reads of its tool while the stage accelerates toward the specimen, N.
+    /// Force reading caused by the tool while the stage accelerates toward the specimen, N.
     pub fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
         self.spec.map_or(0.0, |cell| cell.tool_n(acceleration_mm_s2))
     }
 
-    /// Another press begins, with noise of its own and, as its free-running clock stands to that of the press by chance
-    /// anyway, with a conversion. What is on its way to the reader by then has the force of this moment.
+    /// Begins another press, with its own noise. The press begins with a conversion, because the phase of the cell's free-running
+    /// clock relative to the press is random anyway. Conversions on their way to the reader get the force of this moment.
     pub fn begin(&mut self, rng: Stream, now_s: f64) {
         self.rng = rng;
         let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
@@ -69,8 +69,9 @@ impl LoadCellState {
         self.filtered = None;
     }
 
-    /// Where the scene must stop on its way from `now_s` to `to_s` at the latest, s: at every conversion that can be read at
-    /// `to_s` or later, of which a long way has few, and often where the low-pass still remembers.
+    /// Latest time at which the scene must stop on its way from `now_s` to `to_s`, s. The scene stops at every conversion that
+    /// can be read at `to_s` or later; a long way has few of these. It stops often while the low-pass still has a memory of
+    /// earlier forces.
     pub fn next_knot(&self, now_s: f64, to_s: f64) -> f64 {
         let earliest = self.conversion_at(to_s - self.transport_s);
         let conversion = earliest.max(self.newest() + 1);
@@ -85,7 +86,7 @@ impl LoadCellState {
         knot_s
     }
 
-    /// The force went from one value to another in `dt_s`.
+    /// Takes a change of the force from one value to another in `dt_s`.
     pub fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
         self.passed_n = match self.low_pass {
             None => to_n,
@@ -98,7 +99,7 @@ impl LoadCellState {
         };
     }
 
-    /// Holds the force if `now_s` is, or lies beyond, a conversion that hasn't been held yet.
+    /// Stores the force if a conversion that hasn't been stored yet is due at `now_s`.
     pub fn latch(&mut self, now_s: f64) {
         let conversion = self.conversion_at(now_s);
         if conversion > self.newest() {
@@ -110,7 +111,7 @@ impl LoadCellState {
         }
     }
 
-    /// What the cell reads at `now_s`, to which the scene has advanced, N.
+    /// Returns the cell's reading at `now_s`, N; the scene must have advanced to that time.
     pub fn read(&mut self, now_s: f64, faults: &Faults) -> f64 {
         let (conversion, held_n) = self.held[0];
         if let Some((last, read_n)) = self.read

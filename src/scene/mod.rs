@@ -1,7 +1,8 @@
-//! The physics of a simulated rig, pure: where the axes are, what the contact bears, what the load cell and the taxels read.
+//! Physics of a simulated rig, as pure code: axis positions, contact force, and the readings of load cell and taxels.
 //!
-//! A [`Scene`] is given the time and advances in closed form to it; it owns its random streams and nothing else that
-//! changes. What a [`SceneSpec`] doesn't name isn't computed. Emulators act on it: they set motions and read values.
+//! A [`Scene`] is given the time and advances to it in closed form. It owns its random streams and depends on nothing else that
+//! changes. Terms that a [`SceneSpec`] doesn't name aren't computed. Emulators act on the scene: they set motions and read
+//! values.
 
 mod contact;
 mod faults;
@@ -49,22 +50,22 @@ const HALF: f64 = 0.5 + 1e-6;
 /// The least that a stiffness map leaves of the contact curve: a normal draw knows no bound.
 const SOFTEST: f64 = 0.1;
 
-/// A simulated specimen under a simulated indenter, at one moment. A copy goes its own way from there.
+/// A simulated specimen under a simulated indenter, at one moment. A copy continues independently.
 #[derive(Clone)]
 pub struct Scene {
     setting: Surroundings,
     seed: u64,
     now_s: f64,
-    /// What the controller has the axes do.
+    /// Motions of the axes as planned by the controller.
     profiles: [Trajectory; 3],
-    /// What they do.
+    /// Actual motions of the axes.
     axes: [Trajectory; 3],
     servo: Servo,
-    /// Of z.
+    /// Play of z.
     play: Option<Play>,
     surface: Surface,
     surface_wave: Option<Wave>,
-    /// How far the surface lies beyond its plane, into the specimen, mm.
+    /// Distance of the surface beyond its plane, into the specimen, mm.
     relief: Option<SpotMap>,
     curve: CurveAt,
     contact: ContactState,
@@ -84,7 +85,7 @@ struct CurveAt {
 }
 
 impl Scene {
-    /// A scene at time 0, the axes at rest where the controller was switched on; `seed` decides the specimen and all noise.
+    /// Creates a scene at time 0, with the axes at rest at their power-on places. `seed` determines the specimen and all noise.
     pub fn new(spec: SceneSpec, setting: Surroundings, seed: u64) -> Self {
         let power_on = setting.power_on;
         let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
@@ -126,34 +127,35 @@ impl Scene {
         scene
     }
 
-    /// Names the press that begins at `now_s`: from here on every stream is that press' own, and so is the load cell's clock,
-    /// for any history.
+    /// Starts the press of this number at `now_s`. From here on every random stream and the load cell's clock belong to that
+    /// press, independent of the history.
     pub fn begin_press(&mut self, press: u64, now_s: f64) {
         self.advance(now_s);
         self.reseed(press + 1, now_s); // 0 is what happens before the first press
         self.contact.forget_peaks();
     }
 
-    /// Where an axis is and how fast it moves at `now_s`, in the stage frame: (mm, mm/s).
+    /// Position and speed of an axis at `now_s`, in the stage frame: (mm, mm/s).
     pub fn axis(&mut self, axis: Axis, now_s: f64) -> (f64, f64) {
         self.advance(now_s);
         let trajectory = &self.axes[axis.index()];
         (trajectory.position_mm(now_s), trajectory.speed_mm_s(now_s))
     }
 
-    /// The motion that the controller has an axis do; the axis itself is late by the scene's servo lag.
+    /// Motion of an axis as planned by the controller. The axis itself is later by the scene's servo lag.
     pub fn motion(&self, axis: Axis) -> &Trajectory {
         &self.profiles[axis.index()]
     }
 
-    /// The target that a stage goes to when it is asked for another, mm: the nearest step of it, the upper of two as near.
+    /// Returns the actual target of the stage for a requested target, mm: the nearest step, or the upper of two equally near
+    /// steps.
     pub fn target_mm(&self, wanted_mm: f64) -> f64 {
         let quantum_mm = self.servo.quantum_mm;
         if quantum_mm > 0.0 { (wanted_mm / quantum_mm + HALF).floor() * quantum_mm } else { wanted_mm }
     }
 
-    /// Puts an axis on a new motion from `now_s` on. The trajectory must start where the last [`motion`](Self::motion) is by
-    /// then.
+    /// Starts a new motion of an axis at `now_s`. The trajectory must start at the position that the last
+    /// [`motion`](Self::motion) has at that time.
     pub fn set_motion(&mut self, axis: Axis, trajectory: Trajectory, now_s: f64) {
         self.advance(now_s);
         let real = &mut self.axes[axis.index()];
@@ -164,28 +166,28 @@ impl Scene {
         }
     }
 
-    /// The load cell's reading at `now_s`, N: its last conversion that has come through, pressing positive, noise included, no
-    /// zero taken.
+    /// Returns the load cell's reading at `now_s`, N: its last conversion that has arrived, pressing positive, with noise,
+    /// without a zero subtracted.
     pub fn load_cell_n(&mut self, now_s: f64) -> f64 {
         self.advance(now_s);
         self.load_cell.read(now_s, &self.faults)
     }
 
-    /// The outputs of all taxels at `now_s`, in units of the reading for 1 N straight above, written to `outputs`.
+    /// Writes the outputs of all taxels at `now_s` to `outputs`, in units of the reading for 1 N straight above.
     ///
     /// # Panics
-    /// If `outputs` doesn't have one place a taxel.
+    /// If the length of `outputs` isn't the number of outputs.
     pub fn outputs(&mut self, now_s: f64, outputs: &mut [f64]) {
         self.advance(now_s);
         self.taxels.outputs(self.contact.force_n(), self.place(now_s), outputs);
     }
 
-    /// How many outputs the array has: one for each channel of each taxel.
+    /// Number of outputs of the array: one for each channel of each taxel.
     pub fn taxels(&self) -> usize {
         self.setting.layout.len()
     }
 
-    /// How long a device takes over its next request, which it has at `now_s`, s; none: it never acts on it.
+    /// Time that a device needs for its next request, received at `now_s`, s; `None` if it never acts on the request.
     pub fn latency_s(&mut self, device: Device, now_s: f64) -> Option<f64> {
         let silent = match device {
             Device::Stage => self.faults.any(FaultKind::StageLost, now_s),
@@ -215,19 +217,20 @@ impl Scene {
         self.contact.force_n()
     }
 
-    /// Begins to average the true force.
+    /// Starts to average the true force.
     pub fn open_window(&mut self, now_s: f64) {
         self.advance(now_s);
         self.witness.open_window();
     }
 
-    /// Ends the average that [`open_window`](Self::open_window) began; if no time has passed, the force of this moment.
+    /// Ends the average that [`open_window`](Self::open_window) started. If no time has passed, the average is the force of this
+    /// moment.
     pub fn close_window(&mut self, now_s: f64) {
         self.advance(now_s);
         self.witness.close_window(self.contact.force_n());
     }
 
-    /// What really happened since this was last asked (peaks: or since the press began): the window's mean and the worst.
+    /// Returns the true events since the last call (peaks: or since the press began): the window's mean and the largest values.
     pub fn take_truth(&mut self, now_s: f64) -> Truth {
         self.advance(now_s);
         let peaks = self.contact.peaks();
@@ -235,8 +238,8 @@ impl Scene {
         self.witness.take(peaks)
     }
 
-    /// What would come of it if nobody asked for anything any more: the worst from `now_s` until the axes rest, and the force
-    /// they rest at for `force_true_n`. The scene itself stays as it is.
+    /// Returns the events that would follow without further requests. They are the largest values from `now_s` until the axes
+    /// rest, and the force at rest as `force_true_n`. The scene itself stays unchanged.
     pub fn run_out(&self, now_s: f64) -> Truth {
         let mut scene = self.clone();
         scene.take_truth(now_s);
@@ -244,13 +247,13 @@ impl Scene {
         Truth { force_true_n: scene.true_force_n(rest_s), ..scene.take_truth(rest_s) }
     }
 
-    /// Puts a known weight on the tip at `at_s`, which is not over: its true force is within `u_n` of the nominal one, and follows
-    /// from the seed. A negative one pulls.
+    /// Puts a known weight on the tip at `at_s`, which must not be past. The true force is within `u_n` of the nominal force, and
+    /// follows from the seed. A negative weight pulls.
     pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, at_s: f64) {
         self.weight.change(at_s, weight::true_force_n(nominal_n, u_n, self.seed));
     }
 
-    /// Takes the weight off at `at_s`, which is not over.
+    /// Removes the weight at `at_s`, which must not be past.
     pub fn take_weight(&mut self, at_s: f64) {
         self.weight.change(at_s, 0.0);
     }

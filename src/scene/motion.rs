@@ -1,10 +1,10 @@
-//! How an axis moves: trajectories in closed form.
+//! Motion of an axis: trajectories in closed form.
 
 /// To what the time since a motion began is rounded, s: finer than anything here is timed, and far coarser than what a float
 /// loses of the time of day. So a motion is the same to the last bit whenever it is made.
 const GRAIN_S: f64 = 1e-9;
 
-/// The motion of one axis: stretches of constant acceleration, then rest. A trapezoid of speed, as a controller plans it.
+/// Motion of one axis: intervals of constant acceleration, then rest. It is a trapezoid of speed, as a controller plans it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     stretches: Vec<Stretch>,
@@ -28,13 +28,14 @@ struct Stretch {
 }
 
 impl Trajectory {
-    /// An axis that stands at `position_mm`.
+    /// Creates an axis at rest at `position_mm`.
     pub fn at_rest(position_mm: f64) -> Self {
         Trajectory { stretches: Vec::new(), end: At { began_s: 0.0, after_s: 0.0 }, end_mm: position_mm }
     }
 
-    /// From a position and a speed to rest at `target_mm`, at most at `speed_mm_s` (positive) with `acceleration_mm_s2`
-    /// (positive) both ways. A speed that is too high for the way that is left is braked, and the way back is made good.
+    /// Creates a motion from a position and a speed to rest at `target_mm`, at most at `speed_mm_s` (positive) with
+    /// `acceleration_mm_s2` (positive) both ways. If the speed is too high for the remaining distance, the axis brakes beyond the
+    /// target and returns.
     pub fn to(now_s: f64, state: (f64, f64), target_mm: f64, speed_mm_s: f64, acceleration_mm_s2: f64) -> Self {
         let (start_mm, start_speed) = state;
         let mut plan = Planner::from(now_s, start_mm, start_speed);
@@ -49,7 +50,7 @@ impl Trajectory {
         Trajectory { stretches: plan.stretches, end: plan.at, end_mm: target_mm }
     }
 
-    /// From a position and a speed to rest as soon as `deceleration_mm_s2` allows.
+    /// Creates a motion from a position and a speed to rest as soon as `deceleration_mm_s2` allows.
     pub fn stop(now_s: f64, state: (f64, f64), deceleration_mm_s2: f64) -> Self {
         let (position_mm, speed_mm_s) = state;
         let mut plan = Planner::from(now_s, position_mm, speed_mm_s);
@@ -57,7 +58,7 @@ impl Trajectory {
         Trajectory { stretches: plan.stretches, end: plan.at, end_mm: plan.position_mm }
     }
 
-    /// This motion, a rest, and another that starts where this one ends, no sooner than it does.
+    /// Joins this motion, a rest, and a second motion that starts at the end position of this one, at the end time or later.
     pub fn then(mut self, next: &Trajectory) -> Self {
         if next.stretches.first().is_some_and(|first| first.from.s() > self.end_s()) {
             self.stretches.push(self.rest());
@@ -88,12 +89,12 @@ impl Trajectory {
         Trajectory { stretches, end: if end.s() > splice.s() { end } else { splice }, end_mm: profile.end_mm }
     }
 
-    /// When the axis comes to rest, s.
+    /// Time at which the axis comes to rest, s.
     pub fn end_s(&self) -> f64 {
         self.end.s()
     }
 
-    /// Where the axis comes to rest, mm.
+    /// Position at which the axis comes to rest, mm.
     pub fn end_mm(&self) -> f64 {
         self.end_mm
     }
@@ -103,12 +104,12 @@ impl Trajectory {
         !self.end.is_past(now_s)
     }
 
-    /// Where the axis is, mm.
+    /// Position of the axis, mm.
     pub fn position_mm(&self, now_s: f64) -> f64 {
         self.state(now_s).0
     }
 
-    /// How fast it moves, mm/s.
+    /// Speed of the axis, mm/s.
     pub fn speed_mm_s(&self, now_s: f64) -> f64 {
         self.state(now_s).1
     }

@@ -1,10 +1,10 @@
-//! The play of an axis: after it turns round, the controller's motion takes it up before the indenter moves.
+//! Play of an axis: after a reversal, the controller's motion takes up the play before the indenter moves.
 
 /// The play of an axis and where the indenter stands in it.
 #[derive(Clone)]
 pub(super) struct Play {
     half_mm: f64,
-    /// Where the indenter is, less where the controller says it is, mm.
+    /// Position of the indenter minus the controller's position, mm.
     offset_mm: f64,
 }
 
@@ -12,12 +12,13 @@ pub(super) struct Play {
 type State = (f64, f64, f64);
 
 impl Play {
-    /// A play of so many mm in all; none is none.
+    /// Creates a play with this total size, mm; `None` if the size is zero.
     pub fn new(backlash_mm: f64) -> Option<Play> {
         (backlash_mm > 0.0).then_some(Play { half_mm: backlash_mm / 2.0, offset_mm: 0.0 })
     }
 
-    /// When an axis in this state will have taken up the play, s from now; infinite: it has, or rests.
+    /// Time after which an axis in this state has taken up the play, s from now; infinite if the play is already taken up or the
+    /// axis rests.
     pub fn engages_in_s(&self, state: State) -> f64 {
         let (_, speed, acceleration) = state;
         let way_mm = self.offset_mm + heading(state) * self.half_mm;
@@ -29,8 +30,8 @@ impl Play {
         if engages_s.is_finite() && engages_s > 0.0 { engages_s } else { f64::INFINITY }
     }
 
-    /// The indenter's state over the next stretch, in which the controller's axis keeps its acceleration and no play that is
-    /// being taken up ends.
+    /// Returns the indenter's state over the next interval. In this interval the controller's axis keeps its acceleration, and a
+    /// play that is being taken up doesn't end.
     pub fn follow(&mut self, state: State, dt_s: f64) -> State {
         let (position_mm, speed, acceleration) = state;
         let engaged_mm = -heading(state) * self.half_mm;

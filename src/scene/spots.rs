@@ -1,4 +1,4 @@
-//! What varies from spot to spot: height and stiffness.
+//! Properties that vary from spot to spot: height and stiffness.
 
 use crate::quantity::{Place, stream};
 use rand::RngExt;
@@ -14,11 +14,11 @@ const WAVES: usize = 4;
 #[derive(Clone)]
 pub(super) struct SpotMap {
     waves: [Wave; WAVES],
-    /// Standard deviation of the spots' own part.
+    /// Standard deviation of the independent part of the spots.
     white_sd: f64,
     white_name: &'static str,
     seed: u64,
-    /// The last place asked for and its value: x and y rest most of the time.
+    /// Last requested place and its value, stored because x and y rest most of the time.
     last: (Place, f64),
 }
 
@@ -31,8 +31,8 @@ struct Wave {
 }
 
 impl SpotMap {
-    /// A smooth part that never exceeds `most`, made of waves between two lengths, and spots of a standard deviation; the two
-    /// names separate this property's streams from others'.
+    /// Creates a smooth part of at most `most`, composed of waves between two wavelengths, and an independent part of the spots
+    /// with the standard deviation `white_sd`. The two names separate this property's streams from others.
     pub fn new(most: f64, wavelength_mm: (f64, f64), white_sd: f64, names: [&'static str; 2], seed: u64) -> Self {
         let mut rng = stream(seed, 0, names[0]);
         let waves = std::array::from_fn(|_| {
@@ -45,7 +45,7 @@ impl SpotMap {
         SpotMap { waves, white_sd, white_name: names[1], seed, last: (nowhere, 0.0) }
     }
 
-    /// The value at a place.
+    /// Returns the value at a place.
     pub fn at(&mut self, place: Place) -> f64 {
         if self.last.0 != place {
             self.last = (place, self.smooth(place) + self.white(place));

@@ -1,4 +1,4 @@
-//! The plane of the true surface.
+//! Plane of the true surface.
 
 use crate::quantity::{Frame, stream};
 use rand::RngExt;
@@ -7,7 +7,7 @@ use rand::RngExt;
 #[derive(Clone)]
 pub(super) struct Surface {
     frame: Frame,
-    /// How far the surface lies beyond the nominal one, into the specimen, at the origin (mm) and per mm of x and y.
+    /// Distance of the surface beyond the nominal surface, into the specimen: at the origin (mm) and per mm of x and y.
     plane: [f64; 3],
 }
 
@@ -20,8 +20,8 @@ pub(super) struct Depth {
 }
 
 impl Surface {
-    /// A plane whose height, anywhere within `half_extent_mm` of the origin, is at most `tilt_mm` off; from the seed
-    /// alone, since it belongs to the specimen.
+    /// Creates a plane with a height error of at most `tilt_mm` within `half_extent_mm` of the origin. It depends on the seed
+    /// alone, because it belongs to the specimen.
     pub fn tilted(frame: &Frame, tilt_mm: f64, half_extent_mm: f64, seed: u64) -> Self {
         let mut rng = stream(seed, 0, "surface");
         let mut third = || rng.random_range(-1.0..=1.0) * tilt_mm / 3.0;
@@ -29,7 +29,7 @@ impl Surface {
         Surface { frame: *frame, plane }
     }
 
-    /// The depth below the surface from the axes' (position, speed, acceleration) in the stage frame.
+    /// Returns the depth below the surface from the axes' (position, speed, acceleration) in the stage frame.
     pub fn depth(&self, x: (f64, f64, f64), y: (f64, f64, f64), z: (f64, f64, f64)) -> Depth {
         let [height, per_x, per_y] = self.plane;
         let place = self.frame.place_from_stage(x.0, y.0);
@@ -55,7 +55,7 @@ impl Depth {
         self.speed_mm_s == 0.0 && self.acceleration_mm_s2 == 0.0
     }
 
-    /// The instants in (0, `within_s`) at which the depth is `level_mm`, earliest first.
+    /// Returns the times in (0, `within_s`) at which the depth is `level_mm`, earliest first.
     pub fn crossings(&self, level_mm: f64, within_s: f64) -> impl Iterator<Item = f64> {
         let (c, b, half_a) = (self.mm - level_mm, self.speed_mm_s, self.acceleration_mm_s2 / 2.0);
         let mut roots = [f64::NAN; 2];

@@ -1,4 +1,4 @@
-//! Hysteresis and relaxation of what taxels read.
+//! Hysteresis and relaxation of the taxels' readings.
 
 use super::skin::Skin;
 use crate::quantity::{Place, Stream, stream};
@@ -12,7 +12,7 @@ const CROSSING_N: f64 = 0.5;
 pub(super) struct TaxelState {
     skin: Skin,
     rng: Stream,
-    /// How far the force has turned back from loading, 0 to 1.
+    /// Reversal of the force from loading, 0 to 1.
     reversal: f64,
 }
 
@@ -25,13 +25,13 @@ impl TaxelState {
         self.rng = rng;
     }
 
-    /// A new contact begins: it doesn't quite repeat the last one.
+    /// Begins a new contact, which differs slightly from the last one.
     pub fn touch(&mut self) {
         self.skin.draw_contact(&mut self.rng);
         self.reversal = 0.0;
     }
 
-    /// The force went from one value to another.
+    /// Takes a change of the force from one value to another.
     pub fn follow(&mut self, from_n: f64, to_n: f64, touching: bool) {
         if touching {
             self.reversal = (self.reversal - (to_n - from_n) / CROSSING_N).clamp(0.0, 1.0);
@@ -41,7 +41,7 @@ impl TaxelState {
         }
     }
 
-    /// What the taxels read under `force_n` at `place`, reading units (1 = 1 N straight above).
+    /// Writes the readings of the taxels under `force_n` at `place`, reading units (1 = 1 N straight above).
     pub fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
         outputs.fill(0.0);
         self.skin.add_load(force_n, place, outputs);

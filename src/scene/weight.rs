@@ -1,4 +1,4 @@
-//! A known weight on the tip, put there and taken off by a person.
+//! A known weight on the tip, put on and removed by a person.
 
 use crate::quantity::stream;
 use rand::RngExt;
@@ -11,24 +11,24 @@ pub(super) struct Weight {
 }
 
 impl Weight {
-    /// From `at_s` on the weight presses with this force; 0: it is taken off.
+    /// Makes the weight press with this force from `at_s` on; 0 removes it.
     pub fn change(&mut self, at_s: f64, force_n: f64) {
         self.next = Some((at_s, force_n));
     }
 
-    /// When it changes next, s.
+    /// Time of the next change, s.
     pub fn next_s(&self) -> f64 {
         self.next.map_or(f64::INFINITY, |(at_s, _)| at_s)
     }
 
-    /// Takes in a change that is due.
+    /// Applies a change that is due.
     pub fn strike(&mut self, now_s: f64) {
         if let Some((_, force_n)) = self.next.take_if(|(at_s, _)| *at_s <= now_s) {
             self.acts_n = force_n;
         }
     }
 
-    /// What it presses with, N.
+    /// Force of the weight, N.
     pub fn force_n(&self) -> f64 {
         self.acts_n
     }

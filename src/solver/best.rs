@@ -16,6 +16,9 @@ pub(super) struct Tried {
 /// many standard errors of the difference.
 const HOPELESS: f64 = 1.3;
 const HOPELESS_SIGMAS: f64 = 3.0;
+/// The factor between two mean force errors that counts as a gain, and by what factor the location error may be larger for it.
+const FORCE_GAIN: f64 = 0.5;
+const LOCATION_COST: f64 = 1.1;
 /// The fewest places that show it.
 const FEWEST_PLACES: usize = 30;
 
@@ -29,6 +32,12 @@ impl Tried {
             location_error_mm: mean(&self.location_errors()),
             force_error_n: mean(&force_errors),
         }
+    }
+
+    /// Whether its mean force error is at most half of another's: then its force is worth a slightly larger location error.
+    pub fn halves_the_force_error_of(&self, other: &Tried) -> bool {
+        let of = |tried: &Tried| tried.candidate().force_error_n;
+        of(self).zip(of(other)).is_some_and(|(own_n, other_n)| own_n <= FORCE_GAIN * other_n)
     }
 
     fn location_errors(&self) -> Vec<f64> {
@@ -88,6 +97,15 @@ pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
     ranked.into_iter().map(|(_, tried)| tried).collect()
 }
 
+/// Which of the ranked methods to choose, by its rank. `may_lead` says of a rank whether it may be chosen for its location error. A
+/// later one is chosen if it halves the force error of that one and its location error is nearly as small.
+pub(super) fn leader(ranked: &[&Tried], may_lead: impl FnMut(&usize) -> bool) -> usize {
+    let first = (0..ranked.len()).find(may_lead).unwrap_or(0);
+    let is_near = |rank: &usize| ranked[*rank].lead(ranked[first]) >= 1.0 / LOCATION_COST;
+    let halves = |rank: &usize| ranked[*rank].halves_the_force_error_of(ranked[first]);
+    (0..ranked.len()).find(|rank| *rank != first && is_near(rank) && halves(rank)).unwrap_or(first)
+}
+
 /// Whether each method is worth trying on the other parts of the places, by its trials on the first. `counts` says of a method whether
 /// others are compared with it.
 pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
@@ -101,6 +119,7 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
     let is_hopeful = |tried: &Tried| {
         let mean_mm = mean(&tried.location_errors());
         mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
+            || tried.halves_the_force_error_of(best)
     };
     tried.iter().map(is_hopeful).collect()
 }

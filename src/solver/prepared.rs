@@ -137,7 +137,8 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// The method that errs least on places that are held out. Where the smooth map explains the calibration, no other regression is
+    /// The method that errs least on places that are held out, in location; and in force, where the location errors are nearly the
+    /// same. Where the smooth map explains the calibration, no other regression is
     /// tried. After the first part of the places, methods that are far behind are tried no further.
     fn best(&self) -> Result<Fitted, FitError> {
         let is_explained = self.is_explained()?;
@@ -153,7 +154,7 @@ impl<'a> Prepared<'a> {
         self.add_blend(&mut tried);
         let mut ranked = best::ranked(&tried);
         let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
-        let leader = (0..ranked.len()).find(may_lead).unwrap_or(0);
+        let leader = best::leader(&ranked, may_lead);
         ranked[..=leader].rotate_right(1);
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };

@@ -1,7 +1,7 @@
-//! One owner of a real link: two programs that drive one stage would each move it under the other's press.
+//! Exclusive use of a real link. If two programs drove one stage, each program would move it during the other's press.
 //!
-//! The owner holds a lock on a file in the temporary folder, which the system gives free when the owner ends, however it
-//! does. The file stays: to remove it would take the lock away from a program that has just opened it.
+//! The owner holds a lock on a file in the temporary folder. The system releases the lock when the owner ends for any reason. The
+//! file stays, because its removal would take the lock from a program that has just opened it.
 
 use super::{Link, program};
 use sha2::{Digest, Sha256};
@@ -16,32 +16,32 @@ const TRIES: usize = 10;
 /// No process number is longer, in bytes.
 const NUMBER_MOST: u64 = 10;
 
-/// The real links that a rig has for itself, until this is dropped. Dropped after the drivers, it waits for the ends of their
-/// programs: a device is free for others when nobody holds it any more.
+/// Real links that a rig uses exclusively, until this value is dropped. It is dropped after the drivers, and waits until their
+/// programs end. A device is free for others when no program holds it any more.
 #[derive(Debug, Default)]
 pub struct Claims {
     claims: Vec<Claim>,
 }
 
-/// Why a link can't be had.
+/// Reason why a link can't be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
-    /// Another program has it.
+    /// Another program uses the link.
     #[error("{link} is in use by another palpate{}: end it, or wait for it", of_process(*.process))]
     Held {
-        /// The link, as a person knows it.
+        /// Link in readable form.
         link: String,
-        /// The number of the process that has it, where that is known.
+        /// Number of the process that uses the link, if known.
         process: Option<u32>,
     },
-    /// It can't be known who has it.
+    /// The owner of the link can't be determined.
     #[error("can't check whether {link} is in use: can't open its lock file {}: {source}; set TMPDIR to use another folder", .path.display())]
     Lock {
-        /// The link, as a person knows it.
+        /// Link in readable form.
         link: String,
-        /// The file.
+        /// Lock file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
 }
@@ -50,16 +50,16 @@ pub enum ClaimError {
 #[derive(Debug)]
 struct Claim {
     identity: String,
-    /// Dies with its owner, however that ends.
+    /// Lock that ends with its owner for any reason.
     _lock: File,
 }
 
 impl Claims {
-    /// Takes a link, if it is a real one; one that is taken already, for another role of the same rig, stays so. NI's devices
+    /// Takes a link, if it is a real one. A link that is already taken for another role of the same rig stays taken. NI's devices
     /// are taken by [`Claims::take_ni`].
     ///
     /// # Errors
-    /// Another program has it, or there can be no lock file.
+    /// Another program uses the link, or a lock file isn't possible.
     pub fn take(&mut self, link: &Link) -> Result<(), ClaimError> {
         match identity(link) {
             Some(identity) => self.take_in(&std::env::temp_dir(), identity, told(link)),
@@ -67,10 +67,10 @@ impl Claims {
         }
     }
 
-    /// Takes the NI devices that some physical channels belong to, such as `Dev1/ai0:8`.
+    /// Takes the NI devices of some physical channels, such as `Dev1/ai0:8`.
     ///
     /// # Errors
-    /// Another program has one, or there can be no lock file.
+    /// Another program uses one of the devices, or a lock file isn't possible.
     pub fn take_ni(&mut self, physical: &str) -> Result<(), ClaimError> {
         for device in ni_devices(physical) {
             self.take_in(&std::env::temp_dir(), format!("daqmx {}", device.to_lowercase()), format!("daqmx {device}"))?;
@@ -151,7 +151,7 @@ fn of_process(process: Option<u32>) -> String {
 #[derive(Debug)]
 enum Lock {
     Taken(File),
-    /// By another one, and its process number.
+    /// Held by another process, with its process number.
     Held(Option<u32>),
 }
 

@@ -1,4 +1,4 @@
-//! Opens links.
+//! Opening of links.
 
 use super::{Link, Parity, program};
 use std::io;
@@ -11,7 +11,7 @@ use tokio_serial::{SerialPortBuilderExt, StopBits};
 /// Longest wait for a TCP server to accept.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
 
-/// Anything bytes go into and come out of.
+/// Anything that bytes can be written to and read from.
 pub trait Duplex: AsyncRead + AsyncWrite + Unpin + Send + std::fmt::Debug {}
 
 impl<T: AsyncRead + AsyncWrite + Unpin + Send + std::fmt::Debug> Duplex for T {}
@@ -19,7 +19,7 @@ impl<T: AsyncRead + AsyncWrite + Unpin + Send + std::fmt::Debug> Duplex for T {}
 /// An open link.
 pub type ByteStream = Box<dyn Duplex>;
 
-/// Opens one instrument's link, again if it was lost.
+/// Opens one instrument's link, and opens it again if it was lost.
 pub enum Connector {
     /// A real port or socket.
     Real(Link),
@@ -31,7 +31,7 @@ impl Connector {
     /// Opens the link.
     ///
     /// # Errors
-    /// What the operating system says; for [`Link::Sim`] in [`Connector::Real`], that nothing is at its far end.
+    /// The operating system's error; for [`Link::Sim`] in [`Connector::Real`], an error that nothing is at its far end.
     pub async fn open(&self) -> io::Result<ByteStream> {
         match self {
             Connector::Memory(dial) => Ok(Box::new(dial())),

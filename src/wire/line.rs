@@ -15,18 +15,18 @@ const QUIET: Duration = Duration::from_millis(100);
 /// Most answers that are thrown away while a link is brought back into step.
 const STRAY_LINES_MAX: usize = 64;
 
-/// What a waiting exchange sends at once when it is asked for, answer or no answer. It has no answer itself.
+/// Urgent line that a waiting exchange sends at once on request, before its answer has come. The line has no answer itself.
 pub struct Urgent<'a> {
     /// Notified when there is something to send.
     pub asked: &'a Notify,
-    /// What to send then, if anything is left to.
+    /// Line to send then, if there is still one.
     pub line: &'a dyn Fn() -> Option<String>,
 }
 
-/// One request at a time over a line protocol; lines go out with CR and come back with CR LF (ESP300 manual, RS-232).
+/// One request at a time over a line protocol. Sent lines end with CR and received lines with CR LF (ESP300 manual, RS-232).
 ///
-/// An exchange that isn't finished (no answer, or its future dropped) leaves the link out of step; the next one first
-/// brings it back: it waits for quiet, asks the `marker` question and discards lines up to its answer.
+/// An exchange that isn't finished (no answer, or its future dropped) leaves the link out of step. The next exchange first
+/// resynchronises: it waits for quiet, asks the `marker` question and discards lines up to its answer.
 pub struct LineExchange {
     lines: Lines,
     deadline: Duration,
@@ -42,8 +42,8 @@ struct Marker {
 }
 
 impl LineExchange {
-    /// An exchange over a link that is opened when it is first needed. `question` is harmless, and only its answer contains
-    /// `answer_contains`.
+    /// Creates an exchange over a link that is opened when it is first needed. `question` is harmless, and only its answer
+    /// contains `answer_contains`.
     pub fn new(
         connector: Connector,
         deadline: Duration,
@@ -57,21 +57,21 @@ impl LineExchange {
     /// Sends a line that has no answer.
     ///
     /// # Errors
-    /// The link's own.
+    /// Errors of the link.
     pub async fn tell(&mut self, line: &str) -> Result<(), WireError> {
         self.bring_back_in_step(None).await?;
         self.send(line).await
     }
 
-    /// Sends a line at once, in step or not: a stop waits for nothing.
+    /// Sends a line at once, in step or not, because a stop waits for nothing.
     ///
     /// # Errors
-    /// The link's own.
+    /// Errors of the link.
     pub async fn tell_now(&mut self, line: &str) -> Result<(), WireError> {
         self.send(line).await
     }
 
-    /// Sends a question and gives its answer without the line end.
+    /// Sends a question and returns its answer without the line end.
     ///
     /// # Errors
     /// As [`ask_all`](Self::ask_all).
@@ -79,10 +79,10 @@ impl LineExchange {
         Ok(self.ask_all(question, 1, None).await?.pop().unwrap_or_default())
     }
 
-    /// Sends a line of questions and gives their answers, a line each. While it waits, what is urgent is sent at once.
+    /// Sends a line of questions and returns their answers, one line each. An urgent line is sent at once during the wait.
     ///
     /// # Errors
-    /// No answer in time, or the link's own.
+    /// No answer in time, or errors of the link.
     pub async fn ask_all(
         &mut self,
         question: &str,
@@ -100,7 +100,7 @@ impl LineExchange {
         Ok(answer)
     }
 
-    /// Says that the last answer made no sense, so that the next exchange resynchronises first.
+    /// Reports that the last answer made no sense, so that the next exchange resynchronises first.
     pub fn misfit(&mut self) {
         self.out_of_step = true;
     }

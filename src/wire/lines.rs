@@ -1,4 +1,4 @@
-//! Lines on a link, and what goes wrong on it.
+//! Lines on a link, and errors of the link.
 
 use super::{ByteStream, Connector};
 use std::future::poll_fn;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
 use tokio::time::{Instant, timeout, timeout_at};
 
-/// What went wrong on a link.
+/// Error of a link.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
     /// The link itself failed.
@@ -18,40 +18,40 @@ pub enum WireError {
     /// No answer within the deadline.
     #[error("no answer to {request:?} within {waited_ms} ms")]
     Silent {
-        /// What was sent.
+        /// Sent request.
         request: String,
         /// The deadline, ms.
         waited_ms: u64,
     },
-    /// An answer with no end.
+    /// An answer without an end.
     #[error("an answer of more than {most_bytes} bytes without an end")]
     Endless {
-        /// Longest answer that is taken for one, bytes.
+        /// Longest accepted answer, bytes.
         most_bytes: usize,
     },
 }
 
-/// Text that ends with a mark, over a link that is opened when it is needed, and again after it failed.
+/// Texts with an end mark, over a link. The link is opened when it is needed, and opened again after a failure.
 pub struct Lines {
     connector: Connector,
     stream: Option<ByteStream>,
     inbox: Vec<u8>,
-    /// How far the inbox has been searched for the mark.
+    /// Part of the inbox that has been searched for the mark.
     searched: usize,
     end: &'static str,
     most_bytes: usize,
 }
 
 impl Lines {
-    /// What comes back ends with `end`, and has at most `most_bytes`.
+    /// Creates lines on a link. Each received text ends with `end` and has at most `most_bytes`.
     pub fn new(connector: Connector, end: &'static str, most_bytes: usize) -> Self {
         Lines { connector, stream: None, inbox: Vec::new(), searched: 0, end, most_bytes }
     }
 
-    /// Sends bytes as they are, within a deadline.
+    /// Sends bytes unchanged, within a deadline.
     ///
     /// # Errors
-    /// The link's own, or that it doesn't take them.
+    /// Errors of the link, or the link doesn't accept the bytes.
     pub async fn send(&mut self, bytes: &[u8], deadline: Duration) -> Result<(), WireError> {
         let sent = {
             let stream = self.stream().await?;
@@ -74,11 +74,11 @@ impl Lines {
         }
     }
 
-    /// The next text that comes, without its end and the blanks around it. May be dropped while it waits: what has come so far
-    /// is kept.
+    /// Returns the next text without its end and the blanks around it. The future may be dropped while it waits: the bytes
+    /// received so far are kept.
     ///
     /// # Errors
-    /// The link's own, or a text without end.
+    /// Errors of the link, or a text without an end.
     pub async fn next(&mut self) -> Result<String, WireError> {
         loop {
             if let Some(text) = self.take() {
@@ -104,7 +104,7 @@ impl Lines {
         }
     }
 
-    /// The next text that comes until then, or none.
+    /// Returns the next text that comes before `until`; `None` if there is none.
     ///
     /// # Errors
     /// As [`next`](Self::next).
@@ -112,7 +112,7 @@ impl Lines {
         timeout_at(until, self.next()).await.ok().transpose()
     }
 
-    /// Whether bytes wait on the link; they are kept. What is wrong with the link shows in the exchange that follows.
+    /// Whether bytes have arrived on the link; they are kept. An error of the link appears in the next exchange.
     pub async fn something_came(&mut self) -> bool {
         let Some(stream) = self.stream.as_mut() else { return false };
         let mut chunk = [0; 256];
@@ -126,13 +126,13 @@ impl Lines {
         !self.inbox.is_empty()
     }
 
-    /// Throws away what has come and wasn't read.
+    /// Discards received bytes that weren't read.
     pub fn forget(&mut self) {
         self.inbox.clear();
         self.searched = 0;
     }
 
-    /// Closes the link: the next use opens it again, and no late answer can come.
+    /// Closes the link. The next use opens it again, and no late answer can come.
     pub fn close(&mut self) {
         self.stream = None;
         self.forget();
@@ -160,7 +160,7 @@ impl Lines {
     }
 }
 
-/// That nothing came back.
+/// Returns the error that no answer came.
 pub fn silent(request: &str, deadline: Duration) -> WireError {
     WireError::Silent { request: request.trim_end().to_owned(), waited_ms: deadline.as_millis() as u64 }
 }

@@ -1,12 +1,12 @@
-//! Links as a person names them.
+//! Links in the form that a person writes.
 
 /// Fastest line rate that is taken for a typing error and refused, baud.
 const BAUD_MAX: u32 = 12_000_000;
 
-/// Where an instrument is.
+/// Link of an instrument.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Link {
-    /// Our emulator, in memory.
+    /// This program's emulator, in memory.
     Sim,
     /// A serial port, 8 data bits.
     Serial {
@@ -14,9 +14,9 @@ pub enum Link {
         port: String,
         /// Line rate.
         baud: u32,
-        /// None unless the link says another.
+        /// Parity; no parity unless the link states another.
         parity: Parity,
-        /// 1, or 2.
+        /// Stop bits: 1 or 2.
         stop_bits: u8,
     },
     /// A TCP server.
@@ -26,31 +26,31 @@ pub enum Link {
         /// Port.
         port: u16,
     },
-    /// A program of the user's own, started with its standard input and output as the link: the command and its arguments.
+    /// A program of the user, given as the command and its arguments. Its standard input and output are the link.
     Process(Vec<String>),
     /// NI's DAQmx library on this machine: the system's own, or the file of this path.
     Daqmx(Option<String>),
 }
 
-/// The bit that a serial line adds to each byte.
+/// Parity bit that a serial line adds to each byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parity {
-    /// None.
+    /// No parity bit.
     None,
-    /// Makes the ones even.
+    /// Makes the number of ones even.
     Even,
-    /// Makes the ones odd.
+    /// Makes the number of ones odd.
     Odd,
 }
 
 const PARITIES: [(&str, Parity); 3] = [("none", Parity::None), ("even", Parity::Even), ("odd", Parity::Odd)];
 
 impl Link {
-    /// Reads `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even&stop_bits=2` may follow), `tcp://host:port`, `daqmx` or
-    /// `daqmx:///path/to/library`.
+    /// Parses `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even&stop_bits=2` may follow),
+    /// `tcp://host:port`, `daqmx` or `daqmx:///path/to/library`.
     ///
     /// # Errors
-    /// What is wrong, and the form that was expected.
+    /// The mistake, and the expected form.
     pub fn parse(text: &str) -> Result<Link, String> {
         if text == "sim" {
             return Ok(Link::Sim);

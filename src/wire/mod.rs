@@ -1,9 +1,9 @@
-//! Links: how bytes get to an instrument and back.
+//! Links: the path of bytes to an instrument and back.
 //!
-//! A [`Link`] is where an instrument is, as a rig file says it. A [`Connector`] opens it, as often as need be, and gives a
-//! [`ByteStream`]; a driver can't distinguish a serial port, a socket and an emulator in memory. [`LineExchange`] is one request
-//! at a time over a line protocol: each with a deadline, a stop that needn't wait, and resynchronisation after a misfit. [`Claims`]
-//! keep a real link for one program.
+//! A [`Link`] is the location of an instrument, as stated in a rig file. A [`Connector`] opens the link as often as needed and
+//! returns a [`ByteStream`]. A driver can't distinguish a serial port, a socket and an emulator in memory. [`LineExchange`]
+//! handles one request at a time over a line protocol. It has a deadline for each request, a stop that doesn't wait, and
+//! resynchronisation after a misfit. [`Claims`] reserve a real link for one program.
 
 mod claim;
 mod connect;

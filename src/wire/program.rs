@@ -1,4 +1,4 @@
-//! A program whose standard input and output are a link, and how it is ended.
+//! A program whose standard input and output are a link, and the way it is ended.
 
 use super::ByteStream;
 use std::future::Future;
@@ -36,7 +36,7 @@ static ENDING: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 #[derive(Debug)]
 struct Program {
     input: ChildStdin,
-    /// None only while it is dropped.
+    /// Running program; `None` only during the drop.
     running: Option<Running>,
 }
 
@@ -44,9 +44,10 @@ struct Program {
 #[derive(Debug)]
 struct Running {
     child: Child,
-    /// Kept until the end, though nobody reads it any more: who writes a last answer isn't killed for it.
+    /// Output of the program, kept open until the end though nobody reads it any more. A program that writes a last answer isn't
+    /// killed for that.
     output: ChildStdout,
-    /// How often it was asked for its exit status since it closed its output or input.
+    /// Number of checks of the exit status since the program closed its output or input.
     looks: u32,
     next_look: Option<Pin<Box<Sleep>>>,
 }

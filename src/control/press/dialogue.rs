@@ -1,4 +1,4 @@
-//! The events of a press and its commands.
+//! Events and commands of a press.
 
 use super::soft::Softest;
 use crate::control::map::Shot;
@@ -10,47 +10,47 @@ use crate::control::zero::Zero;
 use crate::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
 
-/// What a press rests on, besides its task.
+/// Information that a press needs, besides its task.
 #[derive(Clone, Copy, Debug)]
 pub struct Context {
-    /// The place, specimen frame.
+    /// Place of the press, specimen frame.
     pub place: Place,
     /// The rig's limits.
     pub limits: Limits,
-    /// Who may move where.
+    /// Permit of the rig: decides which motions are allowed.
     pub permit: Permit,
-    /// The zero of the air before this press': what its own may not be far from.
+    /// Zero of the air before this press. The press' own zero may not be far from it.
     pub zero: Zero,
-    /// How long ago that was, s.
+    /// Age of that zero, s.
     pub zero_age_s: f64,
-    /// Where the surface is expected.
+    /// Expected position of the surface.
     pub expected: Expected,
-    /// What the map says of this place and this force; none where it can't be trusted, or isn't asked.
+    /// Prediction of the map for this place and this force; `None` if the map can't be trusted there or isn't used.
     pub shot: Option<Shot>,
-    /// How soft the press may be.
+    /// Lowest allowed stiffness of the press.
     pub softest: Softest,
-    /// Where to withdraw to, mm: clear of the surface here and on the way on.
+    /// Position to withdraw to, mm: clear of the surface here and on the way to the next place.
     pub clear_mm: f64,
-    /// Fastest approach until the specimen was touched for the first time, mm/s.
+    /// Fastest approach until the first touch of the specimen, mm/s.
     pub approach_mm_s: f64,
     /// Speed of steps in contact and of motions in air, mm/s.
     pub speed_mm_s: f64,
-    /// How fast the rig is.
+    /// Timing of the rig.
     pub timing: Timing,
 }
 
-/// What the loop is to do next. Only the moves move, and only toward a permitted end.
+/// Next action of the loop. Only the motion commands move the stage, and only toward a permitted end.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// Average this many readings; answered by [`Event::Averaged`].
+    /// Average this number of readings; answered by [`Event::Averaged`].
     Average(u32),
-    /// Move along z, every reading passed to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
+    /// Move along z and pass every reading to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
     Move(Permitted),
-    /// Keep still and read the force; answered by [`Event::Dwelt`].
+    /// Stay still for this time, s, and read the force; answered by [`Event::Dwelt`].
     Dwell(f64),
-    /// Sample force and outputs for so long; answered by [`Event::Sampled`].
+    /// Sample force and outputs for this time, s; answered by [`Event::Sampled`].
     Sample(f64),
-    /// Withdraw for good; what comes next may begin once the specimen is clear. Answered by [`Event::Moved`].
+    /// Withdraw for good. The next action may begin once the specimen is clear. Answered by [`Event::Moved`].
     Depart(Permitted),
     /// The contact is over.
     Done,
@@ -58,31 +58,31 @@ pub enum Command {
     Trip(Trip),
 }
 
-/// What happened.
+/// Event that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// The indenter is in the clear above its place.
     Begin {
-        /// Its z, read back, mm.
+        /// Position z of the indenter, read back, mm.
         z_mm: f64,
-        /// What the load cell read in the clear: forces count from there.
+        /// Load cell readings in the clear; forces are relative to them.
         air: AirReadings,
     },
     /// Readings were averaged.
     Averaged {
-        /// Mean force from the zero, N.
+        /// Mean force relative to the zero, N.
         force_n: f64,
     },
-    /// A motion ended, on its target or by a stop.
+    /// A motion ended, at its target or by a stop.
     Moved {
-        /// Where, mm.
+        /// Position where the motion ended, mm.
         z_mm: f64,
     },
     /// The dwell is over.
     Dwelt,
     /// The window is over.
     Sampled {
-        /// Mean force in it, N.
+        /// Mean force in the window, N.
         force_n: f64,
     },
 }
@@ -104,32 +104,32 @@ impl Event {
 /// Readings in air.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AirReadings {
-    /// Their mean, N as the cell reads it.
+    /// Mean of the readings, N, as the cell reads it.
     pub mean_n: f64,
-    /// Their standard deviation, N.
+    /// Standard deviation of the readings, N.
     pub sigma_n: f64,
-    /// How many.
+    /// Number of readings.
     pub readings: u32,
-    /// How long before they were done their middle was, s.
+    /// Time from the middle of the readings to their end, s.
     pub age_s: f64,
 }
 
-/// When an event is passed.
+/// Time at which an event is passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// The time, s, from any origin that stays.
+    /// Time, s, from any fixed origin.
     pub now_s: f64,
-    /// How old the last good reading is, s.
+    /// Age of the last good reading, s.
     pub age_s: f64,
 }
 
-/// What is to become of the motion under way.
+/// Decision about the motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Steer {
-    /// It continues as it is.
+    /// The motion continues unchanged.
     On,
-    /// It continues at this speed, mm/s.
+    /// The motion continues at this speed, mm/s.
     Speed(f64),
-    /// It is stopped.
+    /// The motion is stopped.
     Stop,
 }

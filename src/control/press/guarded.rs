@@ -1,5 +1,5 @@
-//! The guarded press: contact stops a slow approach, then steps from below, each made with a stiffness that can't be too
-//! small: the force doesn't exceed the one that is set, unless a stage's step makes it.
+//! The guarded press: contact stops a slow approach, then steps from below follow. Each step uses a stiffness that can't be too
+//! small. So the force exceeds the set force only if a single step of the stage causes that.
 
 use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
 use super::{Branch, Command, Rule, Strategy, Trip};
@@ -7,7 +7,7 @@ use crate::control::surface::Expected;
 
 /// Share of the first force that an approach may use up when contact comes.
 const TOUCH_SHARE: f64 = 0.6;
-/// The most that it may use up, N.
+/// Largest force that the touch may use, N.
 pub const TOUCH_MOST_N: f64 = 0.2;
 /// How far above the earliest contact the fast descent ends, mm.
 const STANDOFF_MM: f64 = 0.02;
@@ -40,11 +40,11 @@ const TELL_SHARE: f64 = 0.3;
 /// Most looks for contact: on steel each may go a few micrometres only, and before the first touch all the way from home.
 const LOOKS_MAX: u32 = 2000;
 const FIRST_LOOKS_MAX: u32 = 20_000;
-/// Fastest approach, mm/s: what is gained beyond it is lost in braking.
+/// Fastest approach, mm/s. A higher speed loses its gain in braking.
 pub const APPROACH_MOST_MM_S: f64 = 2.0;
 
-/// The same until the specimen was touched for the first time, unless the rig says otherwise, mm/s: something of 200 N/mm in the way
-/// bears less than 3 N while host and load cell live.
+/// Fastest approach until the first touch of the specimen, mm/s, unless the rig file states another value. An obstacle of 200
+/// N/mm then gets less than 3 N while host and load cell work.
 pub const FIRST_APPROACH_MM_S: f64 = 0.4;
 
 impl ForceLoop {

@@ -1,5 +1,5 @@
-//! One contact, as a state machine. What is common to all presses is here; how each strategy finds the force is in a file of
-//! its own: `guarded`, `velocity`, `shot` (the map's).
+//! One contact, as a state machine. The common part of all presses is here. Each strategy for finding the force has its own file:
+//! `guarded`, `velocity`, `shot` (the map's).
 
 mod dialogue;
 mod guarded;
@@ -21,7 +21,7 @@ pub use velocity::GAIN_TIMES_DEAD_TIME;
 pub use state::ForceLoop;
 use state::{Motion, Push, SEARCH_MM, STEP_LEAST_MM, State, TELL_SIGMAS};
 
-/// Readings in air that are looked at before a press.
+/// Number of air readings that are checked before a press.
 pub const AIR_READINGS: u32 = 8;
 /// Fewest readings averaged between two motions, and where the force is near the limit.
 const READINGS_LEAST: u32 = 4;
@@ -34,7 +34,7 @@ const READ_S: f64 = 0.020;
 /// What it must be known to, if that can be read in so long, s.
 const MEAN_SHARE_MOST: f64 = 0.15;
 const READ_MOST_S: f64 = 0.200;
-/// What a depth limit must leave beyond the surface's uncertainty for that search, mm.
+/// Distance that a depth limit must leave for that search beyond the surface's uncertainty, mm.
 pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
 /// Share of a force that must still be there at the next look, nothing having been withdrawn.
 const LEFT_SHARE: f64 = 0.5;
@@ -42,7 +42,7 @@ const LEFT_SHARE: f64 = 0.5;
 const PATH_MAX: usize = 12;
 
 impl ForceLoop {
-    /// A press that hasn't begun.
+    /// Creates a press that hasn't begun.
     pub fn new(task: Task, context: Context) -> Self {
         ForceLoop {
             task,
@@ -70,18 +70,18 @@ impl ForceLoop {
         }
     }
 
-    /// The level that is being reached, held or sampled: its number and itself.
+    /// Returns the level that is being reached, held or sampled, with its number.
     pub fn level(&self) -> Option<(usize, Level)> {
         self.task.levels.get(self.level).map(|level| (self.level, *level))
     }
 
-    /// Whether it is on its way to the first touch of a specimen.
+    /// Whether the press is on its way to the first touch of a specimen.
     pub fn is_first_descent(&self) -> bool {
         !self.context.expected.touched && matches!(self.state, State::Descending | State::Approaching)
     }
 
-    /// Where contact began, mm: as the loading path leads back to no force, or where the map has the surface; none before
-    /// there was contact.
+    /// Position where contact began, mm. It comes from the loading path extrapolated to zero force, or from the map's surface.
+    /// `None` before contact.
     pub fn touched_mm(&self) -> Option<f64> {
         match (self.landing, self.context.shot) {
             (Some(_), Some(shot)) => Some(shot.surface_mm()),
@@ -89,7 +89,7 @@ impl ForceLoop {
         }
     }
 
-    /// What this press teaches about later ones; none if it never met the specimen.
+    /// Returns the information from this press for later presses; `None` if the press never touched the specimen.
     pub fn lesson(&self) -> Option<Lesson> {
         let place = self.context.place;
         match self.landing {
@@ -101,7 +101,7 @@ impl ForceLoop {
         }
     }
 
-    /// A reading came while a motion is under way: what is to become of the motion.
+    /// Takes a reading that arrived during a motion and decides how the motion continues.
     pub fn see(&mut self, force_n: f64, now_s: f64) -> Steer {
         if force_n >= self.context.zero.detect_n() && self.contact_s.is_none() {
             self.contact_s = Some(now_s);
@@ -118,7 +118,7 @@ impl ForceLoop {
         }
     }
 
-    /// The next command. An event that doesn't fit the state ends the press with a trip rather than a guess.
+    /// Returns the next command. An event that doesn't fit the state ends the press with a trip.
     pub fn next(&mut self, event: Event, moment: Moment) -> Command {
         self.moment = moment;
         let command = match self.broken.take() {

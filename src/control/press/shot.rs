@@ -1,5 +1,5 @@
-//! The map's press: one motion to where the presses before say that nearly the whole force will be met, a correction from
-//! below, and a late trim that allows for what the force will fade until it is sampled.
+//! The map's press. One motion goes to the position where nearly the full force is expected from earlier presses. A correction
+//! from below follows. A late trim allows for the force that will fade until the sampling.
 
 use super::guarded::LEARN_SHARE;
 use super::state::{ForceLoop, Landing, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};

@@ -1,4 +1,4 @@
-//! A press that is softer than it can be: a load cell that reads too little makes every specimen soft.
+//! Detection of a press that is impossibly soft. A load cell that reads too little makes every specimen appear soft.
 
 use super::guarded::RESPONSE_SHARE;
 use super::state::{ForceLoop, TELL_SIGMAS};
@@ -16,12 +16,12 @@ const ROSE: f64 = 2.0;
 /// What a way may be off by itself, mm: the read-back and a contact that isn't flat.
 const WAY_MM: f64 = 0.010;
 
-/// How soft a press may be.
+/// Lowest stiffness that a press may have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Softest {
-    /// The least stiffness that the rig declares, N/mm; none: it doesn't.
+    /// Least stiffness that the rig declares, N/mm; `None` if the rig declares no such value.
     pub declared_n_mm: Option<f64>,
-    /// What the presses around have taught; none: too few were made.
+    /// Information from the presses around; `None` if there are too few.
     pub taught: Option<Taught>,
 }
 

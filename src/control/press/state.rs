@@ -1,4 +1,4 @@
-//! Where a press stands: what all of its parts read and change.
+//! State of a press: data that all of its parts read and change.
 
 use super::dialogue::{Context, Moment};
 use crate::control::profile::MotionProfile;

@@ -1,10 +1,11 @@
-//! The velocity press: one finite, permitted motion toward the force, its speed in proportion to the force that is missing,
-//! stopped when little is. A host that dies leaves a motion that ends on its safe point. What is left is the guarded press'.
+//! The velocity press: one finite, permitted motion toward the force. Its speed is proportional to the missing force, and it
+//! stops when little is missing. If the host fails, the motion still ends at its safe point. The guarded press does the rest.
 
 use super::state::{ForceLoop, Push, STEP_LEAST_MM, State};
 use super::{Command, Steer, Trip};
 
-/// Gain times dead time: no overshoot up to 1/e, and this leaves room for a dead time that is longer than measured (CONTROL 3.1).
+/// Gain times dead time. There is no overshoot up to 1/e; this value leaves room for a dead time longer than measured (CONTROL
+/// 3.1).
 pub const GAIN_TIMES_DEAD_TIME: f64 = 0.30;
 /// Slowest speed that is asked for, mm/s: below it steps are quicker.
 const SLOWEST_MM_S: f64 = 0.05;

@@ -26,6 +26,8 @@ use series::Series;
 pub struct UnitCharacteristics {
     /// The unit, from 1.
     pub unit: usize,
+    /// The channel, from 1, where the unit has several.
+    pub channel: Option<usize>,
     /// How well loading outputs repeat.
     pub repeatability_loading_percent: Option<f64>,
     /// Where the true one lies with 95 %.
@@ -63,7 +65,12 @@ impl UnitCharacteristics {
 
     /// Whether nothing was measured of it.
     pub fn is_none(&self) -> bool {
-        *self == UnitCharacteristics { unit: self.unit, ..UnitCharacteristics::default() }
+        *self == UnitCharacteristics { unit: self.unit, channel: self.channel, ..UnitCharacteristics::default() }
+    }
+
+    /// The unit as it is shown: `14`, or `14.2` for its second channel.
+    pub fn name(&self) -> String {
+        self.channel.map_or_else(|| self.unit.to_string(), |channel| format!("{}.{channel}", self.unit))
     }
 }
 
@@ -71,15 +78,39 @@ impl UnitCharacteristics {
 /// the top force on both branches; a linearity needs three levels; a zero return needs the air before and after; all need an
 /// output other than 0 at the top force.
 pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Vec<UnitCharacteristics> {
-    let rows = staircases.readings.iter().enumerate();
-    rows.map(|(index, readings)| characterise_unit(index + 1, readings, repeatability)).collect()
+    let series: Vec<Vec<Series>> = staircases
+        .readings
+        .iter()
+        .map(|readings| by_series(readings).iter().filter_map(|readings| Series::of(readings)).collect())
+        .collect();
+    let own: Vec<Option<f64>> = series.iter().map(|series| full_scale(series)).collect();
+    // the channels of a unit share the scale of the one with the largest output: another may hardly read a load from above
+    let of_unit = |unit: usize| {
+        let its = staircases.units.iter().zip(&own).filter(move |(its, _)| **its == unit);
+        its.filter_map(|(_, own)| *own).reduce(f64::max)
+    };
+    let characterised = staircases.units.iter().enumerate().map(|(index, &unit)| {
+        let channels = || staircases.units.iter().enumerate().filter(|(_, its)| **its == unit).map(|(other, _)| other);
+        let channel = channels().position(|other| other == index).filter(|_| channels().count() > 1);
+        let is_largest = own[index].is_some() && own[index] == of_unit(unit);
+        let blank =
+            UnitCharacteristics { unit: unit + 1, channel: channel.map(|channel| channel + 1), ..Default::default() };
+        let Some(full_scale) = of_unit(unit) else { return blank };
+        let found = characterise_channel(&series[index], full_scale, repeatability);
+        let of_reading = if is_largest { found.hysteresis_of_reading_percent } else { None };
+        let of_reading_known = if is_largest { found.hysteresis_of_reading_known } else { None };
+        UnitCharacteristics {
+            unit: blank.unit,
+            channel: blank.channel,
+            hysteresis_of_reading_percent: of_reading,
+            hysteresis_of_reading_known: of_reading_known,
+            ..found
+        }
+    });
+    characterised.collect()
 }
 
-fn characterise_unit(unit: usize, readings: &[HeldLevel], repeatability: Repeatability) -> UnitCharacteristics {
-    let series: Vec<Series> = by_series(readings).iter().filter_map(|readings| Series::of(readings)).collect();
-    let Some(full_scale) = full_scale(&series) else {
-        return UnitCharacteristics { unit, ..UnitCharacteristics::default() };
-    };
+fn characterise_channel(series: &[Series], full_scale: f64, repeatability: Repeatability) -> UnitCharacteristics {
     let percent = |value: f64| 100.0 * value / full_scale;
     let repeats = |branch| {
         let repeated = repeatability.of(&series.iter().map(|series| series.levels(branch)).collect::<Vec<Levels>>());
@@ -98,7 +129,6 @@ fn characterise_unit(unit: usize, readings: &[HeldLevel], repeatability: Repeata
     let value = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.value);
     let known = |estimate: Option<Estimate>| estimate.and_then(|estimate| estimate.known);
     UnitCharacteristics {
-        unit,
         repeatability_loading_percent: loading.0,
         repeatability_loading_interval_percent: loading.1,
         repeatability_unloading_percent: unloading.0,
@@ -111,6 +141,7 @@ fn characterise_unit(unit: usize, readings: &[HeldLevel], repeatability: Repeata
         linearity_known: known(linearity),
         zero_return_percent: value(zero_return),
         zero_return_known: known(zero_return),
+        ..UnitCharacteristics::default()
     }
 }
 

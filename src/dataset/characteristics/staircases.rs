@@ -26,8 +26,10 @@ pub struct HeldLevel {
 /// Staircases sorted by unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Staircases {
-    /// The readings of each unit, in the order of the layout; empty where none was pressed there.
+    /// The readings of each output, in the order of the layout; empty where none was pressed there.
     pub readings: Vec<Vec<HeldLevel>>,
+    /// The index of the unit that each output belongs to.
+    pub units: Vec<usize>,
     /// How many rows were left out because they are flagged.
     pub left_out: usize,
 }
@@ -71,7 +73,11 @@ impl Staircases {
 
     /// None yet, for the units of an array.
     pub(in crate::dataset) fn none(layout: &ArrayLayout) -> Self {
-        Staircases { readings: vec![Vec::new(); layout.len()], left_out: 0 }
+        Staircases {
+            readings: vec![Vec::new(); layout.len()],
+            units: (0..layout.len()).map(|output| layout.unit(output)).collect(),
+            left_out: 0,
+        }
     }
 
     /// These; none where there is not a row.

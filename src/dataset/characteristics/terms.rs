@@ -14,7 +14,8 @@ pub struct Term {
 /// What every percentage but the hysteresis of the reading is a part of.
 const FULL_SCALE: Term = Term {
     name: "full scale",
-    definition: "the mean loading output at the largest set force; of several places, where that is largest",
+    definition: "the mean loading output at the largest set force; of several places, where that is largest; of a unit with several \
+        channels, of the channel where it is largest",
 };
 
 /// How outputs are made comparable.

@@ -35,7 +35,7 @@ fn staircase(offset: f64, loop_width: f64, force_error_n: f64) -> Vec<HeldLevel>
 }
 
 fn one_unit(readings: Vec<HeldLevel>, repeatability: Repeatability) -> UnitCharacteristics {
-    characterise(&Staircases { readings: vec![readings], left_out: 0 }, repeatability)[0]
+    characterise(&Staircases { readings: vec![readings], units: vec![0], left_out: 0 }, repeatability)[0]
 }
 
 fn assert_near(found: Option<f64>, expected: f64) {

@@ -1,4 +1,4 @@
-//! One task that samples all inputs by the card's own clock.
+//! One task that samples all inputs with the card's own clock.
 
 use crate::device::{DeviceError, DeviceProblem};
 use crate::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, TaskHandle};
@@ -20,33 +20,33 @@ const SCAN_DEADLINE: Duration = Duration::from_millis(500);
 /// No input of such a device reads more than that, V: its largest range is +-10 V, and a little is read beyond.
 const MOST_V: f64 = 10.5;
 
-/// How an input is wired.
+/// Wiring of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Terminal {
-    /// Against the device's ground.
+    /// Relative to the device's ground.
     Rse,
-    /// Against the sense input.
+    /// Relative to the sense input.
     Nrse,
-    /// Two inputs against each other.
+    /// Differential: one input relative to another.
     Diff,
-    /// The same with a ground of its own.
+    /// Pseudodifferential: like `Diff`, with a ground of its own.
     PseudoDiff,
 }
 
-/// Some inputs that are wired alike.
+/// Inputs with the same wiring.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inputs {
-    /// As DAQmx names them: `Dev1/ai0`, or `Dev1/ai1:9`.
+    /// Name in DAQmx: `Dev1/ai0`, or `Dev1/ai1:9`.
     pub physical: String,
-    /// How many that are.
+    /// Number of these inputs.
     pub count: usize,
-    /// How they are wired.
+    /// Wiring of the inputs.
     pub terminal: Terminal,
-    /// They are measured from minus to plus this, V.
+    /// Range of the inputs, plus and minus, V.
     pub range_v: f64,
 }
 
-/// One task that samples all inputs of a rig together, hardware-timed and continuous. What came is fetched in small pieces
+/// One task that samples all inputs of a rig together, hardware-timed and continuous. New samples are fetched in small pieces
 /// that never wait in the library.
 pub struct Acquisition {
     functions: Functions,
@@ -54,25 +54,25 @@ pub struct Acquisition {
     rate_hz: f64,
     link: String,
     task: Option<TaskHandle>,
-    /// Scans that came since the task was made.
+    /// Number of scans since the task was created.
     scans: u64,
     newest: Vec<f64>,
-    /// When the library was last looked at.
+    /// Time of the last query to the library.
     looked: Instant,
     buffer: Vec<f64>,
 }
 
 impl Acquisition {
-    /// A task over these inputs, in this order, each sampled `rate_hz` times a second; nothing is called yet.
+    /// Creates a task over these inputs, in this order, each sampled `rate_hz` times per second. No function is called yet.
     pub fn new(functions: Functions, inputs: Vec<Inputs>, rate_hz: f64, link: String) -> Self {
         let (scans, looked, buffer) = (0, Instant::now(), Vec::new());
         Acquisition { functions, inputs, rate_hz, link, task: None, scans, newest: Vec::new(), looked, buffer }
     }
 
-    /// Makes and starts the task.
+    /// Creates and starts the task.
     ///
     /// # Errors
-    /// What the library says.
+    /// Error of the library.
     pub async fn prepare(&mut self) -> Result<(), DeviceError> {
         if self.task.is_some() {
             return Ok(());
@@ -85,15 +85,15 @@ impl Acquisition {
         Ok(())
     }
 
-    /// How many scans came, and the newest of them: a voltage an input, in the order of the inputs.
+    /// Returns the number of scans so far and the newest scan: one voltage for each input, in the order of the inputs.
     pub fn newest(&self) -> (u64, &[f64]) {
         (self.scans, &self.newest)
     }
 
-    /// Waits for a scan after the one of this number.
+    /// Waits for a scan after the scan of this number.
     ///
     /// # Errors
-    /// What the library says, or that none comes.
+    /// Error of the library, or no scan comes.
     pub async fn after(&mut self, scan: u64) -> Result<(), DeviceError> {
         let doing = "reading its inputs";
         let asked = Instant::now();
@@ -114,7 +114,7 @@ impl Acquisition {
         }
     }
 
-    /// An error of this device.
+    /// Returns an error of this device.
     pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError {
             device: format!("NI device ({} over {})", self.names(), self.link),

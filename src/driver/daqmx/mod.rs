@@ -1,4 +1,5 @@
-//! NI-DAQmx (USB-6343 and kin): the load cell, the array or both as analog inputs of one task, sampled by the device's own clock.
+//! NI-DAQmx (USB-6343 and similar devices): the load cell, the array or both as analog inputs of one task, sampled with the
+//! device's own clock.
 
 mod acquisition;
 mod roles;

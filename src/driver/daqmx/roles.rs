@@ -1,4 +1,4 @@
-//! The load cell and the array that read from one task.
+//! Load cell and array that read from one task.
 
 use super::Acquisition;
 use crate::device::{DeviceError, Identity, LoadCell, SensorArray};
@@ -17,12 +17,12 @@ const FULL_SCALE: f64 = 0.999;
 /// A load cell on an input of a task.
 pub struct DaqmxLoadCell {
     acquisition: SharedAcquisition,
-    /// Where its voltage stands in a scan.
+    /// Index of the load cell's voltage in a scan.
     at: usize,
     newton_per_volt: f64,
     range_v: f64,
     conversion: Duration,
-    /// The scan that was read last: none is read twice.
+    /// Last scan that was read; no scan is read twice.
     seen: u64,
     origin: Instant,
     identity: Identity,
@@ -38,7 +38,8 @@ pub struct DaqmxArray {
 }
 
 impl DaqmxLoadCell {
-    /// A load cell of so many N a volt at place `at` of a scan; readings are timed from `origin`.
+    /// Creates a load cell with its sensitivity in N per volt at index `at` of a scan. The times of readings are relative to
+    /// `origin`.
     pub fn new(
         acquisition: SharedAcquisition,
         at: usize,
@@ -76,7 +77,7 @@ impl LoadCell for DaqmxLoadCell {
 }
 
 impl DaqmxArray {
-    /// An array of so many units from place `at` of a scan on.
+    /// Creates an array of `units` units from index `at` of a scan on.
     pub fn new(acquisition: SharedAcquisition, at: usize, units: usize, identity: Identity) -> Self {
         DaqmxArray { acquisition, at, units, seen: 0, identity }
     }

@@ -1,4 +1,4 @@
-//! GRBL 1.1: a CNC frame or a converted printer as a stage. After GRBL's interface, commands and jogging documents.
+//! GRBL 1.1: a CNC frame or a converted printer as a stage. Based on GRBL's interface, commands and jogging documents.
 
 mod port;
 mod report;

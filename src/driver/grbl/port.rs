@@ -1,4 +1,4 @@
-//! The serial line: lines out, reports in.
+//! Serial line: sends lines and receives reports.
 
 use super::report::{GrblStatus, Report, alarm_name, error_name, parse_report};
 use crate::device::{DeviceError, DeviceProblem, Reins};
@@ -36,14 +36,14 @@ pub(super) const SOFT_RESET: &[u8] = &[0x18];
 pub(super) struct GrblPort {
     lines: Lines,
     link: String,
-    /// A line's answer may still come: it is waited out before the next is sent.
+    /// Whether the answer to a line may still come. The port waits for it before it sends the next line.
     out_of_step: bool,
     pub complaints: Vec<String>,
-    /// What `$$` said.
+    /// Settings from the answer to `$$`.
     pub settings: BTreeMap<u32, f64>,
-    /// Text that came and is no report.
+    /// Received text that is no report.
     pub texts: Vec<String>,
-    /// It restarted and lost its position.
+    /// Whether the controller restarted and lost its position.
     pub restarted: bool,
 }
 
@@ -60,7 +60,7 @@ impl GrblPort {
         }
     }
 
-    /// Sends a line and waits for its `ok`. What comes before it is kept in the port's fields.
+    /// Sends a line and waits for its `ok`. Input before the `ok` is stored in the port's fields.
     pub async fn line(
         &mut self,
         doing: &str,
@@ -94,7 +94,7 @@ impl GrblPort {
         Err(self.error(doing, DeviceProblem::Link(silent(line, deadline).to_string())))
     }
 
-    /// Asks for a status.
+    /// Requests a status.
     pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<GrblStatus, DeviceError> {
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
@@ -179,7 +179,7 @@ impl GrblPort {
         }
     }
 
-    /// Waits until nothing comes any more where a late `ok` could be taken for the next line's.
+    /// Waits until no late `ok` can come that looks like the answer to the next line.
     pub async fn bring_back_in_step(
         &mut self,
         doing: &str,

@@ -1,53 +1,53 @@
-//! What GRBL says, line by line.
+//! Lines from GRBL.
 
-/// What a line from the controller is.
+/// Kind of a line from the controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Report {
-    /// A line was taken (`ok`).
+    /// A line was accepted (`ok`).
     Ok,
     /// A line was refused (`error:N`).
     Refused(u32),
-    /// Something stopped it (`ALARM:N`).
+    /// An alarm stopped the controller (`ALARM:N`).
     Alarm(u32),
-    /// Where it is and what it does (`<Idle|MPos:0.000,0.000,0.000|FS:0,0>`).
+    /// Position and activity (`<Idle|MPos:0.000,0.000,0.000|FS:0,0>`).
     Status(GrblStatus),
     /// A setting (`$100=250.000`): number and value.
     Setting(u32, f64),
-    /// It has just started (`Grbl 1.1h ['$' for help]`).
+    /// The controller has just started (`Grbl 1.1h ['$' for help]`).
     Welcome,
-    /// Any other text: `[MSG:...]`, `[VER:...]`, or what isn't GRBL.
+    /// Any other text: `[MSG:...]`, `[VER:...]`, or text that isn't from GRBL.
     Text(String),
 }
 
 /// A status report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GrblStatus {
-    /// What it does.
+    /// Activity of the controller.
     pub state: State,
-    /// Its position as reported: x, y, z, mm.
+    /// Reported position: x, y, z, mm.
     pub position_mm: [f64; 3],
-    /// Whether that is a place of the machine (`MPos`) or of the work piece (`WPos`).
+    /// Whether the position is a machine position (`MPos`); otherwise it is a work position (`WPos`).
     pub is_machine: bool,
 }
 
-/// What the controller does (interface document).
+/// Activity of the controller (interface document).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Stands, and takes commands.
+    /// Is at rest and accepts commands.
     Idle,
     /// Jogs.
     Jog,
-    /// Runs a program line, or holds one.
+    /// Runs a program line, or pauses it.
     Run,
     /// Searches for home.
     Home,
-    /// Locked after an alarm, or after it was switched on.
+    /// Is locked after an alarm or after power-on.
     Alarm,
-    /// Stands and takes nothing: a door is open, it sleeps, or only checks.
+    /// Is at rest and accepts no commands: a door is open, the controller sleeps, or it is in check mode.
     Other,
 }
 
-/// Reads one line; none if it is damaged.
+/// Reads one line; returns `None` if it is damaged.
 pub fn parse_report(line: &str) -> Option<Report> {
     let number = |text: &str| text.trim().parse().ok();
     if line == "ok" {
@@ -100,7 +100,7 @@ fn parse_status(line: &str) -> Option<GrblStatus> {
     Some(GrblStatus { state, position_mm: position?, is_machine })
 }
 
-/// A refused line in words (error codes of the interface document).
+/// Returns the reason for a refused line in words (error codes of the interface document).
 pub fn error_name(code: u32) -> &'static str {
     match code {
         2 => "a number is missing or invalid",
@@ -116,7 +116,7 @@ pub fn error_name(code: u32) -> &'static str {
     }
 }
 
-/// An alarm in words (alarm codes of the interface document).
+/// Returns an alarm in words (alarm codes of the interface document).
 pub fn alarm_name(code: u32) -> &'static str {
     match code {
         1 => "a limit switch was hit; its position is lost",

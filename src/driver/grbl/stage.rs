@@ -1,4 +1,4 @@
-//! The stage: made ready, moved by jogs, followed by status reports.
+//! The stage: prepared, moved by jogs, followed by status reports.
 
 use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblStatus, State};
@@ -35,12 +35,12 @@ pub struct Grbl {
     port: GrblPort,
     link: String,
     pub(super) usage: Option<StageUse>,
-    /// What the motion under way goes to.
+    /// Targets of the motion under way.
     targets: Vec<(Axis, f64)>,
 }
 
 impl Grbl {
-    /// A controller behind a link; nothing is sent yet. `link` is its name in messages.
+    /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
         Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, targets: Vec::new() }
     }

@@ -16,7 +16,8 @@ pub struct ModbusArray {
 }
 
 impl ModbusArray {
-    /// An array of `units` units on a profile's outputs, or none if the profile has no `[outputs]` or too few.
+    /// Creates an array of `units` units on a profile's outputs; returns `None` if the profile has no `[outputs]` or too few
+    /// outputs.
     pub fn new(connector: Connector, transport: Transport, profile: Profile, link: &str, units: usize) -> Option<Self> {
         let client = Client::new(connector, transport, &profile, "array", link);
         let outputs = profile.outputs.filter(|outputs| (1..=outputs.count_max).contains(&units))?;

@@ -22,7 +22,8 @@ const QUIET: Duration = Duration::from_millis(20);
 /// Most bytes that are thrown away while a line is brought to quiet.
 const STRAY_BYTES_MAX: usize = 4096;
 
-/// One Modbus device behind a link that is opened when it is needed, and again after anything that left it out of step.
+/// One Modbus device behind a link. The link is opened when it is needed. It is opened again after any event that left it out of
+/// step.
 pub struct Client {
     connector: Connector,
     transport: Transport,
@@ -30,20 +31,20 @@ pub struct Client {
     deadline: Duration,
     /// Least time from an answer to the next request.
     rest: Duration,
-    /// Least time from one request to the next: a device that converts no faster needn't be asked.
+    /// Least time from one request to the next. A device needs no more requests than it has conversions.
     pace: Duration,
-    /// No request before this instant.
+    /// Time before which no request is sent.
     next: Instant,
     device: String,
-    /// Taken while an exchange is under way: one that was dropped doesn't come back, and the link is opened again.
+    /// Connection, taken out during an exchange. After a dropped exchange it isn't put back, so the link is opened again.
     context: Option<Context>,
     opened_before: bool,
-    /// An answer to an earlier request may still come.
+    /// Whether an answer to an earlier request may still come.
     doubtful: bool,
 }
 
 impl Client {
-    /// A device of a profile; `role` and `link` name it in messages.
+    /// Creates a device of a profile; `role` and `link` name it in messages.
     pub fn new(connector: Connector, transport: Transport, profile: &Profile, role: &str, link: &str) -> Self {
         Client {
             connector,
@@ -60,15 +61,15 @@ impl Client {
         }
     }
 
-    /// Sends no more requests than one in so long.
+    /// Limits the requests to one in each `pace`.
     pub fn set_pace(&mut self, pace: Duration) {
         self.pace = pace;
     }
 
-    /// Registers from an address on the wire (function code 3 or 4).
+    /// Reads registers from an address on the wire (function code 3 or 4).
     ///
     /// # Errors
-    /// The device's exception, or the link's failure after as many tries as are allowed.
+    /// The device's exception, or the link's failure after the allowed number of tries.
     pub async fn read(
         &mut self,
         doing: &str,
@@ -121,7 +122,7 @@ impl Client {
         Err(self.error(doing, DeviceProblem::Link(format!("{last}, {READ_TRIES} times"))))
     }
 
-    /// One number.
+    /// Reads one number.
     ///
     /// # Errors
     /// As [`read`](Self::read).
@@ -134,10 +135,10 @@ impl Client {
         })
     }
 
-    /// Reads every register whose value is known.
+    /// Reads every register with a known value.
     ///
     /// # Errors
-    /// The first that differs: wrong device, wrong address or wrong word order.
+    /// The first register that differs: the device, the address or the word order is wrong.
     pub async fn probe(&mut self, probes: &[Probe]) -> Result<(), DeviceError> {
         for probe in probes {
             let doing = format!("checking {}", probe.what);
@@ -150,7 +151,7 @@ impl Client {
         Ok(())
     }
 
-    /// An error of this device.
+    /// Returns an error of this device.
     pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
     }

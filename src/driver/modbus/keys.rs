@@ -1,4 +1,4 @@
-//! The keys of a register map, table by table.
+//! Keys of a register map, table by table.
 
 use super::number::{NumberType, WordOrder};
 use super::request::{Function, Transport};
@@ -28,7 +28,7 @@ const ADDRESS_MAX: u64 = BASE_MAX + u16::MAX as u64;
 pub(super) const REGISTERS_MAX: u64 = 125;
 
 keys! {
-    /// The whole register map.
+    /// The complete register map.
     root {
         name: Text, Refused, "the device's name in messages", "\"Laumas TLB\"";
         transport: Word(&words(&TRANSPORTS)), Refused, "protocol of the device", "\"rtu\"";
@@ -45,7 +45,7 @@ keys! {
 }
 
 keys! {
-    /// Where a number is and what it holds.
+    /// Address and content of a number.
     register {
         function: Word(&words(&FUNCTIONS)), or_word("holding"), "registers that are read", "\"input\"";
         address: Whole(0, ADDRESS_MAX), Refused, "address of its first register, numbered as in the manual", "40008";

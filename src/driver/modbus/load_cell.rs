@@ -28,8 +28,8 @@ pub struct ModbusLoadCell {
 }
 
 impl ModbusLoadCell {
-    /// A load cell of a profile, or none if the profile has no `[force]`. Readings are timed from `origin`; the
-    /// transmitter converts `conversions_hz` times a second.
+    /// Creates a load cell of a profile; returns `None` if the profile has no `[force]`. The times of readings are relative to
+    /// `origin`. The transmitter converts `conversions_hz` times per second.
     pub fn new(
         connector: Connector,
         transport: Transport,

@@ -1,4 +1,4 @@
-//! Instruments that speak Modbus, RTU on a serial line or TCP: which registers mean what is a [`Profile`], not code.
+//! Instruments that use Modbus, RTU on a serial line or TCP. A [`Profile`] defines the meaning of the registers, not the code.
 
 mod array;
 mod client;
@@ -18,7 +18,7 @@ pub use request::{Function, Transport};
 
 use crate::document::Keys;
 
-/// Every key that a register map may have.
+/// All keys that a register map may have.
 pub const KEYS: Keys = keys::root::KEYS;
 
 #[cfg(test)]

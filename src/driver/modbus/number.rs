@@ -1,6 +1,6 @@
-//! What registers hold, and how a number is read from them.
+//! Content of registers, and how a number is read from them.
 
-/// What registers hold.
+/// Content of registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {
     /// One register, unsigned.
@@ -17,32 +17,32 @@ pub enum NumberType {
     F64,
 }
 
-/// Which of two registers is the more significant.
+/// Order of two registers: which register is the more significant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WordOrder {
-    /// The one at the lower address.
+    /// The register at the lower address.
     Big,
-    /// The one at the higher address.
+    /// The register at the higher address.
     Little,
 }
 
-/// How a device writes its numbers.
+/// Encoding of a device's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Encoding {
-    /// What the registers hold.
+    /// Content of the registers.
     pub number: NumberType,
-    /// Which word comes first.
+    /// Order of the words.
     pub word_order: WordOrder,
-    /// Whether the low byte of each register comes first; the Modbus specification has the high one there.
+    /// Whether the low byte of each register comes first. In the Modbus specification the high byte comes first.
     pub swap_bytes: bool,
-    /// The bits of a whole number that count; none: all.
+    /// Used bits of an integer; `None`: all bits.
     pub mask: Option<u32>,
-    /// How far what is left by the mask is moved to the right.
+    /// Number of bits by which the masked value is shifted to the right.
     pub shift: u8,
 }
 
 impl NumberType {
-    /// How many registers one number takes.
+    /// Number of registers for one number.
     pub fn registers(self) -> u16 {
         match self {
             NumberType::U16 | NumberType::I16 => 1,
@@ -51,24 +51,24 @@ impl NumberType {
         }
     }
 
-    /// Whether it has bits that mean something by themselves.
+    /// Whether the number is an integer, so that single bits have a meaning.
     pub fn is_whole(self) -> bool {
         !matches!(self, NumberType::F32 | NumberType::F64)
     }
 }
 
 impl Encoding {
-    /// A number of the specification's own byte order, all bits of it.
+    /// Returns the encoding of a number in the specification's own byte order, with all bits used.
     pub fn plain(number: NumberType, word_order: WordOrder) -> Self {
         Encoding { number, word_order, swap_bytes: false, mask: None, shift: 0 }
     }
 
-    /// How many registers one number takes.
+    /// Number of registers for one number.
     pub fn registers(&self) -> u16 {
         self.number.registers()
     }
 
-    /// The number in some registers, or none if there are too few.
+    /// Returns the number in some registers; `None` if there are too few.
     pub fn decode(&self, words: &[u16]) -> Option<f64> {
         let words = words.get(..usize::from(self.registers()))?;
         let word = |word: &u16| u64::from(if self.swap_bytes { word.swap_bytes() } else { *word });

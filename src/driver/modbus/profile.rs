@@ -1,11 +1,11 @@
-//! A register map: which registers of a Modbus device mean what.
+//! Register map: the meaning of the registers of a Modbus device.
 
 use super::keys::{self, decimals, force, outputs, probe, register, root, sign, status};
 use super::number::{Encoding, NumberType, WordOrder};
 use super::request::{Function, Transport};
 use crate::document::{self, Problem, Problems, Table};
 
-/// The register maps that come with the program: name and text.
+/// Register maps included with the program: name and text.
 pub const SHIPPED: [(&str, &str); 4] = [
     ("generic-rs485", include_str!("../../../profiles/generic-rs485.toml")),
     ("labjack-t7", include_str!("../../../profiles/labjack-t7.toml")),
@@ -13,56 +13,56 @@ pub const SHIPPED: [(&str, &str); 4] = [
     ("seneca-zsg", include_str!("../../../profiles/seneca-zsg.toml")),
 ];
 
-/// Which registers of a Modbus device mean what.
+/// Meaning of the registers of a Modbus device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
     /// The device's name in messages.
     pub name: String,
     /// The protocol of the device, on any link.
     pub transport: Transport,
-    /// Its Modbus unit (slave) id.
+    /// Modbus unit (slave) id of the device.
     pub unit_id: u8,
     /// Longest wait for an answer, ms.
     pub deadline_ms: u64,
-    /// Least rest between an answer and the next request, ms.
+    /// Least time between an answer and the next request, ms.
     pub rest_ms: u64,
-    /// Most registers it gives at once.
+    /// Largest number of registers in one answer.
     pub registers_max: u16,
-    /// Where a load cell's force is.
+    /// Position of a load cell's force.
     pub force: Option<Force>,
-    /// What it says of itself.
+    /// Status that the load cell reports.
     pub status: Option<StatusWord>,
-    /// Where an array's outputs are.
+    /// Position of an array's outputs.
     pub outputs: Option<Outputs>,
-    /// Registers whose value is known: they show at connect that addresses and word order are right.
+    /// Registers with known values. They show at connection that addresses and word order are right.
     pub probe: Vec<Probe>,
 }
 
-/// Where a number is.
+/// Position of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Register {
-    /// With which function it is read.
+    /// Function that reads the number.
     pub function: Function,
-    /// Address on the wire of its first register.
+    /// Address of its first register on the wire.
     pub address: u16,
-    /// What it holds.
+    /// Encoding of the content.
     pub encoding: Encoding,
 }
 
 /// The force register of a load cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Force {
-    /// Where it is.
+    /// Position of the force.
     pub register: Register,
-    /// N per unit of the device, before its decimals.
+    /// Newtons per unit of the device, before its decimals.
     pub newton_per_unit: f64,
-    /// What the device reads at no force, in its units.
+    /// Device reading at zero force, in the device's units.
     pub offset: f64,
-    /// Most that the device can measure, N: a reading beyond is damaged, or decoded wrongly.
+    /// Largest force that the device can measure, N. A larger reading is damaged, or decoded wrongly.
     pub range_n: Option<f64>,
-    /// Where the device says how many decimals its integer has; none: it has none.
+    /// Register with the number of decimals of the device's integer; `None` if there are no decimals.
     pub decimals: Option<Register>,
-    /// The bit that says a magnitude is negative. It is read together with the force.
+    /// Bit that marks a magnitude as negative. It is read together with the force.
     pub sign: Option<Bit>,
 }
 
@@ -80,29 +80,29 @@ pub struct Bit {
 pub struct StatusWord {
     /// Address on the wire.
     pub address: u16,
-    /// Bits that say the reading is beyond its range.
+    /// Bits for a reading beyond the range.
     pub saturated_bits: Vec<u8>,
-    /// Bits that say the cell or its converter is broken.
+    /// Bits for a broken cell or converter.
     pub fault_bits: Vec<u8>,
 }
 
-/// The output registers of an array, one number a unit, without gaps.
+/// Output registers of an array, one number for each unit, without gaps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
-    /// Where the first unit's is.
+    /// Position of the first unit's number.
     pub register: Register,
-    /// Most units that can be read.
+    /// Largest number of units that can be read.
     pub count_max: usize,
 }
 
-/// A register whose value is known.
+/// A register with a known value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probe {
-    /// Its name in the device's manual.
+    /// Name of the register in the device's manual.
     pub what: String,
-    /// Where it is.
+    /// Position of the register.
     pub register: Register,
-    /// Its value.
+    /// Value of the register.
     pub value: f64,
 }
 
@@ -110,7 +110,7 @@ impl Profile {
     /// Reads a register map; `file` is its name in messages.
     ///
     /// # Errors
-    /// Every problem of the text, each at its line.
+    /// All problems of the text, each with its line.
     pub fn parse(file: &str, text: &str) -> Result<Profile, Problems> {
         document::read(file, text, &root::KEYS, |table| {
             let name = table.text(&root::name);
@@ -139,7 +139,7 @@ impl Profile {
         })
     }
 
-    /// A register map that came with the program, or none of that name.
+    /// Returns a register map included with the program; `None` if there is no map of that name.
     pub fn shipped(name: &str) -> Option<Profile> {
         let (_, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
         Profile::parse(name, text).ok() // a test reads every one of them
@@ -147,7 +147,7 @@ impl Profile {
 }
 
 impl Force {
-    /// Where one read begins that has the force and its sign, and how many registers it has.
+    /// Returns the first address and the number of registers of one read that includes the force and its sign.
     pub fn block(&self) -> (u16, u16) {
         let (first, last) = (self.register.address, self.register.address + (self.register.encoding.registers() - 1));
         let (first, last) = self.sign.map_or((first, last), |sign| (first.min(sign.address), last.max(sign.address)));

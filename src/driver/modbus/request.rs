@@ -1,6 +1,6 @@
-//! How registers are asked for: the framing, and the function.
+//! Requests for registers: the framing and the function.
 
-/// How Modbus is framed on a link.
+/// Framing of Modbus on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
     /// Serial line, CRC and silence.
@@ -9,7 +9,7 @@ pub enum Transport {
     Tcp,
 }
 
-/// With which function registers are read.
+/// Function that reads registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Function {
     /// Function code 3.
@@ -19,7 +19,7 @@ pub enum Function {
 }
 
 impl Function {
-    /// The function that this one's answer can't be taken for.
+    /// Returns the other function, for comparison: an answer to one function can't be an answer to the other.
     pub fn other(self) -> Function {
         match self {
             Function::Holding => Function::Input,

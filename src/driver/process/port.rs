@@ -1,4 +1,4 @@
-//! One program: requests out, answers in, by their numbers.
+//! One program: sends requests and receives answers, matched by their numbers.
 
 use crate::device::{DeviceError, DeviceProblem, Identity, Reins};
 use crate::wire::{Connector, Lines, WireError, silent};
@@ -33,7 +33,7 @@ pub(super) struct ProgramPort {
     role: &'static str,
     link: String,
     next_id: u64,
-    /// A program that ended isn't started again: a new one knows nothing of where the device is.
+    /// Whether the program ended. It isn't started again, because a new program doesn't know the device's position.
     ended: bool,
 }
 
@@ -42,7 +42,7 @@ impl ProgramPort {
         ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, ended: false }
     }
 
-    /// Who it is, and that it plays the role it is meant for.
+    /// Asks for the program's identity and checks that it plays the intended role.
     pub async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
         let doing = "identifying it";
         let said = self.ask(doing, "identify", Object::new(), None).await?;
@@ -65,7 +65,7 @@ impl ProgramPort {
         Ok((identity, said))
     }
 
-    /// The answer to a request. What the reins ask for meanwhile is sent at once.
+    /// Returns the answer to a request. Requests from the reins during this time are sent at once.
     pub async fn ask(
         &mut self,
         doing: &str,
@@ -127,7 +127,7 @@ impl ProgramPort {
         Err(self.error(doing, problem))
     }
 
-    /// Sends at once what the reins ask for. It has no answer.
+    /// Sends the requests of the reins at once. They have no answer.
     pub async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
         use crate::device::MotionOrder;
         match reins.take() {
@@ -140,7 +140,7 @@ impl ProgramPort {
         }
     }
 
-    /// Has it stop at once. It has no answer.
+    /// Requests an immediate stop. The request has no answer.
     pub async fn stop(&mut self, doing: &str) -> Result<(), DeviceError> {
         let line = json!({ "do": "stop" });
         self.send(doing, line.as_object().unwrap_or(&Object::new())).await
@@ -181,7 +181,7 @@ impl ProgramPort {
     }
 }
 
-/// The object on a line, if it is the answer to the request of this id.
+/// Returns the object on a line, if it is the answer to the request of this id.
 pub fn answer_in(line: &str, id: u64) -> Option<Map<String, Value>> {
     match serde_json::from_str(line).ok()? {
         Value::Object(object) if object.get("id").and_then(Value::as_u64) == Some(id) => Some(object),

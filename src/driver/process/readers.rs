@@ -1,4 +1,4 @@
-//! A load cell and an array behind programs of the user's own.
+//! Load cell and array behind programs of the user.
 
 use super::port::{ANSWER_DEADLINE, FORCE_DEADLINE, Object, ProgramPort};
 use crate::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
@@ -22,7 +22,7 @@ pub struct ProcessArray {
 }
 
 impl ProcessLoadCell {
-    /// A load cell that has a new reading `conversions_hz` times a second; readings are timed from `origin`.
+    /// Creates a load cell with a new reading `conversions_hz` times per second; the times of readings are relative to `origin`.
     pub fn new(connector: Connector, link: String, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
         ProcessLoadCell { port: ProgramPort::new(connector, "load_cell", link), conversion, origin }
@@ -60,7 +60,7 @@ impl ProcessLoadCell {
 }
 
 impl ProcessArray {
-    /// An array of so many units.
+    /// Creates an array of `units` units.
     pub fn new(connector: Connector, link: String, units: usize) -> Self {
         ProcessArray { port: ProgramPort::new(connector, "array", link), units }
     }

@@ -1,4 +1,4 @@
-//! A stage behind a program of the user's own.
+//! Stage behind a program of the user.
 
 use super::port::{Object, PREPARE_DEADLINE, ProgramPort};
 use crate::device::{DeviceError, DeviceProblem, Identity, Reins, Stage, StageUse};
@@ -18,7 +18,7 @@ const COMPLAINTS_MAX: usize = 16;
 /// A stage behind a program.
 pub struct ProcessStage {
     port: ProgramPort,
-    /// The axes go no further than this; none before it is prepared.
+    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
     usage: Option<StageUse>,
     complaints: Vec<String>,
 }
@@ -29,7 +29,7 @@ struct Status {
 }
 
 impl ProcessStage {
-    /// A stage behind a link; nothing is sent yet.
+    /// Creates a stage behind a link; nothing is sent yet.
     pub fn new(connector: Connector, link: String) -> Self {
         ProcessStage { port: ProgramPort::new(connector, "stage", link), usage: None, complaints: Vec::new() }
     }

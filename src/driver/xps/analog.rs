@@ -1,4 +1,4 @@
-//! The load cell on an analog input.
+//! Load cell on an analog input.
 
 use super::CALL_DEADLINE;
 use super::socket::Socket;
@@ -27,7 +27,8 @@ pub struct XpsAnalog {
 }
 
 impl XpsAnalog {
-    /// A load cell of so many N a volt, looked at `conversions_hz` times a second; readings are timed from `origin`.
+    /// Creates a load cell with its sensitivity in N per volt, read `conversions_hz` times per second. The times of readings are
+    /// relative to `origin`.
     pub fn new(
         connector: Connector,
         link: String,

@@ -1,16 +1,16 @@
-//! What the controller itself looks at while it moves.
+//! Guard that the controller itself checks during a motion.
 
 use super::CALL_DEADLINE;
 use super::socket::Socket;
 use super::text::Answer;
 use crate::device::{DeviceError, DeviceProblem};
 
-/// What the controller itself looks at while it moves: it aborts without asking the host.
+/// Guard that the controller itself checks during a motion. The controller aborts without asking the host.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guard {
     /// The load cell's input, such as `GPIO2.ADC1`.
     pub input: String,
-    /// N a volt of that input.
+    /// Newtons per volt of that input.
     pub newton_per_volt: f64,
 }
 
@@ -43,7 +43,7 @@ impl Guard {
 }
 
 impl Armed {
-    /// Removes it. An event that has happened is gone already, which is as good.
+    /// Removes the guard. An event that has already happened no longer exists, which is no error.
     pub async fn disarm(self, socket: &mut Socket) -> Result<(), DeviceError> {
         let call = format!("EventExtendedRemove({})", self.id);
         let Answer { .. } = socket.call_plainly("removing its guard on the force", &call, CALL_DEADLINE).await?;

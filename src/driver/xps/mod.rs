@@ -1,7 +1,7 @@
 //! Newport XPS (Q8, D, RL): three axes in one group, and an analog input for a load cell.
 //!
-//! Functions and answers after the programmer's manual. A motion is a call that is answered when the motion has ended and holds
-//! its socket until then; so there is one socket for motions, one for questions, and one that is kept free for the abort.
+//! Functions and answers follow the programmer's manual. A motion is a call that is answered when the motion has ended; until
+//! then it occupies its socket. So there is one socket for motions, one for questions, and one that stays free for the abort.
 
 mod analog;
 mod guard;

@@ -1,4 +1,4 @@
-//! Makes the group of an XPS ready: initialised, homed, within the rig's travel.
+//! Preparation of an XPS group: initialised, homed, within the rig's travel.
 
 use super::CALL_DEADLINE;
 use super::stage::{AT_REST_MM, Xps};

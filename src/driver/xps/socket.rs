@@ -1,4 +1,4 @@
-//! One socket of an XPS: a call out, its answer in.
+//! One socket of an XPS: sends a call and receives its answer.
 
 use super::text::{Answer, error_name, parse_answer};
 use crate::device::{DeviceError, DeviceProblem};
@@ -12,17 +12,17 @@ const END: &str = "EndOfAPI";
 /// Longest answer that is taken for one, bytes. The list of all errors would be longer; it isn't asked for.
 const ANSWER_MAX_BYTES: usize = 4096;
 
-/// One socket of the controller: one call at a time. Answers have no number, so that a socket whose answer didn't come is
-/// closed; a new one can't receive it any more.
+/// One socket of the controller, for one call at a time. Answers have no number. So a socket is closed if its answer didn't come;
+/// a new socket can't receive that answer.
 pub struct Socket {
     lines: Lines,
     device: String,
-    /// The call whose answer is still expected.
+    /// Call whose answer is still expected.
     owed: Option<String>,
 }
 
 impl Socket {
-    /// A socket that is opened when it is first needed. `device` names it in messages.
+    /// Creates a socket that is opened when it is first needed. `device` names it in messages.
     pub fn new(connector: Connector, device: String) -> Self {
         Socket { lines: Lines::new(connector, END, ANSWER_MAX_BYTES), device, owed: None }
     }
@@ -30,7 +30,7 @@ impl Socket {
     /// Calls a function and waits for its answer.
     ///
     /// # Errors
-    /// The controller's error in its name, no answer in time, or one that isn't an answer.
+    /// The controller's error by name, no answer in time, or an invalid answer.
     pub async fn call(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<Vec<String>, DeviceError> {
         match self.call_plainly(doing, call, deadline).await? {
             Answer { code: 0, values } => Ok(values),
@@ -38,10 +38,10 @@ impl Socket {
         }
     }
 
-    /// The same where an error code is an answer like any other.
+    /// Does the same, but treats an error code as a normal answer.
     ///
     /// # Errors
-    /// No answer in time, or one that isn't an answer.
+    /// No answer in time, or an invalid answer.
     pub async fn call_plainly(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<Answer, DeviceError> {
         self.begin(doing, call, deadline).await?;
         let answer = self.answer_by(doing, Instant::now() + deadline).await?;
@@ -51,10 +51,10 @@ impl Socket {
         })
     }
 
-    /// Sends a call whose answer is awaited later.
+    /// Sends a call; its answer is awaited later.
     ///
     /// # Errors
-    /// The link's own.
+    /// Errors of the link.
     pub async fn begin(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<(), DeviceError> {
         // an answer that nobody waited for, or text that nobody asked for: neither may be taken for this one's
         if self.owed.is_some() || self.lines.something_came().await {
@@ -66,10 +66,10 @@ impl Socket {
         Ok(())
     }
 
-    /// The answer that is owed, if it comes until then. May be dropped while it waits.
+    /// Returns the expected answer, if it comes before `until`. The future may be dropped while it waits.
     ///
     /// # Errors
-    /// The link's own, or an answer that isn't one.
+    /// Errors of the link, or an invalid answer.
     pub async fn answer_by(&mut self, doing: &str, until: Instant) -> Result<Option<Answer>, DeviceError> {
         let text = match self.lines.next_by(until).await {
             Ok(Some(text)) => text,
@@ -92,18 +92,18 @@ impl Socket {
         self.owed.is_some()
     }
 
-    /// Closes it; the next call opens it again.
+    /// Closes the socket; the next call opens it again.
     pub fn close(&mut self) {
         self.owed = None;
         self.lines.close();
     }
 
-    /// That a call came back with an error code.
+    /// Returns the error that a call was answered with an error code.
     pub fn refused(&self, doing: &str, call: &str, code: i32) -> DeviceError {
         self.error(doing, DeviceProblem::Refused(format!("error {code} ({}) to {call}", error_name(code))))
     }
 
-    /// An error of this device.
+    /// Returns an error of this device.
     pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
     }

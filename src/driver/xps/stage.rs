@@ -1,4 +1,4 @@
-//! The stage: a group of three positioners, over three sockets.
+//! The stage: a group of three positioners, used over three sockets.
 
 use super::CALL_DEADLINE;
 use super::guard::{Armed, Guard};
@@ -29,15 +29,15 @@ const ABORTED: i32 = -27;
 /// How far two read-backs of an axis at rest may be apart, mm.
 pub(super) const AT_REST_MM: f64 = 0.001;
 
-/// The group of the controller that is the stage.
+/// Controller group that is the stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
-    /// Its name, such as `XYZ`.
+    /// Name of the group, such as `XYZ`.
     pub name: String,
-    /// Its positioners for x, y and z.
+    /// Positioners of the group for x, y and z.
     pub positioners: [String; 3],
-    /// Whether a group that isn't homed may be homed: the way to its home must be clear of the specimen, in the order
-    /// that is set in the controller, which can't be asked.
+    /// Whether a group that isn't homed may be homed. The way to its home must be clear of the specimen, in the axis order that
+    /// is set in the controller. The program can't read this order.
     pub home_search: bool,
 }
 
@@ -63,12 +63,12 @@ pub struct Xps {
 pub(super) struct Motion {
     call: String,
     targets: Vec<(Axis, f64)>,
-    /// Whether the abort was ours.
+    /// Whether this program requested the abort.
     aborted: bool,
 }
 
 impl Xps {
-    /// A controller behind three links to the same place; nothing is sent yet. `link` is its name in messages.
+    /// Creates a controller behind three links to the same address; nothing is sent yet. `link` is its name in messages.
     pub fn new(connectors: [Connector; 3], link: String, group: Group, guard: Option<Guard>) -> Self {
         let device = || format!("stage (XPS at {link})");
         let [moves, asks, aborts] = connectors.map(|connector| Socket::new(connector, device()));

@@ -1,16 +1,16 @@
-//! Answers of an XPS, taken apart.
+//! Parsing of an XPS' answers.
 
-/// What came back of a call: 0 or the error's code, and the values.
+/// Answer to a call: 0 or the error's code, and the values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// 0: done; under 0: the error.
+    /// 0: done; below 0: the error.
     pub code: i32,
-    /// What the function gives back, in its order.
+    /// Values that the function returns, in its order.
     pub values: Vec<String>,
 }
 
-/// Reads an answer without its `EndOfAPI`: `0,v1,v2,` or `-17,CALL,`. `call` is what was sent: an error's text is its echo, word
-/// for word, so that one which is another's is refused, and a function that gives nothing back gives one empty value.
+/// Parses an answer without its `EndOfAPI`: `0,v1,v2,` or `-17,CALL,`. `call` is the sent call. The text of an error repeats the
+/// call word for word, so an error of another call is refused. A function that returns nothing gives one empty value.
 pub fn parse_answer(text: &str, call: &str) -> Option<Answer> {
     let text = text.strip_suffix(',')?;
     let (code, rest) = text.split_once(',').unwrap_or((text, ""));
@@ -27,12 +27,12 @@ fn outputs_of(call: &str) -> usize {
     call.matches('*').count()
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub fn number_in(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// What a group is able to do (group status list of the manual).
+/// Abilities of a group (group status list of the manual).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupState {
     /// Off, or killed.
@@ -43,13 +43,13 @@ pub enum GroupState {
     Ready,
     /// At rest with its motors off.
     Disabled,
-    /// Looking for home, or initialising.
+    /// Searching for home, or initialising.
     Homing,
     /// Moving, jogging, braking.
     Moving,
 }
 
-/// The state behind a status number, or none for a number there isn't.
+/// Returns the state of a status number; `None` for an unknown number.
 pub fn group_state(status: i32) -> Option<GroupState> {
     Some(match status {
         0..=9 | 50 | 52 | 60 | 61 | 63 | 66 | 67 | 71 | 72 | 83 | 106 => GroupState::NotInitialised,
@@ -62,7 +62,7 @@ pub fn group_state(status: i32) -> Option<GroupState> {
     })
 }
 
-/// An error's name (error list of the manual).
+/// Returns an error's name (error list of the manual).
 pub fn error_name(code: i32) -> &'static str {
     match code {
         -1 => "the socket is busy",

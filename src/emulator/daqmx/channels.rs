@@ -1,9 +1,9 @@
-//! The inputs of the device: how they are named, ranged and converted.
+//! Inputs of the device: their names, ranges and conversion.
 
 use super::errors::DaqmxStatus;
 use crate::wire::daqmx::{DIFF, NRSE, RSE};
 
-/// Inputs of a USB-6343: `ai0` and on, each against ground.
+/// Inputs of a USB-6343: from `ai0` on, each relative to ground.
 pub const INPUTS: u32 = 32;
 /// `DAQmx_Val_Cfg_Default`: differential where the input can be, else against ground.
 const DEFAULT_TERMINAL: i32 = -1;
@@ -16,11 +16,11 @@ const STEPS: f64 = 32_768.0;
 /// How far a range asked for may lie beyond one there is, by rounding, V.
 const ROUNDING_V: f64 = 1e-9;
 
-/// One channel of a task: an input, against ground or another one, in a range.
+/// One channel of a task: an input relative to ground or to another input, in a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
     pub input: u32,
-    /// The input that it is measured against; none: ground.
+    /// Input that it is measured against; `None`: ground.
     pub against: Option<u32>,
     range_v: f64,
 }
@@ -43,14 +43,14 @@ impl Channel {
         }
     }
 
-    /// What the converter makes of a voltage, V.
+    /// Returns the converter's result for a voltage, V.
     pub fn convert(&self, volts: f64) -> f64 {
         let step_v = self.range_v / STEPS;
         (volts / step_v).round().clamp(-STEPS, STEPS - 1.0) * step_v
     }
 }
 
-/// The inputs that `Dev1/ai0`, `Dev1/ai0:8` or a list of such with commas means, in its order.
+/// Returns the inputs of `Dev1/ai0`, `Dev1/ai0:8` or a comma-separated list of these, in order.
 pub fn inputs(physical: &str, device: &str) -> Result<Vec<u32>, DaqmxStatus> {
     let mut inputs = Vec::new();
     for part in physical.split(',') {

@@ -1,4 +1,4 @@
-//! The errors of the library, by number and in words.
+//! Errors of the library, as numbers and in words.
 
 /// An error of the library, by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,12 +18,12 @@ impl DaqmxStatus {
     pub const NO_CHANNELS: DaqmxStatus = DaqmxStatus(-200478);
     pub const TASK_RUNS: DaqmxStatus = DaqmxStatus(-200479);
 
-    /// What is wrong, in a sentence; none: a number that means nothing here.
+    /// Returns the problem in a sentence; `None` for an unknown number.
     pub fn text(self) -> Option<&'static str> {
         TEXTS.iter().find(|(status, _)| *status == self).map(|(_, text)| *text)
     }
 
-    /// The whole of what the library says, with the task that it concerns.
+    /// Returns the complete message of the library, with the task concerned.
     pub fn message(self, task: Option<&str>) -> String {
         let text = self.text().unwrap_or("No text is known for this status code.");
         let task = task.map(|name| format!("Task Name: {name}\n\n")).unwrap_or_default();

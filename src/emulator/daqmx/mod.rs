@@ -1,5 +1,5 @@
-//! NI's DAQmx library with one USB-6343 on it, as far as a rig uses it: the table of functions over a scene, with no bytes in
-//! between (NIDAQmx.h, and the device's capabilities as public drivers list them).
+//! NI's DAQmx library with one USB-6343, limited to the functions that a rig uses. It is the table of functions over a scene,
+//! with no bytes in between. It is based on NIDAQmx.h and on the device's capabilities as public drivers list them.
 
 mod channels;
 mod errors;
@@ -30,16 +30,16 @@ const BUFFER_MOST: u64 = 1 << 24;
 /// What keeps an instant that was computed as k / rate from falling to scan k - 1 by rounding, scans.
 const ROUNDING: f64 = 1e-6;
 
-/// A USB-6343 and the library that drives it: 32 analog inputs against ground or 16 differential ones, 16 bit in ranges of 10,
-/// 5, 1 and 0.2 V, 500,000 conversions a second. A load cell's amplifier is on one input, the taxels are on those from
-/// `array_first_channel` on, 1 V a reading unit; the others read 0 V.
+/// A USB-6343 and the library that drives it. It has 32 analog inputs relative to ground or 16 differential ones, 16 bit in
+/// ranges of 10, 5, 1 and 0.2 V, 500,000 conversions per second. One input has a load cell's amplifier. The taxels are on the
+/// inputs from `array_first_channel` on, 1 V for one reading unit. The other inputs read 0 V.
 ///
-/// A scene can't be asked about the past, so only the newest scan is what the scene is like when it is read, which is up to
-/// 1 ms and a period after it fell; those that came since the last read (or the start) lie on a straight line to it. The
-/// noise of the load cell is that of the scans that are looked at.
+/// A scene can't be asked about the past. So only the newest scan has the scene's state at the time of the read, which is up to 1
+/// ms plus a period after the scan was due. The scans since the last read (or the start) are on a straight line to the newest
+/// scan. The noise of the load cell is the noise of the scans that are looked at.
 ///
-/// Where NI's library would do more than a rig needs, this one is stricter: a task must have a sample clock and be started
-/// before it is read, and its buffer is as large as was asked for. The last error is that of all threads.
+/// This emulator is stricter than NI's library where a rig needs less. A task must have a sample clock and be started before it
+/// is read, and its buffer has the requested size. The last error is common to all threads.
 pub struct DaqmxEmulator {
     scene: Shared<Scene>,
     origin: Instant,
@@ -67,7 +67,7 @@ struct Library {
 struct Acquisition {
     name: String,
     channels: Vec<Channel>,
-    /// Scans a second, and how many the buffer holds.
+    /// Scans per second, and number of scans that the buffer holds.
     clock: Option<(f64, u64)>,
     run: Option<Run>,
 }
@@ -75,9 +75,9 @@ struct Acquisition {
 /// A task that is started.
 struct Run {
     start_s: f64,
-    /// Scans that have come.
+    /// Number of scans so far.
     count: u64,
-    /// The number of the last scan that was looked at, and what its channels were, V.
+    /// Number of the last scan that was looked at, and its channel values, V.
     looked: (u64, Vec<f64>),
     /// Samples that have come and haven't been read, scan by scan.
     unread: VecDeque<f64>,
@@ -85,8 +85,8 @@ struct Run {
 }
 
 impl DaqmxEmulator {
-    /// A device of that name on which nothing runs. `cell_channel` is the input with the load cell's amplifier, which gives so
-    /// many volts a newton; none: there is no load cell on it. The scene counts from `origin`.
+    /// Creates an idle device of that name. `cell_channel` is the input with the load cell's amplifier, and its gain in volts per
+    /// newton; `None`: no load cell. Time zero of the scene is `origin`.
     pub fn new(
         scene: Shared<Scene>,
         origin: Instant,

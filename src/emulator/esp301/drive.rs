@@ -1,4 +1,4 @@
-//! One axis: where it is, how it moves, what it is set to.
+//! One axis: its position, motion and settings.
 
 use super::errors::{AxisFault, EspError, General};
 use crate::quantity::Axis;
@@ -22,12 +22,12 @@ pub const UNIT_LAST: u16 = 11;
 /// How far beyond the end of travel a target may lie by rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
-/// One axis: a VP-25XL and what the controller knows of it. Places are true ones, in stage coordinates, unless a name
-/// says `count`: that is what the controller takes the place for, off by `offset_mm` until the axis is homed.
+/// One axis: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates, unless a name contains
+/// `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the axis is homed.
 pub struct Drive {
     axis: Axis,
     pub motor_on: bool,
-    /// True place less count, mm.
+    /// True place minus count, mm.
     offset_mm: f64,
     target_mm: f64,
     errand: Errand,
@@ -47,9 +47,9 @@ pub struct Drive {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Errand {
     Idle,
-    /// To a target; on arrival there may be something to complain about.
+    /// To a target; an error may follow on arrival.
     Move(Option<AxisFault>),
-    /// To the home mark or an end of travel; at the end the count may be known to be true.
+    /// To the home mark or an end of travel. At the end, the count may be known to be true.
     Home {
         fixes_count: bool,
     },
@@ -57,7 +57,7 @@ enum Errand {
 }
 
 impl Drive {
-    /// An axis as it is switched on: it takes the place where it stands for zero, its motor is off.
+    /// Creates an axis at power-on: its present place counts as zero, and its motor is off.
     pub fn new(axis: Axis, scene: &Scene) -> Self {
         let place_mm = scene.motion(axis).end_mm();
         Drive {
@@ -78,22 +78,22 @@ impl Drive {
         }
     }
 
-    /// A complaint of this axis.
+    /// Returns an error of this axis.
     pub fn fault(&self, fault: AxisFault) -> EspError {
         EspError::OfAxis(self.axis, fault)
     }
 
-    /// Whether the axis is on its way (`MD?` is 0), as of the last [`notice`](Self::notice).
+    /// Whether the axis moves (`MD?` is 0), as of the last [`notice`](Self::notice).
     pub fn moving(&self) -> bool {
         self.errand != Errand::Idle
     }
 
-    /// When the controller takes the motion to end, s.
+    /// Time at which the controller expects the motion to end, s.
     pub fn end_s(&self, scene: &Scene) -> f64 {
         scene.motion(self.axis).end_s()
     }
 
-    /// Draws the consequences of a motion that has ended by `now_s`: what to complain about, and since when, s.
+    /// Applies the effects of a motion that has ended by `now_s`. Returns the error, if there is one, and its time, s.
     pub fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(EspError, f64)> {
         let end_s = self.end_s(scene);
         if self.errand == Errand::Idle || now_s < end_s {
@@ -111,7 +111,7 @@ impl Drive {
         }
     }
 
-    /// Where the axis is, in counts as `SN` has them (mm, unless it says encoder counts), as `TP` writes it.
+    /// Returns the axis position in counts, in the unit of `SN` (mm, unless it is encoder counts), as `TP` writes it.
     pub fn place(&self, scene: &mut Scene, now_s: f64) -> String {
         let count_mm = scene.axis(self.axis, now_s).0 - self.offset_mm;
         if self.unit == UNIT_COUNTS {
@@ -121,12 +121,13 @@ impl Drive {
         }
     }
 
-    /// The target, mm, as `PA?` writes it.
+    /// Returns the target, mm, as `PA?` writes it.
     pub fn target(&self) -> String {
         decimal(self.target_mm - self.offset_mm)
     }
 
-    /// `PA`: to a count, at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, to the end of it.
+    /// `PA`: moves to a count at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, it moves to the end of the
+    /// travel.
     pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let fault = match count_mm {
@@ -143,14 +144,14 @@ impl Drive {
         }
     }
 
-    /// `PR`: by a distance from where it is, at `VA`.
+    /// `PR`: moves by a distance from the present position, at `VA`.
     pub fn go_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         let count_mm = self.commanded(scene, now_s).0 - self.offset_mm;
         self.go_to(count_mm + way_mm, scene, now_s)
     }
 
-    /// `OR`: mode 0 to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to its + or - end. Where the
-    /// axis comes to is known, so from then on its count is true; mode 0 leaves the count as it is.
+    /// `OR`: mode 0 moves to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to the + or - end. The end
+    /// position is known, so the count is true from then on; mode 0 leaves the count unchanged.
     pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let place_mm = match mode {
@@ -164,25 +165,25 @@ impl Drive {
         Ok(())
     }
 
-    /// `DH`: where the axis stands is `count_mm` from now on.
+    /// `DH`: the present position of the axis becomes `count_mm`.
     pub fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.stands()?;
         self.offset_mm = self.commanded(scene, now_s).0 - count_mm;
         Ok(())
     }
 
-    /// `ST`: to rest with `AG`. Whether it cut a homing short.
+    /// `ST`: stops the axis with `AG`. Returns whether it interrupted a homing.
     pub fn stop(&mut self, scene: &mut Scene, now_s: f64) -> bool {
         self.brake(self.deceleration_mm_s2, scene, now_s)
     }
 
-    /// `AB` and `MF`: to rest as hard as it can, and the motor off. Whether it cut a homing short.
+    /// `AB` and `MF`: stops the axis as hard as possible and turns the motor off. Returns whether it interrupted a homing.
     pub fn cut_power(&mut self, scene: &mut Scene, now_s: f64) -> bool {
         self.motor_on = false;
         self.brake(STAGE_ACCELERATION_MM_S2, scene, now_s)
     }
 
-    /// The number behind a command that sets and reports one.
+    /// Returns the value of a command that sets and reports a number.
     pub fn number(&self, name: &[u8; 2]) -> Option<f64> {
         Some(match name {
             b"VA" => self.speed_mm_s,
@@ -196,7 +197,8 @@ impl Drive {
         })
     }
 
-    /// Sets such a number, checked against what the stage and the other numbers allow; `VA` acts on a move under way.
+    /// Sets such a number after a check against the limits of the stage and the other numbers. `VA` also changes a move under
+    /// way.
     pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         // what is no place is above zero
         let above = f64::MIN_POSITIVE;
@@ -291,7 +293,7 @@ impl Drive {
     }
 }
 
-/// A number as the controller writes it: four decimals, and no zero with a sign.
+/// Returns a number as the controller writes it: four decimals, and zero without a sign.
 pub fn decimal(value: f64) -> String {
     format!("{:.4}", (value * 1e4).round() / 1e4 + 0.0)
 }

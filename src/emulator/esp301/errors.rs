@@ -9,16 +9,17 @@ const QUEUE_MOST: usize = 10;
 /// Ticks of the controller's clock a second: 400 us each, measured from a recording of a real controller.
 const TICKS_HZ: f64 = 2500.0;
 
-/// What the controller complains about: the codes of the manual's table that three axes and no options can meet.
+/// Errors of the controller: the codes of the manual's table that are possible with three axes and no options.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EspError {
-    /// One that concerns no axis.
+    /// An error that concerns no axis.
     General(General),
-    /// One of an axis: its code carries the axis in the hundreds.
+    /// An error of an axis; the hundreds of its code are the axis.
     OfAxis(Axis, AxisFault),
 }
 
-/// Errors below 100, and their texts. Only that of the hardware limit is known from a real controller; the others follow its style.
+/// Errors below 100, and their texts. Only the text of the hardware limit is known from a real controller; the others follow its
+/// style.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct General(u16, &'static str);
 
@@ -31,7 +32,7 @@ impl General {
     pub const PARAMETER_MISSING: General = General(38, "COMMAND PARAMETER MISSING");
 }
 
-/// Errors of an axis, less the hundreds, and their texts.
+/// Errors of an axis, without the hundreds, and their texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisFault(u16, &'static str);
 
@@ -51,7 +52,7 @@ impl AxisFault {
 }
 
 impl EspError {
-    /// The code as the controller gives it: 104 is fault 4 of axis 1.
+    /// Returns the code as the controller reports it: 104 is fault 4 of axis 1.
     pub fn code(self) -> u16 {
         match self {
             EspError::General(General(code, _)) => code,
@@ -74,14 +75,14 @@ impl From<General> for EspError {
     }
 }
 
-/// The queue that `TE` and `TB` both read, and empty (manual, pages TE and TB).
+/// Queue that both `TE` and `TB` read and empty (manual, pages TE and TB).
 #[derive(Default)]
 pub struct ErrorQueue {
     entries: VecDeque<(EspError, i32)>,
 }
 
 impl ErrorQueue {
-    /// Notes a fault that happened at `at_s`.
+    /// Adds a fault that happened at `at_s`.
     pub fn push(&mut self, fault: EspError, at_s: f64) {
         if self.entries.len() == QUEUE_MOST {
             self.entries.pop_front();
@@ -89,12 +90,12 @@ impl ErrorQueue {
         self.entries.push_back((fault, ticks(at_s)));
     }
 
-    /// The answer to `TE`: the oldest error's code, 0 if there is none.
+    /// Returns the answer to `TE`: the oldest error's code, or 0 if there is no error.
     pub fn pop_code(&mut self) -> String {
         self.entries.pop_front().map_or(0, |(fault, _)| fault.code()).to_string()
     }
 
-    /// The answer to `TB`: the oldest error's code, when it happened (ticks), and its text. With no error, the time is now.
+    /// Returns the answer to `TB`: the oldest error's code, its time (ticks) and its text. Without an error, the time is now.
     pub fn pop_message(&mut self, now_s: f64) -> String {
         match self.entries.pop_front() {
             Some((fault, ticks)) => format!("{}, {ticks}, {}", fault.code(), fault.text()),

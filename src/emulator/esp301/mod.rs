@@ -1,10 +1,10 @@
-//! The Newport ESP301 with three VP-25XL stages: text lines in, text lines out (manual of the ESP300/301, and what was
-//! seen of a real ESP301 with firmware 1.1.1).
+//! The Newport ESP301 with three VP-25XL stages: text lines in, text lines out. It follows the manual of the ESP300/301 and
+//! observations of a real ESP301 with firmware 1.1.1.
 //!
-//! Axes 1, 2 and 3 are x, y and z. Where the manual is silent, this controller is the stricter of two readings:
-//! a target is taken only by an axis that stands (x32, or x30 while it homes), a line has 80 characters at most, numbers
-//! have no exponent. Groups are refused (27): the rig doesn't use them. Jogs, relative moves, resets, waits but for `WS`, and what is
-//! set of jerks and of the limits of accelerations are unknown here (6), as no client of ours sends them.
+//! Axes 1, 2 and 3 are x, y and z. If the manual isn't clear, this controller follows the stricter of two readings. A target is
+//! accepted only by an axis at rest (x32, or x30 while it homes), a line has at most 80 characters, and numbers have no exponent.
+//! Groups are refused (27), because the rig doesn't use them. Jogs, relative moves, resets, waits except `WS`, and settings of
+//! jerks and acceleration limits are unknown here (6), because no client of this program sends them.
 
 mod drive;
 mod errors;
@@ -36,7 +36,7 @@ type Answer = Result<Option<String>, EspError>;
 
 /// A Newport ESP301 motion controller with three VP-25XL stages: 12.5 mm to either side, 25 mm/s.
 ///
-/// It is switched on with its motors off, and takes the place where each axis stands for zero until the axis is homed.
+/// At power-on its motors are off. The present place of each axis counts as zero until the axis is homed.
 pub struct Esp301 {
     drives: [Drive; 3],
     errors: ErrorQueue,
@@ -44,7 +44,7 @@ pub struct Esp301 {
 }
 
 impl Esp301 {
-    /// A controller that is switched on where the scene's axes stand.
+    /// Creates a controller that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
         let drives = Axis::ALL.map(|axis| Drive::new(axis, scene));
         Esp301 { drives, errors: ErrorQueue::default(), deaf_until_s: 0.0 }

@@ -1,4 +1,4 @@
-//! Lines, and the commands on them.
+//! Lines, and the commands in them.
 
 use super::errors::{EspError, General};
 use crate::quantity::Axis;
@@ -12,27 +12,27 @@ const WAIT: [u8; 2] = *b"WS";
 /// One command of a line: `[axis]CC[parameter]` (manual, syntax).
 #[derive(Debug, PartialEq)]
 pub struct Command {
-    /// The number before the letters, as it was sent.
+    /// Number before the letters, as sent.
     axis: Option<u32>,
     /// The two letters, in capitals.
     pub name: [u8; 2],
-    /// What follows them.
+    /// Argument after the letters.
     pub argument: Argument,
 }
 
-/// What follows a command's letters.
+/// Argument after a command's letters.
 #[derive(Debug, PartialEq)]
 pub enum Argument {
-    /// Nothing.
+    /// No argument.
     None,
     /// A question mark.
     Query,
-    /// A parameter, not looked at yet.
+    /// A parameter, not parsed yet.
     Value(String),
 }
 
-/// Takes the next line, or the part of it up to a wait; a line is ended by CR, and an LF after it means nothing. Of a
-/// line that is too long, so much is kept that its length is known to be too large.
+/// Takes the next line, or the part of it up to a wait. CR ends a line; an LF after it has no meaning. Of a line that is too
+/// long, enough is kept to show that it is too long.
 pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     loop {
         let Some(end) = inbox.iter().position(|&byte| byte == b'\r') else {
@@ -47,8 +47,8 @@ pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     }
 }
 
-/// The commands of a line, in order; `;` stands between them, blanks mean nothing. A line that is too long is none of
-/// its commands.
+/// Returns the commands of a line, in order. They are separated by `;`, and blanks have no meaning. A line that is too long
+/// contains no commands.
 pub fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
     if line.len() > LINE_MOST {
         return vec![Err(General::UNKNOWN_COMMAND.into())];
@@ -58,7 +58,7 @@ pub fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
 }
 
 impl Command {
-    /// The axis of a command that needs one.
+    /// Returns the axis of a command that needs one.
     pub fn axis(&self) -> Result<Axis, EspError> {
         match self.axis {
             None => Err(General::AXIS_MISSING.into()),
@@ -67,7 +67,7 @@ impl Command {
         }
     }
 
-    /// The axis of a command that can mean all of them, with no number or with 0: then none.
+    /// Returns the axis of a command that can concern all axes; `None` means all (no number, or 0).
     pub fn axis_or_all(&self) -> Result<Option<Axis>, EspError> {
         match self.axis {
             None | Some(0) => Ok(None),
@@ -82,8 +82,8 @@ impl Argument {
         !matches!(self, Argument::Value(_))
     }
 
-    /// The number of a command that needs one: digits, a sign, a point; `out_of_range` if it isn't one. An exponent is
-    /// not among the forms seen on real controllers.
+    /// Returns the number of a command that needs one: digits, a sign, a point. Returns `out_of_range` if the text isn't a
+    /// number. An exponent isn't among the forms seen on real controllers.
     pub fn number(&self, out_of_range: EspError) -> Result<f64, EspError> {
         match self {
             Argument::Value(text) if text.bytes().all(|byte| byte.is_ascii_digit() || b"+-.".contains(&byte)) => {
@@ -94,7 +94,7 @@ impl Argument {
         }
     }
 
-    /// The number, or a default if there is nothing.
+    /// Returns the number, or a default if there is no argument.
     pub fn number_or(&self, default: f64, out_of_range: EspError) -> Result<f64, EspError> {
         if *self == Argument::None { Ok(default) } else { self.number(out_of_range) }
     }

@@ -1,6 +1,6 @@
-//! Why a line is refused.
+//! Reasons for which a line is refused.
 
-/// Why a line is refused: the codes of GRBL's table.
+/// Reason why a line is refused, by the codes of GRBL's table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GrblError {
     ExpectedLetter = 1,

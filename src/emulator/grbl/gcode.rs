@@ -5,7 +5,7 @@ use super::fault::GrblError;
 /// Letters that take no negative number.
 const NOT_NEGATIVE: [u8; 3] = *b"FNP";
 
-/// How a line moves.
+/// Motion mode of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MotionMode {
     /// G0: at the largest rate.
@@ -14,7 +14,7 @@ pub enum MotionMode {
     Feed,
 }
 
-/// The modal state of the parser, as far as motions depend on it.
+/// Modal state of the parser, limited to the part that affects motions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Modal {
     /// G0 or G1.
@@ -23,7 +23,7 @@ pub struct Modal {
     pub incremental: bool,
     /// F, mm/min; zero until it is set.
     pub feed_mm_min: f64,
-    /// G92: machine less work coordinates, mm.
+    /// G92: machine minus work coordinates, mm.
     pub g92_mm: [f64; 3],
 }
 
@@ -33,7 +33,7 @@ impl Default for Modal {
     }
 }
 
-/// What a line says, as far as its words alone show it.
+/// Content of a line, as its words alone show it.
 #[derive(Debug, Default, PartialEq)]
 pub struct Block {
     motion: Option<MotionMode>,
@@ -53,16 +53,16 @@ enum Action {
 /// The meaning of a line.
 #[derive(Debug, PartialEq)]
 pub enum BlockOrder {
-    /// Nothing that takes time.
+    /// No action that takes time.
     Nothing,
-    /// To a place in machine coordinates, mm; at a feed, mm/min, or as fast as it goes.
+    /// Motion to a place in machine coordinates, mm, at a feed, mm/min, or as fast as possible.
     Go { to_mm: [f64; 3], feed_mm_min: Option<f64> },
     /// G4, s.
     Dwell(f64),
 }
 
 impl Block {
-    /// Reads the words of a line: letters and numbers, nothing between.
+    /// Parses the words of a line: letters and numbers, nothing between.
     pub fn parse(line: &str) -> Result<Block, GrblError> {
         let mut block = Block::default();
         let mut rest = line.as_bytes();
@@ -94,8 +94,8 @@ impl Block {
         self.value(b'P').filter(|_| self.action == Some(Action::Dwell))
     }
 
-    /// Acts on the modal state and returns what is to be done; `at_mm` is where the motions so far end, in machine coordinates.
-    /// If it fails, the modal state is as it was.
+    /// Updates the modal state and returns the resulting action. `at_mm` is the end of the motions so far, in machine
+    /// coordinates. After an error the modal state is unchanged.
     pub fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         let mut next = modal.clone();
         next.motion = self.motion.unwrap_or(next.motion);
@@ -132,7 +132,7 @@ impl Block {
         Ok(order)
     }
 
-    /// What a `$J=` line comes to: the modal state counts, and stays as it is.
+    /// Returns the action of a `$J=` line. The line uses the modal state but doesn't change it.
     pub fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         if self.action.is_some() || self.motion.is_some() {
             return Err(GrblError::BadJog);
@@ -193,7 +193,7 @@ impl Block {
     }
 }
 
-/// A number at the front: a sign, digits, a point, no exponent; and what follows it.
+/// Parses a number at the front (a sign, digits, a point, no exponent). Returns it with the rest of the text.
 pub fn number(text: &[u8]) -> Option<(f64, &[u8])> {
     let sign = usize::from(matches!(text.first(), Some(b'+' | b'-')));
     let length = text[sign..].iter().take_while(|&&byte| byte.is_ascii_digit() || byte == b'.').count();

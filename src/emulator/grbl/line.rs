@@ -3,28 +3,28 @@
 /// Longest line, blanks and comments not counted (80 with the zero that ends it in GRBL's memory).
 const LINE_MOST: usize = 79;
 
-/// Reads GRBL's serial line byte by byte: real-time bytes are picked off wherever they stand, the rest is put together to
-/// lines, without blanks and comments and in capitals.
+/// Reads GRBL's serial line byte by byte. Real-time bytes are taken out at any position. The other bytes are joined to lines,
+/// without blanks and comments and in capitals.
 #[derive(Default)]
 pub struct LineReader {
     text: Vec<u8>,
     overlong: bool,
-    /// What ends the comment that is being skipped.
+    /// Character that ends the comment being skipped.
     comment: Option<u8>,
 }
 
-/// What came in whole.
+/// Complete input.
 #[derive(Debug, PartialEq)]
 pub enum Input {
-    /// A byte that acts at once and has no line.
+    /// A byte that acts at once and belongs to no line.
     RealTime(u8),
-    /// A line; none if it had more than [`LINE_MOST`] characters.
+    /// A line; `None` if it had more than [`LINE_MOST`] characters.
     Line(Option<String>),
 }
 
 impl LineReader {
-    /// Takes bytes off the front of the inbox until something is whole. Nothing stays behind in the inbox, and no more
-    /// than one line in here.
+    /// Takes bytes from the front of the inbox until an input is complete. No incomplete input stays in the inbox, and at most
+    /// one line stays in this reader.
     pub fn take(&mut self, inbox: &mut Vec<u8>) -> Option<Input> {
         for taken in 0..inbox.len() {
             if let Some(input) = self.read(inbox[taken]) {
@@ -36,7 +36,7 @@ impl LineReader {
         None
     }
 
-    /// Forgets what there is of a line.
+    /// Discards the incomplete line.
     pub fn clear(&mut self) {
         *self = LineReader::default();
     }

@@ -1,4 +1,4 @@
-//! The three axes: what is planned, what runs, and homing.
+//! The three axes: planned motions, the running motion, and homing.
 
 use super::settings::{
     ACCELERATION_MM_S2, DEBOUNCE_S, LOCATE_MM_S, MOST_MM_S, PULL_OFF_MM, SEEK_MM_S, STEPS_PER_MM, TRAVEL_MM,
@@ -7,9 +7,9 @@ use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
 use std::collections::VecDeque;
 
-/// How far the frame goes to either side of its middle, true mm: a limit switch is at each end.
+/// Distance from the middle of the frame to either end, true mm; there is a limit switch at each end.
 pub const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
-/// Blocks the planner holds.
+/// Number of blocks that the planner holds.
 pub const BLOCKS_MOST: usize = 15;
 /// Axes that GRBL homes together, in turn: z first, out of the way.
 const HOMING_TURNS: [&[Axis]; 2] = [&[Axis::Z], &[Axis::X, Axis::Y]];
@@ -18,25 +18,25 @@ const CUT_OFF_FACTOR: f64 = 4.0;
 /// How far beside a line a place may lie to be on it (part of the line's length), and a switch to be pressed (mm).
 const ROUNDING: f64 = 1e-9;
 
-/// The three axes and what the controller knows of them. Places are machine coordinates, that is counted steps in mm, off
-/// from the true ones until the frame is homed. There is no encoder: it reports what was commanded.
+/// The three axes and the controller's knowledge of them. Places are machine coordinates: counted steps in mm. They differ from
+/// the true places until the frame is homed. There is no encoder, so the controller reports the commanded place.
 ///
-/// Blocks are planned ahead as motions of the scene, so they run on whether or not anybody asks. An axis stops at each
-/// corner (GRBL would round it, slowly); blocks on one line at one rate become one.
+/// Blocks are planned ahead as motions of the scene, so they run even if nobody asks. An axis stops at each corner (GRBL would
+/// round it, slowly). Blocks on one line at one rate are joined into one block.
 pub struct Machine {
-    /// True place less counted, mm.
+    /// True place minus counted place, mm.
     offset_mm: [f64; 3],
     blocks: VecDeque<Block>,
-    /// When the brake of what is cancelled is done, s: the blocks go then.
+    /// Time at which the braking of the cancelled motion ends, s; the blocks are removed then.
     cancelled_s: Option<f64>,
 }
 
-/// What a line asks for: to a place, machine mm; at a feed, mm/min, or as fast as it goes.
+/// Request of a line: a motion to a place, machine mm, at a feed, mm/min, or as fast as possible.
 #[derive(Clone, Copy, Debug)]
 pub struct PlannedLine {
-    /// Where to.
+    /// Target of the motion.
     pub to_mm: [f64; 3],
-    /// How fast.
+    /// Speed of the motion.
     pub feed_mm_min: Option<f64>,
     /// Whether it is a jog.
     pub jog: bool,
@@ -46,22 +46,22 @@ pub struct PlannedLine {
 #[derive(Debug)]
 struct Block {
     to_mm: [f64; 3],
-    /// Parts of the way along each axis.
+    /// Components of the distance along each axis.
     way: [f64; 3],
-    /// Programmed rate, mm/s; none: as fast as it goes.
+    /// Programmed rate, mm/s; `None`: as fast as possible.
     feed_mm_s: Option<f64>,
     most_mm_s: f64,
     acceleration_mm_s2: f64,
     jog: bool,
     end_s: f64,
-    /// Runs into an end of the frame.
+    /// Whether the motion runs into an end of the frame.
     hits: bool,
 }
 
-/// What the axes are about.
+/// Activity of the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Activity {
-    /// Nothing.
+    /// No motion.
     Idle,
     /// Lines with G0 and G1.
     Run,
@@ -72,20 +72,20 @@ pub enum Activity {
 /// The result of a search for home.
 #[derive(Clone, Copy, Debug)]
 pub struct Homed {
-    /// When, s.
+    /// Time of the end, s.
     pub end_s: f64,
-    /// True place less counted then, mm.
+    /// True place minus counted place at that time, mm.
     offset_mm: [f64; 3],
 }
 
 impl Machine {
-    /// A frame that is switched on: where it stands is zero.
+    /// Creates a frame at power-on: its present place counts as zero.
     pub fn new(scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
         Machine { offset_mm, blocks: VecDeque::new(), cancelled_s: None }
     }
 
-    /// Draws the consequences of what has ended by `now_s`.
+    /// Applies the effects of everything that has ended by `now_s`.
     pub fn settle(&mut self, scene: &mut Scene, now_s: f64) {
         if let Some(cancelled_s) = self.cancelled_s {
             if now_s >= cancelled_s {
@@ -104,7 +104,7 @@ impl Machine {
         }
     }
 
-    /// What the axes are about, as of the last [`settle`](Self::settle).
+    /// Activity of the axes, as of the last [`settle`](Self::settle).
     pub fn activity(&self) -> Activity {
         match self.blocks.front() {
             None => Activity::Idle,
@@ -113,7 +113,7 @@ impl Machine {
         }
     }
 
-    /// When a further block can be taken, s: at once unless the planner is full or something is being cancelled.
+    /// Time at which another block can be accepted, s. This is at once unless the planner is full or a motion is being cancelled.
     pub fn ready_s(&self) -> f64 {
         match (self.cancelled_s, self.blocks.front()) {
             (Some(cancelled_s), _) => cancelled_s,
@@ -122,33 +122,33 @@ impl Machine {
         }
     }
 
-    /// When all that is planned has run, s.
+    /// Time at which all planned motions have ended, s.
     pub fn end_s(&self) -> f64 {
         self.cancelled_s.unwrap_or_else(|| self.blocks.back().map_or(0.0, |block| block.end_s))
     }
 
-    /// Where the axes are, machine mm, in whole steps.
+    /// Positions of the axes, machine mm, rounded to steps.
     pub fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
         let count_mm = |n: usize| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n];
         std::array::from_fn(|n| whole_steps(count_mm(n)))
     }
 
-    /// Where the motions that are planned end, machine mm.
+    /// End of the planned motions, machine mm.
     pub fn end_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
         self.blocks.back().map_or_else(|| self.places_mm(scene, now_s), |block| block.to_mm)
     }
 
-    /// How fast the tool moves, mm/s.
+    /// Speed of the tool, mm/s.
     pub fn speed_mm_s(&self, scene: &Scene, now_s: f64) -> f64 {
         Axis::ALL.map(|axis| scene.motion(axis).speed_mm_s(now_s).powi(2)).iter().sum::<f64>().sqrt()
     }
 
-    /// The axes whose limit switch is pressed.
+    /// Axes whose limit switch is pressed.
     pub fn switches(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
         Axis::ALL.map(|axis| scene.motion(axis).position_mm(now_s).abs() >= END_MM - ROUNDING)
     }
 
-    /// Plans one more line; GRBL looks for room before ([`ready_s`](Self::ready_s)), so there is some.
+    /// Plans one more line. There is always room, because GRBL checks this first ([`ready_s`](Self::ready_s)).
     pub fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
         let from_mm = self.end_mm(scene, now_s);
         let to_mm = line.to_mm.map(whole_steps);
@@ -177,7 +177,7 @@ impl Machine {
         self.plan(scene, now_s);
     }
 
-    /// Puts all blocks on their way again, from where the axes are and as fast as they are.
+    /// Starts all blocks again, from the present places and speeds of the axes.
     pub fn plan(&mut self, scene: &mut Scene, now_s: f64) {
         if self.cancelled_s.is_some() || self.blocks.is_empty() {
             return;
@@ -211,7 +211,7 @@ impl Machine {
         }
     }
 
-    /// Brakes, and forgets all blocks once it stands.
+    /// Brakes, and removes all blocks when the axes are at rest.
     pub fn cancel(&mut self, scene: &mut Scene, now_s: f64) {
         if let Some(front) = self.blocks.front().filter(|_| self.cancelled_s.is_none()) {
             let decelerations_mm_s2 = front.way.map(|way| way.abs() * front.acceleration_mm_s2);
@@ -219,7 +219,7 @@ impl Machine {
         }
     }
 
-    /// Cuts the steps off: forgets all blocks. The count stays where it is; axes that move coast on a little.
+    /// Stops the steps at once and removes all blocks. The count stays unchanged, but moving axes continue a little by inertia.
     pub fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
         let counted_mm = self.places_mm(scene, now_s);
         let coasts = self.speed_mm_s(scene, now_s) > 0.0;
@@ -231,11 +231,11 @@ impl Machine {
         }
     }
 
-    /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only what has got to its end
-    /// [counts](Self::is_home).
+    /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only a search that has reached
+    /// its end [counts](Self::is_home).
     ///
-    /// GRBL counts from 0 at the switch of a + end down to minus the travel. This build counts half a travel more, so
-    /// that the middle of the travel is zero.
+    /// GRBL counts from 0 at the switch of a + end down to minus the travel. This build adds half the travel, so that the middle
+    /// of the travel is zero.
     pub fn home(&mut self, scene: &mut Scene, now_s: f64) -> Homed {
         self.cut_off(scene, now_s);
         let mut from_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
@@ -255,7 +255,7 @@ impl Machine {
         Homed { end_s: from_s, offset_mm }
     }
 
-    /// The search for home is done: it knows where it is.
+    /// Ends the search for home: the position is now known.
     pub fn is_home(&mut self, homed: Homed) {
         self.offset_mm = homed.offset_mm;
     }

@@ -1,17 +1,17 @@
-//! GRBL 1.1h on a frame of three axes (manual: doc/markdown and doc/csv of gnea/grbl): lines in, one `ok` or `error:N` each
-//! out, and single bytes that act at once.
+//! GRBL 1.1h on a frame of three axes (manual: doc/markdown and doc/csv of gnea/grbl). It receives lines, answers each with one
+//! `ok` or `error:N`, and receives single bytes that act at once.
 //!
-//! The build is one whose homing sets the origin (option Z of `$I`), in the middle of the travel: where GRBL counts from
-//! minus the travel to 0, this one counts from minus half of it to plus half, so that machine coordinates are the stage's own
-//! once it is homed. Axes home z first, each to its + end. The settings are those it is delivered with.
+//! In this build homing sets the origin (option Z of `$I`), in the middle of the travel. GRBL counts from minus the travel to 0;
+//! this build counts from minus half the travel to plus half. So machine coordinates are the stage's own once it is homed. Axes
+//! home z first, each to its + end. The settings are those at delivery.
 //!
-//! Served is what a client sends: G0, G1, G4, G92, absolute and incremental, jogs; G21 and G94 are taken and without effect. All
-//! else is answered with an error, and single bytes other than `?`, a jog's cancel and a reset are taken without effect.
-//! Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a client comes: nothing here sees its
-//! DTR.
+//! The emulator supports the lines that a client sends: G0, G1, G4, G92, absolute and incremental, jogs. G21 and G94 are accepted
+//! without effect. All other lines are answered with an error. Single bytes other than `?`, a jog's cancel and a reset are
+//! accepted without effect. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a client
+//! connects, because the emulator doesn't see the client's DTR.
 //!
-//! A line that homes, dwells, or needs room in the planner is answered when that is done. Lines behind it wait, single bytes
-//! act; while it homes only a reset does, and a `?` is answered once at its end.
+//! A line that homes, dwells, or needs room in the planner is answered when that is done. Later lines wait, but single bytes act.
+//! During homing only a reset acts, and a `?` is answered once at the end of homing.
 
 mod fault;
 mod gcode;
@@ -45,24 +45,24 @@ const RUN: u8 = b'\n';
 const SOFT_RESET: u8 = 0x18;
 const JOG_CANCEL: u8 = 0x85;
 
-/// A GRBL 1.1h with three axes: 12.5 mm to either side, 800 steps a mm, 25 mm/s.
+/// A GRBL 1.1h with three axes: 12.5 mm to either side, 800 steps per mm, 25 mm/s.
 ///
-/// It is switched on with homing on and so locked; where each axis stands it takes for zero until it is homed.
+/// At power-on homing is enabled, so the controller is locked. The present place of each axis counts as zero until it is homed.
 pub struct Grbl {
     machine: Machine,
     modal: Modal,
     reader: LineReader,
     reporter: Reporter,
     lock: Lock,
-    /// Lines that came and aren't run yet, at most as many as the serial buffer has room for.
+    /// Lines that came and haven't run yet, at most as many as fit into the serial buffer.
     waiting: VecDeque<String>,
-    /// What the first of them waits for.
+    /// Condition that the first of them waits for.
     stall: Option<Stall>,
-    /// Homing that was begun.
+    /// Homing that has started.
     homing: Option<Homed>,
-    /// A `?` came while it homed.
+    /// Whether a `?` came during homing.
     asked: bool,
-    /// A line that set off an alarm gets its `ok` with the reset.
+    /// Whether a line that caused an alarm still waits for its `ok`, which comes with the reset.
     unanswered: bool,
     bell: Arc<Notify>,
 }
@@ -71,14 +71,14 @@ pub struct Grbl {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lock {
     Open,
-    /// Until homed or unlocked: no line of G-code is run.
+    /// Locked until homed or unlocked: no line of G-code runs.
     Alarm,
-    /// Until reset: nothing is answered.
+    /// Locked until reset: nothing is answered.
     Critical,
 }
 
 impl Grbl {
-    /// A controller that is switched on where the scene's axes stand.
+    /// Creates a controller that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
         Grbl {
             machine: Machine::new(scene),
@@ -144,11 +144,11 @@ impl Instrument for Grbl {
 /// What a line waits for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stall {
-    /// That the planner has room, and no jog is being cancelled.
+    /// Room in the planner, with no jog being cancelled.
     Room,
-    /// That the axes stand, which they do at `still_s` as far as is known, and then so long.
+    /// Rest of the axes, expected at `still_s`, and then the time `dwell_s`.
     Dwell { still_s: f64, dwell_s: f64 },
-    /// An instant, s.
+    /// A time, s.
     Until(f64),
 }
 

@@ -1,4 +1,4 @@
-//! What it says of itself: status reports and the answers to `$` questions.
+//! Reports of the controller: status reports and the answers to `$` questions.
 
 use super::gcode::{Modal, MotionMode};
 use super::machine::BLOCKS_MOST;
@@ -11,36 +11,36 @@ const OFFSET_EVERY: (u8, u8) = (30, 10);
 /// Reports from one with the overrides to the next.
 const OVERRIDES_EVERY: (u8, u8) = (20, 10);
 
-/// Counts status reports: what seldom changes is only in some of them.
+/// Counter of status reports. Data that seldom change are only in some reports.
 #[derive(Default)]
 pub struct Reporter {
     offset_in: u8,
     overrides_in: u8,
 }
 
-/// What a status report contains.
+/// Content of a status report.
 pub struct StatusReport {
-    /// The state's name.
+    /// Name of the state.
     pub state: String,
-    /// Whether something moves.
+    /// Whether an axis moves.
     pub busy: bool,
     /// Machine coordinates, mm.
     pub places_mm: [f64; 3],
-    /// Machine less work coordinates, mm.
+    /// Machine minus work coordinates, mm.
     pub offset_mm: [f64; 3],
-    /// How fast the tool moves, mm/s.
+    /// Speed of the tool, mm/s.
     pub speed_mm_s: f64,
     /// Axes whose limit switch is pressed.
     pub switches: [bool; 3],
 }
 
 impl Reporter {
-    /// The offset has changed: the next report has it.
+    /// Notes that the offset has changed; the next report contains it.
     pub fn offset_changed(&mut self) {
         self.offset_in = 0;
     }
 
-    /// The line that answers `?`.
+    /// Returns the line that answers `?`.
     pub fn status(&mut self, status: &StatusReport) -> String {
         let mut line = format!("<{}|MPos:{}", status.state, places(status.places_mm));
         // writing to a string can't fail
@@ -68,7 +68,7 @@ impl Reporter {
     }
 }
 
-/// The lines of `$#`.
+/// Returns the lines of `$#`.
 pub fn parameters(modal: &Modal) -> Vec<String> {
     let zero = places([0.0; 3]);
     let systems = (54..=59).chain([28, 30]).map(|system| format!("[G{system}:{zero}]"));
@@ -76,13 +76,14 @@ pub fn parameters(modal: &Modal) -> Vec<String> {
     systems.chain(rest).collect()
 }
 
-/// The line of `$G`.
+/// Returns the line of `$G`.
 pub fn modes(modal: &Modal) -> String {
     let (motion, distance) = (u8::from(modal.motion == MotionMode::Feed), 90 + u8::from(modal.incremental));
     format!("[GC:G{motion} G54 G17 G21 G{distance} G94 M5 M9 T0 F{:.0} S0]", modal.feed_mm_min)
 }
 
-/// The lines of `$I`: options V, a spindle whose speed varies, and Z, an origin set by homing; then room in the buffers.
+/// Returns the lines of `$I`: options V, a spindle with variable speed, and Z, an origin set by homing; then the sizes of the
+/// buffers.
 pub fn build_info() -> [String; 2] {
     ["[VER:1.1h.20190825:]".into(), format!("[OPT:VZ,{BLOCKS_MOST},{RX_MOST}]")]
 }

@@ -1,5 +1,5 @@
-//! The LabJack T7 (support.labjack.com: Protocol Details, Direct Modbus TCP): f32 and u32 over two registers, high word
-//! first, and to be read and written whole.
+//! The LabJack T7 (support.labjack.com: Protocol Details, Direct Modbus TCP): f32 and u32 in two registers, high word first. Both
+//! registers must be read and written together.
 
 use super::{Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
@@ -21,15 +21,15 @@ const VOLTS_PER_N: f64 = 1.0;
 /// Steps of a load cell's input from 0 to the end of its range: 16 bit with both signs.
 const CELL_STEPS: f64 = 32_768.0;
 
-/// A LabJack T7 as it is switched on, all inputs against ground at 10 V. As the array its analog inputs AIN0, AIN1 ... are the
-/// taxels of the scene, in their order, 1 V a reading unit. As the load cell its AIN13 is the scene's load cell, 1 V a newton,
-/// in steps of 16 bit of the range. Other inputs read 0 V. Quantisation of taxels isn't modelled; stream mode, digital lines and
-/// the settings of inputs aren't served.
+/// A LabJack T7 at power-on, with all inputs relative to ground at 10 V. As the array, its analog inputs AIN0, AIN1 ... are the
+/// taxels of the scene, in their order, 1 V for one reading unit. As the load cell, its AIN13 is the scene's load cell, 1 V for
+/// one newton, in steps of 16 bit of the range. Other inputs read 0 V. Quantisation of taxels isn't modelled. Stream mode,
+/// digital lines and the settings of inputs aren't supported.
 pub struct LabJackT7 {
     role: Device,
     dac_v: [f32; 2],
     last_error: u16,
-    /// What is on the inputs, V: a scratch place, filled once a request.
+    /// Voltages on the inputs, V: a buffer that is filled once for each request.
     wires_v: Vec<f64>,
 }
 
@@ -40,7 +40,7 @@ enum Value {
 }
 
 impl LabJackT7 {
-    /// A T7. `role` is what is wired to it: the array, or the load cell; to one that is to play the stage, nothing.
+    /// Creates a T7. `role` is the device wired to it: the array, or the load cell. If `role` is the stage, nothing is wired.
     pub fn new(role: Device) -> Self {
         LabJackT7 { role, dac_v: [0.0; 2], last_error: 0, wires_v: Vec::new() }
     }

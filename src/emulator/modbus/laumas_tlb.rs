@@ -41,10 +41,11 @@ const GROSS_NEGATIVE: u16 = 1 << 7;
 const NET_NEGATIVE: u16 = 1 << 8;
 const NET_SHOWN: u16 = 1 << 10;
 
-/// A load cell and its Laumas transmitter. Weights are forces in mN, pressing positive; gross is less the zero, net less the
-/// tare too; a restart would forget both.
+/// A load cell and its Laumas transmitter. Weights are forces in mN, pressing positive. The gross weight is the weight minus the
+/// zero; the net weight also subtracts the tare. A restart would lose both.
 ///
-/// The command register reads 0: a command is done when it is answered. Peaks, calibration, filters and set points aren't served.
+/// The command register reads 0, because a command is done when it is answered. Peaks, calibration, filters and set points aren't
+/// supported.
 pub struct LaumasTlb {
     range_n: f64,
     zero: i32,
@@ -59,7 +60,8 @@ struct Weights {
 }
 
 impl LaumasTlb {
-    /// A cell that measures up to `range_n` either way. A little beyond, the status says so; at 110 % the weight stays.
+    /// Creates a cell that measures up to `range_n` either way. Slightly beyond, the status reports that; at 110 % the weight
+    /// stays constant.
     pub fn new(range_n: f64) -> Self {
         LaumasTlb { range_n, zero: 0, tare: None }
     }

@@ -1,9 +1,9 @@
-//! The device side of Modbus, RTU and TCP, over a register map. Frames are read and written by `rmodbus`, which is not
-//! what the client side uses.
+//! The device side of Modbus, RTU and TCP, over a register map. Frames are read and written by `rmodbus`, which the client side
+//! doesn't use.
 //!
-//! Function codes 3, 4, 6 and 16, holding and input registers being the same; exceptions 1 (function), 2 (address) and
-//! 3 (value or count). Over RTU the unit id is matched, a broadcast (0) acted on and not answered, and a frame that
-//! doesn't check out waits for a silence of 3.5 characters and is thrown away. Over TCP the unit id is ignored.
+//! Function codes 3, 4, 6 and 16, with the same holding and input registers; exceptions 1 (function), 2 (address) and 3 (value or
+//! count). Over RTU the unit id must match. A broadcast (0) acts but isn't answered. An invalid frame waits for a silence of 3.5
+//! characters and is discarded. Over TCP the unit id is ignored.
 
 mod labjack_t7;
 mod laumas_tlb;
@@ -34,19 +34,19 @@ const TCP_LENGTHS: RangeInclusive<usize> = 2..=254;
 const READ_MOST: u16 = 125;
 const WRITE_MOST: u16 = 123;
 
-/// One register as it stands on the wire, high byte first.
+/// One register as transmitted, high byte first.
 pub type Word = [u8; 2];
 
-/// Why a map refuses a request.
+/// Reason why a map refuses a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// There is no such register, or it can't be written: exception 2.
+    /// The register doesn't exist, or can't be written: exception 2.
     Address,
-    /// The register doesn't take this value, or is not taken in this many pieces: exception 3.
+    /// The register doesn't accept this value or this number of words: exception 3.
     Value,
 }
 
-/// The registers of one device: what it measures, and what can be written to it.
+/// Registers of one device: its measurements, and the values that can be written.
 pub trait RegisterMap: Send {
     /// The role it plays in the scene.
     fn device(&self) -> Device;
@@ -79,12 +79,12 @@ enum Framing {
 type Frame<'a> = ModbusFrame<'a, Vec<u8>>;
 
 impl<M: RegisterMap> Modbus<M> {
-    /// On a serial line, as unit `unit_id` (1 to 247).
+    /// Creates a device on a serial line, as unit `unit_id` (1 to 247).
     pub fn rtu(map: M, unit_id: u8) -> Self {
         Modbus { map, framing: Framing::Rtu { unit_id } }
     }
 
-    /// On a TCP connection.
+    /// Creates a device on a TCP connection.
     pub fn tcp(map: M) -> Self {
         Modbus { map, framing: Framing::Tcp }
     }

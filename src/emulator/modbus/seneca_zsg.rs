@@ -25,19 +25,19 @@ const TARE_NOW: u16 = 49_914;
 const FULL_SCALE: u16 = 1 << 1;
 const NET_NEGATIVE: u16 = 1 << 2;
 
-/// A load cell and its Seneca converter. The weight is a force in N, pressing positive, less the tare. A restart would forget
-/// that.
+/// A load cell and its Seneca converter. The weight is a force in N, pressing positive, minus the tare. A restart would lose the
+/// tare.
 ///
-/// The manual says of the word order both that the first register is the high word and, in a formula, that it is the low
-/// one; here it is the high word. Thresholds, outputs and the setting that swaps them aren't served.
+/// On the word order the manual contradicts itself: the first register is the high word in the text, and the low word in a
+/// formula. Here it is the high word. Thresholds, outputs and the setting that swaps the words aren't supported.
 pub struct SenecaZsg {
     range_n: f64,
     tare_n: f64,
 }
 
 impl SenecaZsg {
-    /// A cell that measures up to `range_n` either way, high word first. Beyond, the weight stays at the range's end, and the
-    /// status says so.
+    /// Creates a cell that measures up to `range_n` either way, high word first. Beyond, the weight stays at the range's end, and
+    /// the status reports that.
     pub fn new(range_n: f64) -> Self {
         SenecaZsg { range_n, tare_n: 0.0 }
     }

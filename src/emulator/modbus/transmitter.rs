@@ -27,8 +27,8 @@ const OVERLOAD: u16 = 1 << 9;
 
 /// A load cell and its transmitter. Weights are forces in mN, pressing positive.
 ///
-/// `measured` is the cell as it stands, `gross` is less the zero, `net` less the tare too; a restart would forget both.
-/// Communication settings, the converter's raw counts and the tare of the moment aren't served.
+/// `measured` is the cell's reading, `gross` is the reading minus the zero, and `net` also subtracts the tare. A restart would
+/// lose both. Communication settings, the converter's raw counts and the momentary tare aren't supported.
 pub struct Transmitter {
     range_n: f64,
     zero: i32,
@@ -45,8 +45,8 @@ struct Weights {
 }
 
 impl Transmitter {
-    /// A cell that measures up to `range_n` either way. Beyond, the weight stays at the range's end, and the status says
-    /// overload and overflow.
+    /// Creates a cell that measures up to `range_n` either way. Beyond, the weight stays at the range's end, and the status
+    /// reports overload and overflow.
     pub fn new(range_n: f64) -> Self {
         Transmitter { range_n, zero: 0, tare: 0, last_measured: None }
     }

@@ -1,6 +1,7 @@
-//! Devices of the process protocol (docs/process.md): one JSON object a line in, one a line out.
+//! Devices of the process protocol (docs/process.md): one JSON object per line in, one per line out.
 //!
-//! They bear what the page names and answer everything else with an error; what has no id gets its error under the id `null`.
+//! They support the requests on that page and answer all others with an error. A request without an id gets its error under the
+//! id `null`.
 
 mod stage;
 #[cfg(test)]
@@ -18,10 +19,10 @@ const PROTOCOL: u64 = 1;
 /// What a request answers beside its id, or what happened, in words.
 type Answer = Result<Map<String, Value>, String>;
 
-/// A load cell of the process protocol: its readings are the scene's, in N. It has no range, and is never broken.
+/// A load cell of the process protocol. Its readings are the scene's, in N. It has no range limit and no faults.
 pub struct ProcessLoadCell;
 
-/// An array of the process protocol: its outputs are the scene's, in units of the reading for 1 N straight above one.
+/// An array of the process protocol. Its outputs are the scene's, in units of the reading for 1 N straight above one taxel.
 pub struct ProcessArray;
 
 impl Instrument for ProcessLoadCell {

@@ -21,16 +21,16 @@ const COUNTS_PER_MM: f64 = 1e4;
 /// Longest search for home, s.
 const SEARCH_MOST_S: f64 = 110.0;
 
-/// A stage of the process protocol: 12.5 mm to either side, 25 mm/s, 100 mm/s^2. Until it is homed it takes the place where
-/// it was switched on for zero. Axes move each at the speed that is asked for; a new target is taken under way too.
+/// A stage of the process protocol: 12.5 mm to either side, 25 mm/s, 100 mm/s^2. Until it is homed, its place at power-on counts
+/// as zero. Each axis moves at the requested speed. A new target is accepted during a motion too.
 ///
-/// Homing takes z to the end that lies `away`, then x and y to the marks in the middle of their travel. Until it is done, or
-/// ended by a `stop`, a `move` and another `prepare` are errors.
+/// Homing moves z to its `away` end, then x and y to the marks in the middle of their travel. Until homing is done, or ended by a
+/// `stop`, a `move` and another `prepare` are errors.
 pub struct ProcessStage {
-    /// True place less counted, mm; zero once homed.
+    /// True place minus counted place, mm; zero once homed.
     offset_mm: [f64; 3],
     homed: bool,
-    /// What `prepare` set: none before.
+    /// Limits set by `prepare`; `None` before.
     limits_mm: Option<[Range; 3]>,
     acceleration_mm_s2: f64,
     preparing: Option<Preparing>,
@@ -42,12 +42,12 @@ struct Preparing {
     id: Option<i64>,
     outcome: Result<[Range; 3], String>,
     homes: bool,
-    /// When it is answered, s.
+    /// Time of its answer, s.
     end_s: f64,
 }
 
 impl ProcessStage {
-    /// A stage that is switched on where the scene's axes stand.
+    /// Creates a stage that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
         ProcessStage {
             offset_mm: Axis::ALL.map(|axis| scene.motion(axis).end_mm()),

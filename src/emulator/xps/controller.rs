@@ -1,4 +1,4 @@
-//! The controller behind all sockets: which call does what.
+//! The controller behind all sockets: the effects of the calls.
 
 use super::errors::{self, Code};
 use super::events::{self, Events};
@@ -25,7 +25,7 @@ pub struct Controller {
 pub enum Answer {
     /// These values, at once.
     Values(String),
-    /// What the group's errand ends with, when it does.
+    /// Result of the group's activity, when it ends.
     Later(Outcome),
 }
 
@@ -46,7 +46,7 @@ impl Controller {
         Controller { group, events: Events::default(), volts_per_newton }
     }
 
-    /// Draws the consequences of what has ended by `now_s`, and lets the events that are met happen.
+    /// Applies the effects of everything that has ended by `now_s`, and triggers the events whose conditions are met.
     pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
         self.group.notice(scene, now_s);
         if !self.guards() {
@@ -60,23 +60,23 @@ impl Controller {
         }
     }
 
-    /// When [`notice`](Self::notice) may next have something to do, s; infinite: not by itself.
+    /// Next time at which [`notice`](Self::notice) may have something to do, s; infinite if there is none without a call.
     pub fn next_s(&self, now_s: f64) -> f64 {
         let look_s = if self.guards() { now_s + TICK_S } else { f64::INFINITY };
         look_s.min(self.group.end_s())
     }
 
-    /// Whether no link waits for what the group is about.
+    /// Whether no link waits for the group's activity.
     pub fn is_unattended(&self) -> bool {
         self.group.is_unattended()
     }
 
-    /// Whether something has begun or ended, since this was last asked, that a link may wait for.
+    /// Whether something that a link may wait for has begun or ended since the last call.
     pub fn take_stirred(&mut self) -> bool {
         std::mem::take(&mut self.group.stirred)
     }
 
-    /// Acts on a call.
+    /// Executes a call.
     pub fn run(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         match call.name {
             "FirmwareVersionGet" => tell(call, Type::Char, FIRMWARE),

@@ -1,6 +1,6 @@
-//! The codes that a call ends with, and their texts.
+//! Result codes of calls, and their texts.
 
-/// What a call ends with: 0, or the code of an error (manual, error list).
+/// Result of a call: 0, or the code of an error (manual, error list).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Code(pub i32);
 
@@ -29,13 +29,13 @@ impl Code {
     pub const EVENT_UNKNOWN: Code = Code(-83);
     pub const LOGIN: Code = Code(-106);
 
-    /// What `ErrorStringGet` says of it; none: there is no such code.
+    /// Returns the text of `ErrorStringGet`; `None` for an unknown code.
     pub fn text(self) -> Option<&'static str> {
         TEXTS.iter().find(|(code, _)| *code == self.0).map(|(_, text)| *text)
     }
 }
 
-/// What `ErrorListGet` answers: all codes but 0, and their texts.
+/// Returns the answer to `ErrorListGet`: all codes but 0, and their texts.
 pub fn list() -> String {
     TEXTS.iter().skip(1).map(|(code, text)| format!("Error {code}: {text};")).collect()
 }

@@ -1,4 +1,4 @@
-//! What the controller watches for by itself: the guard of a move.
+//! Events that the controller watches for by itself: the guard of a move.
 
 use super::errors::Code;
 use super::group::{Group, Object};
@@ -12,9 +12,9 @@ const CONDITIONS_MOST: usize = 10;
 /// Analog inputs `GPIO2.ADC1` and on.
 const INPUTS: usize = 4;
 
-/// The extended events: what the controller watches for by itself, once a servo tick. Conditions: an analog input over or
-/// under a limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), and a motion (`XYZ.SGamma.MotionState`, also of one
-/// positioner). The one action: `XYZ.MoveAbort`.
+/// Extended events, which the controller checks by itself, once in each servo tick. Conditions: an analog input over or under a
+/// limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), and a motion (`XYZ.SGamma.MotionState`, also of one positioner). The only
+/// action: `XYZ.MoveAbort`.
 #[derive(Default)]
 pub struct Events {
     conditions: Vec<Condition>,
@@ -36,7 +36,7 @@ enum Condition {
 }
 
 impl Events {
-    /// `EventExtendedConfigurationTriggerSet(name,p1,p2,p3,p4,...)`: all of them must be met.
+    /// `EventExtendedConfigurationTriggerSet(name,p1,p2,p3,p4,...)`: sets the conditions, which must all be met.
     pub fn set_conditions(&mut self, call: &mut Call, group: &Group) -> Result<(), Code> {
         let mut conditions = Vec::new();
         while conditions.is_empty() || !call.is_through() {
@@ -49,7 +49,7 @@ impl Events {
         Ok(())
     }
 
-    /// `EventExtendedConfigurationActionSet(name,p1,p2,p3,p4)`.
+    /// `EventExtendedConfigurationActionSet(name,p1,p2,p3,p4)`: sets the action.
     pub fn set_action(&mut self, call: &mut Call, group: &Group) -> Result<(), Code> {
         let name = call.text()?;
         let aborts = name.strip_suffix(".MoveAbort").is_some_and(|name| group.object(name) == Ok(Object::Group));
@@ -63,7 +63,7 @@ impl Events {
         Ok(())
     }
 
-    /// `EventExtendedStart`: the id of a new event.
+    /// `EventExtendedStart`: returns the id of a new event.
     pub fn start(&mut self) -> Result<i32, Code> {
         if self.conditions.is_empty() {
             return Err(Code::NO_EVENTS);
@@ -79,19 +79,20 @@ impl Events {
         Ok(self.last_id)
     }
 
-    /// `EventExtendedRemove`.
+    /// `EventExtendedRemove`: removes an event.
     pub fn remove(&mut self, id: i32) -> Result<(), Code> {
         let index = self.started.iter().position(|event| event.id == id).ok_or(Code::EVENT_UNKNOWN)?;
         self.started.remove(index);
         Ok(())
     }
 
-    /// Whether any is started.
+    /// Whether any event is started.
     pub fn armed(&self) -> bool {
         !self.started.is_empty()
     }
 
-    /// Whether one happens now, when the group moves, by what `volts` reads off an input; those that have happened are gone.
+    /// Whether an event happens now, from the group's motion and the input voltages that `volts` returns. Events that have
+    /// happened are removed.
     pub fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
         let mut happened = false;
         self.started.retain(|event| {
@@ -135,13 +136,13 @@ impl Condition {
     }
 }
 
-/// Which analog input is called so, from 0.
+/// Returns the index of the analog input with this name, from 0.
 pub fn input(name: &str) -> Option<usize> {
     let number: usize = name.strip_prefix("GPIO2.ADC")?.parse().ok()?;
     (1..=INPUTS).contains(&number).then(|| number - 1)
 }
 
-/// What is on an analog input, V: the load cell on the first, nothing on the others.
+/// Returns the voltage on an analog input, V: the load cell on the first input, zero on the others.
 pub fn input_v(input: usize, volts_per_newton: f64, scene: &mut Scene, now_s: f64) -> f64 {
     if input == 0 { (scene.load_cell_n(now_s) * volts_per_newton).clamp(-RANGE_V, RANGE_V) } else { 0.0 }
 }

@@ -11,14 +11,14 @@ const INITIALIZE_S: f64 = 0.3;
 /// How long the encoders take to be calibrated before that, s. The stage doesn't move for it here.
 const CALIBRATE_S: f64 = 2.0;
 
-/// Whom a call means.
+/// Object of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Object {
     Group,
     Positioner(usize),
 }
 
-/// The states a group can be in here, by their numbers.
+/// Possible states of a group, by their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     NotInitialized = 0,
@@ -36,8 +36,8 @@ pub enum State {
     Calibrating = 49,
 }
 
-/// What a call that is answered when it is finished will answer. The group writes it, the link that waits reads it; a link
-/// that is closed has let go of it.
+/// Future result of a call that is answered when it is finished. The group writes it, and the waiting link reads it. A closed
+/// link has dropped it.
 pub type Outcome = Arc<OnceLock<Code>>;
 
 /// One group of three positioners, its life cycle and its motions. It does one thing at a time.
@@ -46,7 +46,7 @@ pub struct Group {
     pub positioners: [Positioner; 3],
     state: State,
     errand: Option<Errand>,
-    /// Whether something has begun or ended that a link may wait for.
+    /// Whether something that a link may wait for has begun or ended.
     pub stirred: bool,
 }
 
@@ -54,7 +54,7 @@ pub struct Group {
 struct Errand {
     end_s: f64,
     then: Then,
-    /// What it ends with if it isn't cut short.
+    /// Result code if the activity isn't interrupted.
     code: Code,
     outcome: Outcome,
 }
@@ -63,14 +63,14 @@ struct Errand {
 #[derive(Clone, Copy)]
 enum Then {
     Rest(State),
-    /// z is home, x and y are next.
+    /// z is homed; x and y are next.
     HomeOthers,
-    /// All are home.
+    /// All axes are homed.
     Homed,
 }
 
 impl State {
-    /// What `GroupStatusStringGet` says of a number.
+    /// Returns the text of `GroupStatusStringGet` for a number.
     pub fn text(number: i32) -> &'static str {
         match number {
             0 => "Not initialized state",
@@ -99,13 +99,13 @@ impl State {
 }
 
 impl Group {
-    /// A group as the controller is switched on.
+    /// Creates a group as it is at power-on.
     pub fn new(name: &str, positioners: [&str; 3], scene: &Scene) -> Self {
         let positioners = Axis::ALL.map(|axis| Positioner::new(positioners[axis.index()], axis, scene));
         Group { name: name.into(), positioners, state: State::NotInitialized, errand: None, stirred: false }
     }
 
-    /// Who is called so: the group, or `group.positioner`.
+    /// Returns the object with this name: the group, or `group.positioner`.
     pub fn object(&self, name: &str) -> Result<Object, Code> {
         match name.split_once('.') {
             None if name == self.name => Ok(Object::Group),
@@ -123,27 +123,27 @@ impl Group {
         self.state as i32
     }
 
-    /// Whether something moves that an abort can stop, and that hasn't been aborted.
+    /// Whether there is a motion that an abort can stop and that hasn't been aborted.
     pub fn can_be_aborted(&self) -> bool {
         self.state == State::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
     }
 
-    /// Which positioners move.
+    /// Positioners that move.
     pub fn moves(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
         self.positioners.each_ref().map(|positioner| positioner.moves(scene, now_s))
     }
 
-    /// When what it is about ends, s; infinite: never by itself.
+    /// Time at which the activity ends, s; infinite if it never ends by itself.
     pub fn end_s(&self) -> f64 {
         self.errand.as_ref().map_or(f64::INFINITY, |errand| errand.end_s)
     }
 
-    /// Whether nobody waits for what it is about.
+    /// Whether no link waits for the activity.
     pub fn is_unattended(&self) -> bool {
         self.errand.as_ref().is_none_or(|errand| Arc::strong_count(&errand.outcome) == 1)
     }
 
-    /// Draws the consequences of what has ended by `now_s`.
+    /// Applies the effects of everything that has ended by `now_s`.
     pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
         while let Some(errand) = self.errand.take_if(|errand| errand.end_s <= now_s) {
             match errand.then {
@@ -179,7 +179,7 @@ impl Group {
         Ok(outcome)
     }
 
-    /// `GroupMoveAbsolute`: the positioners that have a target start together and arrive together.
+    /// `GroupMoveAbsolute`: the positioners with a target start together and arrive together.
     pub fn move_to(&mut self, counts_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(self.state.is_ready())?;
         self.must_allow(counts_mm)?;
@@ -187,7 +187,7 @@ impl Group {
         Ok(self.begin(State::Moving, end_s, Then::Rest(State::ReadyFromMotion)))
     }
 
-    /// `GroupMoveRelative`: from where the controller has them.
+    /// `GroupMoveRelative`: moves from the controller's setpoints.
     pub fn move_by(&mut self, ways_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         let mut counts_mm = ways_mm;
         for (count_mm, positioner) in counts_mm.iter_mut().zip(&self.positioners) {
@@ -196,7 +196,7 @@ impl Group {
         self.move_to(counts_mm, scene, now_s)
     }
 
-    /// `GroupMoveAbort`: to rest, as hard as each moves. The move under way ends then, with its error.
+    /// `GroupMoveAbort`: stops each positioner with the deceleration of its motion. The move under way ends then, with its error.
     pub fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
         self.must(self.state == State::Moving)?;
         self.positioners.iter().for_each(|positioner| positioner.abort(scene, now_s));
@@ -204,7 +204,7 @@ impl Group {
         Ok(())
     }
 
-    /// `GroupKill`: to rest, as hard as the stage can, and the motors off.
+    /// `GroupKill`: stops as hard as the stage can, and turns the motors off.
     pub fn kill(&mut self, scene: &mut Scene, now_s: f64) {
         self.positioners.iter().for_each(|positioner| positioner.brake(scene, now_s));
         self.cut_short(State::Braking, State::Killed, Code::EMERGENCY, scene, now_s);

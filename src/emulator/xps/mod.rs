@@ -1,16 +1,16 @@
-//! The Newport XPS-Q8 with one group of three VP-25XL: calls in, replies out, over several sockets (what is known of its
-//! manual, and what clients in the field send and take).
+//! The Newport XPS-Q8 with one group of three VP-25XL: receives calls and sends replies over several sockets. It follows the
+//! known parts of its manual and the calls and replies of existing clients.
 //!
-//! A call that is answered when it is finished (moves, homing, initialisation) holds its own socket: another one there is
-//! answered with -1 until then. Other sockets are served, and end it: after `GroupMoveAbort` it answers -27, after
-//! `GroupKill` -26, both once the group rests; the abort itself answers at once.
+//! A call that is answered when it is finished (moves, homing, initialisation) occupies its own socket. Another call there is
+//! answered with -1 until then. Calls on other sockets are served and can end it. After `GroupMoveAbort` it answers -27, and
+//! after `GroupKill` -26, both once the group rests. The abort itself answers at once.
 //!
-//! `GroupHomeSearch` homes z first, then x and y together. Jerk times are kept and otherwise mean nothing. Where the
-//! manual is silent, this controller is the stricter of two readings: a group does one thing at a time, so a move of one of
-//! its positioners is refused (-22) while another moves; results are named in their number and by their types.
+//! `GroupHomeSearch` homes z first, then x and y together. Jerk times are stored and have no other effect. If the manual isn't
+//! clear, this controller follows the stricter of two readings. A group does one thing at a time, so a move of one positioner is
+//! refused (-22) while another moves. Calls must name the number and the types of their results.
 //!
-//! An event that guards a move is looked at once a millisecond, and only while it is started and something moves that it
-//! could stop.
+//! An event that guards a move is checked once in each millisecond, only while it is started and a motion that it could stop is
+//! under way.
 
 mod controller;
 mod errors;
@@ -31,11 +31,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use syntax::Call;
 use tokio::sync::Notify;
 
-/// A Newport XPS-Q8 motion controller with one group of three VP-25XL stages: 12.5 mm to either side, 25 mm/s. Its analog
-/// input `GPIO2.ADC1` reads the load cell.
+/// A Newport XPS-Q8 motion controller with one group of three VP-25XL stages: 12.5 mm to either side, 25 mm/s. Its analog input
+/// `GPIO2.ADC1` reads the load cell.
 ///
-/// It is switched on with its group not initialised, and takes the place where each positioner stands for zero until they are
-/// homed. One of these is one socket; each link that is served opens its own.
+/// At power-on its group isn't initialised. The present place of each positioner counts as zero until it is homed. One value of
+/// this type is one socket; each served link opens its own.
 pub struct Xps {
     controller: Shared<Controller>,
     bell: Arc<Notify>,
@@ -49,8 +49,8 @@ struct Pending {
 }
 
 impl Xps {
-    /// A controller that is switched on where the scene's axes stand. `positioners` are those of x, y and z, called
-    /// `group.positioner`; the load cell's amplifier gives so many volts a newton.
+    /// Creates a controller that is switched on at the present place of the scene's axes. `positioners` are those of x, y and z,
+    /// with names `group.positioner`. `volts_per_newton` is the gain of the load cell's amplifier.
     pub fn new(scene: &Scene, group: &str, positioners: [&str; 3], volts_per_newton: f64) -> Self {
         let controller = Controller::new(Group::new(group, positioners, scene), volts_per_newton);
         Xps::on(Arc::new(Mutex::new(controller)), Arc::default())

@@ -1,4 +1,4 @@
-//! One positioner of the group: its place, its speeds, its limits.
+//! One positioner of the group: its place, speeds and limits.
 
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
@@ -24,20 +24,21 @@ const ABOVE_HOME: u32 = 0x0000_0004;
 const END_MINUS: u32 = 0x8000_0100;
 const END_PLUS: u32 = 0x8000_0200;
 
-/// One positioner of the group: a VP-25XL and what the controller knows of it. Places are true ones, in stage coordinates,
-/// unless a name says `count`: that is what the controller takes the place for, off by `offset_mm` until it is homed.
+/// One positioner of the group: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates,
+/// unless a name contains `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the positioner
+/// is homed.
 pub struct Positioner {
     pub name: String,
     axis: Axis,
-    /// True place less count, mm.
+    /// True place minus count, mm.
     offset_mm: f64,
     pub s_gamma: SGamma,
-    /// Least and most count that a target may have, mm.
+    /// Smallest and largest allowed count of a target, mm.
     pub limits_mm: (f64, f64),
 }
 
-/// How a positioner moves. The jerk times are stored and reported, and otherwise mean nothing here: the scene's axes change their
-/// acceleration at once.
+/// Motion parameters of a positioner. The jerk times are stored and reported, and have no other effect, because the scene's axes
+/// change their acceleration at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SGamma {
     pub speed_mm_s: f64,
@@ -46,7 +47,7 @@ pub struct SGamma {
 }
 
 impl SGamma {
-    /// Whether a VP-25XL can.
+    /// Whether a VP-25XL can do this.
     pub fn is_sound(&self) -> bool {
         let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = *self;
         speed_mm_s > 0.0
@@ -59,7 +60,7 @@ impl SGamma {
 }
 
 impl Positioner {
-    /// A positioner as the controller is switched on: it takes the place where it stands for zero.
+    /// Creates a positioner at power-on: its present place counts as zero.
     pub fn new(name: &str, axis: Axis, scene: &Scene) -> Self {
         let s_gamma =
             SGamma { speed_mm_s: SPEED_MOST_MM_S, acceleration_mm_s2: ACCELERATION_MOST_MM_S2, jerk_s: JERK_S };
@@ -69,22 +70,22 @@ impl Positioner {
         positioner
     }
 
-    /// The encoder counts from where the positioner stands.
+    /// Makes the encoder count from the present place of the positioner.
     pub fn reset_encoder(&mut self, scene: &Scene) {
         self.offset_mm = scene.motion(self.axis).end_mm();
     }
 
-    /// The home mark is found: the count is true.
+    /// Notes that the home mark is found, so the count is true.
     pub fn set_homed(&mut self) {
         self.offset_mm = 0.0;
     }
 
-    /// Where it is, count, mm.
+    /// Position as a count, mm.
     pub fn count_mm(&self, scene: &mut Scene, now_s: f64) -> f64 {
         scene.axis(self.axis, now_s).0 - self.offset_mm
     }
 
-    /// Where the controller has it by now, count, mm.
+    /// Present setpoint of the controller as a count, mm.
     pub fn setpoint_mm(&self, scene: &Scene, now_s: f64) -> f64 {
         scene.motion(self.axis).position_mm(now_s) - self.offset_mm
     }
@@ -94,44 +95,44 @@ impl Positioner {
         scene.motion(self.axis).moving(now_s)
     }
 
-    /// When the controller takes its motion to end, s.
+    /// Time at which the controller expects the motion to end, s.
     pub fn end_s(&self, scene: &Scene) -> f64 {
         scene.motion(self.axis).end_s()
     }
 
-    /// Whether a count may be a target.
+    /// Whether a count is allowed as a target.
     pub fn allows(&self, count_mm: f64) -> bool {
         count_mm >= self.limits_mm.0 - ROUNDING_MM && count_mm <= self.limits_mm.1 + ROUNDING_MM
     }
 
-    /// How long it takes to a count from where it stands, s.
+    /// Time needed from the present place to a count, s.
     pub fn time_to_s(&self, count_mm: f64, scene: &Scene) -> f64 {
         self.way_to(count_mm, 1.0, scene, 0.0).end_s()
     }
 
-    /// To a count from where it stands, so many times slower than it could.
+    /// Moves from the present place to a count, slower than possible by the factor `slower`.
     pub fn go_to(&self, count_mm: f64, slower: f64, scene: &mut Scene, now_s: f64) {
         let way = self.way_to(count_mm, slower, scene, now_s);
         scene.set_motion(self.axis, way, now_s);
     }
 
-    /// To the home mark.
+    /// Moves to the home mark.
     pub fn go_home(&self, scene: &mut Scene, now_s: f64) {
         let way = Trajectory::to(now_s, self.commanded(scene, now_s), 0.0, HOME_SPEED_MM_S, HOME_ACCELERATION_MM_S2);
         scene.set_motion(self.axis, way, now_s);
     }
 
-    /// To rest, as hard as it moves.
+    /// Stops with the deceleration of its motion.
     pub fn abort(&self, scene: &mut Scene, now_s: f64) {
         self.stop(self.s_gamma.acceleration_mm_s2, scene, now_s);
     }
 
-    /// To rest, as hard as it can.
+    /// Stops as hard as possible.
     pub fn brake(&self, scene: &mut Scene, now_s: f64) {
         self.stop(ACCELERATION_MOST_MM_S2 * EMERGENCY_FACTOR, scene, now_s);
     }
 
-    /// The bits of its hardware status: above its home mark, or at an end of its travel.
+    /// Returns the bits of the hardware status: above the home mark, or at an end of the travel.
     pub fn hardware_status(&self, scene: &mut Scene, now_s: f64) -> u32 {
         let place_mm = scene.axis(self.axis, now_s).0;
         let bits = [

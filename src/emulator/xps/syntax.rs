@@ -1,17 +1,17 @@
-//! Requests and replies as they stand on the wire.
+//! Requests and replies as transmitted.
 
 use super::errors::Code;
 
-/// Longest reply: clients in the field take one segment of so many bytes for all there is.
+/// Longest reply. Existing clients assume that one segment of this size is the complete reply.
 pub const REPLY_MOST: usize = 1024;
-/// Longest request. Its echo goes into a reply with a code before it and the end mark after it.
+/// Longest request. A reply echoes it, with a code before it and the end mark after it.
 pub const REQUEST_MOST: usize = 1000;
 /// What ends every reply, and what some clients send after their requests.
 const END: &[u8] = b",EndOfAPI";
 /// Significant digits of a number (EPICS writes its own with `%.13g`).
 const DIGITS: i32 = 13;
 
-/// One call: `Name(argument,argument,type *)`. Its arguments are taken off one after another.
+/// One call: `Name(argument,argument,type *)`. Its arguments are taken one after another.
 #[derive(Debug, PartialEq)]
 pub struct Call<'a> {
     pub name: &'a str,
@@ -19,7 +19,7 @@ pub struct Call<'a> {
     taken: usize,
 }
 
-/// What a call names its results as.
+/// Type that a call states for its results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Type {
     Char,
@@ -27,8 +27,8 @@ pub enum Type {
     Int,
 }
 
-/// Takes the next request: up to its balanced `)`. There is no other end; what is left of line ends and of `,EndOfAPI` in
-/// front of it means nothing. A line that ends outside of parentheses, and what is too long, can't be one, and is refused.
+/// Takes the next request: up to its balanced `)`. There is no other end. Rests of line ends and of `,EndOfAPI` before the
+/// request are ignored. A line that ends outside of parentheses, or is too long, can't be a request and is refused.
 pub fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     let lead = lead(inbox);
     inbox.drain(..lead);
@@ -45,12 +45,12 @@ pub fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     (inbox.len() > REQUEST_MOST).then(|| std::mem::take(inbox))
 }
 
-/// A reply with what a call results in, values parted by commas.
+/// Returns a reply with the results of a call, values separated by commas.
 pub fn done(values: &str) -> Vec<u8> {
     format!("0,{values},EndOfAPI").into_bytes()
 }
 
-/// A reply with an error, and the request as it came.
+/// Returns a reply with an error, and the request as received.
 pub fn failed(code: Code, request: &[u8]) -> Vec<u8> {
     let mut reply = format!("{},", code.0).into_bytes();
     let room = REPLY_MOST - reply.len() - END.len();
@@ -59,7 +59,7 @@ pub fn failed(code: Code, request: &[u8]) -> Vec<u8> {
     reply
 }
 
-/// A number as `%.13g` writes it.
+/// Formats a number as `%.13g` does.
 pub fn number(value: f64) -> String {
     let scientific = format!("{:.*e}", DIGITS as usize - 1, value + 0.0);
     let Some((mantissa, exponent)) = scientific.split_once('e') else { return scientific };
@@ -71,13 +71,13 @@ pub fn number(value: f64) -> String {
     format!("{}e{sign}{:02}", bare(mantissa), exponent.abs())
 }
 
-/// Numbers, parted by commas.
+/// Formats numbers, separated by commas.
 pub fn numbers(values: impl IntoIterator<Item = f64>) -> String {
     values.into_iter().map(number).collect::<Vec<_>>().join(",")
 }
 
 impl<'a> Call<'a> {
-    /// What a request calls.
+    /// Parses the call of a request.
     pub fn read(request: &'a [u8]) -> Result<Self, Code> {
         if request.len() > REQUEST_MOST {
             return Err(Code::STRING_TOO_LONG);
@@ -93,26 +93,26 @@ impl<'a> Call<'a> {
         Ok(Call { name, arguments, taken: 0 })
     }
 
-    /// The next argument as it stands.
+    /// Returns the next argument unchanged.
     pub fn text(&mut self) -> Result<&'a str, Code> {
         let text = self.arguments.get(self.taken).ok_or(Code::WRONG_COUNT)?;
         self.taken += 1;
         Ok(text)
     }
 
-    /// The next argument as a number.
+    /// Returns the next argument as a number.
     pub fn number(&mut self) -> Result<f64, Code> {
         let value: f64 = self.text()?.parse().map_err(|_| Code::WRONG_DOUBLE)?;
         if value.is_finite() { Ok(value) } else { Err(Code::WRONG_DOUBLE) }
     }
 
-    /// The next argument as a whole number.
+    /// Returns the next argument as an integer.
     pub fn whole(&mut self) -> Result<i32, Code> {
         self.text()?.parse().map_err(|_| Code::WRONG_INT)
     }
 
-    /// The next arguments name so many results of a type, and nothing follows them. How blanks stand in `double *` means
-    /// nothing.
+    /// Checks that the next arguments name `count` results of a type and that nothing follows. The position of blanks in `double
+    /// *` doesn't matter.
     pub fn results(mut self, results: Type, count: usize) -> Result<(), Code> {
         for _ in 0..count {
             self.result(results)?;
@@ -120,7 +120,7 @@ impl<'a> Call<'a> {
         self.end()
     }
 
-    /// The next argument names a result.
+    /// Checks that the next argument names a result.
     pub fn result(&mut self, result: Type) -> Result<(), Code> {
         let (name, code) = match result {
             Type::Char => ("char", Code::WRONG_CHAR),
@@ -131,12 +131,12 @@ impl<'a> Call<'a> {
         if given == Some(name) { Ok(()) } else { Err(code) }
     }
 
-    /// Nothing follows.
+    /// Checks that nothing follows.
     pub fn end(self) -> Result<(), Code> {
         if self.is_through() { Ok(()) } else { Err(Code::WRONG_COUNT) }
     }
 
-    /// Whether all arguments are taken.
+    /// Whether all arguments have been taken.
     pub fn is_through(&self) -> bool {
         self.taken == self.arguments.len()
     }

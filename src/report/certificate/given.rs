@@ -254,7 +254,11 @@ fn text_of(table: &Table, key: &Key) -> Option<String> {
     let text = table.text(key)?;
     let single = text.split_whitespace().collect::<Vec<_>>().join(" ");
     if single.is_empty() || single.contains(char::is_control) {
-        table.complain(Problem::new(table.span_of(key), format!("`{}` is {text:?}, expected a text", key.name)));
+        let told = match single.is_empty() {
+            true => format!("`{}` is empty: fill it in", key.name),
+            false => format!("`{}` is {text:?}, expected printable characters", key.name),
+        };
+        table.complain(Problem::new(table.span_of(key), told));
         return None;
     }
     Some(single)
@@ -287,7 +291,7 @@ mod tests {
             parse("certificate.toml", "[certificate]\nidentifier = \" \"\ncountry = \"Germany\"\n").unwrap_err();
         let lines = problems.lines().join("\n");
         for part in [
-            "`identifier` is \" \", expected a text",
+            "`identifier` is empty: fill it in",
             "`country` is \"Germany\", expected two upper-case letters",
             "`laboratory` is missing",
             "`issued` is missing",

@@ -169,7 +169,8 @@ impl<'a> Certificate<'a> {
     pub fn told(&self) -> String {
         let verdict = self.judgement.map_or("no statement of conformity", |judgement| judgement.verdict.told());
         let rows: usize = self.results.iter().map(|results| results.rows.len()).sum();
-        format!("certificate {} of sensor {}: {verdict}, {rows} results", self.given.identifier, self.sensor)
+        let simulated = if self.simulated { "; simulated: it certifies no sensor" } else { "" };
+        format!("certificate {} of sensor {}: {verdict}, {rows} results{simulated}", self.given.identifier, self.sensor)
     }
 
     /// As a page that prints on A4.
@@ -187,9 +188,11 @@ impl<'a> Certificate<'a> {
         let simulated = if self.simulated { " on a simulated rig: it certifies no sensor" } else { "" };
         let imported = self.imported.iter().flat_map(Imported::files);
         let files: String = imported.map(|file| format!("; {} has SHA-256 {}", file.name, file.sha256)).collect();
+        let notes: String =
+            self.imported.iter().flat_map(|imported| &imported.notes).map(|note| format!("; {note}")).collect();
         let imported = match files.is_empty() {
             true => String::new(),
-            false => format!(". The presses were imported from tables of another program{files}"),
+            false => format!(". The presses were imported from tables of another program{files}{notes}"),
         };
         format!("{}, {}{simulated}{imported}", self.given.procedure, self.runs.join(", "))
     }

@@ -145,7 +145,7 @@ fn of_units(staircases: &Staircases) -> Results {
     let mut rows = Vec::new();
     for (unit, readings) in characterise(staircases, definition).into_iter().zip(&staircases.readings) {
         let row = |name: &str, value, uncertainty| {
-            let name = format!("unit {}, {name}", unit.unit);
+            let name = format!("unit {}, {name}", unit.name());
             Row { name, value, unit: Unit::Percent, digits: 2, uncertainty, n: readings.len() }
         };
         let repeated = [

@@ -1,4 +1,4 @@
-//! What the taxels read of contacts, without a running scene: pure, and without an allocation a reading.
+//! Readings of the taxels under contacts, without a running scene: pure code, without an allocation for a reading.
 
 mod spec;
 
@@ -11,21 +11,21 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::ops::Range;
 
-/// Most channels of a unit that read anything: the normal stress, and its slopes along x and y.
+/// Largest number of channels of a unit that read a signal: the normal stress, and its slopes along x and y.
 pub const SKIN_CHANNELS_MAX: usize = 3;
 
-/// A specimen's taxels: which stress each of them sees, and what it makes of it.
+/// Taxels of a specimen: the stress at each taxel, and the resulting reading.
 ///
-/// A contact is read in two steps. [`add_load`](Self::add_load) adds what a load does to the outputs, without any error;
-/// several loads add up. [`read_out`](Self::read_out) turns that into readings: hysteresis, this contact's errors (drawn by
+/// A contact is read in two steps. [`add_load`](Self::add_load) adds the effect of a load to the outputs, without any error;
+/// several loads add up. [`read_out`](Self::read_out) turns the sum into readings: hysteresis, this contact's errors (drawn by
 /// [`draw_contact`](Self::draw_contact)), baseline, faults, converter. [`outputs`](Self::outputs) does both for one load.
 #[derive(Clone)]
 pub struct Skin {
-    /// In the order of the outputs.
+    /// Channels in the order of the outputs.
     channels: Vec<Channel>,
-    /// The outputs of each unit.
+    /// Outputs of each unit.
     units: Vec<Range<usize>>,
-    /// The reading for the largest force straight above.
+    /// Reading for the largest force straight above.
     full_scale: f64,
     noise_of: NoiseOf,
     floor: f64,
@@ -38,15 +38,15 @@ pub struct Skin {
 struct Channel {
     reads: Reads,
     place: Place,
-    /// None: there is no elastomer.
+    /// Response of the elastomer; `None` if there is no elastomer.
     response: Option<Response>,
-    /// The reading for 1 of its response.
+    /// Reading for a response of 1.
     gain: f64,
-    /// Standard deviation of its error, of full scale in reading units or of the reading as a share.
+    /// Standard deviation of the channel's error: of full scale in reading units, or of the reading as a fraction.
     error_sd: f64,
-    /// Width of its hysteresis loop at half the full scale, reading units.
+    /// Width of the hysteresis loop at half the full scale, reading units.
     hysteresis: f64,
-    /// This contact's error: a share of the noise-free reading, and reading units.
+    /// Error of this contact: a fraction of the noise-free reading, and reading units.
     error_of_reading: f64,
     error: f64,
 }
@@ -54,23 +54,23 @@ struct Channel {
 /// What a channel of a unit reads.
 #[derive(Clone, Copy, PartialEq)]
 enum Reads {
-    /// The response itself: the first channel.
+    /// The response itself, on the first channel.
     Normal,
-    /// Its slope along x times the unit's depth, as the load goes along x: the second.
+    /// Slope of the response along x times the unit's depth, for a load that moves along x, on the second channel.
     SlopeX,
-    /// Its slope along y times the unit's depth: the third.
+    /// Slope of the response along y times the unit's depth, on the third channel.
     SlopeY,
-    /// Nothing.
+    /// No signal.
     Nothing,
 }
 
 impl Skin {
-    /// The taxels of a specimen, in air. Gains, true places, depths, errors and hysteresis are those of a unit, for all its
-    /// channels; each channel's error is a draw of its own. `full_scale_n` is the largest force they are specified for; what belongs to the
-    /// specimen (gains, true places, depths) depends on `seed` alone, each from a stream of its own.
+    /// Creates the taxels of a specimen, in air. Gains, true places, depths, errors and hysteresis belong to a unit and hold for
+    /// all its channels; each channel's error is a separate draw. `full_scale_n` is the largest specified force. The properties
+    /// of the specimen (gains, true places, depths) depend on `seed` alone, each from its own stream.
     ///
     /// # Panics
-    /// If a list of percentages is shorter than the layout, or a fault names a unit that there isn't.
+    /// If a list of percentages is shorter than the layout, or a fault names a unit that doesn't exist.
     pub fn new(spec: &SkinSpec, layout: &ArrayLayout, full_scale_n: f64, seed: u64) -> Self {
         let Taxels { gain_spread_percent, place_spread_mm, depth_spread_percent, baseline, .. } = spec.taxels;
         let mut gains = Spread::new(gain_spread_percent / 100.0, "taxel gains", seed);
@@ -124,17 +124,18 @@ impl Skin {
         }
     }
 
-    /// How many outputs there are.
+    /// Number of outputs.
     pub fn len(&self) -> usize {
         self.channels.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no outputs.
     pub fn is_empty(&self) -> bool {
         self.channels.is_empty()
     }
 
-    /// A new contact begins: it doesn't quite repeat the last one. One draw a channel, then one more each if there is a floor.
+    /// Begins a new contact, which differs slightly from the last one. It takes one draw for each channel, then one more for each
+    /// channel if there is a floor.
     pub fn draw_contact(&mut self, rng: &mut Stream) {
         self.forget_contact();
         let mut normal = || -> f64 { StandardNormal.sample(rng) };
@@ -151,17 +152,17 @@ impl Skin {
         }
     }
 
-    /// The contact is over: in air there is no error.
+    /// Ends the contact. In air there is no error.
     pub fn forget_contact(&mut self) {
         for channel in &mut self.channels {
             (channel.error_of_reading, channel.error) = (0.0, 0.0);
         }
     }
 
-    /// Adds to `outputs` what `force_n` at a place (specimen frame) does to each taxel, without any error.
+    /// Adds to `outputs` the effect of `force_n` at a place (specimen frame) on each taxel, without any error.
     ///
     /// # Panics
-    /// If `outputs` doesn't have as many places as there are outputs.
+    /// If the length of `outputs` isn't the number of outputs.
     pub fn add_load(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
         assert_eq!(outputs.len(), self.len(), "one place an output");
         for (channel, output) in self.channels.iter().zip(outputs) {
@@ -171,8 +172,8 @@ impl Skin {
         }
     }
 
-    /// Turns the sum of all loads into what the taxels read of it. `unloading` is 0 on the loading branch of the hysteresis,
-    /// 1 on the unloading one.
+    /// Turns the sum of all loads into the readings of the taxels. `unloading` is 0 on the loading branch of the hysteresis and 1
+    /// on the unloading branch.
     pub fn read_out(&self, unloading: f64, outputs: &mut [f64]) {
         for (channel, output) in self.channels.iter().zip(&mut *outputs) {
             let straight = *output;
@@ -200,11 +201,11 @@ impl Skin {
         }
     }
 
-    /// What the taxels read under `force_n` at a place (specimen frame), loading, with this contact's errors, written to
-    /// `outputs` in reading units.
+    /// Writes to `outputs` the readings of the taxels under `force_n` at a place (specimen frame), in reading units. The readings
+    /// are those during loading, with this contact's errors.
     ///
     /// # Panics
-    /// If `outputs` doesn't have as many places as there are outputs.
+    /// If the length of `outputs` isn't the number of outputs.
     pub fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
         outputs.fill(0.0);
         self.add_load(force_n, place, outputs);

@@ -1,113 +1,113 @@
-//! The terms of a skin.
+//! Terms of a skin.
 
 use crate::mechanics::Medium;
 
-/// What the taxels read of a contact: each term is optional, and what isn't named isn't computed.
+/// Reading of the taxels under a contact. Each term is optional, and a term that isn't named isn't computed.
 ///
-/// Readings are in units of the reading for 1 N straight above a taxel of no spread.
+/// Readings are in units of the reading for 1 N straight above a taxel without spread.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SkinSpec {
-    /// The cover over the taxels; none: the taxels read nothing.
+    /// Cover over the taxels; `None`: the taxels read nothing.
     pub elastomer: Option<Elastomer>,
-    /// Radius of the indenter, a rigid flat punch, mm; 0: a point.
+    /// Radius of the indenter, a rigid flat punch, mm; 0: a point load.
     pub indenter_radius_mm: f64,
-    /// What the taxels are, and how one differs from the other.
+    /// Properties of the taxels, and their differences.
     pub taxels: Taxels,
-    /// How well a contact repeats; none: perfectly.
+    /// Repeatability of a contact; `None`: perfect.
     pub noise: Option<TaxelNoise>,
-    /// Hysteresis of each taxel, % of full scale (PAPER Table 1). None: the unloading branch is the loading one.
+    /// Hysteresis of each taxel, % of full scale (PAPER Table 1). `None`: the unloading branch equals the loading branch.
     pub hysteresis_percent: Option<Vec<f64>>,
-    /// What is wrong with which unit.
+    /// Faults of units.
     pub faults: Vec<TaxelFault>,
-    /// What the readings are rounded to; none: they aren't.
+    /// Rounding of the readings; `None`: no rounding.
     pub converter: Option<Converter>,
 }
 
 /// The elastomer cover.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Elastomer {
-    /// Depth of the taxels below the surface, mm; of a bonded layer its thickness.
+    /// Depth of the taxels below the surface, mm; for a bonded layer this is its thickness.
     pub depth_mm: f64,
-    /// What there is below the taxels.
+    /// Material below the surface.
     pub medium: Medium,
 }
 
 impl Elastomer {
-    /// A cover that is taken for an elastic half-space (PAPER S2).
+    /// Creates a cover that is treated as an elastic half-space (PAPER S2).
     pub fn half_space(depth_mm: f64) -> Self {
         Elastomer { depth_mm, medium: Medium::HalfSpace }
     }
 }
 
-/// The taxels' size, what they read in air, and how they differ: uniform draws that belong to the specimen.
+/// Size of the taxels, their reading in air, and their differences, which are uniform draws that belong to the specimen.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Taxels {
-    /// Radius of the disc over which each takes the mean of the stress, mm; 0: a point.
+    /// Radius of the disc over which each taxel averages the stress, mm; 0: a point.
     pub radius_mm: f64,
-    /// Gains are within this of 1 either way, %.
+    /// Largest difference of a gain from 1 either way, %.
     pub gain_spread_percent: f64,
-    /// True places are within this of the layout's either way along x and y, mm.
+    /// Largest difference of a true place from the layout's place either way along x and y, mm.
     pub place_spread_mm: f64,
-    /// Depths are within this of the elastomer's either way, %. A deeper taxel reads less and farther around.
+    /// Largest difference of a depth from the elastomer's depth either way, %. A deeper taxel has a smaller but wider response.
     pub depth_spread_percent: f64,
-    /// What all of them read in air, reading units.
+    /// Reading of all taxels in air, reading units.
     pub baseline: f64,
 }
 
-/// How well a contact repeats: one draw per unit and contact, normal.
+/// Repeatability of a contact: one normal draw for each unit and contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaxelNoise {
-    /// Loading repeatability of each taxel, % (PAPER Table 1); one standard deviation is a third of it.
+    /// Loading repeatability of each taxel, % (PAPER Table 1). One standard deviation is a third of it.
     pub repeatability_percent: Vec<f64>,
-    /// What that is a percentage of.
+    /// Reference value of the percentage.
     pub of: NoiseOf,
-    /// Standard deviation of another draw that is the same for all units and readings, reading units; 0: none.
+    /// Standard deviation of a second draw that is the same for all units and readings, reading units; 0: no second draw.
     pub floor: f64,
 }
 
-/// What a noise grows with.
+/// Reference value of a noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NoiseOf {
-    /// Nothing: it is a share of the full scale.
+    /// The full scale, so the noise is constant.
     #[default]
     FullScale,
     /// The unit's noise-free reading.
     Reading,
 }
 
-/// Something that is wrong with one unit from the first contact to the last.
+/// Fault of one unit from the first contact to the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaxelFault {
-    /// Which unit, counted from 1.
+    /// Number of the unit, counted from 1.
     pub unit: usize,
-    /// What is wrong with it.
+    /// Kind of the fault.
     pub kind: TaxelFaultKind,
 }
 
-/// What can be wrong with a unit; readings in reading units.
+/// Kinds of faults of a unit; readings in reading units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TaxelFaultKind {
-    /// It reads 0.
+    /// The unit reads 0.
     Dead,
-    /// It always reads this.
+    /// The unit always reads this value.
     Stuck(f64),
-    /// It reads no more than this.
+    /// The unit reads at most this value.
     Clipped(f64),
-    /// Its gain has changed by this, %.
+    /// The gain of the unit has changed by this value, %.
     Drifted(f64),
 }
 
-/// An analog-to-digital converter: readings are rounded to a multiple of 2 `range` / 2^`bits` and end at the range's ends.
+/// An analog-to-digital converter. Readings are rounded to a multiple of 2 `range` / 2^`bits` and are limited to the range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Converter {
     /// Bits, 1 to 32.
     pub bits: u32,
-    /// What it converts either way of 0, reading units.
+    /// Range either side of 0, reading units.
     pub range: f64,
 }
 
 impl Converter {
-    /// What a reading becomes.
+    /// Returns the converted reading.
     #[inline]
     pub fn convert(self, reading: f64) -> f64 {
         let codes = (1u64 << (self.bits - 1)) as f64; // on either side of 0

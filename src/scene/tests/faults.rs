@@ -1,4 +1,4 @@
-//! Faults that a scene simulates on request.
+//! Tests of faults that a scene simulates on request.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Contact, relaxation and the load cell.
+//! Tests of contact, relaxation and the load cell.
 
 use super::*;
 

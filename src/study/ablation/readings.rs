@@ -72,7 +72,9 @@ pub fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
         .iter()
         .enumerate()
         .map(|(unit, &place)| (0..REPEATS).flat_map(|_| specimen.staircase(unit, place)).collect::<Vec<HeldLevel>>());
-    let staircases = Staircases { readings: readings.collect(), left_out: 0 };
+    let readings: Vec<_> = readings.collect();
+    let units = (0..readings.len()).collect();
+    let staircases = Staircases { readings, units, left_out: 0 };
     let units = characterise(&staircases, Repeatability::default());
     let mean = |of: fn(&UnitCharacteristics) -> Option<f64>| {
         Some(units.iter().map(of).sum::<Option<f64>>()? / units.len() as f64)

@@ -1,5 +1,5 @@
-//! The one place with foreign functions. Each pointer is looked up once by its name in `NIDAQmx.h` and has that header's
-//! signature; buffers are handed over with their lengths.
+//! The only place with foreign functions. Each pointer is looked up once by its name in `NIDAQmx.h` and has the signature of that
+//! header. Buffers are passed with their lengths.
 #![allow(unsafe_code, reason = "a C library is called: NI gives no other interface")]
 
 use super::{BY_SCAN, CONTINUOUS, NiDaqmx, RISING, TaskHandle, VOLTS};
@@ -31,7 +31,7 @@ type ReadAnalogF64 = unsafe extern "system" fn(Handle, i32, f64, u32, *mut f64, 
 type ExtendedErrorInfo = unsafe extern "system" fn(*mut c_char, u32) -> i32;
 type ErrorString = unsafe extern "system" fn(i32, *mut c_char, u32) -> i32;
 
-/// The library, loaded, and the functions of it that are used.
+/// The loaded library, and the functions of it that are used.
 pub struct DaqmxLibrary {
     create_task: CreateTask,
     create_ai_voltage_channel: CreateAiVoltageChannel,
@@ -42,27 +42,27 @@ pub struct DaqmxLibrary {
     read_analog_f64: ReadAnalogF64,
     extended_error_info: ExtendedErrorInfo,
     error_string: ErrorString,
-    /// Kept, or the functions would be gone.
+    /// Library, kept because the functions would disappear without it.
     _library: Library,
 }
 
-/// The library can't be used.
+/// Reason why the library can't be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// It isn't there.
+    /// The library isn't found.
     #[error("NI's DAQmx library wasn't found on this machine ({tried}): {told}")]
     Missing {
-        /// What was tried.
+        /// Names that were tried.
         tried: String,
-        /// What the system says of the last.
+        /// The system's error for the last of them.
         told: String,
     },
-    /// It isn't what it should be.
+    /// The library isn't the expected one.
     #[error("{path} isn't NI's DAQmx library: it has no function {function}")]
     Foreign {
-        /// The file.
+        /// File of the library.
         path: String,
-        /// The function that isn't in it.
+        /// Function that is missing in the library.
         function: &'static str,
     },
 }
@@ -71,7 +71,7 @@ impl DaqmxLibrary {
     /// Loads the library of this path, or the system's own.
     ///
     /// # Errors
-    /// It isn't there, or lacks a function.
+    /// The library isn't found, or lacks a function.
     pub fn load(path: Option<&str>) -> Result<DaqmxLibrary, LoadError> {
         let places = path.map_or_else(|| PLACES.to_vec(), |path| vec![path]);
         let mut told = String::new();

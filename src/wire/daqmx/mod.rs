@@ -1,5 +1,5 @@
-//! The functions of NI's DAQmx C library that a rig needs, as a table: filled by the library itself, loaded at run time, or by
-//! an emulator. Names, parameters and codes are those of `NIDAQmx.h`.
+//! Table of the functions of NI's DAQmx C library that a rig needs. The table is filled from the library, loaded at run time, or
+//! by an emulator. Names, parameters and codes are those of `NIDAQmx.h`.
 
 mod library;
 mod thread;
@@ -7,7 +7,7 @@ mod thread;
 pub use library::{DaqmxLibrary, LoadError};
 pub use thread::{Functions, HeldUp};
 
-/// A task as the library knows it.
+/// Handle of a task in the library.
 pub type TaskHandle = usize;
 
 /// Terminal configurations (`DAQmx_Val_RSE`, `NRSE`, `Diff`, `PseudoDiff`).
@@ -24,13 +24,13 @@ pub const VOLTS: i32 = 10348;
 pub const RISING: i32 = 10280;
 /// `DAQmx_Val_ContSamps`.
 pub const CONTINUOUS: i32 = 10123;
-/// `DAQmx_Val_GroupByScanNumber`: the samples of one instant stand together.
+/// `DAQmx_Val_GroupByScanNumber`: the samples of one instant are next to each other.
 pub const BY_SCAN: u32 = 1;
-/// `DAQmx_Val_Auto`: all samples that are there.
+/// `DAQmx_Val_Auto`: all available samples.
 pub const AUTO: i32 = -1;
 
-/// The table of functions. Each gives the library's own status: 0 done, over 0 a warning, under 0 an error. Nothing here
-/// may wait: every read has a time-out of 0.
+/// Table of functions. Each function returns the library's own status: 0 is done, above 0 is a warning, below 0 is an error. No
+/// function may wait, so every read has a time-out of 0.
 pub trait NiDaqmx: Send + Sync {
     /// `DAQmxCreateTask`.
     fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32;

@@ -1,4 +1,4 @@
-//! The library on a thread of its own.
+//! The library on its own thread.
 
 use super::NiDaqmx;
 use std::sync::Arc;
@@ -12,26 +12,26 @@ const CALL_DEADLINE: Duration = Duration::from_secs(5);
 
 type Job = Box<dyn FnOnce(&dyn NiDaqmx) + Send>;
 
-/// The functions where they may be called.
+/// Functions, in the place where they may be called.
 #[derive(Clone)]
 pub enum Functions {
-    /// An emulator's: they take no time, and are called where they are needed.
+    /// Functions of an emulator. They take no time and are called directly.
     Here(Arc<dyn NiDaqmx>),
-    /// The library's: on a thread of its own, since a call that blocks would hold up a stop. An error's text is kept by thread,
-    /// so that it has to be one thread.
+    /// Functions of the library, on their own thread, because a blocked call would delay a stop. The text of an error is stored
+    /// for each thread, so all calls must use one thread.
     Thread(Sender<Job>),
 }
 
-/// The library's thread is held up, or has ended.
+/// The library's thread is blocked, or has ended.
 #[derive(Debug, thiserror::Error)]
 #[error("a call of the DAQmx library didn't return within {} s", CALL_DEADLINE.as_secs())]
 pub struct HeldUp;
 
 impl Functions {
-    /// A table on a thread of its own, which ends with the last handle.
+    /// Puts a table on its own thread, which ends with the last handle.
     ///
     /// # Errors
-    /// There is no thread to be had.
+    /// No thread can be started.
     pub fn on_a_thread(table: Arc<dyn NiDaqmx>) -> std::io::Result<Functions> {
         let (sender, jobs) = channel::<Job>();
         std::thread::Builder::new().name("daqmx".to_owned()).spawn(move || {
@@ -42,10 +42,10 @@ impl Functions {
         Ok(Functions::Thread(sender))
     }
 
-    /// Calls functions and waits for what they give, on the runtime's clock.
+    /// Calls functions and waits for their results, on the runtime's clock.
     ///
     /// # Errors
-    /// They don't come back.
+    /// The functions don't return.
     pub async fn call<T: Send + 'static>(
         &self,
         job: impl FnOnce(&dyn NiDaqmx) -> T + Send + 'static,
@@ -63,7 +63,7 @@ impl Functions {
         }
     }
 
-    /// Calls functions whose end nobody waits for.
+    /// Calls functions without waiting for their end.
     pub fn call_and_leave(&self, job: impl FnOnce(&dyn NiDaqmx) + Send + 'static) {
         match self {
             Functions::Here(table) => job(&**table),

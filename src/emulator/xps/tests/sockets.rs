@@ -1,4 +1,4 @@
-//! The XPS over several sockets.
+//! Tests of the XPS over several sockets.
 
 use super::*;
 use crate::emulator::tests::{Wire, shared};
