@@ -1,25 +1,26 @@
-//! What the paper reports (Sensors 2018, 18, 351): the numbers that ours stand beside.
+//! Results reported in the paper (Sensors 2018, 18, 351), shown next to this program's results.
 //!
-//! They stand in `data/paper.toml`, which is read while the program is compiled: a key that is missing or isn't followed by as
-//! many numbers as it should be is an error of the compiler.
+//! The numbers are in `data/paper.toml`, which is read when the program is compiled. A missing key, or a wrong count of numbers
+//! after a key, is a compiler error.
 
 /// A key a line, each with a number or a list of numbers.
 const TEXT: &str = include_str!("../data/paper.toml");
 
-/// Test points.
+/// Number of test points.
 pub const POINTS: usize = number("test_points") as usize;
 /// Mean location error, mm.
 pub const LOCATION_ERROR_MM: f64 = number("location_error_mm");
 /// Mean force error, N.
 pub const FORCE_ERROR_N: f64 = number("force_error_n");
-/// Share of the points with a location error under 1 mm.
+/// Fraction of the points with a location error under 1 mm.
 pub const WITHIN_1MM: f64 = number("within_1mm_percent") / 100.0;
-/// Share of the points with a force error under 0.1 N.
+/// Fraction of the points with a force error under 0.1 N.
 pub const WITHIN_0_1N: f64 = number("within_0_1n_percent") / 100.0;
-/// Share of the points with both.
+/// Fraction of the points with both.
 pub const WITHIN_BOTH: f64 = number("within_both_percent") / 100.0;
 
-/// Table 1, a row a unit: repeatability when loading and when unloading, hysteresis, %. The paper defines none of them.
+/// Table 1, one row for each unit: repeatability when loading and when unloading, hysteresis, %. The paper doesn't define these
+/// quantities.
 pub const TABLE_1_PERCENT: [[f64; 3]; 9] = [
     numbers("unit_1"),
     numbers("unit_2"),
@@ -32,7 +33,7 @@ pub const TABLE_1_PERCENT: [[f64; 3]; 9] = [
     numbers("unit_9"),
 ];
 
-/// Loading repeatability of each unit, %: one standard deviation of the scenes' noise is a third of it.
+/// Loading repeatability of each unit, %. One standard deviation of the scenes' noise is a third of this value.
 pub fn repeatability_percent() -> [f64; 9] {
     TABLE_1_PERCENT.map(|[loading, _, _]| loading)
 }

@@ -1,9 +1,9 @@
-//! Work shared out to all processors.
+//! Distributes work to all processors.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-/// Each input's output, in order, on as many threads as there are processors.
+/// Returns each input's output, in order. Uses as many threads as there are processors.
 pub fn in_parallel<I: Sync, O: Send>(inputs: &[I], work: impl Fn(&I) -> O + Sync) -> Vec<O> {
     let next = AtomicUsize::new(0);
     let worker = || {

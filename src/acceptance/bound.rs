@@ -12,10 +12,10 @@ use crate::quantity::COVERAGE;
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, StudentsT};
 use statrs::statistics::Statistics as _;
 
-/// How often a bound covers the true figure, at least.
+/// Smallest probability that a bound covers the true value.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// The fewest presses from which a mean is bounded: with fewer, skewed errors exceed the bound too often.
+/// Smallest number of presses from which a mean is bounded. With fewer presses, skewed errors exceed the bound too often.
 pub const MEAN_PRESSES_LEAST: usize = 59;
 
 /// The share at which a mean's bound is computed, so that it covers [`CONFIDENCE`] of skewed errors too: errors that are
@@ -32,19 +32,19 @@ enum Side {
     Upper,
 }
 
-/// The upper bound of the mean of a population from a sample; none below [`MEAN_PRESSES_LEAST`] values.
+/// Returns the upper bound of the mean of a population from a sample; `None` below [`MEAN_PRESSES_LEAST`] values.
 pub fn mean_upper(values: &[f64]) -> Option<f64> {
     mean_bound(values, MEAN_CONFIDENCE, Side::Upper)
 }
 
-/// The two-sided 95 % interval of the mean; none below [`MEAN_PRESSES_LEAST`] values.
+/// Returns the two-sided 95 % interval of the mean; `None` below [`MEAN_PRESSES_LEAST`] values.
 pub fn mean_interval(values: &[f64]) -> Option<(f64, f64)> {
     let each_side = (1.0 + CONFIDENCE) / 2.0;
     Some((mean_bound(values, each_side, Side::Lower)?, mean_bound(values, each_side, Side::Upper)?))
 }
 
-/// The upper bound of the quantile `share` of a population: the smallest order statistic that is above it in 95 % of samples;
-/// none where even the largest isn't. `sorted` is in ascending order.
+/// Returns the upper bound of the quantile `share` of a population. It is the smallest order statistic that is above the quantile
+/// in 95 % of samples; `None` if even the largest isn't. `sorted` is in ascending order.
 pub fn quantile_upper(sorted: &[f64], share: f64) -> Option<f64> {
     let n = sorted.len();
     // the r-th smallest is above the quantile unless r or more values are below it
@@ -52,7 +52,7 @@ pub fn quantile_upper(sorted: &[f64], share: f64) -> Option<f64> {
     (1..=n).find(is_above).map(|r| sorted[r - 1])
 }
 
-/// The two-sided 95 % interval of the quantile; none where the sample is too small for one of its ends.
+/// Returns the two-sided 95 % interval of the quantile; `None` if the sample is too small for one of its ends.
 pub fn quantile_interval(sorted: &[f64], share: f64) -> Option<(f64, f64)> {
     let (n, tail) = (sorted.len(), (1.0 - CONFIDENCE) / 2.0);
     let upper = (1..=n).find(|r| binomial_at_most(r - 1, n, share) >= 1.0 - tail)?;
@@ -60,12 +60,12 @@ pub fn quantile_interval(sorted: &[f64], share: f64) -> Option<(f64, f64)> {
     Some((sorted[lower - 1], sorted[upper - 1]))
 }
 
-/// The fewest values from which the quantile `share` has an upper bound: 59 for the 95th percentile.
+/// Returns the smallest number of values from which the quantile `share` has an upper bound: 59 for the 95th percentile.
 pub fn quantile_least(share: f64) -> usize {
     ((1.0 - CONFIDENCE).ln() / share.ln()).ceil() as usize
 }
 
-/// The lower bound of the share of a population that has a property which `count` of `n` have; 0 to 1.
+/// Returns the lower bound of the fraction of a population with a property that `count` of `n` have; 0 to 1.
 pub fn share_lower(count: usize, n: usize) -> f64 {
     if count == 0 {
         return 0.0;
@@ -74,12 +74,13 @@ pub fn share_lower(count: usize, n: usize) -> f64 {
     Beta::new(count as f64, (n - count + 1) as f64).map_or(0.0, |beta| beta.inverse_cdf(1.0 - CONFIDENCE))
 }
 
-/// The upper bound of a standard deviation that was found with so many degrees of freedom, as a multiple of it; assumes normal.
+/// Returns the upper bound of a standard deviation with `freedom` degrees of freedom, as a multiple of this standard deviation.
+/// Assumes a normal distribution.
 pub fn sd_upper_factor(freedom: f64) -> Option<f64> {
     Some((freedom / chi_squared_quantile(freedom, 1.0 - CONFIDENCE)?).sqrt())
 }
 
-/// The two-sided 95 % interval of a standard deviation, as multiples of it; assumes normal.
+/// Returns the two-sided 95 % interval of a standard deviation, as multiples of it. Assumes a normal distribution.
 pub fn sd_interval_factors(freedom: f64) -> Option<(f64, f64)> {
     let tail = (1.0 - CONFIDENCE) / 2.0;
     let factor = |share| Some((freedom / chi_squared_quantile(freedom, share)?).sqrt());
@@ -105,7 +106,7 @@ fn chi_squared_quantile(freedom: f64, probability: f64) -> Option<f64> {
     Some(most)
 }
 
-/// The coverage factor that 95 % need with so many degrees of freedom, by Student's t; never less than 2 (JCGM 100, G.3).
+/// Returns the coverage factor for 95 % with `freedom` degrees of freedom, by Student's t; at least 2 (JCGM 100, G.3).
 pub fn coverage_factor(freedom: f64) -> f64 {
     let student = StudentsT::new(0.0, 1.0, freedom).ok().filter(|_| freedom < FREEDOM_MANY);
     student.map_or(COVERAGE, |student| student.inverse_cdf((1.0 + CONFIDENCE) / 2.0).max(COVERAGE))

@@ -1,4 +1,4 @@
-//! The one verdict: what was measured of a sensor, compared with a rule.
+//! The only verdict: measured values of a sensor, compared with a rule.
 
 use super::bound::{CONFIDENCE, MEAN_PRESSES_LEAST, mean_upper, quantile_least, quantile_upper, share_lower};
 use super::rule::{Decision, Figure, Limit, Rule};
@@ -11,96 +11,97 @@ const PERCENTILE: f64 = 0.95;
 /// One-sided 95 % quantile of the normal distribution: what a standard uncertainty of the truth adds to a bound is multiplied with it.
 const NORMAL_95: f64 = 1.645;
 
-/// Whether a sensor keeps to a rule.
+/// Whether a sensor satisfies a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Every figure is within its limit; by a guarded rule, its bound is.
+    /// Every figure is within its limit; with a guarded rule, the bound of every figure is within its limit.
     Accepted,
     /// A figure exceeds its limit.
     NotAccepted,
-    /// Neither: too little was measured to decide.
+    /// Too little was measured to decide.
     NotDecided,
 }
 
-/// What was measured of a sensor, as far as a rule can ask for it.
+/// Measured quantities of a sensor that a rule can use.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measured {
-    /// Calibration presses that count.
+    /// Number of calibration presses that count.
     pub calibration_presses: usize,
-    /// Test presses that count.
+    /// Number of test presses that count.
     pub test_presses: usize,
-    /// Test presses for which the method has no answer.
+    /// Number of test presses for which the method has no answer.
     pub test_unsolved: usize,
-    /// Test presses that are calibration presses, to the last digit.
+    /// Number of test presses that equal a calibration press in every digit.
     pub test_repeats_calibration: usize,
-    /// Test presses that are another test press, to the last digit.
+    /// Number of test presses that equal another test press in every digit.
     pub test_repeats_itself: usize,
-    /// Test presses at places that the calibration has pressed too.
+    /// Number of test presses at places that the calibration also pressed.
     pub at_calibrated_places: usize,
     /// Whether the method assumes that every contact has the force of the calibration.
     pub constant_load: bool,
-    /// The run that isn't complete, in words.
+    /// Description of the run that isn't complete.
     pub incomplete: Option<String>,
-    /// Location errors, mm; none where nothing was tested.
+    /// Location errors, mm; `None` if there was no test.
     pub location: Option<Errors>,
-    /// Absolute force errors, N; none where no true force is known.
+    /// Absolute force errors, N; `None` if no true force is known.
     pub force: Option<Errors>,
-    /// Figures of single units, the worst of each kind.
+    /// Figures of single units, the worst value for each kind.
     pub worst: Vec<Worst>,
-    /// Dead or saturated channels; none where nothing was calibrated.
+    /// Number of dead or saturated channels; `None` if there was no calibration.
     pub broken_channels: Option<usize>,
-    /// Flagged presses of calibration and test.
+    /// Number of flagged presses of calibration and test.
     pub flagged_presses: usize,
 }
 
 /// Errors of the test presses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Errors {
-    /// Their sizes, mm or N, in any order.
+    /// Sizes of the errors, mm or N, in any order.
     pub sizes: Vec<f64>,
-    /// Standard uncertainty of the truth that they are measured from and that all of them share, mm or N; none where it isn't known.
+    /// Standard uncertainty of the truth that is common to all errors, mm or N; `None` if it is unknown.
     pub u_truth: Option<f64>,
 }
 
-/// The worst value of a figure that every unit or channel has.
+/// Worst value of a figure that every unit or channel has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Worst {
     /// The figure.
     pub figure: Figure,
     /// Its largest value among the units.
     pub value: f64,
-    /// The largest of the units' upper bounds; none where one has none.
+    /// Largest of the units' upper bounds; `None` if one unit has no bound.
     pub upper: Option<f64>,
-    /// From how many readings a unit's value is found.
+    /// Number of readings for a unit's value.
     pub n: usize,
-    /// How many units or channels have no value.
+    /// Number of units or channels without a value.
     pub missing: usize,
 }
 
-/// One limit checked.
+/// Result of checking one limit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// The key that sets the limit.
+    /// Key that sets the limit.
     pub figure: &'static str,
-    /// The value; none where it wasn't measured.
+    /// Measured value; `None` if it wasn't measured.
     pub value: Option<f64>,
-    /// Its one-sided 95 % bound, the bench's uncertainty included; of a share the lower one. Only by a guarded rule.
+    /// One-sided 95 % bound of the value, including the bench's uncertainty; for a fraction the lower bound. Only with a guarded
+    /// rule.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bound: Option<f64>,
     /// The limit, in the figure's unit.
     pub limit: f64,
-    /// Of a share: the error that it counts up to, mm or N.
+    /// For a fraction: the largest error that counts, mm or N.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reach: Option<f64>,
-    /// From how many presses or readings.
+    /// Number of presses or readings.
     pub n: usize,
     /// The result of this limit alone.
     pub verdict: Verdict,
-    /// Why it isn't accepted.
+    /// Reason why the value isn't accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// What a reader should know of a figure that is accepted.
+    /// Warning to the reader about a figure that is accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub warning: Option<String>,
     /// The figure itself.
@@ -108,33 +109,33 @@ pub struct Check {
     pub kind: Figure,
 }
 
-/// A verdict with all that it rests on.
+/// A verdict and the data on which it is based.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judgement {
     /// The verdict.
     pub verdict: Verdict,
     /// `simple` or `guarded`.
     pub rule: &'static str,
-    /// The method that found places and forces.
+    /// Method that finds places and forces.
     pub method: String,
-    /// The file that gave the rule after the run; none where the run's own recipe did.
+    /// File that gave the rule after the run; `None` if the run's own recipe gave it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub judged_afterwards_by: Option<String>,
-    /// Calibration and test presses that count.
+    /// Number of calibration presses that count.
     pub calibration_presses: usize,
-    /// Test presses that count.
+    /// Number of test presses that count.
     pub test_presses: usize,
-    /// Why there is no decision, for any limits.
+    /// Reasons why there is no decision that apply to any limits.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub reasons: Vec<String>,
-    /// What a reader should know of the presses that count.
+    /// Notes to the reader about the presses that count.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Each limit.
+    /// Checks, one for each limit.
     pub checks: Vec<Check>,
 }
 
-/// Compares what was measured with a rule. The only place that decides.
+/// Compares the measured values with a rule. This is the only function that decides.
 pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
     let checks: Vec<Check> = rule.limits.iter().map(|limit| check(limit, rule.decision, measured)).collect();
     let reasons = reasons(rule, measured);
@@ -322,8 +323,8 @@ fn widened(value: f64, bound: f64, truth: f64) -> f64 {
 }
 
 impl Judgement {
-    /// Why it isn't accepted: what doesn't depend on the limits, then each limit that isn't kept; and what is doubtful of those that
-    /// are.
+    /// Returns the reasons why the sensor isn't accepted: first the reasons that don't depend on the limits, then each limit that
+    /// isn't satisfied. Also returns the warnings about satisfied limits.
     pub fn all_reasons(&self) -> impl Iterator<Item = String> {
         let of_check = |check: &Check| {
             let reason = check.reason.as_ref().or(check.warning.as_ref())?;
@@ -334,7 +335,7 @@ impl Judgement {
 }
 
 impl Check {
-    /// A value of the figure without its unit, with enough digits to distinguish the result from the limit.
+    /// Returns a value of the figure without its unit, with enough digits to distinguish the result from the limit.
     pub fn shown(&self, value: Option<f64>) -> String {
         let Some(value) = value else { return "-".to_owned() };
         let tells = |digits: &usize| {
@@ -350,7 +351,7 @@ impl Check {
 const DIGITS_MOST: usize = 9;
 
 impl Verdict {
-    /// In words.
+    /// Describes the verdict in words.
     pub const fn told(self) -> &'static str {
         match self {
             Verdict::Accepted => "accepted",

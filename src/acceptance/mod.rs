@@ -1,8 +1,8 @@
-//! Whether a sensor is accepted: a [`Rule`] with its limits, what was [`Measured`], and [`judge`], the only place that decides.
+//! Acceptance of a sensor: a [`Rule`] with its limits, the [`Measured`] values, and [`judge`], the only function that decides.
 //!
-//! `run`, `evaluate`, `report` and `certificate` all report the same [`Judgement`]. Terms after ILAC-G8:09/2019: a *simple* rule
-//! compares the figure with the limit; a *guarded* one compares its one-sided 95 % bound, so that at most 5 % of sensors at a limit
-//! are accepted. Pure: numbers in, a verdict out.
+//! `run`, `evaluate`, `report` and `certificate` all report the same [`Judgement`]. The terms follow ILAC-G8:09/2019. A *simple*
+//! rule compares the figure with the limit. A *guarded* rule compares its one-sided 95 % bound, so that at most 5 % of sensors at
+//! a limit are accepted. The module has no side effects: its input is numbers, its output is a verdict.
 
 pub mod bound;
 mod judge;

@@ -1,58 +1,58 @@
-//! What a sensor must keep to: a rule with its limits.
+//! Requirements on a sensor: a rule with its limits.
 
-/// How a figure is compared with its limit.
+/// Method of comparing a figure with its limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Decision {
     /// The figure itself is within the limit (ILAC-G8: simple acceptance, no guard band).
     #[default]
     Simple,
-    /// The figure's one-sided 95 % upper bound is within the limit (ILAC-G8: guarded acceptance; the guard band is the bound less
-    /// the figure).
+    /// The figure's one-sided 95 % upper bound is within the limit (ILAC-G8: guarded acceptance; the guard band is the bound
+    /// minus the figure).
     Guarded,
 }
 
-/// An acceptance rule: `[accept]` of a recipe, or a file of its own.
+/// An acceptance rule: `[accept]` of a recipe, or a separate file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rule {
-    /// How figures are compared with their limits.
+    /// Method of comparing figures with their limits.
     pub decision: Decision,
-    /// The method that finds places and forces.
+    /// Method that finds places and forces.
     pub method: String,
-    /// The fewest calibration presses that count.
+    /// Smallest number of calibration presses that count.
     pub calibration_presses_least: usize,
-    /// The fewest test presses that count.
+    /// Smallest number of test presses that count.
     pub test_presses_least: usize,
     /// The limits, at least one, in the order of [`Figure::ALL`].
     pub limits: Vec<Limit>,
-    /// The file that gave the rule after the run; none: the run's own recipe gave it.
+    /// File that gave the rule after the run; `None` if the run's own recipe gave it.
     pub afterwards_by: Option<String>,
 }
 
-/// A figure and what it must keep to.
+/// A figure and its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limit {
     /// The figure.
     pub figure: Figure,
-    /// The largest value that is accepted, in the figure's unit; of a share the smallest, 0 to 1.
+    /// Largest accepted value, in the figure's unit; for a fraction the smallest accepted value, 0 to 1.
     pub limit: f64,
-    /// Of a share: the error that it counts up to, mm or N.
+    /// For a fraction: the largest error that counts, mm or N.
     pub reach: Option<f64>,
 }
 
-/// What can be limited.
+/// Quantities that can have a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Figure {
     /// Mean distance between true and found place, mm.
     LocationMean,
-    /// 95th percentile of the same, mm.
+    /// 95th percentile of this distance, mm.
     LocationP95,
-    /// Share of the test presses that are found within a distance, 0 to 1.
+    /// Fraction of the test presses that are found within a distance, 0 to 1.
     LocationWithin,
     /// Mean absolute force error, N.
     ForceMean,
-    /// 95th percentile of the same, N.
+    /// 95th percentile of the absolute force error, N.
     ForceP95,
-    /// Share of the test presses whose force is found within an error, 0 to 1.
+    /// Fraction of the test presses whose force is found within an error, 0 to 1.
     ForceWithin,
     /// Largest repeatability of a unit while loading, % of full scale.
     Repeatability,
@@ -60,20 +60,20 @@ pub enum Figure {
     Hysteresis,
     /// Largest hysteresis of a unit, % of reading.
     HysteresisOfReading,
-    /// Largest departure of a unit from its straight line, % of full scale.
+    /// Largest deviation of a unit from its straight line, % of full scale.
     Linearity,
     /// Largest zero return of a unit, % of full scale.
     ZeroReturn,
     /// Largest noise of a channel in air, % of its largest output in the calibration.
     Noise,
-    /// Dead or saturated channels.
+    /// Number of dead or saturated channels.
     BrokenChannels,
-    /// Flagged presses of calibration and test.
+    /// Number of flagged presses of calibration and test.
     FlaggedPresses,
 }
 
 impl Decision {
-    /// Its word in recipes and reports.
+    /// Returns the word in recipes and reports.
     pub const fn word(self) -> &'static str {
         match self {
             Decision::Simple => "simple",
@@ -83,7 +83,7 @@ impl Decision {
 }
 
 impl Figure {
-    /// All of them, in the order in which they are reported.
+    /// All figures, in the order in which they are reported.
     pub const ALL: [Figure; 14] = [
         Figure::LocationMean,
         Figure::LocationP95,
@@ -101,7 +101,7 @@ impl Figure {
         Figure::FlaggedPresses,
     ];
 
-    /// The key that limits it.
+    /// Returns the key that sets the limit.
     pub const fn key(self) -> &'static str {
         match self {
             Figure::LocationMean => "location_mean_mm",
@@ -121,7 +121,7 @@ impl Figure {
         }
     }
 
-    /// Its name, without its unit.
+    /// Returns the name without the unit.
     pub const fn name(self) -> &'static str {
         match self {
             Figure::LocationMean => "location error, mean",
@@ -141,7 +141,7 @@ impl Figure {
         }
     }
 
-    /// Its name with the error that a share counts up to.
+    /// Returns the name, with the largest error that counts for a fraction.
     pub fn full_name(self, reach: Option<f64>) -> String {
         match (self, reach) {
             (Figure::LocationWithin, Some(mm)) => format!("{} {mm} mm", self.name()),
@@ -150,7 +150,7 @@ impl Figure {
         }
     }
 
-    /// The unit of its values as they are shown; shares are shown in percent.
+    /// Returns the unit of displayed values; fractions are displayed in percent.
     pub const fn unit(self) -> &'static str {
         match self {
             Figure::LocationMean | Figure::LocationP95 => "mm",
@@ -160,7 +160,7 @@ impl Figure {
         }
     }
 
-    /// Digits behind the point as it is shown.
+    /// Returns the number of displayed decimals.
     pub const fn digits(self) -> usize {
         match self {
             Figure::LocationMean | Figure::LocationP95 => 3,
@@ -171,12 +171,12 @@ impl Figure {
         }
     }
 
-    /// Whether it is a share, which is limited from below.
+    /// Whether the figure is a fraction, which has a lower limit.
     pub const fn is_share(self) -> bool {
         matches!(self, Figure::LocationWithin | Figure::ForceWithin)
     }
 
-    /// Whether the test decides it.
+    /// Whether the figure is determined by the test.
     pub const fn is_of_test(self) -> bool {
         matches!(
             self,
@@ -189,7 +189,7 @@ impl Figure {
         )
     }
 
-    /// Whether it is the worst of the units' characteristics.
+    /// Whether the figure is the worst of the units' characteristics.
     pub const fn is_of_units(self) -> bool {
         matches!(
             self,
@@ -201,7 +201,7 @@ impl Figure {
         )
     }
 
-    /// A value of it with so many digits behind the point, without its unit; a share in percent.
+    /// Returns a value with `digits` decimals, without its unit; a fraction in percent.
     pub fn shown(self, value: f64, digits: usize) -> String {
         let value = if self.is_share() { 100.0 * value } else { value };
         if value.abs() < LARGE { format!("{value:.digits$}") } else { format!("{value:.1e}") }

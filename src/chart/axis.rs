@@ -3,26 +3,26 @@
 /// One axis.
 #[derive(Clone, Debug)]
 pub struct ChartAxis {
-    /// What it is, with its unit.
+    /// Name of the quantity, with its unit.
     pub label: String,
-    /// How values are spread.
+    /// Distribution of values along the axis.
     pub scale: Scale,
     /// First and last value.
     pub range: (f64, f64),
 }
 
-/// How values are spread along an axis.
+/// Distribution of values along an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Scale {
     /// Evenly.
     Linear,
-    /// Evenly, and only whole numbers are shown: what is counted has no halves.
+    /// Evenly, with only integers shown, because the axis shows counts.
     Count,
     /// By their logarithm.
     Log,
-    /// By their logarithm, with these values and no others shown; what follows a line's end stands below.
+    /// By their logarithm, with only these values shown. Text after a line end is shown below.
     LogAt(Vec<(f64, String)>),
-    /// By rows with names; row i is at i.
+    /// By named rows; row i is at i.
     Rows(Vec<String>),
 }
 
@@ -36,7 +36,7 @@ const MOST_TICKS: usize = 100;
 const FEWEST_TICKS: usize = 3;
 
 impl ChartAxis {
-    /// An axis by the logarithm, its range widened to hold all values with a little room; at least as wide as asked for.
+    /// Creates a logarithmic axis. Its range contains all values with a small margin, and at least the range `least`.
     pub fn log(label: &str, values: impl IntoIterator<Item = f64>, least: (f64, f64)) -> ChartAxis {
         let (min, max) = values
             .into_iter()
@@ -45,24 +45,24 @@ impl ChartAxis {
         ChartAxis { label: label.to_owned(), scale: Scale::Log, range: (min, max) }
     }
 
-    /// An axis of even spread; where all values are the same, it begins with them.
+    /// Creates a linear axis. If all values are equal, the axis begins at this value.
     pub fn linear(label: &str, (min, max): (f64, f64)) -> ChartAxis {
         let range = if max - min > NARROWEST { (min, max) } else { (min, min + 1.0) };
         ChartAxis { label: label.to_owned(), scale: Scale::Linear, range }
     }
 
-    /// The same for what is counted.
+    /// Creates a linear axis for counts.
     pub fn count(label: &str, range: (f64, f64)) -> ChartAxis {
         ChartAxis { scale: Scale::Count, ..ChartAxis::linear(label, range) }
     }
 
-    /// Rows with names.
+    /// Creates an axis of named rows.
     pub fn rows(names: Vec<String>) -> ChartAxis {
         let last = names.len() as f64 - 0.5;
         ChartAxis { label: String::new(), scale: Scale::Rows(names), range: (-0.5, last) }
     }
 
-    /// Where a value is, from 0 to 1.
+    /// Returns the position of a value, from 0 to 1.
     pub fn share(&self, value: f64) -> f64 {
         let (min, max) = self.range;
         match self.scale {

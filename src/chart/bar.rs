@@ -1,4 +1,4 @@
-//! The bar that says what the colours of a figure's cells mean.
+//! Colour bar of a figure's cells.
 
 use super::axis::ChartAxis;
 use super::labels::{Label, SIZE_PX};

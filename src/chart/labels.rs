@@ -1,8 +1,8 @@
-//! The texts of a figure, laid out so that none is over another: by rank, then in the order they came.
+//! Positions the texts of a figure without overlap: by rank, then in the order they were added.
 //!
-//! What a figure is about always stands ([`Rank::Fixed`]: the author sees that it has room). A number of an axis is
-//! left out where its place is taken: the line across stays. Words beside a mark move up or down to the next free place, with
-//! a line to their mark; without a free place they are left out.
+//! Main texts of a figure are always shown ([`Rank::Fixed`]: the author ensures that there is space). A number of an axis is
+//! omitted if its place is occupied; its grid line remains. Words next to a mark move up or down to the next free place, with a
+//! line to their mark. Without a free place they are omitted.
 
 use super::escaped;
 use super::letters::width_px;
@@ -11,24 +11,24 @@ use std::fmt::Write as _;
 /// What gives way to what.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Rank {
-    /// It stands where it is.
+    /// Text at a fixed position.
     Fixed,
-    /// A number beside an axis.
+    /// Number next to an axis.
     Tick,
-    /// Words beside a mark, and where that is, px.
+    /// Words next to a mark, and the position of the mark, px.
     Word((f64, f64)),
 }
 
 /// A text at a point, px.
 #[derive(Clone, Debug)]
 pub(super) struct Label {
-    /// Its baseline, at its start, middle or end as the class says.
+    /// Position on the baseline: start, middle or end of the text, depending on the class.
     pub at: (f64, f64),
-    /// How it looks: words of the style sheet.
+    /// Appearance: classes of the style sheet.
     pub class: &'static str,
     pub text: String,
     pub rank: Rank,
-    /// Whether it runs upward.
+    /// Whether the text runs upward.
     pub is_upright: bool,
 }
 
@@ -62,12 +62,12 @@ impl Frame {
 }
 
 impl Label {
-    /// A text that stands where it is.
+    /// Creates a text at a fixed position.
     pub fn fixed(at: (f64, f64), class: &'static str, text: &str) -> Label {
         Label { at, class, text: text.to_owned(), rank: Rank::Fixed, is_upright: false }
     }
 
-    /// A number beside an axis.
+    /// Creates a number next to an axis.
     pub fn tick(at: (f64, f64), class: &'static str, text: &str) -> Label {
         Label { rank: Rank::Tick, ..Label::fixed(at, class, text) }
     }

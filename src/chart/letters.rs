@@ -1,4 +1,5 @@
-//! How wide texts are, without a font file: by the letters of DejaVu Sans, the widest of the fonts that a figure names.
+//! Estimates widths of texts without a font file. The widths are those of DejaVu Sans, the widest of the fonts that a figure
+//! names.
 
 /// What replaces the middle of a text that is too long.
 const GAP: char = '…';

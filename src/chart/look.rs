@@ -1,13 +1,13 @@
-//! How a series looks: colour, marker, line.
+//! Appearance of a series: colour, marker, line.
 
 use std::fmt::Write as _;
 
-/// How a series looks.
+/// Appearance of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Look {
-    /// Which of the colours.
+    /// Colour.
     pub hue: Hue,
-    /// The marker; none: a line only.
+    /// Marker; `None` for a line only.
     pub shape: Option<Shape>,
     /// Whether the marker is filled.
     pub filled: bool,
@@ -16,18 +16,18 @@ pub struct Look {
 }
 
 impl Look {
-    /// A line without markers.
+    /// Creates a line without markers.
     pub const fn line(hue: Hue, line: Line) -> Look {
         Look { hue, shape: None, filled: true, line }
     }
 
-    /// Filled markers without a line.
+    /// Creates filled markers without a line.
     pub const fn markers(hue: Hue, shape: Shape) -> Look {
         Look { hue, shape: Some(shape), filled: true, line: Line::None }
     }
 }
 
-/// The colours: they differ in lightness too.
+/// Colours, which differ in lightness too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hue {
     /// A blue.
@@ -40,46 +40,46 @@ pub enum Hue {
     Purple,
     /// A red.
     Red,
-    /// Between blue and green.
+    /// Colour between blue and green.
     Teal,
     /// A brown.
     Brown,
-    /// As dark as words are.
+    /// Colour of the text.
     Ink,
-    /// For what is not a series.
+    /// Colour for marks that aren't a series.
     Grey,
 }
 
 /// The markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shape {
-    /// Round.
+    /// Circle.
     Circle,
-    /// Four sides.
+    /// Square.
     Square,
-    /// Point up.
+    /// Triangle, point up.
     Triangle,
-    /// A square on its corner.
+    /// Square on its corner.
     Diamond,
-    /// Two strokes: never filled.
+    /// Two strokes; never filled.
     Cross,
 }
 
 /// The lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// The points alone.
+    /// No line, only the points.
     None,
-    /// Drawn through.
+    /// Continuous line.
     Solid,
-    /// Broken.
+    /// Dashed line.
     Dashed,
 }
 
 /// What the classes of all elements mean, in light colours.
 pub(super) const LIGHT: &str = include_str!("light.css");
 
-/// The same in light and in dark, as the reader has it.
+/// Style sheet in light and dark colours, following the reader's setting.
 pub const STYLE: &str = concat!(include_str!("light.css"), include_str!("dark.css"));
 
 impl Hue {

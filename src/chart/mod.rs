@@ -1,10 +1,10 @@
-//! Charts as SVG, drawn by hand. A plotting library was considered: the common one writes colours into every element, so that
-//! a figure can't follow the reader's light or dark, and it lays text out well only with a font library. This is all a study
-//! or a report needs: axes, curves, markers, columns, cells and words, in colours that the colour-blind distinguish too, and
-//! shapes for print. No text of a figure is over another.
+//! Charts as SVG, drawn by this program. A plotting library was considered. The common library writes colours into every element,
+//! so that a figure can't follow the reader's light or dark setting. It also needs a font library to lay out text well. This
+//! module contains everything that a study or a report needs: axes, curves, markers, columns, cells and words. Its colours are
+//! also distinguishable for colour-blind people, and its shapes in print. No text of a figure overlaps another.
 //!
-//! A figure stands alone as an SVG file that follows the reader's light or dark ([`Figure::svg`]), as one in light colours
-//! ([`Figure::saved`]), or in a page that has [`STYLE`] and prints title and notes itself ([`Figure::inline`]).
+//! A figure can be an SVG file that follows the reader's light or dark setting ([`Figure::svg`]), or an SVG file in light colours
+//! ([`Figure::saved`]). It can also be part of a page that has [`STYLE`] and prints title and notes itself ([`Figure::inline`]).
 
 mod axis;
 mod bar;
@@ -25,38 +25,38 @@ use look::{LIGHT, write_line, write_marker};
 use panel::{Area, Words};
 use std::fmt::Write as _;
 
-/// Some panels under one title.
+/// Several panels under one title.
 #[derive(Clone, Debug, Default)]
 pub struct Figure {
-    /// What it shows.
+    /// Title of the figure.
     pub title: String,
-    /// On what that rests.
+    /// Basis of the figure: its data.
     pub subtitle: String,
     /// Height of the panels, px.
     pub height_px: f64,
-    /// Side by side, or in rows.
+    /// Panels, side by side or in rows.
     pub panels: Vec<Panel>,
-    /// None: all side by side.
+    /// Grid of the panels; `None` for all side by side.
     pub grid: Option<Grid>,
-    /// What the marks mean, in lines.
+    /// Meaning of the marks, in lines.
     pub legend: Vec<Vec<(Look, String)>>,
-    /// Lines below.
+    /// Lines of text below the panels.
     pub notes: Vec<String>,
 }
 
 /// Small panels, row by row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Panels in a row; the axis upward is named at the first.
+    /// Number of panels in a row. The vertical axis has its name only at the first panel.
     pub columns: usize,
     /// Width of the figure, px.
     pub width_px: f64,
-    /// Whether all panels have the same axes: they are named once, their numbers are beside the first column and below the
-    /// last row.
+    /// Whether all panels have the same axes. The axes are then named once, and their numbers are next to the first column and
+    /// below the last row.
     pub shared: bool,
 }
 
-/// In every SVG file of [`Figure::saved`]: a file that has it may be replaced by another.
+/// Mark in every SVG file of [`Figure::saved`]. A file with this mark may be replaced by another figure.
 pub const SVG_MARK: &str = "<metadata>palpate</metadata>";
 
 const WIDTH: f64 = 900.0;
@@ -67,7 +67,7 @@ const RIGHT: f64 = 24.0;
 const GAP: f64 = 44.0;
 /// Between the panels of a grid, px: room for the numbers beside them.
 const GAP_OF_GRID: f64 = 50.0;
-/// The same where their axes are shared, px: room for the ends of two axes beside each other.
+/// Gap between panels with shared axes, px: space for the ends of two axes next to each other.
 pub const SHARED_GAP_PX: f64 = 20.0;
 /// Above the panels of a figure whose page prints its title, and what is cut off below: the page has distances of its own, px.
 const TOP_INLINE: f64 = 14.0;
@@ -92,12 +92,12 @@ const LEAST_TO_LABEL: f64 = 50.0;
 const LABEL_LINE: f64 = 15.0;
 
 impl Figure {
-    /// The figure as one SVG document.
+    /// Returns the figure as one SVG document.
     pub fn svg(&self) -> String {
         self.document(STYLE, "")
     }
 
-    /// The figure as an SVG file to be kept: in light colours, even for a reader in the dark, and with [`SVG_MARK`].
+    /// Returns the figure as an SVG file for saving: always in light colours, and with [`SVG_MARK`].
     pub fn saved(&self) -> String {
         self.document(LIGHT, SVG_MARK)
     }
@@ -131,7 +131,8 @@ impl Figure {
         )
     }
 
-    /// The figure as an element of a page that has [`STYLE`] and [`Ramp::style`]: title, subtitle and notes are for the page to print.
+    /// Returns the figure as an element of a page that has [`STYLE`] and [`Ramp::style`]. The page prints title, subtitle and
+    /// notes.
     pub fn inline(&self) -> String {
         let mut labels = Vec::new();
         let (drawn, bottom) = self.drawn(TOP_INLINE, &mut labels);
@@ -268,11 +269,11 @@ impl Figure {
 
 /// Where the names of the axes upward are.
 struct UpwardNames {
-    /// From a panel to the baseline of a name, px.
+    /// Distance from a panel to the baseline of a name, px.
     to_label_px: f64,
-    /// The longest that a line of a name is, px.
+    /// Largest length of a line of a name, px.
     length_px: f64,
-    /// Room for numbers and name, px.
+    /// Space for numbers and name, px.
     left_px: f64,
 }
 

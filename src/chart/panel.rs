@@ -1,4 +1,4 @@
-//! One pair of axes and what is drawn between them.
+//! One pair of axes and the marks between them.
 
 use super::axis::{ChartAxis, Scale};
 use super::labels::{BOLD, Label, Rank, SIZE_PX};
@@ -8,63 +8,63 @@ use super::ramp::{LEVELS, Ramp};
 use super::{LABEL_LINE, LEFT_OF_ROWS, NOTE_LINE, TO_NUMBERS, write_stroke};
 use std::fmt::Write as _;
 
-/// One pair of axes and what is drawn between them.
+/// One pair of axes and the marks between them.
 #[derive(Clone, Debug)]
 pub struct Panel {
-    /// To the right.
+    /// Horizontal axis, to the right.
     pub x: ChartAxis,
-    /// Upward; rows are counted downward.
+    /// Vertical axis, upward; rows are counted downward.
     pub y: ChartAxis,
-    /// In the order they are drawn.
+    /// Marks in drawing order.
     pub marks: Vec<Mark>,
 }
 
 /// Something drawn in a panel.
 #[derive(Clone, Debug)]
 pub enum Mark {
-    /// Points, joined by a line or not; a line has a gap where a point isn't finite.
+    /// Points, with or without a connecting line; a line has a gap where a point isn't finite.
     Curve(Look, Vec<(f64, f64)>),
-    /// A value that rises from 0 at each point to the point's, and stays there until the next.
+    /// A step curve: the value starts at 0, changes at each point to the point's value, and remains there until the next.
     Steps(Look, Vec<(f64, f64)>),
-    /// A ring around a point: it stands out.
+    /// A ring that highlights a point.
     Ring((f64, f64)),
-    /// Strokes from one point to another each.
+    /// Strokes, each from one point to another.
     Strokes(Hue, Vec<((f64, f64), (f64, f64))>),
-    /// Columns from 0 up to a y each, from one x to another, and which of so many parts of that width they take.
+    /// Columns, each from 0 up to a y and from one x to another, and the part of that width that they occupy.
     Columns(Hue, Part, Vec<((f64, f64), f64)>),
-    /// Rectangles coloured by a value on an axis of its own, see [`Ramp`]; a figure has one such axis.
+    /// Rectangles coloured by a value on a separate axis, see [`Ramp`]; a figure has one such axis.
     Cells(ChartAxis, Vec<Cell>),
-    /// What a panel shows, above it.
+    /// Title above a panel.
     Title(String),
-    /// A line right across at an x, and a word beside it.
+    /// A line across the complete panel at an x, and a word next to the line.
     At(f64, String),
-    /// A line right across at a y, and a word above it.
+    /// A line across the complete panel at a y, and a word above the line.
     Level(f64, String),
-    /// Words at a point: how far right and down of it, px, and which of their ends is there.
+    /// Words at a point: their offset to the right and down, px, and the part of the words that is placed there.
     Words((f64, f64), (f64, f64), Anchor, String),
 }
 
-/// One of some equal parts of a width.
+/// One of several equal parts of a width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
-    /// Which, from 0.
+    /// Index of the part, from 0.
     pub index: usize,
-    /// How many there are.
+    /// Number of parts.
     pub of: usize,
 }
 
 /// A rectangle between two values along each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// Left and right.
+    /// Left and right side.
     pub x: (f64, f64),
-    /// Below and above.
+    /// Lower and upper side.
     pub y: (f64, f64),
-    /// What its colour means.
+    /// Value shown by the colour.
     pub value: f64,
 }
 
-/// Which part of some words is at their point.
+/// Part of the words that is at their point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
     /// Their start.
@@ -93,13 +93,13 @@ pub(super) struct Area {
 
 /// What is written beside a panel, and how large its markers are.
 pub(super) struct Words {
-    /// The numbers below it.
+    /// Whether numbers are below the panel.
     pub x: bool,
-    /// The name of the axis below it.
+    /// Whether the name of the horizontal axis is below the panel.
     pub x_label: bool,
-    /// The numbers beside it.
+    /// Whether numbers are next to the panel.
     pub y: bool,
-    /// The widest that its title is, px.
+    /// Largest width of the panel's title, px.
     pub title_px: f64,
     pub size: f64,
 }

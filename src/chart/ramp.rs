@@ -1,7 +1,7 @@
 //! Colours for numbers.
 
-/// Colours for a quantity: from a dark blue over greys to a light yellow, ever lighter, so that they keep their order in grey
-/// print and for the colour-blind (after the idea of cividis: Nunez, Anderton and Renslow 2018).
+/// Colours for a quantity: from dark blue through greys to light yellow, with increasing lightness. They keep their order in grey
+/// print and for colour-blind people (after the idea of cividis: Nunez, Anderton and Renslow 2018).
 pub struct Ramp;
 
 /// How many colours there are.
@@ -12,17 +12,17 @@ const ANCHORS: [[f64; 3]; 5] =
     [[0.0, 34.0, 78.0], [65.0, 77.0, 107.0], [124.0, 123.0, 120.0], [188.0, 175.0, 111.0], [254.0, 232.0, 56.0]];
 
 impl Ramp {
-    /// Which colour a share from 0 to 1 has.
+    /// Returns the level of the colour for a fraction from 0 to 1.
     pub fn level(share: f64) -> usize {
         ((share.clamp(0.0, 1.0) * LEVELS as f64) as usize).min(LEVELS - 1)
     }
 
-    /// The class of elements that have it.
+    /// Returns the class of elements with this colour.
     pub fn class(level: usize) -> String {
         format!("c{level}")
     }
 
-    /// What these classes mean.
+    /// Returns the style sheet of these classes.
     pub fn style() -> String {
         let rule = |level| format!(".{}{{fill:{}}}", Ramp::class(level), colour(level));
         (0..LEVELS).map(rule).collect()

@@ -1,4 +1,4 @@
-//! What was measured of a sensor, as an acceptance rule asks for it, and the verdict.
+//! Measured quantities of a sensor that an acceptance rule needs, and the verdict.
 
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::evaluate::{EvaluateError, Trial, is_to_evaluate};
@@ -12,20 +12,20 @@ use crate::solver::{BEST, Evaluation};
 /// The share of degrees of freedom that differences of neighbours leave of a standard deviation's (von Neumann et al. 1941).
 const SUCCESSIVE_FREEDOM: f64 = 2.0 / 3.0;
 
-/// All that is on record of a sensor.
+/// All recorded data of a sensor.
 pub struct Evidence<'a> {
-    /// The presses of all its runs.
+    /// Presses of all its runs.
     pub presses: &'a Presses,
-    /// Where its units are; none for tables.
+    /// Positions of its units; `None` for tables.
     pub layout: Option<&'a ArrayLayout>,
-    /// Its runs; none for tables.
+    /// Its runs; empty for tables.
     pub runs: Vec<&'a Recorded>,
-    /// Standard uncertainty of the pressed places, mm; none where it isn't known.
+    /// Standard uncertainty of the pressed places, mm; `None` if it is unknown.
     pub u_place_mm: Option<f64>,
 }
 
 impl Evidence<'_> {
-    /// The verdict by a rule. `trial` is the sensor's calibration and test, `known` what was evaluated of it already.
+    /// Returns the verdict by a rule. `trial` is the sensor's calibration and test; `known` are its existing evaluations.
     pub fn judge(&self, rule: &Rule, trial: &Result<Trial<'_>, EvaluateError>, known: &[Evaluation]) -> Judgement {
         let is_by_rule = |evaluation: &&Evaluation| match rule.method.as_str() {
             BEST => evaluation.choice.is_some(),

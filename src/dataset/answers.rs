@@ -1,30 +1,30 @@
-//! What a line of readings is answered with, wherever the line came from and wherever its answer goes.
+//! Answers to lines of readings, for any source of the lines and any destination of the answers.
 
 use super::readings::{Held, Reading, ReadingError, Readings};
 use crate::solver::{Broken, Session, Solution, Unanswered};
 use miette::Diagnostic;
 
-/// Answers one line after another: a line in, its answer out.
+/// Answers one line after another.
 pub struct Answers {
     readings: Readings,
     session: Session,
 }
 
-/// The answer to a line that holds a reading, or should hold one.
+/// Answer to a line that contains a reading, or should contain one.
 #[derive(Debug)]
 pub struct Answer<'a> {
-    /// What was read; of a bad line its number, and its labels where they could be read.
+    /// Reading of the line. For an invalid line: its number, and its labels if they could be read.
     pub reading: &'a Reading,
-    /// The contact, or why there is none.
+    /// The contact, or the reason why there is none.
     pub solved: Result<Solution, Unsolved>,
-    /// Units that are left out from the next line on.
+    /// Units that are excluded from the next line on.
     pub broken: &'a [Broken],
 }
 
-/// Why a line has no contact.
+/// Reason why a line has no contact.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum Unsolved {
-    /// It isn't a reading.
+    /// The line isn't a reading.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Bad(ReadingError),
@@ -34,20 +34,20 @@ pub enum Unsolved {
 }
 
 impl Answers {
-    /// Lines as `readings` takes them, solved as `session` does.
+    /// Reads lines as `readings` does, and solves them as `session` does.
     pub fn new(readings: Readings, session: Session) -> Self {
         Answers { readings, session }
     }
 
-    /// The method, and which units are left out.
+    /// Returns the session, with the method and the excluded units.
     pub fn session(&self) -> &Session {
         &self.session
     }
 
-    /// The answer to the next line; none where it holds blanks, or is the header.
+    /// Returns the answer to the next line; `None` if the line is blank or is the header.
     ///
     /// # Errors
-    /// A header that can't be used: no line has an answer from here on.
+    /// The header is invalid, so no further line has an answer.
     pub fn answer(&mut self, line: &[u8]) -> Result<Option<Answer<'_>>, ReadingError> {
         let known = self.session.broken().len();
         let solved = match self.readings.read(line)? {

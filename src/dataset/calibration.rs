@@ -1,93 +1,93 @@
-//! From presses to a calibration: which of them count, and whose force.
+//! Makes a calibration from presses: selects the presses that count and the source of their forces.
 
 use super::{Press, Presses};
 use crate::recipe::Phase;
 use crate::solver::{Calibration, CalibrationError, CalibrationPoint, FitError, ForceKnown, TestPress};
 use miette::Diagnostic;
 
-/// Why a table is no calibration; all of them are exit code 2.
+/// Reason why a table isn't a calibration; all reasons are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum CalibrateError {
-    /// There is no press of the kind asked for.
+    /// There is no press of the requested kind.
     #[error("{source_name}: no valid {phase} press ({flagged} are flagged and excluded)")]
     #[diagnostic(help(
         "an evaluation needs presses of both phases, or two tables: \
          --calibration runs/calibrate/presses.csv --test runs/test/presses.csv"
     ))]
     NoPresses {
-        /// The run or the table.
+        /// Name of the run or the table.
         source_name: String,
-        /// calibration or test.
+        /// Phase: calibration or test.
         phase: &'static str,
-        /// How many of them are flagged.
+        /// Number of these presses that are flagged.
         flagged: usize,
     },
-    /// A press can't be calibrated on.
+    /// A press is unsuitable for calibration.
     #[error("{at}, column `{column}`: this press can't be used for a calibration")]
     #[diagnostic(help(
         "correct or remove the row; where pressing is a negative force, use a columns file with `force_n = -1.0` in [scale]"
     ))]
     Press {
-        /// Where it stands.
+        /// Position of the press in the source.
         at: String,
-        /// The column its force comes from.
+        /// Column of its force.
         column: &'static str,
-        /// What is wrong.
+        /// Cause of the error.
         source: CalibrationError,
     },
     /// The method can't be fitted.
     #[error("{source_name}: can't be used as a calibration")]
     Fit {
-        /// The calibration's run or table.
+        /// Run or table of the calibration.
         source_name: String,
-        /// Why.
+        /// Reason of the error.
         source: FitError,
     },
 }
 
-/// The calibration presses of a run, by the load cell's force.
+/// Returns the calibration presses of a run, with the load cell's forces.
 pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
     Selection::of_phase(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
 }
 
-/// Every press of a table. Without `force_n` the forces are relative, see [`Calibration::without_forces`].
+/// Returns every press of a table. Without `force_n` the forces are relative, see [`Calibration::without_forces`].
 pub fn calibration_of_table(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
     Selection::of_all(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
 }
 
-/// Where the true force of a press comes from.
+/// Source of the true force of a press.
 pub struct ForceColumn {
     name: &'static str,
     of: fn(&Press) -> Option<f64>,
 }
 
-/// What the load cell measured, and the force of a table from outside if it has one.
+/// Force measured by the load cell, or the force of an external table if it has one.
 pub const LOAD_CELL: ForceColumn = ForceColumn { name: "force_n", of: |press| press.force_n };
 
-/// What was commanded; only a run knows.
+/// Commanded force; known only for a run.
 pub const COMMANDED: ForceColumn = ForceColumn { name: "force_set_n", of: |press| press.force_set_n };
 
 /// The unflagged presses of one kind.
 pub struct Selection<'a> {
     presses: &'a Presses,
     chosen: Vec<usize>,
-    /// How many presses of that kind are flagged, and left out.
+    /// Number of presses of that kind that are flagged, and therefore excluded.
     pub flagged: usize,
 }
 
 impl<'a> Selection<'a> {
-    /// The presses of a run that were made for a phase.
+    /// Selects the presses of a run that belong to a phase.
     ///
     /// # Errors
-    /// There is none that isn't flagged.
+    /// There is no press without a flag.
     pub fn of_phase(presses: &'a Presses, phase: Phase) -> Result<Self, CalibrateError> {
         Self::new(presses, phase, |press| press.is_of(phase))
     }
 
-    /// All presses, which count as of a phase, even if they state another.
+    /// Selects all presses. They count as presses of `phase`, even if they state another phase.
     ///
     /// # Errors
-    /// There is none that isn't flagged.
+    /// There is no press without a flag.
     pub fn of_all(presses: &'a Presses, phase: Phase) -> Result<Self, CalibrateError> {
         Self::new(presses, phase, |_| true)
     }
@@ -103,22 +103,23 @@ impl<'a> Selection<'a> {
         Ok(Selection { presses, chosen, flagged })
     }
 
-    /// The presses, in their order.
+    /// Returns the presses in order.
     pub fn iter(&self) -> impl Iterator<Item = &'a Press> {
         self.chosen.iter().map(|index| &self.presses.presses[*index])
     }
 
-    /// Where they come from.
+    /// Returns the source of the presses.
     pub fn source(&self) -> &'a str {
         &self.presses.source
     }
 
-    /// Whether every press has a force of that kind: newtons, then, and not shares of a typical press.
+    /// Whether every press has a force of that kind. Forces are then in newtons, and not relative to a typical press.
     pub fn knows(&self, force: &ForceColumn) -> bool {
         self.iter().all(|press| (force.of)(press).is_some())
     }
 
-    /// The presses to solve. `is_known` says whether the calibration is in newtons: if it isn't, no force can be compared with one.
+    /// Returns the presses to solve. `is_known` states whether the calibration is in newtons. If it isn't, no force can be
+    /// compared with a solved force.
     pub fn to_solve(&self, force: &ForceColumn, is_known: bool) -> Vec<TestPress<'a>> {
         let press = |press: &'a Press| TestPress {
             place: press.place(),
@@ -128,10 +129,10 @@ impl<'a> Selection<'a> {
         self.iter().map(press).collect()
     }
 
-    /// The presses as a calibration.
+    /// Returns the presses as a calibration.
     ///
     /// # Errors
-    /// A press that can't be calibrated on.
+    /// A press is unsuitable for calibration.
     pub fn calibration(&self, force: &ForceColumn, load: ForceKnown) -> Result<Calibration, CalibrateError> {
         let point = |press: &'a Press| CalibrationPoint {
             place: press.place(),

@@ -1,4 +1,4 @@
-//! What a cell of a table can hold: how it is read, written and rounded.
+//! Content of a table cell: reading, writing and rounding.
 
 use super::Flag;
 use crate::quantity::round;
@@ -6,16 +6,16 @@ use crate::recipe::Phase;
 use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 
-/// A cell on its way out.
+/// Cell to be written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value<'a> {
-    /// A whole number.
+    /// An integer.
     Count(u64),
     /// A number.
     Number(f64),
     /// A word.
     Text(&'a str),
-    /// Not known.
+    /// An unknown value.
     Nothing,
 }
 

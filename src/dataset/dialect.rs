@@ -1,4 +1,4 @@
-//! How a table from elsewhere separates its columns and writes its decimals.
+//! Column separator and decimal mark of an external table.
 
 use super::mapping::{Decimal, Mapping};
 use super::table_error::TableError;
@@ -9,16 +9,16 @@ pub(super) struct Dialect {
     separator: u8,
     /// Whether a columns file states the separator.
     is_stated: bool,
-    /// The decimal mark that a columns file states.
+    /// Decimal mark stated by a columns file.
     decimal: Option<Decimal>,
-    /// The first line with a decimal point in a number, and with a decimal comma.
+    /// First line with a decimal point in a number, and first line with a decimal comma.
     point: Option<u64>,
     comma: Option<u64>,
 }
 
 impl Dialect {
-    /// The separator with which the header has a column of this name: comma, semicolon or tab; without any the comma. `start` is the
-    /// beginning of the table. What the mapping states isn't detected.
+    /// Finds the separator with which the header has a column of this name: comma, semicolon or tab. Returns comma if no
+    /// separator gives this column. `start` is the beginning of the table. Properties stated by the mapping aren't detected.
     pub fn of_start(start: &[u8], column: &str, mapping: &Mapping) -> Self {
         let text = String::from_utf8_lossy(start);
         let is_header = |line: &&str| !line.trim().is_empty() && !is_comment(line);
@@ -30,11 +30,14 @@ impl Dialect {
         // without a header: what is between its numbers
         let is_between = |separator: &u8| {
             let mut cells = header.split(char::from(*separator)).map(str::trim);
-            let is_numeric = |cell: &str| cell.parse::<f64>().is_ok() || is_number(cell, ',');
+            let is_comma = *separator == b',';
+            let is_numeric = |cell: &str| {
+                cell.parse::<f64>().is_ok() || (is_comma && cell.is_empty()) || (!is_comma && is_number(cell, ','))
+            };
             cells.clone().count() > 1 && cells.all(is_numeric)
         };
         let by_name = || [b',', b';', b'\t'].into_iter().find(has);
-        let by_numbers = || [b';', b'\t', b' '].into_iter().find(is_between);
+        let by_numbers = || [b',', b';', b'\t', b' '].into_iter().find(is_between);
         // the name is missing, or misspelt: the error names it, if the header is taken apart rightly
         let most = |separator: &u8| header.bytes().filter(|byte| byte == separator).count();
         let by_count = || [b'\t', b';', b','].into_iter().max_by_key(most);
@@ -53,10 +56,10 @@ impl Dialect {
         self.separator
     }
 
-    /// Writes the decimal commas of a row's numbers as points. A table that is separated by commas has none.
+    /// Replaces the decimal commas of a row's numbers by points. A table separated by commas has no decimal commas.
     ///
     /// # Errors
-    /// A table with decimal points and decimal commas: which of them groups thousands isn't known.
+    /// The table has decimal points and decimal commas, so it is unknown which of them groups thousands.
     pub fn with_points(&mut self, file: &str, line: u64, record: &mut StringRecord) -> Result<(), TableError> {
         if self.separator == b',' || self.decimal == Some(Decimal::Point) {
             return Ok(());
@@ -78,7 +81,7 @@ impl Dialect {
         Ok(())
     }
 
-    /// What was detected, where it isn't plain CSV.
+    /// Describes the detected format, if it isn't plain CSV.
     pub fn detected(&self) -> Option<String> {
         let separator = match self.separator {
             b';' => "semicolons",
@@ -126,6 +129,9 @@ mod tests {
             ("1.5\t-2e3\n", b'\t'),
             ("1.5 -2\n", b' '),
             ("1,5\n", b','),
+            ("0.3 ,65536\n", b','),
+            ("1, 2, 3\n", b','),
+            (", 2, 3\n", b','),
             ("", b','),
         ] {
             let dialect = Dialect::of_start(start.as_bytes(), "x_mm", &Mapping::default());

@@ -1,4 +1,4 @@
-//! Why a run couldn't be recorded or read back.
+//! Reasons why a run couldn't be recorded or read.
 
 use super::files;
 use super::journal::JournalError;
@@ -6,25 +6,25 @@ use miette::Diagnostic;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A run couldn't be recorded or read back.
+/// Reason why a run couldn't be recorded or read.
 #[derive(Debug, Error, Diagnostic)]
 pub enum DatasetError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{doing} {}: {why}", path.display())]
     #[diagnostic(help("{}", files::advice(why)))]
     Io {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
-        /// To which file or folder.
+        /// File or folder of the operation.
         path: PathBuf,
-        /// What came back.
+        /// Error of the operating system.
         why: std::io::Error,
     },
     /// The journal is damaged, or can't be read or written.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Journal(#[from] JournalError),
-    /// A run folder that has lost its journal.
+    /// A run folder has lost its journal.
     #[error("{}: journal.log is missing; the other files of a run are there", path.display())]
     #[diagnostic(help("restore journal.log from a copy: it is the record, and the other files follow from it"))]
     NoJournal {
@@ -35,38 +35,38 @@ pub enum DatasetError {
     #[error("{} is not a run folder (journal.log not found)", path.display())]
     #[diagnostic(help("give the folder of a run, such as runs/paper; `palpate import` makes one from tables"))]
     NoRun {
-        /// The folder that was named.
+        /// Named folder.
         path: PathBuf,
     },
-    /// The folder to be made can't be, since what is to hold it is a file.
+    /// The folder can't be created, because its parent is a file.
     #[error("{} can't hold a run: it is not a folder", path.display())]
     #[diagnostic(help("choose another --out"))]
     NoFolder {
-        /// What is to hold it.
+        /// The file in place of a parent folder.
         path: PathBuf,
     },
-    /// The folder to be made already exists.
+    /// The folder to be created already exists.
     #[error("{} already exists", path.display())]
     #[diagnostic(help("choose another --out; palpate never changes an existing folder"))]
     Exists {
         /// The folder.
         path: PathBuf,
     },
-    /// Another program holds the run.
+    /// Another program has locked the run.
     #[error("{} is being written by another program", path.display())]
     #[diagnostic(help("wait for it to end, or end it: only one program can write a run"))]
     Held {
         /// The folder.
         path: PathBuf,
     },
-    /// A text that a run goes by isn't the one it began with.
+    /// A text used by a run differs from the text with which the run began.
     #[error("{} has changed since the start of the run", path.display())]
     #[diagnostic(help("restore it, or start a new run: this run would mix the presses of two plans"))]
     Changed {
         /// The file.
         path: PathBuf,
     },
-    /// The journal holds fewer presses than the other files of the run.
+    /// The journal contains fewer presses than the other files of the run.
     #[error("{}: presses are missing from the journal: {}", path.display(), lost.join("; "))]
     #[diagnostic(help(
         "restore journal.log from a copy. Without one, copy the folder first: then `palpate rebuild --accept-loss` regenerates the \
@@ -75,18 +75,18 @@ pub enum DatasetError {
     Lost {
         /// The folder.
         path: PathBuf,
-        /// What each of the other files says of it.
+        /// Statements of the other files about the lost presses.
         lost: Vec<String>,
     },
-    /// A manifest that can't be understood.
+    /// The manifest is invalid.
     #[error("{}{at}: {problem}", path.display())]
     #[diagnostic(help("`palpate rebuild` regenerates it from the run's journal"))]
     Manifest {
         /// The file.
         path: PathBuf,
-        /// Line and column, as `:3:14`; empty where there is none.
+        /// Line and column, as `:3:14`; empty if unknown.
         at: String,
-        /// What is wrong.
+        /// Problem in the manifest.
         problem: String,
     },
 }

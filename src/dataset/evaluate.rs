@@ -1,4 +1,4 @@
-//! From presses to an evaluation: which of them test, and whose force counts as true.
+//! Makes an evaluation from presses: selects the test presses and the source of the true forces.
 
 use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection};
 use super::{Press, Presses};
@@ -21,65 +21,66 @@ const TIMED: Duration = Duration::from_millis(20);
 /// Places that are nearer than that are the same, mm.
 const SAME_PLACE_MM: f64 = 0.001;
 
-/// Why there is no evaluation; all of them are exit code 2.
+/// Reason why there is no evaluation; all reasons are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum EvaluateError {
-    /// Its presses can't be calibrated on, or there are none.
+    /// The presses are unsuitable for calibration, or there are none.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Calibrate(#[from] CalibrateError),
-    /// The two tables come from two arrays.
+    /// The two tables are from different arrays.
     #[error("{calibration} has {calibration_channels} outputs (out_1..), {test} has {test_channels}")]
     #[diagnostic(help("calibrate and test with the same array, and keep all its outputs in both tables"))]
     Channels {
-        /// The calibration's table.
+        /// Table of the calibration.
         calibration: String,
-        /// Its outputs.
+        /// Number of its outputs.
         calibration_channels: usize,
-        /// The test's table.
+        /// Table of the test.
         test: String,
-        /// Its outputs.
+        /// Number of its outputs.
         test_channels: usize,
     },
     /// The test can't be evaluated.
     #[error("{source_name}: can't be evaluated")]
     Evaluation {
-        /// The test's run or table.
+        /// Run or table of the test.
         source_name: String,
-        /// Why.
+        /// Reason of the error.
         source: EvaluationError,
     },
 }
 
 impl EvaluateError {
-    /// It and its cause, which says what is wrong, in one line.
+    /// Returns the error and its cause in one line. The cause states the problem.
     pub fn told(&self) -> String {
         let cause = std::error::Error::source(self).map(|cause| format!(": {cause}")).unwrap_or_default();
         format!("{self}{cause}")
     }
 
-    /// Whether it may be this solver's alone: another one could be evaluated.
+    /// Whether the error may concern only this solver, so that another solver could be evaluated.
     pub fn is_of_solver(&self) -> bool {
         matches!(self, EvaluateError::Calibrate(CalibrateError::Fit { .. }) | EvaluateError::Evaluation { .. })
     }
 }
 
-/// A calibration and a test of known truth, for any number of methods. Flagged presses are left out and counted.
+/// A calibration and a test of known truth, for any number of methods. Flagged presses are excluded and counted.
 pub struct Trial<'a> {
     calibration: Selection<'a>,
     test: Selection<'a>,
     layout: Option<&'a ArrayLayout>,
     load: ForceKnown,
     force: &'static ForceColumn,
-    /// A run is evaluated by the load cell's forces too.
+    /// Whether this is a run, which is evaluated by the load cell's forces too.
     is_run: bool,
-    /// What all methods that are fitted to the calibration share.
+    /// Data shared by all methods that are fitted to the calibration.
     prepared: OnceLock<Prepared<'a>>,
 }
 
 impl<'a> Trial<'a> {
-    /// A run's calibration presses and its test presses: `force_error_n` by the commanded force throughout, as in the paper,
-    /// `force_error_load_cell_n` by the load cell throughout. Imported presses have no commanded force: the table's counts.
+    /// Takes a run's calibration presses and test presses. `force_error_n` uses the commanded force for both, as in the paper.
+    /// `force_error_load_cell_n` uses the load cell for both. Imported presses have no commanded force, so the table's force is
+    /// used.
     pub fn of_run(presses: &'a Presses, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
         let calibration = Selection::of_phase(presses, Phase::Calibration)?;
         let test = Selection::of_phase(presses, Phase::Test)?;
@@ -88,7 +89,7 @@ impl<'a> Trial<'a> {
         Ok(Trial { calibration, test, layout, load: ForceKnown::default(), force, is_run, prepared: OnceLock::new() })
     }
 
-    /// A table to calibrate on and a table to solve. Where one of them has no forces, the location alone is evaluated.
+    /// Takes a table for calibration and a table to solve. If one of them has no forces, only the location is evaluated.
     pub fn of_tables(calibration: &'a Presses, test: &'a Presses) -> Result<Self, EvaluateError> {
         check_channels(calibration, test)?;
         let calibration = Selection::of_all(calibration, Phase::Calibration)?;
@@ -105,13 +106,13 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// The same with the positions of the units, where they are known.
+    /// Sets the positions of the units, if they are known.
     #[must_use]
     pub fn with_layout(self, layout: Option<&'a ArrayLayout>) -> Self {
         Trial { layout, prepared: OnceLock::new(), ..self }
     }
 
-    /// The same with what is known of the load of the test.
+    /// Sets what is known about the load of the test.
     #[must_use]
     pub fn with_load(self, load: ForceKnown) -> Self {
         Trial { load, prepared: OnceLock::new(), ..self }
@@ -122,7 +123,7 @@ impl<'a> Trial<'a> {
         self.evaluate_fitted(solver).map(|(evaluation, _)| evaluation)
     }
 
-    /// The same, with the method that was fitted.
+    /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and also returns the fitted method.
     pub fn evaluate_fitted(&self, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
         let (mut evaluation, fitted) = self.by(self.force, self.prepared()?, solver)?;
         if self.is_run {
@@ -135,7 +136,7 @@ impl<'a> Trial<'a> {
         Ok((evaluation, fitted))
     }
 
-    /// The same, and times it.
+    /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and measures its time.
     pub fn evaluate_timed(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
         let (mut evaluation, fitted) = self.evaluate_fitted(solver)?;
         let presses = self.presses(self.force);
@@ -143,13 +144,13 @@ impl<'a> Trial<'a> {
         Ok(evaluation)
     }
 
-    /// The result of the answers alone, without the errors that a method states of itself and without the load cell: the same
-    /// numbers as [`evaluate`](Self::evaluate), sooner.
+    /// Evaluates only the answers, without the errors that a method states itself and without the load cell. The numbers are the
+    /// same as with [`evaluate`](Self::evaluate), but faster to compute.
     pub fn answers(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
         self.by(self.force, &self.prepare(self.force, false)?, solver).map(|(evaluation, _)| evaluation)
     }
 
-    /// What an acceptance rule counts of it. Channels that are dead or saturated are those that no method uses.
+    /// Returns the quantities that an acceptance rule uses. Dead or saturated channels are those that no method uses.
     pub fn counted(&self) -> Measured {
         let bits = |press: &Press| -> Vec<u64> {
             [press.x_mm, press.y_mm].iter().chain(&press.outputs).map(|value| value.to_bits()).collect()
@@ -170,7 +171,7 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// Standard uncertainty of the test's forces, their mean, N; none where it isn't known of each.
+    /// Returns the mean standard uncertainty of the test's forces, N; `None` if it is unknown for any of them.
     pub fn u_force_n(&self) -> Option<f64> {
         let all: Option<Vec<f64>> = self.test.iter().map(|press| press.u_force_n).collect();
         let all = all.filter(|all| all.iter().all(|u_n| u_n.is_finite() && *u_n >= 0.0));
@@ -226,7 +227,7 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// Whether two tables can come from one array: as many outputs in both.
+/// Checks whether two tables can be from one array: both must have the same number of outputs.
 pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), EvaluateError> {
     if calibration.channels != test.channels {
         return Err(EvaluateError::Channels {
@@ -239,12 +240,13 @@ pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), Evalu
     Ok(())
 }
 
-/// Whether a press of a run takes part in its evaluation, flagged or not.
+/// Whether a press of a run is part of its evaluation, flagged or not.
 pub fn is_to_evaluate(press: &Press) -> bool {
     press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
 }
 
-/// The mean time of a solve, ns, over whole passes through some readings, as many as fill 20 ms; none without a reading.
+/// Returns the mean time of a solve, ns. It is measured over complete passes through some readings, repeated until 20 ms are
+/// filled. `None` without readings.
 pub fn ns_per_solve<'r>(solver: &dyn Solver, readings: impl Iterator<Item = &'r [f64]> + Clone) -> Option<f64> {
     let mut workspace = Workspace::default();
     let (begun, mut solves) = (Instant::now(), 0);

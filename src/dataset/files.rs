@@ -1,32 +1,32 @@
-//! The files of a run folder: each is a regular file with one name, opened without following a link.
+//! Files of a run folder. Each is a regular file with one name, opened without following a link.
 //!
-//! A link that somebody planted could lead a write out of the folder, and so could a second name of a file. Both are refused by
-//! name. The folder itself may be a link.
+//! A link planted by an attacker could redirect a write to outside the folder, and so could a second name of a file. Both are
+//! refused with an error that names the file. The folder itself may be a link.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// Opens a file to be read.
+/// Opens a file for reading.
 ///
 /// # Errors
-/// The operating system's, or [`ErrorKind::InvalidInput`] for what isn't a regular file with one name.
+/// An error of the operating system, or [`ErrorKind::InvalidInput`] if it isn't a regular file with one name.
 pub fn open(path: &Path) -> io::Result<File> {
     opened(path, OpenOptions::new().read(true))
 }
 
-/// Opens a file to be added to.
+/// Opens a file for appending.
 ///
 /// # Errors
-/// As of [`open`].
+/// The same as for [`open`].
 pub fn open_to_append(path: &Path) -> io::Result<File> {
     opened(path, OpenOptions::new().append(true))
 }
 
-/// Opens a file to be added to, and makes it if it isn't there.
+/// Opens a file for appending, and creates it if it doesn't exist.
 ///
 /// # Errors
-/// As of [`open`].
+/// The same as for [`open`].
 pub fn open_or_create(path: &Path) -> io::Result<File> {
     match open_to_append(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => {
@@ -36,20 +36,20 @@ pub fn open_or_create(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Reads a text of so many bytes at most; of a longer one as many and one more.
+/// Reads a text of at most `most_bytes` bytes. If the text is longer, one byte more than this is read.
 ///
 /// # Errors
-/// As of [`open`], or what isn't UTF-8.
+/// The same as for [`open`], or the text isn't UTF-8.
 pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
     let mut text = String::new();
     open(path)?.take(most_bytes + 1).read_to_string(&mut text)?;
     Ok(text)
 }
 
-/// Whether a path holds nothing, or a regular file with one name.
+/// Checks whether a path is free, or is a regular file with one name.
 ///
 /// # Errors
-/// The operating system's, or what it is instead.
+/// An error of the operating system, or the kind of object that is at the path.
 pub fn check_replaceable(path: &Path) -> io::Result<()> {
     match path.symlink_metadata() {
         Ok(found) => check(path, &found),
@@ -82,7 +82,7 @@ pub(super) fn advice(why: &io::Error) -> &'static str {
     }
 }
 
-/// A file on its way: written beside its place, then renamed there, whole or not at all.
+/// A file being written. It is written next to its final path, then renamed, so it is replaced completely or not at all.
 pub struct Draft {
     out: io::BufWriter<File>,
     beside: PathBuf,
@@ -90,10 +90,10 @@ pub struct Draft {
 }
 
 impl Draft {
-    /// Begins to write what is to stand at a path. What a killed program left beside it is removed.
+    /// Begins to write a file for a path. Removes drafts that a killed program left next to the path.
     ///
     /// # Errors
-    /// The operating system's, or a place that holds something other than a regular file with one name.
+    /// An error of the operating system, or the path is something other than a regular file with one name.
     pub fn new(path: &Path) -> io::Result<Draft> {
         check_place(path)?;
         let beside = beside(path);
@@ -104,29 +104,29 @@ impl Draft {
         Ok(Draft { out: io::BufWriter::new(File::create_new(&beside)?), beside, path: path.to_owned() })
     }
 
-    /// Adds to it.
+    /// Appends text to the draft.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn write(&mut self, text: &str) -> io::Result<()> {
         self.out.write_all(text.as_bytes())
     }
 
-    /// Puts it in its place.
+    /// Renames the draft to its final path.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn publish(mut self) -> io::Result<()> {
         self.out.flush()?;
         fs::rename(&self.beside, &self.path)
     }
 }
 
-/// Puts a content in a file's place when it is on the disk, whole or not at all, with the permissions of the file that it replaces. It
-/// is written beside it first, under a name of this program's own.
+/// Replaces a file's content completely or not at all, once the content is on the disk. Keeps the permissions of the replaced
+/// file. The content is first written next to the file, under a name of this program's own.
 ///
 /// # Errors
-/// The operating system's; nothing is left beside the place then.
+/// An error of the operating system; no draft is then left next to the file.
 pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let beside = path.with_file_name(format!(".palpate-{}.new", std::process::id()));
     let mut file = File::create_new(&beside)?; // what lies there is somebody's

@@ -1,4 +1,4 @@
-//! A file by its content: its size and its SHA-256.
+//! Identifies a file by its content: its size and its SHA-256.
 
 use super::files;
 use serde::{Deserialize, Serialize};
@@ -6,19 +6,19 @@ use sha2::{Digest, Sha256};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
-/// A file by its content.
+/// Fingerprint of a file's content.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
-    /// Its name in the run folder.
+    /// Name in the run folder.
     pub name: String,
-    /// Its size.
+    /// Size, bytes.
     pub bytes: u64,
     /// SHA-256 of its bytes, in hexadecimal.
     pub sha256: String,
 }
 
 impl Fingerprint {
-    /// The fingerprint of some bytes under a name.
+    /// Returns the fingerprint of some bytes, with a name.
     pub fn of(name: &str, bytes: &[u8]) -> Fingerprint {
         Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: format!("{:x}", Sha256::digest(bytes)) }
     }

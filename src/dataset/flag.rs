@@ -1,18 +1,18 @@
-//! What can be wrong with a press.
+//! Faults of a press.
 
 use serde::{Deserialize, Serialize};
 
-/// What can be wrong with a press that is kept all the same.
+/// Fault of a press that is nevertheless kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Flag {
-    /// The force in the window missed the set force by more than the tolerance.
+    /// The force in the window differed from the set force by more than the tolerance.
     OutOfTolerance,
-    /// An output stood at the end of its range at some time in the window: the load may have been larger.
+    /// An output was at the end of its range at some time in the window, so the load may have been larger.
     Saturated,
-    /// The outputs weren't read through the window, or no channel has moved where the load was another.
+    /// The outputs weren't read throughout the window, or no channel changed although the load changed.
     Stale,
-    /// A table from elsewhere flags the row, with a word of its own.
+    /// An external table flags the row with its own word.
     Other,
 }
 
@@ -20,7 +20,7 @@ impl Flag {
     /// Every flag.
     pub const ALL: [Flag; 4] = [Flag::OutOfTolerance, Flag::Saturated, Flag::Stale, Flag::Other];
 
-    /// The flag as it stands in files.
+    /// Returns the name of the flag in files.
     pub fn name(self) -> &'static str {
         match self {
             Flag::OutOfTolerance => "out-of-tolerance",

@@ -1,4 +1,4 @@
-//! A run on disk: how its folder appears, grows and ends.
+//! A run on disk: creation, growth and end of its folder.
 
 use super::characteristics::Staircases;
 use super::fingerprint::is_plain;
@@ -23,31 +23,32 @@ use std::path::{Path, PathBuf};
 /// How many names are tried for a new folder: `name`, `name-2`, ...
 const NAMES_MAX: usize = 100_000;
 
-/// The texts a run is made from, kept with it as given.
+/// Texts from which a run is made, kept with it unchanged.
 #[derive(Clone, Debug, Default)]
 pub struct Origins {
-    /// Each with the name of its file.
+    /// Texts, each with the name of its file.
     texts: Vec<(String, String)>,
 }
 
-/// A run on disk, held by this program alone. Of its presses it knows the places in the journal, and no more.
+/// A run on disk, locked by this program. Of the presses, only their positions in the journal are kept in memory.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    /// Dies with its owner, however that ends.
+    /// Lock that is released when its owner ends, for any reason.
     _lock: File,
     journal: Journal,
-    /// None until a session begins to add to it.
+    /// Open file of presses; `None` until a session begins to add to it.
     presses: Option<File>,
     layout: ArrayLayout,
     known: Known,
 }
 
 impl RunFolder {
-    /// Makes the folder of a new run: at `out`, or under `runs/` with the first free name. It appears by one rename, whole.
+    /// Creates the folder of a new run: at `out`, or under `runs/` with the first free name. The complete folder appears by one
+    /// rename.
     ///
     /// # Errors
-    /// The folder already exists, or can't be made.
+    /// The folder already exists, or can't be created.
     pub fn create(
         out: Option<&Path>,
         origins: &Origins,
@@ -80,11 +81,11 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Opens a run and its journal, whose torn tail is cut; nothing else is changed.
+    /// Opens a run and its journal, and cuts off an incomplete last line of the journal. Changes nothing else.
     ///
     /// # Errors
-    /// No journal, a damaged one, one that holds fewer presses than the other files of the run, one that another program writes, or
-    /// the operating system's. Nothing is changed then.
+    /// The journal is missing or damaged, contains fewer presses than the other files of the run, or is being written by another
+    /// program. Or an error of the operating system. Nothing is changed in these cases.
     pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
         let (folder, lost) = Self::take(path, layout)?;
         if !lost.is_empty() {
@@ -93,11 +94,11 @@ impl RunFolder {
         folder.attach()
     }
 
-    /// The same of a run whose journal has lost presses: a person accepts it, and the journal records that. `accepted` says when, with
-    /// its time zone.
+    /// Opens a run whose journal has lost presses. A person accepts this loss, and the journal records the acceptance. `accepted`
+    /// is the time of acceptance, with its time zone.
     ///
     /// # Errors
-    /// As of [`open`](Self::open), except for presses that are missing.
+    /// The same as for [`open`](Self::open), except for missing presses.
     pub fn open_accepting_loss(path: &Path, layout: &ArrayLayout, accepted: String) -> Result<RunFolder, DatasetError> {
         let (folder, lost) = Self::take(path, layout)?;
         let mut folder = folder.attach()?;
@@ -107,11 +108,11 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Begins to continue a run by a rig that may have been changed since: its views are made again, from anything a power cut left of
-    /// them. The rig that it went by before stays in the folder under another name.
+    /// Begins to continue a run, with a rig that may have been changed. Regenerates the views of the run from the journal, in
+    /// whatever state a power cut left them. The previous rig file stays in the folder under another name.
     ///
     /// # Errors
-    /// Another text that isn't the one the run began with, or the operating system's.
+    /// Another text differs from the text with which the run began, or an error of the operating system.
     pub fn go_on(&mut self, mut session: Provenance, rig: &str) -> Result<(), DatasetError> {
         let texts = Texts::of(&self.known.texts);
         let is_changed = texts.rig() != rig;
@@ -151,21 +152,21 @@ impl RunFolder {
         Ok(())
     }
 
-    /// Ends a session: tables are as they are to stay, then the journal says how it ended, then the manifest. Where one
-    /// fails the run stays as it is when a program is killed: unfinished.
+    /// Ends a session. Writes the final tables, then the journal's record of the end, then the manifest. If one of these fails,
+    /// the run remains unfinished, as after a killed program.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn finish(&mut self, end: End) -> Result<(), DatasetError> {
         self.write_views()?;
         self.record(&Record::End(end))?;
         self.vouch()
     }
 
-    /// Regenerates tables and manifest from the journal, and the texts that are missing.
+    /// Regenerates tables and manifest from the journal, and the missing texts.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn rebuild(&mut self) -> Result<(), DatasetError> {
         // of several texts of one name the latest is the one in force
         for Text { name, text } in self.known.texts.iter().rev() {
@@ -177,47 +178,47 @@ impl RunFolder {
         self.vouch()
     }
 
-    /// Whether the manifest on disk is that of the journal, and the files are those it vouches for.
+    /// Whether the manifest on disk agrees with the journal, and the files agree with the manifest's fingerprints.
     ///
     /// # Errors
-    /// A file that can't be read.
+    /// A file can't be read.
     pub fn is_finished(&self) -> Result<bool, DatasetError> {
         let files = fingerprints(&self.path, self.manifest().texts())?;
         let told = Manifest::read(&self.path.join(MANIFEST));
         Ok(told.is_ok_and(|told| told == Manifest { files, ..self.manifest().clone() }))
     }
 
-    /// What the run is and how far it has come.
+    /// Returns the description of the run and its progress.
     pub fn manifest(&self) -> &Manifest {
         &self.known.manifest
     }
 
-    /// Where the run is.
+    /// Returns the path of the run.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What has been measured, in the order of the plan's numbers, read from the journal one by one.
+    /// Returns the measured contacts in the order of the plan's numbers, read from the journal one by one.
     ///
     /// # Errors
-    /// The operating system's; a journal that was damaged since it was opened comes with the contacts.
+    /// An error of the operating system. Damage to the journal since it was opened is reported among the contacts.
     pub fn contacts(&self) -> Result<Contacts<'_>, DatasetError> {
         Ok(self.known.contacts.contacts(Journal::records(&self.path.join(JOURNAL))?))
     }
 
-    /// Its presses, in the order of the plan.
+    /// Returns the presses of the run, in the order of the plan.
     ///
     /// # Errors
-    /// A journal that can't be read.
+    /// The journal can't be read.
     pub fn presses(&self) -> Result<Presses, DatasetError> {
         let contacts = self.contacts()?.collect::<Result<Vec<Contact>, DatasetError>>()?;
         Ok(Presses::of_contacts(&self.path.display().to_string(), &contacts))
     }
 
-    /// The staircases among them; none where there are none.
+    /// Returns the staircases among the presses; `None` if there are none.
     ///
     /// # Errors
-    /// A journal that can't be read.
+    /// The journal can't be read.
     pub fn staircases(&self) -> Result<Option<Staircases>, DatasetError> {
         let mut staircases = Staircases::none(&self.layout);
         for contact in self.contacts()? {
@@ -311,13 +312,13 @@ impl Ledger for RunFolder {
 }
 
 impl Origins {
-    /// A recipe, a rig, and the files that these name, beside them: register maps and an acceptance rule, each with its name and text.
+    /// Takes a recipe, a rig, and the files that these name: register maps and an acceptance rule, each with its name and text.
     pub fn new(recipe: String, rig: String, beside: Vec<(String, String)>) -> Origins {
         let own = [(RECIPE.to_owned(), recipe), (RIG.to_owned(), rig)];
         Origins { texts: own.into_iter().chain(beside).collect() }
     }
 
-    /// The columns file of an import, where there is one.
+    /// Takes the columns file of an import, if there is one.
     pub fn of_import(columns: Option<String>) -> Origins {
         Origins { texts: columns.map(|text| (COLUMNS.to_owned(), text)).into_iter().collect() }
     }

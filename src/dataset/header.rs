@@ -1,4 +1,4 @@
-//! The header of a table: which column stands where, and what to say where one is missing.
+//! Header of a table: positions of columns, and messages for missing columns.
 
 use super::press::{COLUMNS, Column, OUTPUTS, Presence, output_name};
 use super::table_error::{MAX_COLUMNS, TableError, quoted};
@@ -9,12 +9,12 @@ pub(super) struct Header<'a> {
     pub file: &'a str,
     pub line: u64,
     pub names: &'a StringRecord,
-    /// What to say of a missing column that isn't just misspelt.
+    /// Message for a missing column that isn't only misspelt.
     pub help: &'static str,
 }
 
 impl Header<'_> {
-    /// Neither empty, nor endless, nor ambiguous.
+    /// Checks that the header isn't empty, too long or ambiguous.
     pub fn check(&self) -> Result<(), TableError> {
         let names = self.names;
         let is_repeated =
@@ -38,12 +38,12 @@ impl Header<'_> {
         }
     }
 
-    /// Where a column stands, if it is there.
+    /// Returns the position of a column, if it exists.
     pub fn optional(&self, column: &str) -> Option<usize> {
         self.names.iter().position(|name| name == column)
     }
 
-    /// Where the column of this name stands, which holds `what`.
+    /// Returns the position of the column of this name, which contains `what`.
     pub fn needed(&self, what: &str, name: &str) -> Result<usize, TableError> {
         self.optional(name).ok_or_else(|| TableError::MissingColumn {
             file: self.file.to_owned(),
@@ -53,7 +53,8 @@ impl Header<'_> {
         })
     }
 
-    /// Where the outputs stand: the columns of these names, or `out_1`, `out_2`, ..., at least one and without a gap.
+    /// Returns the positions of the outputs: the columns of these names, or `out_1`, `out_2`, ..., at least one and without a
+    /// gap.
     pub fn outputs(&self, names: Option<&[String]>) -> Result<Vec<usize>, TableError> {
         match names {
             Some(names) => names.iter().map(|name| self.needed(OUTPUTS, name)).collect(),

@@ -1,4 +1,4 @@
-//! Where the contacts stand in a journal.
+//! Positions of the contacts in a journal.
 
 use super::{Contact, DatasetError, JournalError, Record, Records};
 use crate::recipe::{ENTRIES_MAX, PRESSES_MAX};
@@ -15,7 +15,7 @@ pub(super) struct Index {
     done: u64,
 }
 
-/// The contacts of a run in the order of their numbers, read from its journal one by one.
+/// Contacts of a run in the order of their numbers, read from its journal one by one.
 #[derive(Debug)]
 pub struct Contacts<'a> {
     records: Records,
@@ -23,12 +23,12 @@ pub struct Contacts<'a> {
 }
 
 impl Index {
-    /// An empty index for so many entries. A plan that was allowed more than is usual makes it grow.
+    /// Creates an empty index for `entries` entries. A plan with more entries than usual makes it grow.
     pub fn with_room(entries: u64) -> Index {
         Index { offsets: vec![NOWHERE; entries.min(PRESSES_MAX as u64) as usize], done: 0 }
     }
 
-    /// Keeps where an entry's contact begins.
+    /// Stores the position at which an entry's contact begins.
     ///
     /// # Errors
     /// No plan has such an entry.
@@ -46,17 +46,17 @@ impl Index {
         Ok(())
     }
 
-    /// Whether an entry's contact is there.
+    /// Whether an entry's contact exists.
     pub fn has(&self, press: u64) -> bool {
         usize::try_from(press).is_ok_and(|entry| self.offsets.get(entry).is_some_and(|&offset| offset != NOWHERE))
     }
 
-    /// How many contacts there are.
+    /// Returns the number of contacts.
     pub fn done(&self) -> u64 {
         self.done
     }
 
-    /// The contacts, out of the records of the journal that was indexed.
+    /// Returns the contacts, from the records of the indexed journal.
     pub fn contacts(&self, records: Records) -> Contacts<'_> {
         Contacts { records, offsets: self.offsets.iter() }
     }

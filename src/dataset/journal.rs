@@ -1,4 +1,4 @@
-//! The journal of a run: append-only, one line a record, read record by record.
+//! Journal of a run: append-only, one record per line, read record by record.
 
 use super::{Durability, FORMAT, Press, Record, files};
 use miette::Diagnostic;
@@ -17,11 +17,11 @@ const JOURNAL_MAX_BYTES: u64 = 64 << 30;
 /// Longest record that is written or read, bytes: a staircase of 20 levels on 4096 units has some 1 MB.
 const RECORD_MAX_BYTES: u64 = 16 << 20;
 
-/// The append-only record of a run: one line a record, `sequence checksum json`.
+/// Append-only record of a run, with one record per line: `sequence checksum json`.
 ///
-/// The checksum is CRC-32 over the sequence number and the text. A last line without its end, left by a power cut, is torn and
-/// cut off; anything else that doesn't fit is damage and named with its offset. It is read record by record and never held in
-/// memory whole.
+/// The checksum is CRC-32 over the sequence number and the text. A last line without its end, left by a power cut, is cut off.
+/// Any other mismatch is damage, and the error states its offset. The journal is read record by record and is never completely in
+/// memory.
 #[derive(Debug)]
 pub struct Journal {
     file: File,
@@ -30,11 +30,11 @@ pub struct Journal {
     next: u64,
     end: u64,
     line: Vec<u8>,
-    /// Whether a record may stand at its end that was never acknowledged: nothing is added behind it.
+    /// Whether a record that was never acknowledged may be at the end. Nothing is added after such a record.
     broken: bool,
 }
 
-/// The records of a journal in the order they were made, each with the byte it begins at; without a torn tail.
+/// Records of a journal in the order they were made, each with the byte at which it begins; without an incomplete last line.
 #[derive(Debug)]
 pub struct Records {
     reader: BufReader<File>,
@@ -42,60 +42,61 @@ pub struct Records {
     next: u64,
     offset: u64,
     line: Vec<u8>,
-    /// Whether the line has no end, since the file ends in it.
+    /// Whether the line has no end because the file ends in it.
     is_torn: bool,
-    /// Whether damage was reported: no record after it can be relied on.
+    /// Whether damage was reported. No record after the damage is reliable.
     is_over: bool,
 }
 
-/// A journal that can't be relied on.
+/// Reason why a journal isn't reliable.
 #[derive(Debug, Error, Diagnostic)]
 pub enum JournalError {
-    /// A record that isn't what was written.
+    /// A record differs from what was written.
     #[error("{}: the record at byte {offset} is damaged: {problem}", path.display())]
     #[diagnostic(help("restore the journal from a copy; nothing was changed"))]
     Damaged {
         /// The journal.
         path: PathBuf,
-        /// Where the record begins, bytes.
+        /// Position at which the record begins, bytes.
         offset: u64,
-        /// What is wrong with it.
+        /// Problem of the record.
         problem: String,
     },
-    /// Another version of the program wrote it.
+    /// Another version of the program wrote the journal.
     #[error("{}: a journal of format {found}; this program reads format {FORMAT}", path.display())]
     #[diagnostic(help("read it with the version of palpate that wrote it; nothing was changed"))]
     Format {
         /// The journal.
         path: PathBuf,
-        /// The format that its first record names; 1 where it names none.
+        /// Format that its first record states; 1 if it states none.
         found: u32,
     },
-    /// It couldn't be read or written.
+    /// The journal couldn't be read or written.
     #[error("keeping {}: {why}", path.display())]
     #[diagnostic(help("{}", files::advice(why)))]
     Io {
         /// The journal.
         path: PathBuf,
-        /// What came back.
+        /// Error of the operating system.
         why: io::Error,
     },
 }
 
 impl Journal {
-    /// An empty journal at a path where nothing is yet.
+    /// Creates an empty journal at an unused path.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn create(path: &Path) -> Result<Journal, JournalError> {
         let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(failed(path))?;
         Ok(Journal::at_end(file, path, 0, 0))
     }
 
-    /// Reads a journal to its end. Each record is shown to `accept` with the byte it begins at; one that it refuses is damage.
+    /// Reads a journal to its end. Passes each record to `accept` with the byte at which it begins. A record that `accept`
+    /// refuses is damage.
     ///
     /// # Errors
-    /// Damage before the last line, or the operating system's.
+    /// Damage before the last line, or an error of the operating system.
     pub fn read(
         path: &Path,
         mut accept: impl FnMut(u64, &Record) -> Result<(), String>,
@@ -107,10 +108,11 @@ impl Journal {
         Ok(records)
     }
 
-    /// Opens a journal to continue it, its torn tail cut off. Its records are shown on the way as by [`read`](Self::read).
+    /// Opens a journal to continue it, and cuts off an incomplete last line. Passes its records to `accept` like
+    /// [`read`](Self::read).
     ///
     /// # Errors
-    /// As of [`read`](Self::read).
+    /// The same as for [`read`](Self::read).
     pub fn open(path: &Path, accept: impl FnMut(u64, &Record) -> Result<(), String>) -> Result<Journal, JournalError> {
         Journal::read(path, accept)?.go_on()
     }
@@ -120,15 +122,16 @@ impl Journal {
         Journal { file, path: path.to_owned(), durability, next, end, line: Vec::new(), broken: false }
     }
 
-    /// What every further record is to survive.
+    /// Sets the durability of every further record.
     pub fn keep_for(&mut self, durability: Durability) {
         self.durability = durability;
     }
 
-    /// The records of a journal from its beginning. Damage before the last line comes in its place; no record after it can be relied on.
+    /// Returns the records of a journal from its beginning. Damage before the last line is returned as an error in its place; no
+    /// record after the damage is reliable.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn records(path: &Path) -> Result<Records, JournalError> {
         let file = files::open(path).map_err(failed(path))?;
         if file.metadata().map_err(failed(path))?.len() > JOURNAL_MAX_BYTES {
@@ -146,18 +149,20 @@ impl Journal {
         })
     }
 
-    /// Adds a record and gives the byte it begins at. When this returns it is on the disk, unless that was waived.
+    /// Appends a record and returns the byte at which it begins. On return the record is on the disk, unless this durability was
+    /// waived.
     ///
     /// # Errors
-    /// The operating system's. What was written of the record is taken back; where that fails too, nothing is added any more.
+    /// An error of the operating system. The part of the record that was written is removed. If the removal fails too, nothing
+    /// more is added.
     pub fn append(&mut self, record: &Record) -> Result<u64, JournalError> {
         self.add(record, self.durability)
     }
 
-    /// The same, but it reaches the disk with the next record only: for what mustn't keep a stage waiting.
+    /// Appends a record that reaches the disk only with the next record. For records during which a stage must not wait.
     ///
     /// # Errors
-    /// As of [`append`](Self::append).
+    /// The same as for [`append`](Self::append).
     pub fn jot(&mut self, record: &Record) -> Result<u64, JournalError> {
         self.add(record, Durability::Fast)
     }
@@ -211,10 +216,10 @@ impl Journal {
 }
 
 impl Records {
-    /// The journal that was read to its end, to be added to; its torn tail is cut off.
+    /// Returns the journal for appending, after it was read to its end. Cuts off an incomplete last line.
     ///
     /// # Errors
-    /// The operating system's.
+    /// An error of the operating system.
     pub fn go_on(self) -> Result<Journal, JournalError> {
         let path = &self.path;
         let file = files::open_to_append(path).map_err(failed(path))?;
@@ -223,10 +228,10 @@ impl Records {
         Ok(Journal::at_end(file, path, self.next, self.offset))
     }
 
-    /// The record that begins at a byte that the journal named; the one after it is next.
+    /// Returns the record that begins at a byte stated by the journal. The next record is then the one after it.
     ///
     /// # Errors
-    /// Damage since then, or the operating system's.
+    /// Damage since then, or an error of the operating system.
     pub fn at(&mut self, offset: u64) -> Result<Record, JournalError> {
         // keeps what has been read ahead: in the order of the journal nothing is read twice
         let way = offset as i64 - self.offset as i64;

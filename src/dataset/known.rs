@@ -1,4 +1,5 @@
-//! What is known of a run without its presses: what its journal says, record by record, and where each contact stands in it.
+//! Everything known about a run except its presses: the content of its journal's records, and the position of each contact in the
+//! journal.
 
 use super::fingerprint::is_plain;
 use super::index::Index;
@@ -17,37 +18,38 @@ const TRIPS_MAX: usize = 10_000;
 pub(super) struct Known {
     pub contacts: Index,
     pub manifest: Manifest,
-    /// Every text that a session went by, in the order in which they came.
+    /// Every text that a session used, in order.
     pub texts: Vec<Text>,
-    /// How many records there are.
+    /// Number of records.
     pub records: u64,
-    /// How the run ended, where that is the last record.
+    /// Ending of the run, if the ending is the last record.
     pub end: Option<Status>,
-    /// The entry that was under way at each trip, and what really happened in it.
+    /// For each trip, the entry that was being executed and its true peaks.
     pub trips: Vec<(Option<u64>, Peaks)>,
-    /// How many outputs each press has; none before the first, where nobody said it.
+    /// Number of outputs of each press; `None` before the first press, if the number wasn't given.
     channels: Option<usize>,
-    /// How many levels of each phase there are, in the order of [`Phase::ALL`].
+    /// Number of levels of each phase, in the order of [`Phase::ALL`].
     levels: [u64; Phase::ALL.len()],
 }
 
 impl Known {
-    /// Nothing yet of a run on an array of so many channels, if that is known.
+    /// Creates the empty state of a run on an array with `channels` outputs, if this number is known.
     pub fn of(channels: Option<usize>) -> Known {
         Known { channels, ..Known::default() }
     }
 
-    /// What the journal of a run says, and the journal, read to its end.
+    /// Reads the journal of a run to its end. Returns its content and the journal.
     ///
     /// # Errors
-    /// No journal, a damaged one, or the operating system's.
+    /// The journal is missing or damaged, or an error of the operating system.
     pub fn read(folder: &Path, channels: Option<usize>) -> Result<(Known, Records), DatasetError> {
         let mut known = Known::of(channels);
         let records = Journal::read(&folder.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
         Ok((known, records))
     }
 
-    /// A journal begins by saying what the run is, and says it once; each entry of its plan is in it once, whole.
+    /// Adds a record. A journal begins with exactly one description of the run, and contains each entry of the plan once,
+    /// complete.
     pub fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
         self.end = None;
         match record {
@@ -86,22 +88,22 @@ impl Known {
         Ok(())
     }
 
-    /// Whether the plan is done and the journal says so: nothing can be missing from it.
+    /// Whether the plan is finished and the journal states this, so that nothing can be missing.
     pub fn is_complete(&self) -> bool {
         let is_whole = self.manifest.presses_done == self.manifest.facts.presses_planned;
         self.end == Some(Status::Complete) && is_whole
     }
 
-    /// How many levels there are of a phase.
+    /// Returns the number of levels of a phase.
     pub fn levels_of(&self, phase: Phase) -> u64 {
         Phase::ALL.into_iter().zip(self.levels).find(|(its, _)| *its == phase).map_or(0, |(_, count)| count)
     }
 }
 
-/// A run is a folder with a journal in it.
+/// Checks that a path is a run: a folder with a journal in it.
 ///
 /// # Errors
-/// It isn't one.
+/// The path isn't a run.
 pub fn check_run(path: &Path) -> Result<(), DatasetError> {
     if path.join(JOURNAL).is_file() {
         return Ok(());

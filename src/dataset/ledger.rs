@@ -1,9 +1,9 @@
-//! What a walk needs of a record.
+//! Interface between a run in execution and its record.
 
 use super::{Contact, DatasetError, Record};
 use std::collections::BTreeSet;
 
-/// What a walk needs of a record: what already exists, and where what it measures goes.
+/// Interface between a run in execution and its record: existing data, and the destination of new data.
 pub trait Ledger {
     /// Whether an entry of the plan is recorded, by its number.
     fn has(&self, press: u64) -> bool;
@@ -30,7 +30,7 @@ pub trait Ledger {
     }
 }
 
-/// A ledger that ends with the program: for studies and tests, which leave no files.
+/// A ledger in memory that ends with the program: for studies and tests, which write no files.
 #[derive(Clone, Debug, Default)]
 pub struct Memory {
     records: Vec<Record>,
@@ -38,12 +38,12 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// All records in the order they were made.
+    /// Returns all records in the order they were made.
     pub fn records(&self) -> &[Record] {
         &self.records
     }
 
-    /// The contacts in the order they were made.
+    /// Returns the contacts in the order they were made.
     pub fn contacts(&self) -> impl Iterator<Item = &Contact> {
         self.records.iter().filter_map(Record::contact)
     }

@@ -1,4 +1,4 @@
-//! One writer at a time: a run belongs to the program that holds its lock.
+//! Allows one writer at a time: a run belongs to the program that holds its lock.
 
 use super::journal::JOURNAL;
 use super::{DatasetError, files};

@@ -1,5 +1,5 @@
-//! Columns of a table from outside that aren't used though their names look like a force, a place or an output: they are named,
-//! so that nobody believes that they were.
+//! Columns of an external table that aren't used although their names look like a force, a place or an output. They are reported,
+//! so that nobody assumes they were used.
 
 use super::press::{COLUMNS, Presence};
 use super::table_error::quoted;
@@ -8,11 +8,11 @@ use csv::StringRecord;
 /// A column that isn't used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lookalike {
-    /// Its name in the table, its first characters if it is long.
+    /// Name in the table; only its first characters if it is long.
     pub column: String,
-    /// What it looks like.
+    /// Quantity that the name looks like.
     pub looks_like: &'static str,
-    /// The column that holds this.
+    /// Column from which this quantity is read.
     pub read_from: &'static str,
 }
 

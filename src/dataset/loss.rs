@@ -1,4 +1,4 @@
-//! Whether a journal holds all presses that the other files of its run say were recorded.
+//! Checks whether a journal contains all presses that the other files of its run state as recorded.
 
 use super::journal::JOURNAL;
 use super::known::Known;

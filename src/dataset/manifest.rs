@@ -1,4 +1,4 @@
-//! The manifest: what a run was and how it ended, in one JSON object for people and other programs.
+//! Manifest: description of a run and its ending, in one JSON object for people and other programs.
 
 use super::{DatasetError, End, Fingerprint, Loss, Provenance, Record, RunFacts, Status, files};
 use crate::control::Trip;
@@ -13,39 +13,39 @@ pub(super) const MANIFEST: &str = "manifest.json";
 /// Largest manifest that is read, bytes: a run that was continued a thousand times is far below it.
 const MANIFEST_MAX_BYTES: u64 = 4 << 20;
 
-/// `manifest.json`: what a run was and how it ended. All of it but the files' fingerprints follows from the journal.
+/// `manifest.json`: description of a run and its ending. Everything except the files' fingerprints follows from the journal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// How it ended. While a run is under way it says `stopped`, which is what it is unless a later record changes it.
+    /// Ending of the run. During a run the status is `stopped`, which is correct unless a later record changes it.
     pub status: Status,
-    /// What it is.
+    /// Description of the run.
     #[serde(flatten)]
     pub facts: RunFacts,
-    /// Entries on disk.
+    /// Number of entries on disk.
     pub presses_done: u64,
-    /// Rows that have something wrong with them.
+    /// Number of flagged rows.
     pub rows_flagged: u64,
-    /// Time that passed in the run, s: in a simulated one that of the simulation.
+    /// Time in the run, s. In a simulated run it is the time of the simulation.
     pub virtual_s: f64,
-    /// Time that passed outside, s; that of a program that was killed isn't known.
+    /// Real time, s. The time of a killed program is unknown.
     pub wall_s: f64,
-    /// Who began it and who went on with it: which program, where, and when.
+    /// Sessions that began or continued the run: program, place and time.
     pub sessions: Vec<Provenance>,
-    /// When it ended, with its time zone.
+    /// End time, with its time zone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<String>,
-    /// What the devices said they are, most lately.
+    /// Identities most recently reported by the devices.
     pub devices: Vec<Identity>,
-    /// The rule that was broken, in a run that was tripped.
+    /// Rule that was broken, in a tripped run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trip: Option<Trip>,
-    /// What went wrong, in a run that failed.
+    /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// Presses that were lost with a part of the journal, as a person accepted.
+    /// Presses that were lost with a part of the journal, as accepted by a person.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
-    /// The other files of the folder as they were written; empty while a run is under way.
+    /// Other files of the folder as written; empty during a run.
     pub files: Vec<Fingerprint>,
 }
 
@@ -92,7 +92,7 @@ impl Manifest {
     /// Reads a manifest.
     ///
     /// # Errors
-    /// None there, too large, or not one: at which line and column.
+    /// The file is missing, too large, or not a manifest; the error states line and column.
     pub fn read(path: &Path) -> Result<Manifest, DatasetError> {
         let problem = |at: String, problem: String| DatasetError::Manifest { path: path.to_owned(), at, problem };
         let text = match files::read_text(path, MANIFEST_MAX_BYTES) {
@@ -115,7 +115,7 @@ impl Manifest {
     /// Reads a manifest's text.
     ///
     /// # Errors
-    /// What it isn't, and where.
+    /// The text isn't a manifest; the error states the problem and its position.
     pub fn parse(text: &str) -> Result<Manifest, serde_json::Error> {
         serde_json::from_str(text)
     }

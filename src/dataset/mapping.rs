@@ -1,4 +1,4 @@
-//! A columns file: which column of a table from elsewhere holds what, in which unit, and where the array's units are.
+//! Columns file: content and unit of each column of an external table, and the positions of the array's units.
 
 use super::press::{Press, output_name};
 use crate::document::layout::{CHANNELS_MAX, GRID, LayoutKeys, read_unit};
@@ -17,7 +17,7 @@ const SEPARATORS: [(&str, u8); 4] = [(",", b','), (";", b';'), ("tab", b'\t'), (
 const DECIMALS: [(&str, Decimal); 2] = [(".", Decimal::Point), (",", Decimal::Comma)];
 
 keys! {
-    /// The whole file.
+    /// The complete file.
     columns {
         x_mm: Text, or_word("x_mm"), "the column with the place along x", "\"X [mm]\"";
         y_mm: Text, or_word("y_mm"), "the column with the place along y", "\"Y [mm]\"";
@@ -73,7 +73,7 @@ keys! {
 const LAYOUT: LayoutKeys =
     LayoutKeys { grid: array::grid, places_mm: array::places_mm, channels_per_unit: array::channels_per_unit };
 
-/// Which columns of a table hold what. The default is a table with the program's own names.
+/// Columns of a table and their contents. The default is a table with the program's own names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
     pub(super) x_mm: String,
@@ -91,18 +91,18 @@ pub struct Mapping {
     pub(super) has_header: bool,
     /// Whether a person gave it: rows with missing values are then excluded, and a run's own columns aren't looked for.
     pub(super) is_given: bool,
-    /// The day of the measurement, as year-month-day.
+    /// Date of the measurement, as year-month-day.
     pub measured: Option<String>,
-    /// Where the array's units are, and the unit of the outputs.
+    /// Positions of the array's units, and the unit of the outputs.
     pub array: Option<(ArrayLayout, String)>,
 }
 
 /// Which columns hold the outputs.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Outputs {
-    /// `out_1`, `out_2`, ..., as many as there are.
+    /// `out_1`, `out_2`, ..., any number of them.
     Own,
-    /// These.
+    /// The columns with these names.
     Named(Vec<String>),
 }
 
@@ -125,7 +125,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// Turns the values of a table into millimetres and newtons.
+    /// Converts the values of a table to millimetres and newtons.
     pub fn apply(&self, press: &mut Press) {
         press.x_mm = press.x_mm * self.place + self.x_mm;
         press.y_mm = press.y_mm * self.place + self.y_mm;
@@ -158,12 +158,12 @@ impl Mapping {
     /// Reads a columns file.
     ///
     /// # Errors
-    /// Every problem of the text, each at its line.
+    /// Every problem of the text, each with its line.
     pub fn parse(file: &str, text: &str) -> Result<Mapping, Problems> {
         document::read(file, text, &columns::KEYS, read)
     }
 
-    /// The text of a columns file that says the same as `x_mm=X,y_mm=Y,outputs=ch0..ch15`.
+    /// Returns the text of a columns file equivalent to `x_mm=X,y_mm=Y,outputs=ch0..ch15`.
     pub fn text_of(pairs: &str) -> String {
         let pair = |pair: &str| match pair.split_once('=') {
             Some((key, name)) => format!("{} = {:?}\n", key.trim(), name.trim()),
@@ -172,7 +172,7 @@ impl Mapping {
         pairs.split(',').map(pair).collect()
     }
 
-    /// Where the units of a table with so many outputs are, if it says so.
+    /// Returns the positions of the units of a table with `outputs` outputs, if the mapping states them.
     pub fn layout_of(&self, outputs: usize) -> Option<ArrayLayout> {
         self.array.as_ref().map(|(layout, _)| layout).filter(|layout| layout.len() == outputs).cloned()
     }

@@ -1,12 +1,12 @@
-//! What a run leaves on disk: the journal, which is the record, and plain tables that are views of it.
+//! Files of a run: the journal, which is the record, and plain tables, which are views of it.
 //!
-//! A run folder appears by one rename with its recipe, its rig and its manifest in it. Each press is in the [`Journal`],
-//! flushed to the disk, before the next begins; `presses.csv` grows with it, and all tables are regenerated at the end. They
-//! and the manifest are views: [`RunFolder::rebuild`] makes them from the journal. A maker of presses sees a [`Ledger`]
-//! only: a run folder, or a [`Memory`] that leaves no files.
+//! A run folder appears by one rename, with its recipe, its rig and its manifest. Each press is in the [`Journal`], flushed to
+//! the disk, before the next press begins. `presses.csv` grows with the journal, and all tables are regenerated at the end.
+//! Tables and manifest are views: [`RunFolder::rebuild`] makes them from the journal. Code that makes presses sees only a
+//! [`Ledger`]: a run folder, or a [`Memory`] that writes no files.
 //!
-//! [`Press`] is one press and the list of its columns. Presses come in through two doors and are the same behind them:
-//! [`Recorded`] reads a run's journal, [`read_table`] a table from outside.
+//! [`Press`] is one press and the list of its columns. There are two sources of presses, with the same result: [`Recorded`] reads
+//! a run's journal, [`read_table`] reads an external table.
 
 mod acceptance;
 pub mod answers;

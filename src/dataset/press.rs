@@ -1,6 +1,6 @@
-//! One press, and the columns it has: the CSV header, the journal's fields, the JSON keys and both readers follow from one list.
+//! One press and its columns. The CSV header, the journal's fields, the JSON keys and both readers follow from one list.
 //!
-//! A new column is one line of the list below, and the place that measures it.
+//! A new column requires one line in the list below, and code that measures it.
 
 use super::Flag;
 use super::cell::{Cell, Misread, Value};
@@ -8,25 +8,25 @@ use crate::quantity::Place;
 use crate::recipe::Phase;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
 
-/// Which tables have a column.
+/// Tables that have a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
     /// Every table.
     Needed,
     /// Any table may have it.
     Optional,
-    /// Only a run's own table; a table from elsewhere may use the name for something else.
+    /// Only a run's own table. An external table may use the name for something else.
     Run,
-    /// Only a run's own table, and there a cell may be empty.
+    /// Only a run's own table, in which a cell may be empty.
     Sparse,
 }
 
 /// One column of a table of presses.
 #[derive(Clone, Copy)]
 pub struct Column {
-    /// Its name in a header and in JSON. [`OUTPUTS`] stands for `out_1`, `out_2`, ...: one a channel.
+    /// Name in a header and in JSON. [`OUTPUTS`] means `out_1`, `out_2`, ...: one for each channel.
     pub name: &'static str,
-    /// Which tables have it.
+    /// Tables that have the column.
     pub presence: Presence,
     pub(super) write: Write,
     pub(super) read: Read,
@@ -38,17 +38,18 @@ type Write = fn(&Press, &mut dyn FnMut(Value<'_>));
 /// Takes the cells of a row in a column, one or one a channel.
 type Read = fn(&mut Press, &[&str]) -> Result<(), Misread>;
 
-/// The name of the column that stands for one column a channel.
+/// Name of the column entry that represents one column for each channel.
 pub const OUTPUTS: &str = "outputs";
 
-/// Declares the columns in the order of `presses.csv`: `name: type, presence, decimals` (the decimals an instrument resolves).
+/// Declares the columns in the order of `presses.csv`: `name: type, presence, decimals` (the number of decimals that an
+/// instrument resolves).
 macro_rules! columns {
     ($($(#[$meta:meta])* $name:ident: $kind:ty, $presence:ident, $decimals:literal;)*) => {
-        /// One held level of one press: a row of `presses.csv`. None: the table it comes from doesn't say.
+        /// One level of one press: a row of `presses.csv`. `None` means that the source table doesn't contain the value.
         #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
         pub struct Press { $($(#[$meta])* pub $name: $kind,)* }
 
-        /// The columns in the order in which they are written.
+        /// Columns in the order in which they are written.
         pub const COLUMNS: &[Column] = &[$(Column {
             name: stringify!($name),
             presence: Presence::$presence,
@@ -60,40 +61,41 @@ macro_rules! columns {
 }
 
 columns! {
-    /// The entry of the plan, from 0; in a table from elsewhere the row, from 0. The levels of a staircase share it.
+    /// Entry of the plan, from 0; in an external table the row, from 0. The levels of a staircase have the same entry.
     press: u64, Run, 0;
-    /// The level of a staircase in the order they are held, from 0; 0 in a plain press.
+    /// Level of a staircase in the order of measurement, from 0; 0 in a plain press.
     level: u64, Run, 0;
-    /// What the press was made for.
+    /// Purpose of the press.
     phase: Option<Phase>, Run, 0;
-    /// Where, specimen frame, mm.
+    /// x of the press, specimen frame, mm.
     x_mm: f64, Needed, 6;
-    /// Where, specimen frame, mm.
+    /// y of the press, specimen frame, mm.
     y_mm: f64, Needed, 6;
-    /// The commanded force, N.
+    /// Commanded force, N.
     force_set_n: Option<f64>, Run, 6;
-    /// The mean force in the window, N, from the air before and after the press.
+    /// Mean force in the window, N, relative to the air before and after the press.
     force_n: Option<f64>, Optional, 6;
-    /// Standard uncertainty of that force, N; none where neither a certificate nor a check weight says what the load cell errs by.
+    /// Standard uncertainty of that force, N; `None` if neither a certificate nor a check weight gives the load cell's error.
     u_force_n: Option<f64>, Sparse, 6;
-    /// The depth below the surface as touched in this press, mm; 0 in air.
+    /// Depth below the surface touched in this press, mm; 0 in air.
     depth_mm: Option<f64>, Run, 5;
-    /// When the window began, s since the run's start.
+    /// Start of the window, s since the run's start.
     t_s: Option<f64>, Run, 4;
-    /// Each channel's mean output in the window, less its output in air, in the array's unit.
+    /// Mean output of each channel in the window minus its output in air, in the array's unit.
     outputs: Vec<f64>, Needed, 7;
-    /// What was wrong with the press; empty: nothing.
+    /// Faults of the press; empty if there are none.
     flags: Vec<Flag>, Optional, 0;
-    /// The stage's z in the window, read back, stage frame, mm.
+    /// z of the stage in the window, read back, stage frame, mm.
     z_mm: Option<f64>, Run, 5;
-    /// What the load cell read in air before the press, N.
+    /// Reading of the load cell in air before the press, N.
     air_before_n: Option<f64>, Sparse, 6;
-    /// What it read in air after it, N: forces count from between the two, as time goes.
+    /// Reading of the load cell in air after the press, N. The zero of the force is interpolated in time between the two air
+    /// readings.
     air_after_n: Option<f64>, Sparse, 6;
 }
 
 impl Column {
-    /// The names that the column has in a header, for an array of so many channels.
+    /// Returns the column's names in a header for an array with `channels` channels.
     pub fn names(&self, channels: usize) -> Vec<String> {
         match self.name {
             OUTPUTS => (1..=channels).map(output_name).collect(),
@@ -102,28 +104,28 @@ impl Column {
     }
 }
 
-/// The name of a channel's column, the channel counted from 1.
+/// Returns the name of a channel's column; the channel is counted from 1.
 pub fn output_name(channel: usize) -> String {
     format!("out_{channel}")
 }
 
 impl Press {
-    /// Where it was made, specimen frame.
+    /// Returns the place of the press, specimen frame.
     pub fn place(&self) -> Place {
         Place::new(self.x_mm, self.y_mm)
     }
 
-    /// Whether it was made for that phase.
+    /// Whether the press was made for that phase.
     pub fn is_of(&self, phase: Phase) -> bool {
         self.phase == Some(phase)
     }
 
-    /// Whether something was wrong with it.
+    /// Whether the press has a fault.
     pub fn is_flagged(&self) -> bool {
         !self.flags.is_empty()
     }
 
-    /// Whether each of its numbers is one.
+    /// Whether all of its numbers are finite.
     pub fn is_finite(&self) -> bool {
         let mut is_finite = true;
         for column in COLUMNS {
@@ -134,14 +136,15 @@ impl Press {
         is_finite
     }
 
-    /// The press with its numbers rounded to what the instruments resolve, so that the journal and every table say the same.
+    /// Returns the press with its numbers rounded to the resolution of the instruments, so that the journal and every table
+    /// agree.
     #[must_use]
     pub fn rounded(mut self) -> Press {
         COLUMNS.iter().for_each(|column| (column.round)(&mut self));
         self
     }
 
-    /// The press as one JSON object with the columns of `presses.csv` as its keys.
+    /// Returns the press as one JSON object with the columns of `presses.csv` as its keys.
     pub fn to_json(&self) -> String {
         serde_json::to_string(&Flat(self)).unwrap_or_default() // numbers and plain text can't fail
     }

@@ -1,4 +1,4 @@
-//! The journal's records.
+//! Records of the journal.
 
 use super::{End, Loss, Press, Provenance, RunFacts, Text};
 use crate::control::{AirReadings, Budget, Hum, Lesson, Trip};
@@ -6,57 +6,57 @@ use crate::device::Identity;
 use crate::quantity::{Place, any_number, round};
 use serde::{Deserialize, Serialize};
 
-/// One record of the journal. What comes from the clock and the machine stands in [`Provenance`], [`Loss`] and [`End`] alone: all
-/// others are the same to the last bit when a simulated run is repeated.
+/// One record of the journal. Only [`Provenance`], [`Loss`] and [`End`] depend on the clock and the machine. All others are the
+/// same to the last bit when a simulated run is repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Record {
-    /// What the run is: the first record.
+    /// Description of the run: the first record.
     Run(RunFacts),
-    /// A program begins to measure, or to continue.
+    /// A program begins to measure, or continues.
     Session(Provenance),
-    /// A text that the run goes by, as given.
+    /// A text that the run uses, unchanged.
     Text(Text),
-    /// What the devices said they are.
+    /// Identities reported by the devices.
     Devices(Vec<Identity>),
-    /// The zero was taken in air.
+    /// The zero was measured in air.
     Zero {
-        /// When, s since the run's start.
+        /// Time, s since the run's start.
         t_s: f64,
         /// The load cell's reading in air, N.
         offset_n: f64,
         /// Standard deviation of one reading, N.
         sigma_n: f64,
-        /// The mains in it; none where there are none to be seen.
+        /// Mains hum in the reading; `None` if no hum can be seen.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         hum: Option<Hum>,
-        /// The outputs in air, in the array's unit.
+        /// Outputs in air, in the array's unit.
         outputs: Vec<f64>,
     },
-    /// An entry of the plan was measured whole.
+    /// An entry of the plan was measured completely.
     Contact(Contact),
-    /// A place that was touched before was touched again, before a run went on.
+    /// A place was touched again before a run continued.
     Retouch(Retouch),
     /// A safety rule was broken.
     Trip {
-        /// When, s since the run's start.
+        /// Time, s since the run's start.
         t_s: f64,
-        /// The entry that was under way, if any.
+        /// Entry that was being executed, if any.
         press: Option<u64>,
         /// The rule and its numbers.
         trip: Trip,
-        /// What really happened since the row before, in a simulated run.
+        /// True peaks since the previous row, in a simulated run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         peaks: Option<Peaks>,
     },
     /// A person accepted that presses were lost.
     Loss(Loss),
-    /// A program came to its end by itself. One that was killed leaves none.
+    /// A program ended in a controlled way. A program that was killed leaves no such record.
     End(End),
 }
 
 impl Record {
-    /// When it was made, s since the run's start; none where it says no time.
+    /// Returns the time of the record, s since the run's start; `None` if it has no time.
     pub fn t_s(&self) -> Option<f64> {
         match self {
             Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::Devices(_) | Record::Loss(_) => None,
@@ -66,7 +66,7 @@ impl Record {
         }
     }
 
-    /// The contact, if it is one.
+    /// Returns the contact, if the record is a contact.
     pub fn contact(&self) -> Option<&Contact> {
         match self {
             Record::Contact(contact) => Some(contact),
@@ -78,55 +78,55 @@ impl Record {
 /// One contact: a plain press, or a staircase with all its levels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
-    /// The entry's number in the plan.
+    /// Number of the entry in the plan.
     pub press: u64,
-    /// Its levels in the order they were held.
+    /// Levels of the contact in the order of measurement.
     pub levels: Vec<Press>,
-    /// How well the force of each level is known.
+    /// Uncertainty budget of each level's force.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budgets: Vec<Budget>,
-    /// What really happened at each level, in a simulated run.
+    /// True values at each level, in a simulated run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<PressTruth>,
-    /// What the force loop learned from it for later ones; none if the entry never left the air.
+    /// Data that the force loop learned from the contact for later contacts; `None` if the entry never left the air.
     pub lesson: Option<Lesson>,
-    /// The air before it: forces and outputs count from there.
+    /// Air readings before the contact: the zero of the outputs, and the first zero of the forces.
     pub air_before: Air,
-    /// The air after it: forces count from between the two, as time goes.
+    /// Air readings after the contact. The zero of the forces is interpolated in time between the two air readings.
     pub air_after: Air,
-    /// What the next press begins from; none after the last.
+    /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
 }
 
-/// How a contact was left.
+/// State at the end of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Left {
-    /// Where the indenter stood, in the clear above the next place, specimen frame, mm.
+    /// z of the indenter in the clear above the next place, specimen frame, mm.
     pub z_mm: f64,
 }
 
-/// What load cell and array read in air.
+/// Readings of load cell and array in air.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Air {
-    /// The load cell.
+    /// Readings of the load cell.
     #[serde(flatten)]
     pub force: AirReadings,
-    /// The mean of each output, in the array's unit.
+    /// Mean of each output, in the array's unit.
     pub outputs: Vec<f64>,
 }
 
 /// A place that was touched again.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Retouch {
-    /// When, s since the run's start.
+    /// Time, s since the run's start.
     pub t_s: f64,
     /// The place, specimen frame.
     #[serde(flatten)]
     pub place: Place,
-    /// Where contact began before, mm into the specimen.
+    /// Depth at which contact began earlier, mm into the specimen.
     pub before_mm: f64,
-    /// Where it began now, mm into the specimen; NaN: nowhere.
+    /// Depth at which contact began this time, mm into the specimen; NaN if there was no contact.
     #[serde(with = "any_number")]
     pub touched_mm: f64,
 }
@@ -136,23 +136,23 @@ pub struct Retouch {
 pub struct PressTruth {
     /// Mean true force in the window, N.
     pub force_true_n: f64,
-    /// Largest true force since the last row of the press, or since it began, N.
+    /// Largest true force since the previous row of the press, or since its beginning, N.
     pub force_peak_n: f64,
-    /// Deepest indentation since then, mm.
+    /// Largest indentation since then, mm.
     pub depth_peak_mm: f64,
 }
 
-/// The worst that really happened in a press that tripped.
+/// Largest true values in a press that tripped.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Peaks {
     /// Largest true force, N.
     pub force_peak_n: f64,
-    /// Deepest indentation, mm.
+    /// Largest indentation, mm.
     pub depth_peak_mm: f64,
 }
 
 impl PressTruth {
-    /// Rounded to 0.1 uN and 10 nm.
+    /// Returns the values rounded to 0.1 uN and 10 nm.
     #[must_use]
     pub fn rounded(self) -> PressTruth {
         PressTruth {

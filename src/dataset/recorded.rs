@@ -1,4 +1,4 @@
-//! The door for runs: everything that a run's journal says, read in one pass.
+//! Reads runs: the complete content of a run's journal, in one pass.
 
 use super::journal::JOURNAL;
 use super::known::{Known, check_run};
@@ -17,28 +17,28 @@ pub(super) const RIG: &str = "rig.toml";
 /// That of the columns file of an import.
 pub(super) const COLUMNS: &str = "columns.toml";
 
-/// A run as its journal says.
+/// A run, read from its journal.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     /// The run folder.
     pub path: PathBuf,
-    /// What the run was and how it ended; without the files' fingerprints.
+    /// Description of the run and its ending, without the files' fingerprints.
     pub manifest: Manifest,
-    /// The texts that it goes by.
+    /// Texts that the run uses.
     pub texts: Texts,
-    /// Each zero taken in air: when, s since the run's start, and the load cell's reading, N.
+    /// Zeros measured in air: time, s since the run's start, and the load cell's reading, N.
     pub zeros: Vec<(f64, f64)>,
-    /// Rules that were broken: when, s, in which press, and which.
+    /// Broken rules: time, s, the press and the rule.
     pub trips: Vec<(f64, Option<u64>, Trip)>,
-    /// Places touched again before it went on.
+    /// Places that were touched again before the run continued.
     pub retouches: Vec<Retouch>,
-    /// What was measured, in the order it was.
+    /// Contacts in the order of measurement.
     pub contacts: Vec<Contact>,
-    /// Whether nothing came after its end.
+    /// Whether no record follows the run's end.
     pub has_ended: bool,
 }
 
-/// The texts of a run, as its journal keeps them.
+/// Texts of a run, from its journal.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Texts {
     all: Vec<Text>,
@@ -48,7 +48,7 @@ impl Recorded {
     /// Reads a run's journal.
     ///
     /// # Errors
-    /// No run, or a journal that is damaged, holds fewer presses than the other files of the run, or can't be read.
+    /// The path isn't a run. Or its journal is damaged, contains fewer presses than the other files of the run, or can't be read.
     pub fn read(path: &Path) -> Result<Recorded, DatasetError> {
         check_run(path)?;
         let mut known = Known::of(None);
@@ -75,23 +75,23 @@ impl Recorded {
         Ok(Recorded { path: path.to_owned(), manifest, texts, zeros, trips, retouches, contacts, has_ended })
     }
 
-    /// The presses, in the order of the plan.
+    /// Returns the presses, in the order of the plan.
     pub fn presses(&self) -> Presses {
         Presses::of_contacts(&self.path.display().to_string(), &self.contacts)
     }
 
-    /// Its folder's name, also where the path has none, such as `.`.
+    /// Returns the name of the run's folder, even if the path has no name, such as `.`.
     pub fn name(&self) -> String {
         let whole = if self.path.file_name().is_none() { self.path.canonicalize().ok() } else { None };
         let path = whole.as_deref().unwrap_or(&self.path);
         path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
     }
 
-    /// What the files for people say other than the journal, in a line each; none of these files was read. The table of a run that
-    /// was killed or is under way may lack presses.
+    /// Returns the differences between the files for people and the journal, one line each. These files weren't used for the
+    /// data. The table of a run that was killed or is in progress may lack presses.
     ///
     /// # Errors
-    /// A file that can't be read.
+    /// A file can't be read.
     pub fn warnings(&self) -> Result<Vec<String>, DatasetError> {
         let path = self.path.display();
         let mut warnings = Vec::new();
@@ -110,10 +110,10 @@ impl Recorded {
         Ok(warnings)
     }
 
-    /// In what a table, named by its path, differs from the journal; none where it is.
+    /// Returns the difference between a table, named by its path, and the journal; `None` if they agree.
     ///
     /// # Errors
-    /// A file that can't be read.
+    /// A file can't be read.
     pub fn table_problem(&self, name: &str) -> Result<Option<&'static str>, DatasetError> {
         let table = self.path.join(name);
         let presses = self.presses();
@@ -136,10 +136,10 @@ impl Recorded {
 }
 
 impl Texts {
-    /// What the journal of a run keeps of its texts, and what else it says of the run but its presses.
+    /// Returns the texts in the journal of a run, and its other content except the presses.
     ///
     /// # Errors
-    /// As of [`Recorded::read`].
+    /// The same as for [`Recorded::read`].
     pub fn read(path: &Path) -> Result<(Manifest, Texts), DatasetError> {
         check_run(path)?;
         let (known, _) = Known::read(path, None)?;
@@ -150,43 +150,44 @@ impl Texts {
         Texts { all: texts.to_vec() }
     }
 
-    /// The recipe.
+    /// Returns the recipe.
     pub fn recipe(&self) -> &str {
         self.latest(RECIPE).unwrap_or_default()
     }
 
-    /// The rig that the run goes by.
+    /// Returns the rig that the run uses.
     pub fn rig(&self) -> &str {
         self.latest(RIG).unwrap_or_default()
     }
 
-    /// The columns file of an import; empty without one.
+    /// Returns the columns file of an import; empty without one.
     pub fn columns(&self) -> &str {
         self.latest(COLUMNS).unwrap_or_default()
     }
 
-    /// The rig that it began with.
+    /// Returns the rig with which the run began.
     pub fn first_rig(&self) -> &str {
         self.all.iter().find(|text| text.name == RIG).map_or("", |text| text.text.as_str())
     }
 
-    /// The text of that name that came last.
+    /// Returns the most recent text of that name.
     pub fn latest(&self, name: &str) -> Option<&str> {
         self.all.iter().rfind(|text| text.name == name).map(|text| text.text.as_str())
     }
 }
-/// SHA-256 of a run's journal as it is on the disk, in hexadecimal.
+/// Returns the SHA-256 of a run's journal on the disk, in hexadecimal.
 ///
 /// # Errors
-/// No run, or its journal can't be read.
+/// The path isn't a run, or its journal can't be read.
 pub fn journal_sha256(run: &Path) -> Result<String, DatasetError> {
     Ok(journal_fingerprint(run)?.sha256)
 }
 
-/// What presses are read from, by its content: the journal of a run folder, or a table. Its name is that of the run or the table.
+/// Returns the fingerprint of a source of presses: the journal of a run folder, or a table. Its name is that of the run or the
+/// table.
 ///
 /// # Errors
-/// No run, or the file can't be read.
+/// The path isn't a run, or the file can't be read.
 pub fn source_fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if path.is_dir() {

@@ -1,7 +1,7 @@
 //! A calibrated sensor as a file: two lines of text and the numbers of a model.
 //!
-//! The first line is [`MARK`], the second a JSON object, the [`Card`]: it says what the file is and where it holds. The bytes after it
-//! are the [`Model`]. `docs/sensor-file.md` describes all three.
+//! The first line is [`MARK`]. The second line is a JSON object, the [`Card`]: it describes the file and its range of validity.
+//! The bytes after it are the [`Model`]. `docs/sensor-file.md` describes all three.
 
 use super::files;
 use super::fingerprint::Fingerprint;
@@ -13,41 +13,41 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// The first line. The number changes whenever the bytes of a model do.
+/// First line of the file. The number changes whenever the byte format of a model changes.
 pub const MARK: &str = "palpate sensor 1";
 
 /// What the first line of every version begins with.
 const KIND: &str = "palpate sensor ";
 
-/// The most bytes of a model in a file.
+/// Largest size of a model in a file, bytes.
 pub const MOST_BYTES: usize = 32 << 20;
 
 /// The most bytes of a card.
 const CARD_MOST_BYTES: usize = 64 << 10;
 
-/// What a sensor file says about itself, in text.
+/// Description of a sensor file, as text.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Card {
-    /// The version of the program that wrote it.
+    /// Version of the program that wrote the file.
     pub palpate: String,
-    /// The method.
+    /// Name of the method.
     pub method: String,
-    /// The sensor's ID, where its run has one.
+    /// ID of the sensor, if its run has one.
     #[serde(default)]
     pub sensor: Option<String>,
-    /// What the method was fitted to: the journals of runs, or tables.
+    /// Sources of the fit: the journals of runs, or tables.
     pub made_from: Vec<Fingerprint>,
-    /// What the calibration contains.
+    /// Range of the calibration.
     pub valid: Validity,
-    /// Units that are left out, counted from 1, and why.
+    /// Excluded units, counted from 1, and the reasons.
     pub left_out: Vec<LeftOutUnit>,
-    /// Whether every contact is taken to press as hard as the calibration did.
+    /// Whether every contact is assumed to have the force of the calibration.
     pub constant_load: bool,
-    /// Whether one offset of all outputs is solved for.
+    /// Whether a common offset of all outputs is solved for.
     pub common_offset: bool,
-    /// Accepted share of single contacts with a wrong verdict.
+    /// Accepted fraction of single contacts with a wrong verdict.
     pub false_alarms: f64,
-    /// Whether the presses are in the file too: without them no reading that lacks an output can be solved.
+    /// Whether the file contains the presses too. Without them, readings with missing outputs can't be solved.
     pub keeps_presses: bool,
     /// Size of the model.
     pub bytes: u64,
@@ -55,86 +55,86 @@ pub struct Card {
     pub sha256: String,
 }
 
-/// A unit that is left out of account.
+/// A unit that is excluded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeftOutUnit {
     /// The unit, counted from 1.
     pub unit: usize,
-    /// What is wrong with it.
+    /// Fault of the unit.
     pub why: String,
 }
 
-/// A sensor file can't be written or read.
+/// Reason why a sensor file can't be written or read.
 #[derive(Debug, Error, Diagnostic)]
 pub enum SensorFileError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{doing} {}: {why}", path.display())]
     Io {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
-        /// To which file.
+        /// File of the operation.
         path: PathBuf,
-        /// What came back.
+        /// Error of the operating system.
         why: io::Error,
     },
-    /// Something else is at the place of the file.
+    /// The path of the file is used by something else.
     #[error("{} already exists and isn't a sensor file", path.display())]
     #[diagnostic(help("choose another --out: only a sensor file is replaced"))]
     Taken {
         /// The file.
         path: PathBuf,
     },
-    /// It isn't a sensor file.
+    /// The file isn't a sensor file.
     #[error("{} isn't a sensor file: it doesn't begin with `{MARK}`", path.display())]
     #[diagnostic(help("`palpate fit RUN --out sensor.palpate` writes one; a run or a table goes to --calibration"))]
     NoSensorFile {
         /// The file.
         path: PathBuf,
     },
-    /// Another version of the format.
+    /// The file has another version of the format.
     #[error("{} is a sensor file of version {found}; this program reads version 1", path.display())]
     #[diagnostic(help("fit the sensor again with this program, or use the version that wrote the file"))]
     Version {
         /// The file.
         path: PathBuf,
-        /// Its version.
+        /// Version of the file.
         found: String,
     },
-    /// What it says of itself can't be read, or isn't so.
+    /// The file's description can't be read, or doesn't agree with the file.
     #[error("{} is damaged: {why}", path.display())]
     #[diagnostic(help("take another copy of the file, or fit the sensor again"))]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Problem of the file.
         why: String,
     },
-    /// It would be too large.
+    /// The file would be too large.
     #[error("the model has {} MB without its presses; a sensor file holds {} MB", bytes >> 20, MOST_BYTES >> 20)]
     #[diagnostic(help(
         "choose another --solver: models of many channels are large, those of `pearson` and `whitened` are small"
     ))]
     TooLarge {
-        /// Its size.
+        /// Size of the file.
         bytes: usize,
     },
-    /// The model can't be put into bytes.
+    /// The model can't be serialised.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
 
-/// The text of a card and the bytes of its model, ready to be written.
+/// Text of a card and bytes of its model, ready for writing.
 pub struct SensorFile {
-    /// What it says about itself.
+    /// Description of the file.
     pub card: Card,
     bytes: Vec<u8>,
 }
 
 impl SensorFile {
-    /// Puts a model into a file's form; without its presses where there is no room for them.
+    /// Prepares a model for a file; without its presses if there is no space for them.
     ///
     /// # Errors
-    /// It is too large even so.
+    /// The file is too large even without presses.
     pub fn new(model: Model, sensor: Option<String>, made_from: Vec<Fingerprint>) -> Result<Self, SensorFileError> {
         let mut model = model;
         let mut bytes = model.to_bytes()?;
@@ -166,10 +166,10 @@ impl SensorFile {
         Ok(SensorFile { card, bytes })
     }
 
-    /// Writes it, whole or not at all. A sensor file that is there is replaced, anything else isn't.
+    /// Writes the file completely or not at all. Replaces an existing sensor file, but nothing else.
     ///
     /// # Errors
-    /// Something else is there, or the operating system's.
+    /// Something other than a sensor file is at the path, or an error of the operating system.
     pub fn write(&self, path: &Path) -> Result<(), SensorFileError> {
         check_replaceable(path)?;
         let io = |why| SensorFileError::Io { doing: "writing", path: path.to_owned(), why };
@@ -180,10 +180,10 @@ impl SensorFile {
     }
 }
 
-/// Whether a sensor file may be written there: the place is empty, or holds a sensor file.
+/// Checks whether a sensor file may be written at a path: the path is free, or is a sensor file.
 ///
 /// # Errors
-/// What stands there, or the operating system's.
+/// Something else is at the path, or an error of the operating system.
 pub fn check_replaceable(path: &Path) -> Result<(), SensorFileError> {
     let io = |why| SensorFileError::Io { doing: "writing", path: path.to_owned(), why };
     files::check_replaceable(path).map_err(io)?;
@@ -193,7 +193,7 @@ pub fn check_replaceable(path: &Path) -> Result<(), SensorFileError> {
     Err(SensorFileError::Taken { path: path.to_owned() })
 }
 
-/// Whether a regular file begins as a sensor file of any version does.
+/// Whether a path is a regular file that begins like a sensor file of any version.
 pub fn is_sensor_file(path: &Path) -> bool {
     let mut start = [0; KIND.len()];
     let mut read = || fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
@@ -203,7 +203,7 @@ pub fn is_sensor_file(path: &Path) -> bool {
 /// Reads a sensor file: its card and its model.
 ///
 /// # Errors
-/// It isn't one, is of another version or damaged, or the operating system's.
+/// The file isn't a sensor file, has another version or is damaged, or an error of the operating system.
 pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     let io = |why| SensorFileError::Io { doing: "reading", path: path.to_owned(), why };
     let damaged = |why: &str| SensorFileError::Damaged { path: path.to_owned(), why: why.to_owned() };

@@ -1,93 +1,93 @@
-//! What a run was made from and by whom, as its journal keeps it.
+//! Origin of a run and the programs that measured it, as recorded in its journal.
 
 use super::Fingerprint;
 use crate::control::Strategy;
 use crate::recipe::Plan;
 use serde::{Deserialize, Serialize};
 
-/// The format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
+/// Format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
 pub const FORMAT: u32 = 2;
 
-/// What a run is, in every continuation: its first record.
+/// Properties of a run that are the same in every continuation: its first record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunFacts {
-    /// The journal's format: [`FORMAT`].
+    /// Format of the journal: [`FORMAT`].
     pub format: u32,
-    /// The recipe's name.
+    /// Name of the recipe.
     pub recipe: String,
-    /// What was pressed and by whom, as far as a person said.
+    /// Labels of the pressed sensor and the operator, if a person gave them.
     #[serde(flatten)]
     pub labels: Labels,
-    /// Entries of the plan.
+    /// Number of entries of the plan.
     pub presses_planned: u64,
-    /// The random seed for places, forces and simulated noise.
+    /// Random seed for places, forces and simulated noise.
     pub seed: u64,
-    /// The strategy of every press, if it was given instead of the recipe's.
+    /// Strategy of every press, if it was given in place of the recipe's strategy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
-    /// The most presses that its plan may have, if that was given.
+    /// Largest allowed number of presses of the plan, if it was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub presses_max: Option<usize>,
-    /// Whether our emulators were at the far ends of the links.
+    /// Whether this program's emulators were at the other ends of the links.
     pub simulated: bool,
-    /// The tables that the presses were imported from; none of a run that this program made.
+    /// Tables from which the presses were imported; `None` for a run that this program made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imported: Option<Imported>,
 }
 
-/// Where imported presses come from.
+/// Source of imported presses.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Imported {
-    /// The table of the calibration presses, and that of the test presses where there was one.
+    /// Table of the calibration presses, and table of the test presses if there was one.
     pub tables: Vec<Fingerprint>,
-    /// The columns file, where one was given.
+    /// Columns file, if one was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<Fingerprint>,
-    /// How many outputs each press has.
+    /// Number of outputs of each press.
     pub outputs: u64,
-    /// What was detected and what was excluded, in words.
+    /// Description of what was detected and what was excluded.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// The day of the measurement, as year-month-day, where a person stated it.
+    /// Date of the measurement, as year-month-day, if a person stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured: Option<String>,
 }
 
-/// What a run pressed and who made it, in a person's own words; each is optional.
+/// Labels of the pressed sensor and the operator, in a person's own words; each is optional.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Labels {
-    /// The sensor's ID, such as its serial number.
+    /// ID of the sensor, such as its serial number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<String>,
-    /// The design that the sensor is built to.
+    /// Design of the sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub design: Option<String>,
-    /// The batch that it comes from.
+    /// Production batch of the sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub batch: Option<String>,
-    /// How often, or how, it has been mounted: runs of one mounting share the sensor's place on the bench.
+    /// Number or manner of the mounting. Runs of one mounting have the same position of the sensor on the bench.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<String>,
-    /// Who made the run.
+    /// Person who made the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
-    /// Anything else.
+    /// Any other note.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
 
-/// How a run ended.
+/// Ending of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// Every entry of the plan is on disk.
     Complete,
-    /// A person stopped it, or it is still under way.
+    /// A person stopped the run, or it is still in progress.
     #[default]
     Stopped,
     /// A safety rule was broken.
     Tripped,
-    /// A device failed or the record couldn't be kept.
+    /// A device failed, or recording failed.
     Failed,
 }
 
@@ -108,20 +108,20 @@ impl Default for RunFacts {
 }
 
 impl Imported {
-    /// The tables, by name.
+    /// Returns the names of the tables.
     pub fn names(&self) -> String {
         let names: Vec<&str> = self.tables.iter().map(|table| table.name.as_str()).collect();
         names.join(" and ")
     }
 
-    /// Each file with its SHA-256: the tables, then the columns file.
+    /// Returns each file with its SHA-256: the tables, then the columns file.
     pub fn files(&self) -> impl Iterator<Item = &Fingerprint> {
         self.tables.iter().chain(&self.columns)
     }
 }
 
 impl Labels {
-    /// Those that were given, each with its name.
+    /// Returns the labels that were given, each with its name.
     pub fn given(&self) -> impl Iterator<Item = (&'static str, &str)> {
         let Labels { sensor, design, batch, mounting, operator, note } = self;
         let all = [
@@ -137,7 +137,7 @@ impl Labels {
 }
 
 impl RunFacts {
-    /// What was carried out, for a sentence: the recipe, or an import.
+    /// Returns the executed recipe, or an import, as words for a sentence.
     pub fn told(&self) -> String {
         match &self.imported {
             None => format!("the recipe {}", self.recipe),
@@ -145,7 +145,7 @@ impl RunFacts {
         }
     }
 
-    /// The facts of a plan.
+    /// Returns the facts of a plan.
     pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
         RunFacts {
             recipe: plan.name.clone(),
@@ -157,23 +157,23 @@ impl RunFacts {
     }
 }
 
-/// A program that measures: which one, where, and since when.
+/// A program that measures: its version, machine and start time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// The program's version.
+    /// Version of the program.
     pub palpate: String,
-    /// The commit it was built from, where that was known.
+    /// Commit from which the program was built, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
-    /// The machine's name.
+    /// Name of the machine.
     pub host: String,
-    /// Its operating system and kind of processor, such as `linux x86_64`.
+    /// Operating system and processor type of the machine, such as `linux x86_64`.
     pub system: String,
-    /// When it began, with its time zone.
+    /// Start time, with its time zone.
     pub started: String,
-    /// What an acknowledged press survives.
+    /// Events that an acknowledged press survives.
     pub durability: Durability,
-    /// The texts it goes by: recipe, rig, and the files that these name. The folder that keeps them adds this.
+    /// Texts that the program uses: recipe, rig, and the files that these name. The folder that stores them sets this field.
     #[serde(default)]
     pub texts: Vec<Fingerprint>,
     /// The keys of the rig that differ from those with which the run began.
@@ -181,64 +181,64 @@ pub struct Provenance {
     pub changes: Vec<RigChange>,
 }
 
-/// A key of the rig that was changed between two sessions.
+/// A key of the rig that changed between two sessions.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RigChange {
-    /// The key with the tables it stands in, such as `stage.link`.
+    /// Key with its tables, such as `stage.link`.
     pub key: String,
-    /// Its value when the run began.
+    /// Value when the run began.
     pub before: String,
-    /// Its value now.
+    /// Present value.
     pub now: String,
 }
 
-/// A text that a run goes by, as given: its recipe, its rig, a register map.
+/// A text that a run uses, unchanged: its recipe, its rig, a register map.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Text {
-    /// Its file's name in the run folder.
+    /// Name of its file in the run folder.
     pub name: String,
     /// The text.
     pub text: String,
 }
 
-/// Presses that were recorded once and lost with a part of the journal, which a person accepted.
+/// Recorded presses that were lost with a part of the journal. A person accepted the loss.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Loss {
-    /// When it was accepted, with its time zone.
+    /// Time of acceptance, with its time zone.
     pub accepted: String,
-    /// What the other files of the folder said of it.
+    /// Statements of the other files of the folder about the lost presses.
     pub lost: Vec<String>,
 }
 
-/// How a program ended that could still say so.
+/// Ending of a program that could still record it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct End {
-    /// How it ended.
+    /// Status at the end.
     pub status: Status,
-    /// When, s since the run's start.
+    /// Time, s since the run's start.
     pub t_s: f64,
-    /// When, with its time zone.
+    /// Date and time, with time zone.
     pub ended: String,
-    /// How long it took by the clock outside, s.
+    /// Duration in real time, s.
     pub wall_s: f64,
-    /// What went wrong, in a run that failed.
+    /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
 }
 
-/// What an acknowledged press survives.
+/// Events that an acknowledged press survives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Durability {
-    /// A power cut: it is flushed to the disk before the next one begins.
+    /// A power cut, because the press is flushed to the disk before the next one begins.
     #[default]
     Full,
-    /// The end of the program, but no power cut.
+    /// The end of the program, but not a power cut.
     Fast,
 }
 
 impl Status {
-    /// The status as it stands in files.
+    /// Returns the name of the status in files.
     pub fn name(self) -> &'static str {
         match self {
             Status::Complete => "complete",

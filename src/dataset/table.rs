@@ -1,9 +1,10 @@
-//! The door for tables from outside: plain CSV, as people keep it.
+//! Reads external tables: plain CSV.
 //!
-//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged
-//! unless its cell is empty or 0). Columns may stand in any order; those that aren't known are ignored. A byte-order mark,
-//! either kind of line end, and comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the presses that
-//! the run's journal gives. A [`Mapping`] reads tables with other names and units. What a table without `force_n` is worth is for [`calibration`](super::calibration) to say.
+//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged unless its cell
+//! is empty or 0). Columns may be in any order; unknown columns are ignored. A byte-order mark, either kind of line end, and
+//! comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the same
+//! presses as the run's journal. A [`Mapping`] reads tables with other names and units. The use of a table without `force_n` is
+//! decided by [`calibration`](super::calibration).
 
 use super::dialect::{Dialect, is_comment};
 use super::header::Header;
@@ -25,10 +26,10 @@ const HELP: &str =
 /// The column that marks presses to exclude: a blank cell is a value there.
 const FLAGS: &str = "flags";
 
-/// Reads a table: at least one press, at least one channel, every number finite.
+/// Reads a table with at least one press and at least one channel; every number must be finite.
 ///
 /// # Errors
-/// What is wrong, with file, line and column.
+/// The problem, with file, line and column.
 pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
     let file = path.display().to_string();
     match File::open(path) {
@@ -37,10 +38,10 @@ pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError>
     }
 }
 
-/// The same from any input; `file` is its name in messages.
+/// Reads a table from any input; `file` is its name in messages.
 ///
 /// # Errors
-/// As of [`read_table`].
+/// The same as for [`read_table`].
 pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Presses, TableError> {
     let mut records = Records::new(file, input, mapping)?;
     let (mut header, mut record) = (StringRecord::new(), StringRecord::new());
@@ -104,7 +105,7 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
 /// The known columns that a table has, each with the places where its cells stand.
 struct Columns {
     found: Vec<(&'static Column, Vec<usize>)>,
-    /// Whether it has every column of a run's own table.
+    /// Whether the table has every column of a run's own table.
     is_of_run: bool,
 }
 
@@ -112,7 +113,7 @@ struct Columns {
 enum Row {
     /// A press.
     Press(Press),
-    /// The first column without a value.
+    /// An incomplete press: the first column without a value.
     Incomplete(usize),
 }
 
@@ -200,7 +201,7 @@ struct Records<'a, R> {
     file: &'a str,
     reader: csv::Reader<Lines<BufReader<R>>>,
     dialect: Dialect,
-    /// The first line of the record that was read last.
+    /// First line of the most recently read record.
     line: u64,
 }
 
@@ -244,9 +245,9 @@ impl<'a, R: Read> Records<'a, R> {
 /// count is off after blank lines and Windows line ends.
 struct Lines<R> {
     input: R,
-    /// Bytes so far; the input counts as ended a little beyond [`MAX_TABLE_BYTES`].
+    /// Number of bytes read. The input is treated as ended slightly beyond [`MAX_TABLE_BYTES`].
     taken: u64,
-    /// Where the line ends are that no record has passed yet: those of one buffer of the reader.
+    /// Positions of the line ends in the reader's present buffer that no record has reached yet.
     ends: VecDeque<u64>,
     passed: u64,
 }
@@ -380,7 +381,7 @@ mod tests {
             ("x,y_mm,out_1\n1,2,3\n", "the header has `x`: if it holds that, rename it, or add --columns \"x_mm=x\""),
             (
                 "x_mm;y_mm;out_1\n1;2,5;3\n1;2;3.5\n",
-                "a.csv: numbers with a decimal comma (line 2) and numbers with a decimal point (line 3)",
+                "a.csv, line 3: a table can't have decimal commas (line 2) and decimal points (line 3)",
             ),
             ("x_mm,y_mm\n1,2\n", "column `out_1` is missing"),
             ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing; number the outputs without a gap"),

@@ -1,42 +1,42 @@
-//! Why a table can't be read, and how much of one is read.
+//! Reasons why a table can't be read, and limits of its size.
 
 use crate::document::printable;
 use miette::Diagnostic;
 use std::io;
 
-/// The largest table that is read, bytes: some 100 000 presses of 500 units, far beyond any run. What is held of it is numbers
-/// alone, mostly less than the text.
+/// Size of the largest table that is read, bytes: about 100 000 presses of 500 units, far beyond any run. Only numbers are kept
+/// in memory, which are mostly smaller than the text.
 pub const MAX_TABLE_BYTES: u64 = 512 << 20;
-/// The most rows a table may have: a stage that presses every three seconds is a month over them.
+/// Largest number of rows of a table. A stage that presses every three seconds needs a month for this number.
 pub const MAX_ROWS: usize = 1 << 20;
-/// The most columns a table may have: far beyond any array, and few enough to look names up one by one.
+/// Largest number of columns of a table. It is far beyond any array, and small enough to search names one by one.
 pub const MAX_COLUMNS: usize = 4096;
 
-/// Why a table can't be used; `line` counts from 1.
+/// Reason why a table can't be used; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the fields say what the messages say")]
 pub enum TableError {
-    /// Not there, not a file, not permitted.
+    /// The path doesn't exist, isn't a file, or access is denied.
     #[error("{file}: can't be read")]
     #[diagnostic(help("give an existing table; `palpate rebuild` regenerates the table of a run"))]
     Unreadable { file: String, source: io::Error },
-    /// More than [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
+    /// The table exceeds [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
     #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
     #[diagnostic(help("remove columns that aren't needed, or average repeated presses first"))]
     TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
-    /// Not text.
+    /// The file isn't text.
     #[error("{file}, line {line}: not UTF-8 text")]
     #[diagnostic(help("save the table as CSV in UTF-8"))]
     NotText { file: String, line: u64 },
-    /// No row below the header, or no header.
+    /// There is no row below the header, or no header.
     #[error("{file}: the table has no rows")]
     #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row"))]
     NoRows { file: String },
-    /// No row that has a value in every column that is read.
+    /// No row has a value in every column that is read.
     #[error("{file}: none of its {rows} rows has a value in every column (line {line}: none in column `{column}`)")]
     #[diagnostic(help("leave the column out of `outputs`, or correct the cells"))]
     NothingComplete { file: String, rows: usize, line: u64, column: String },
-    /// A needed column isn't there.
+    /// A required column is missing.
     #[error("{file}, line {line}: column `{column}` is missing")]
     MissingColumn {
         file: String,
@@ -45,28 +45,28 @@ pub enum TableError {
         #[help]
         help: String,
     },
-    /// Two columns of one name.
+    /// Two columns have the same name.
     #[error("{file}, line {line}: column `{column}` is in the header twice")]
     #[diagnostic(help("keep one of them, or rename the other"))]
     DuplicateColumn { file: String, line: u64, column: String },
-    /// An output column with a number that doesn't count from 1.
+    /// The number of an output column isn't in a sequence from 1.
     #[error("{file}, line {line}: invalid output column `{column}`")]
     #[diagnostic(help("use out_1, out_2, ..., without leading zeros"))]
     OutputNumber { file: String, line: u64, column: String },
-    /// A row of another length than the header.
+    /// A row has another length than the header.
     #[error("{file}, line {line}: {found} cells where the header has {expected} (up to column `{column}`)")]
     #[diagnostic(help(
         "every row needs one cell per column; {}",
         if found < expected { "if the table was cut off, copy or export it again" } else { "write decimals with a point, not a comma" }
     ))]
     Ragged { file: String, line: u64, column: String, expected: usize, found: usize },
-    /// Decimal points and decimal commas.
+    /// The table has decimal points and decimal commas.
     #[error(
-        "{file}: numbers with a decimal comma (line {comma}) and numbers with a decimal point (line {point}) can't be in one table"
+        "{file}, line {}: a table can't have decimal commas (line {comma}) and decimal points (line {point})", point.max(comma)
     )]
     #[diagnostic(help("export the table with one decimal mark and without thousands separators"))]
     TwoDecimalMarks { file: String, point: u64, comma: u64 },
-    /// A cell that isn't what its column holds.
+    /// A cell isn't valid for its column.
     #[error("{file}, line {line}, column `{column}`: expected {expected}, found `{found}`")]
     #[diagnostic(help("correct the cell, or remove the row"))]
     Cell { file: String, line: u64, column: String, expected: &'static str, found: String },

@@ -1,4 +1,4 @@
-//! Whether a run folder is as it was written: journal, manifest and tables are compared in every direction.
+//! Checks whether a run folder is unchanged: compares journal, manifest and tables in every direction.
 
 use super::fingerprint::is_plain;
 use super::journal::JOURNAL;
@@ -15,29 +15,30 @@ use std::hash::{BuildHasher, RandomState};
 use std::io::{BufRead, BufReader, ErrorKind};
 use std::path::Path;
 
-/// What became of a run since it was written.
+/// Changes of a run since it was written.
 #[derive(Debug, Default)]
 pub struct Verified {
-    /// Records of its journal.
+    /// Number of records of the journal.
     pub records: u64,
-    /// Files that are as they were written.
+    /// Number of unchanged files.
     pub sound: u64,
-    /// Whether the journal says that the run has ended. A run that was killed, or is under way, may have tables that lack presses.
+    /// Whether the journal states that the run has ended. A run that was killed, or is in progress, may have tables without all
+    /// presses.
     pub has_ended: bool,
-    /// Whether a program is writing it now: its tables weren't compared.
+    /// Whether a program is writing the run now, so that its tables weren't compared.
     pub is_under_way: bool,
     /// Losses that a person accepted.
     pub losses: Vec<Loss>,
-    /// What isn't as it was written, in words.
+    /// Descriptions of what differs from the written run.
     pub problems: Vec<String>,
 }
 
-/// Compares a run folder with its journal: the texts by their SHA-256 in it, the tables by making them again, all files by their
-/// SHA-256 in the manifest, and the presses that each of them holds.
+/// Compares a run folder with its journal. Texts are compared by their SHA-256 in the journal, and tables by regenerating them.
+/// All files are compared by their SHA-256 in the manifest, and by the presses that each contains.
 ///
 /// # Errors
-/// No run, or a file that can't be read. Damage is among the problems. `layout` is that of the rig which the journal keeps: none
-/// where it has lost that too.
+/// The path isn't a run, or a file can't be read. Damage is listed in the problems. `layout` is that of the rig in the journal;
+/// `None` if the journal has lost the rig too.
 pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, DatasetError> {
     check_run(path)?;
     let mut verified = Verified::default();

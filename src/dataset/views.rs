@@ -1,4 +1,4 @@
-//! The tables of a run: views of its journal, each written whole or not at all.
+//! Tables of a run: views of its journal, each written completely or not at all.
 
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::files::{self, Draft};

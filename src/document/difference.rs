@@ -1,34 +1,34 @@
-//! Two texts compared key by key.
+//! Compares two texts key by key.
 
 use super::{Key, Keys, Problems, Value, parsed, printable};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// A key whose value isn't the same in two texts.
+/// A key with different values in two texts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// Where it is: `limits.force_n`; a table in a list has its number, counted from 1: `scene.fault[2].kind`.
+    /// Path of the key: `limits.force_n`. A table in a list has its number, counted from 1: `scene.fault[2].kind`.
     pub path: String,
-    /// Its value in the one text; none: it isn't there and has no default.
+    /// Value in the first text; `None` if the key is missing and has no default.
     pub before: Option<Given>,
-    /// Its value in the other.
+    /// Value in the second text, in the same way.
     pub now: Option<Given>,
 }
 
-/// A value as a text gives it.
+/// A value as given in a text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
-    /// As it stands in the text, or the default.
+    /// The value as written in the text, or the default.
     pub text: String,
-    /// As a number, where it is one.
+    /// The value as a number, if it is a number.
     pub number: Option<f64>,
 }
 
-/// The keys whose values differ between two texts, in the order of their list. A key that isn't there has its default; numbers
-/// are the same however they are written. A table that isn't there differs from every one that is.
+/// Returns the keys whose values differ between two texts, in the order of their list. A missing key has its default. Numbers are
+/// compared by value, not by spelling. A missing table differs from every existing table.
 ///
 /// # Errors
-/// A text that isn't TOML.
+/// A text isn't TOML.
 pub fn differences(keys: &Keys, before: (&str, &str), now: (&str, &str)) -> Result<Vec<Change>, Problems> {
     let (old, new) = (parsed(before.0, before.1)?, parsed(now.0, now.1)?);
     let mut comparison = Comparison { before: before.1, now: now.1, changes: Vec::new() };

@@ -1,26 +1,26 @@
-//! Keys as data: what each table of a text may say.
+//! Keys as data: the allowed content of each table of a text.
 //!
-//! A [`Key`] is one key of one table; [`Keys`] are all keys of a table and its alternatives. The readers take names, bounds and
-//! defaults from these lists and read nothing that isn't in them; suggestions come from them too.
+//! A [`Key`] is one key of one table. [`Keys`] are all keys of a table and its alternatives. The readers use names, bounds and
+//! defaults from these lists, and read no other keys. Suggestions also come from these lists.
 
 use crate::quantity::Range;
 
 /// One key of a table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
-    /// Its name; the unit stands last.
+    /// Name of the key; it ends with the unit.
     pub name: &'static str,
-    /// What its value may be.
+    /// Kind of its value.
     pub kind: Kind,
-    /// What counts where it isn't there.
+    /// Value if the key is missing.
     pub absent: Absent,
-    /// What it means, in one line.
+    /// Meaning of the key, in one line.
     pub meaning: &'static str,
-    /// A value of it as TOML; empty for a table, whose keys have examples of their own.
+    /// Example value as TOML; empty for a table, whose keys have their own examples.
     pub example: &'static str,
 }
 
-/// The stated range of a number, and its unit.
+/// Allowed range of a number, and its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     min: f64,
@@ -30,22 +30,22 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Both ends allowed.
+    /// Creates bounds with both ends included.
     pub const fn within(min: f64, max: f64, unit: &'static str) -> Self {
         Bounds { min, max, above_min: false, unit }
     }
 
-    /// The upper end allowed, the lower one not.
+    /// Creates bounds with the upper end included and the lower end excluded.
     pub const fn above(min: f64, max: f64, unit: &'static str) -> Self {
         Bounds { min, max, above_min: true, unit }
     }
 
-    /// The unit; empty for a number without one.
+    /// Returns the unit; empty for a number without a unit.
     pub const fn unit(&self) -> &'static str {
         self.unit
     }
 
-    /// The least and the most.
+    /// Returns the smallest and largest value.
     pub const fn ends(&self) -> (f64, f64) {
         (self.min, self.max)
     }
@@ -56,7 +56,7 @@ impl Bounds {
         format!("{}{unit}", self.interval())
     }
 
-    /// Whether a number lies within.
+    /// Whether a number is within the bounds.
     pub fn admit(&self, value: f64) -> bool {
         value <= self.max && if self.above_min { value > self.min } else { value >= self.min }
     }
@@ -74,10 +74,10 @@ impl Bounds {
     }
 }
 
-/// What a key's value may be.
+/// Kind of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// A number; whole numbers count.
+    /// A number; integers are allowed.
     Number(Bounds),
     /// An interval `[from, to]` with `from <= to`.
     Range(Bounds),
@@ -85,9 +85,9 @@ pub enum Kind {
     PerUnit(Bounds),
     /// A list of places `[x, y]`.
     Places(Bounds),
-    /// A whole number from the first to the second.
+    /// An integer from the first to the second number.
     Whole(u64, u64),
-    /// A list of such.
+    /// A list of such integers.
     Wholes(u64, u64),
     /// True or false.
     Flag,
@@ -107,18 +107,18 @@ pub enum Kind {
     Either(&'static [Kind]),
 }
 
-/// What counts where a key isn't there.
+/// Value if a key is missing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Absent {
-    /// Nothing: it must be there.
+    /// No value: the key is required.
     Refused,
-    /// Its meaning says what.
+    /// A value that is described in the key's meaning.
     Allowed,
-    /// This value.
+    /// The given value.
     Is(Value),
 }
 
-/// A value that counts where its key isn't there.
+/// Default value of a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(missing_docs, reason = "each is named as the kind it is a value of")]
 pub enum Value {
@@ -133,36 +133,36 @@ pub enum Value {
 /// All keys of a table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keys {
-    /// The keys that have a meaning in every case of the table.
+    /// Keys that apply in every case of the table.
     pub always: &'static [Key],
-    /// The key that has a word for each case; none: a case is chosen by the first of its own keys.
+    /// Key that has a word for each case. If `None`, a case is chosen by the first of its own keys.
     pub by: Option<Key>,
-    /// The table's alternatives.
+    /// Alternatives of the table.
     pub cases: &'static [Case],
 }
 
-/// Keys that have a meaning in one case only.
+/// Keys that apply in only one case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Case {
-    /// The word, or the name of the key, that chooses it.
+    /// Word that chooses the case, or the name of the key that chooses it.
     pub name: &'static str,
-    /// Its keys.
+    /// Keys of the case.
     pub keys: &'static [Key],
 }
 
-/// A key and where it stands.
+/// A key and its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Listed {
-    /// The names of the tables it is in and its own, with dots between: `limits.force_n`.
+    /// Path of the key: the names of its tables and its own name, separated by dots: `limits.force_n`.
     pub path: String,
-    /// The cases that the tables on its way must be in, outermost first.
+    /// Cases in which the tables on the path must be, outermost first.
     pub cases: Vec<&'static str>,
     /// The key.
     pub key: Key,
 }
 
 impl Key {
-    /// The tables below it, where it is one, a list of them, or may be.
+    /// Returns the keys of the tables below, if the key is or may be a table or a list of tables.
     pub fn inner(&self) -> Option<&'static Keys> {
         self.kind.pick(|kind| match kind {
             Kind::Table(keys) | Kind::Tables(keys) => Some(*keys),
@@ -170,7 +170,7 @@ impl Key {
         })
     }
 
-    /// Its default, where it has one that is always the same.
+    /// Returns the default of the key, if it has one that is always the same.
     pub fn default(&self) -> Option<Value> {
         match self.absent {
             Absent::Is(value) => Some(value),
@@ -227,22 +227,22 @@ impl Value {
 }
 
 impl Keys {
-    /// Keys without any alternatives.
+    /// Creates keys without alternatives.
     pub const fn of(always: &'static [Key]) -> Keys {
         Keys { always, by: None, cases: &[] }
     }
 
-    /// Nothing but alternatives.
+    /// Creates keys that are only alternatives.
     pub const fn one_of(cases: &'static [Case]) -> Keys {
         Keys { always: &[], by: None, cases }
     }
 
-    /// Every key that the table may have, in whichever case.
+    /// Returns every key that the table may have in any case.
     pub fn all(&self) -> impl Iterator<Item = &'static Key> + use<> {
         self.always.iter().chain(self.cases.iter().flat_map(|case| case.keys))
     }
 
-    /// Every key that the table or a table within it may have, outer ones first.
+    /// Returns every key that the table or a table within it may have, outer keys first.
     pub fn walk(&self) -> Vec<Listed> {
         let mut listed = Vec::new();
         self.walk_within("", &[], &mut listed);
@@ -328,10 +328,11 @@ pub(crate) mod row {
     }
 }
 
-/// The keys of one table as a module: a `const` [`Key`] for each row, under the name it has in the text, and all of them as
-/// `KEYS`. A row says kind, what counts where it isn't there, meaning and an example.
+/// Defines the keys of one table as a module. Each row gives a `const` [`Key`] under its name in the text, and all keys are in
+/// `KEYS`. A row states the kind, the value if the key is missing, the meaning and an example.
 ///
-/// Keys after `as TABLE` are those of another table. Rows after `one of` are alternatives, each a case of its own. Rows after `by KEY` belong to a word of that key.
+/// Keys after `as TABLE` are those of another table. Rows after `one of` are alternatives, each a separate case. Rows after `by
+/// KEY` belong to a word of that key.
 macro_rules! keys {
     // the value of `name`, or of `name = "text"`
     (@name $name:ident) => { stringify!($name) };

@@ -1,13 +1,13 @@
-//! Where the units of an array are, as a text states it: rigs and columns files have the same keys.
+//! Positions of the units of an array in a text. Rigs and columns files have the same keys.
 
 use super::{Bounds, Key, Keys, Problem, Table, keys};
 use crate::quantity::ArrayLayout;
 
-/// Most units of an array.
+/// Largest number of units of an array.
 pub const UNITS_MAX: u64 = 4096;
-/// Most outputs of all units together.
+/// Largest number of outputs of all units together.
 pub const OUTPUTS_MAX: usize = 4096;
-/// Most outputs of one unit.
+/// Largest number of outputs of one unit.
 pub const CHANNELS_MAX: u64 = 16;
 
 /// Most characters of a unit that is shown beside a number.
@@ -27,18 +27,18 @@ keys! {
 /// The keys of `grid`.
 pub const GRID: Keys = grid::KEYS;
 
-/// The keys of `[array]` that say where its outputs come from.
+/// Keys of `[array]` that define its outputs.
 pub struct LayoutKeys {
     /// A table of rows, columns and pitch.
     pub grid: Key,
     /// A list of the units' positions.
     pub places_mm: Key,
-    /// How many outputs each unit has.
+    /// Number of outputs of each unit.
     pub channels_per_unit: Key,
 }
 
 impl LayoutKeys {
-    /// The layout that an `[array]` states, by its grid or by its list of places.
+    /// Reads the layout of an `[array]` from its grid or from its list of places.
     pub fn read(&self, table: &Table) -> Option<ArrayLayout> {
         let layout = match (table.has(&self.grid), table.has(&self.places_mm)) {
             (true, false) => table.table(&self.grid).and_then(|table| read_grid(&table)),
@@ -65,7 +65,7 @@ impl LayoutKeys {
         Some(layout)
     }
 
-    /// The key that states the positions.
+    /// Returns the key that states the positions.
     pub fn place(&self, table: &Table) -> &Key {
         if table.has(&self.grid) { &self.grid } else { &self.places_mm }
     }
@@ -82,7 +82,7 @@ fn read_grid(table: &Table) -> Option<ArrayLayout> {
     Some(ArrayLayout::grid(rows as usize, columns as usize, pitch_mm?))
 }
 
-/// The unit of the outputs, as it is shown beside a number: 1 to 16 printable characters.
+/// Reads the unit of the outputs, as displayed next to a number: 1 to 16 printable characters.
 pub fn read_unit<'d>(table: &Table<'d>, key: &Key) -> Option<&'d str> {
     let unit = table.text(key)?;
     let is_label = (1..=UNIT_MOST).contains(&unit.chars().count()) && !unit.contains(char::is_control);

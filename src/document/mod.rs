@@ -1,8 +1,8 @@
-//! A TOML text read with every problem kept, each at its place.
+//! Reads a TOML text and collects every problem with its position.
 //!
-//! What a text may say is data: [`Keys`] list every [`Key`] of a table. Recipes, rigs and register maps are read through a
-//! [`Table`]: each question for a key either answers or records a [`Problem`] and continues, so that a person sees all that is
-//! wrong at once, with the line, what was expected and the nearest correct spelling.
+//! The allowed content of a text is data: [`Keys`] list every [`Key`] of a table. Recipes, rigs and register maps are read
+//! through a [`Table`]. Each request for a key either returns a value, or records a [`Problem`] and continues. A person therefore
+//! sees all problems at once, each with the line, the expected value and the nearest correct spelling.
 
 mod difference;
 mod key;
@@ -30,20 +30,20 @@ use toml::de::DeTable;
 use toml_parser::Source;
 use toml_parser::lexer::TokenKind;
 
-/// Longest text that is read as a recipe or a rig, bytes: a hundred times the longest list a person would write by hand.
+/// Length of the longest text that is read as a recipe or a rig, bytes: a hundred times the longest list written by hand.
 pub const TEXT_MAX_BYTES: usize = 4 << 20;
 
 /// How deep brackets may be open within each other: no recipe or rig needs five. The parser follows those that are never closed
 /// down until its stack ends.
 const DEPTH_MAX: usize = 32;
 
-/// Reads a TOML text with `read`, which asks a root [`Table`] for keys of the list. Keys that aren't in the list are problems
-/// too.
+/// Reads a TOML text with `read`, which requests keys of the list from a root [`Table`]. Keys that aren't in the list are
+/// problems too.
 ///
-/// `name` is the file's name as it stands in messages.
+/// `name` is the file's name in messages.
 ///
 /// # Errors
-/// All problems of the text, in the order of their places.
+/// All problems of the text, in the order of their positions.
 pub fn read<T>(
     name: &str,
     text: &str,
@@ -63,7 +63,7 @@ pub fn read<T>(
     }
 }
 
-/// Whether a text has a key of this name outside its tables; not where it isn't TOML.
+/// Whether a text has a key of this name outside its tables; false if the text isn't TOML.
 pub fn has_key(text: &str, name: &str) -> bool {
     parsed("", text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
 }

@@ -1,34 +1,34 @@
-//! What is wrong with a text, and where.
+//! Problems of a text and their positions.
 
 use miette::{Diagnostic, LabeledSpan, NamedSource, Report, Severity, SourceCode};
 use std::cell::RefCell;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most problems of a text that are reported: a person with more corrects these first.
+/// Largest number of problems of a text that are reported. A person with more problems corrects these first.
 pub const PROBLEMS_MAX: usize = 100;
 
 /// Longest stretch of a text that is shown with a problem, bytes. Beyond 65,535 columns the one who draws it gives up.
 const SHOWN_MAX_BYTES: usize = 8192;
 
-/// One thing that is wrong with a text, and where.
+/// One problem of a text and its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
-    /// Bytes of the text it is about.
+    /// Bytes of the text that the problem concerns.
     pub span: Range<usize>,
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
-    /// What to write instead, if known.
+    /// Suggested correction, if known.
     pub help: Option<String>,
 }
 
 impl Problem {
-    /// A problem at a place.
+    /// Creates a problem at a position.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
         Problem { span, message: printable(message.into()), help: None }
     }
 
-    /// The same, with what to write instead.
+    /// Adds a suggested correction.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(printable(help.into()));
@@ -36,7 +36,7 @@ impl Problem {
     }
 }
 
-/// All that is wrong with one text.
+/// All problems of one text.
 #[derive(Debug)]
 pub struct Problems {
     name: String,
@@ -44,7 +44,8 @@ pub struct Problems {
 }
 
 impl Problems {
-    /// Problems of a text, put in the order of their places: the first [`PROBLEMS_MAX`], and whether there are more.
+    /// Takes the problems of a text and sorts them by position. Keeps the first [`PROBLEMS_MAX`], and records whether there are
+    /// more.
     pub fn new(name: &str, text: &str, mut problems: Vec<Problem>) -> Self {
         problems.sort_by_key(|problem| problem.span.start);
         if problems.len() > PROBLEMS_MAX {
@@ -57,12 +58,12 @@ impl Problems {
         Problems { name: name.to_owned(), located: problems.into_iter().map(locate).collect() }
     }
 
-    /// Each problem as a report that shows it at its line.
+    /// Returns each problem as a report that shows its line.
     pub fn into_reports(self) -> impl Iterator<Item = Report> {
         self.located.into_iter().map(Report::new)
     }
 
-    /// One line a problem, `file:line:column: message`.
+    /// Returns one line for each problem, `file:line:column: message`.
     pub fn lines(&self) -> Vec<String> {
         let line = |located: &Located| {
             let (line, column) = located.line_and_column();
@@ -167,7 +168,7 @@ fn shown(text: &str) -> String {
 pub(super) struct Collector(RefCell<Vec<Problem>>);
 
 impl Collector {
-    /// Keeps a problem, unless there are more already than are reported.
+    /// Stores a problem, unless more problems are already stored than are reported.
     pub fn add(&self, problem: Problem) {
         let mut problems = self.0.borrow_mut();
         if problems.len() <= PROBLEMS_MAX {

@@ -1,9 +1,9 @@
-//! Reference pages made from lists of keys.
+//! Creates reference pages from lists of keys.
 
 use super::key::{Absent, Key, Keys, Kind};
 
-/// A Markdown page with every key of a text: after `begin` a section for each table, the outermost under the heading `root`, with type,
-/// bounds and unit, default, meaning and an example of each key.
+/// Returns a Markdown page with every key of a text. After `begin` there is a section for each table, the outermost with the
+/// heading `root`. Each key has its type, bounds and unit, default, meaning and an example.
 pub fn reference(begin: &str, root: &str, keys: &Keys) -> String {
     let mut page = begin.to_owned();
     section(&mut page, root, "", keys);

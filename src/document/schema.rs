@@ -1,11 +1,11 @@
-//! JSON Schemas made from lists of keys.
+//! Creates JSON Schemas from lists of keys.
 
 use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
 use serde_json::{Map, Value as Json, json};
 
-/// The JSON Schema (draft 7, which editors read) of a text whose root table has these keys. It refuses unknown and missing keys and
-/// values of a wrong type or out of their bounds. It accepts more than the reader does: rules between keys, `nan` and files that
-/// must be there are the reader's to check.
+/// Returns the JSON Schema (draft 7, which editors read) of a text whose root table has these keys. The schema refuses unknown
+/// keys, missing keys, values of a wrong type, and values out of their bounds. It accepts more than the reader does. Only the
+/// reader checks rules between keys, `nan`, and files that must exist.
 pub fn schema(title: &str, keys: &Keys) -> Json {
     let mut root = table(keys);
     root.insert("$schema".to_owned(), json!("http://json-schema.org/draft-07/schema#"));

@@ -1,4 +1,4 @@
-//! One table of a text, asked for the keys of its list.
+//! Reads the listed keys of one table of a text.
 
 use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
 use super::problem::{Collector, Problem};
@@ -10,14 +10,14 @@ use toml::de::{DeTable, DeValue};
 /// The earliest year of a day: no instrument's certificate is older.
 const YEAR_LEAST: i16 = 1900;
 
-/// Where a value stands in its text, bytes.
+/// Position of a value in its text, bytes.
 pub type Span = std::ops::Range<usize>;
 
 /// Least similarity (Jaro-Winkler, 0 to 1) at which a known name is offered for an unknown one.
 const SIMILAR: f64 = 0.75;
 
-/// One table of a text. A question for a [`Key`] of its list gives the value, or the key's default where it isn't there; what
-/// is wrong, or missing and has no default, is recorded as a problem and gives none.
+/// One table of a text. A request for a [`Key`] of its list returns the value, or the key's default if the key is missing. An
+/// invalid key, or a missing key without default, is recorded as a problem, and the request returns `None`.
 pub struct Table<'d> {
     table: &'d DeTable<'d>,
     keys: &'static Keys,
@@ -31,7 +31,7 @@ impl<'d> Table<'d> {
         Table { table: root.get_ref(), keys, collector, path: String::new(), span: 0..0 }
     }
 
-    /// Where the table stands.
+    /// Returns the position of the table.
     pub fn span(&self) -> Span {
         self.span.clone()
     }
@@ -41,18 +41,18 @@ impl<'d> Table<'d> {
         self.collector.add(problem);
     }
 
-    /// Whether the key is there.
+    /// Whether the key exists.
     pub fn has(&self, key: &Key) -> bool {
         self.ask(key);
         self.find(key.name).is_some()
     }
 
-    /// Whether the key is there and a string.
+    /// Whether the key exists and is a string.
     pub fn is_text(&self, key: &Key) -> bool {
         self.find(key.name).is_some_and(|value| value.get_ref().is_str())
     }
 
-    /// Whether the key is there and a table.
+    /// Whether the key exists and is a table.
     pub fn is_table(&self, key: &Key) -> bool {
         self.find(key.name).is_some_and(|value| value.get_ref().is_table())
     }
@@ -62,27 +62,27 @@ impl<'d> Table<'d> {
         self.find(key.name).is_some_and(|value| value.get_ref().is_array())
     }
 
-    /// Whether the key is there and just this string.
+    /// Whether the key exists and is exactly this string.
     pub fn text_is(&self, key: &Key, text: &str) -> bool {
         self.find(key.name).and_then(|value| value.get_ref().as_str()) == Some(text)
     }
 
-    /// Where the key's value stands; the table's own place without it.
+    /// Returns the position of the key's value, or of the table if the key is missing.
     pub fn span_of(&self, key: &Key) -> Span {
         self.find(key.name).map_or(self.span(), |value| value.span())
     }
 
-    /// The name of the case that the table is in, by the first of its keys; none without any of them.
+    /// Returns the name of the table's case, chosen by the first of the case's keys; `None` without any of them.
     pub fn case(&self) -> Option<&'static str> {
         self.keys.cases.iter().find(|case| self.find(case.name).is_some()).map(|case| case.name)
     }
 
-    /// Records a problem unless the key is there, which in this table it must be. Whether it is.
+    /// Records a problem if the key is missing, because this table requires it. Returns whether the key exists.
     pub fn require(&self, key: &Key) -> bool {
         self.require_as(key, &expected(key))
     }
 
-    /// The same, with `expected` to say what it would be.
+    /// Requires a key in the same way; `expected` describes its value.
     pub fn require_as(&self, key: &Key, expected: &str) -> bool {
         let there = self.has(key);
         if !there {
@@ -92,7 +92,7 @@ impl<'d> Table<'d> {
         there
     }
 
-    /// A number.
+    /// Reads a number.
     pub fn number(&self, key: &Key) -> Option<f64> {
         match self.get(key) {
             Some(value) => self.number_of(key, value, bounds(key)),
@@ -100,18 +100,18 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// A number, and another default than the key's own.
+    /// Reads a number, with another default than the key's own.
     pub fn number_or(&self, key: &Key, default: f64) -> Option<f64> {
         if self.has(key) { self.number(key) } else { Some(default) }
     }
 
-    /// A whole number.
+    /// Reads an integer.
     pub fn whole(&self, key: &Key) -> Option<u64> {
         let (min, max) = whole(key);
         self.whole_within(key, min, max)
     }
 
-    /// A whole number that the rest of the text confines to `min` to `max`.
+    /// Reads an integer that the rest of the text limits to `min` to `max`.
     pub fn whole_within(&self, key: &Key, min: u64, max: u64) -> Option<u64> {
         match self.get(key) {
             Some(value) => self.whole_of(key, value, min, max),
@@ -119,14 +119,14 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// A list of whole numbers.
+    /// Reads a list of integers.
     pub fn wholes(&self, key: &Key) -> Option<Vec<u64>> {
         let (min, max) = whole(key);
         let items = self.list(key, self.get(key)?, "a list of whole numbers")?;
         all(items.map(|item| self.whole_of(key, item, min, max)))
     }
 
-    /// True or false.
+    /// Reads true or false.
     pub fn flag(&self, key: &Key) -> Option<bool> {
         match self.get(key) {
             Some(value) => value.get_ref().as_bool().or_else(|| self.wrong_kind(key, value, "true or false")),
@@ -134,7 +134,7 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// A string.
+    /// Reads a string.
     pub fn text(&self, key: &Key) -> Option<&'d str> {
         match self.get(key) {
             Some(value) => self.text_of(key, value),
@@ -142,7 +142,7 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// A day as year-month-day.
+    /// Reads a date as year-month-day.
     pub fn day(&self, key: &Key) -> Option<&'d str> {
         let text = self.text(key)?;
         if text.parse::<Date>().is_ok_and(|date| date.to_string() == text && date.year() >= YEAR_LEAST) {
@@ -153,7 +153,7 @@ impl<'d> Table<'d> {
         None
     }
 
-    /// A list of strings.
+    /// Reads a list of strings.
     pub fn texts(&self, key: &Key) -> Option<Vec<&'d str>> {
         match self.get(key) {
             Some(value) => all(self.list(key, value, "a list of strings")?.map(|item| self.text_of(key, item))),
@@ -161,7 +161,7 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// One of the key's words, as what it means.
+    /// Reads one of the key's words and returns its meaning.
     pub fn word<T: Copy>(&self, key: &Key, meanings: &[(&'static str, T)]) -> Option<T> {
         let known = known_words(key);
         debug_assert!(meanings.iter().all(|(word, _)| known.contains(word)), "`{}` has an invalid value", key.name);
@@ -180,12 +180,12 @@ impl<'d> Table<'d> {
         meanings.iter().find(|(known, _)| *known == word).map(|(_, value)| *value)
     }
 
-    /// One of the key's words, and another default than the key's own.
+    /// Reads one of the key's words, with another default than the key's own.
     pub fn word_or<T: Copy>(&self, key: &Key, meanings: &[(&'static str, T)], default: T) -> Option<T> {
         if self.has(key) { self.word(key, meanings) } else { Some(default) }
     }
 
-    /// A list of some of the key's words, without those that aren't known.
+    /// Reads a list of some of the key's words, without unknown words.
     pub fn words(&self, key: &Key) -> Option<Vec<&'d str>> {
         let known = known_words(key);
         let Some(value) = self.get(key) else {
@@ -203,7 +203,7 @@ impl<'d> Table<'d> {
         Some(chosen.collect())
     }
 
-    /// An interval.
+    /// Reads an interval.
     pub fn range(&self, key: &Key) -> Option<Range> {
         let Some(value) = self.get(key) else {
             return key.default().and_then(Value::range);
@@ -218,13 +218,13 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// A list of numbers, one for each unit.
+    /// Reads a list of numbers, one for each unit.
     pub fn per_unit(&self, key: &Key) -> Option<Vec<f64>> {
         let value = self.get(key)?;
         self.numbers_of(key, value)
     }
 
-    /// A list of places, each with its stretch of the text.
+    /// Reads a list of places, each with its position in the text.
     pub fn places(&self, key: &Key) -> Option<Vec<(Place, Span)>> {
         let items = self.list(key, self.get(key)?, "a list of lists")?;
         all(items.map(|item| match item.get_ref().as_array().map(|numbers| numbers.iter().collect::<Vec<_>>()) {
@@ -236,13 +236,13 @@ impl<'d> Table<'d> {
         }))
     }
 
-    /// A table inside this one.
+    /// Reads a table inside this one.
     pub fn table(&self, key: &Key) -> Option<Table<'d>> {
         let value = self.get(key)?;
         self.table_of(key, value)
     }
 
-    /// A list of tables (`[[key]]`), empty without the key.
+    /// Reads a list of tables (`[[key]]`), empty without the key.
     pub fn tables(&self, key: &Key) -> Vec<Table<'d>> {
         let items = self.get(key).and_then(|value| self.list(key, value, TABLES));
         items.into_iter().flatten().filter_map(|item| self.table_of(key, item)).collect()

@@ -1,4 +1,5 @@
-//! Where the paper's numbers stand beside ours: only beside its own array, calibrated and tested by its protocol.
+//! Decides where the paper's numbers are shown next to this program's: only for the paper's own array, calibrated and tested by
+//! its protocol.
 
 use crate::dataset::{Press, Presses};
 use crate::paper;
@@ -6,7 +7,7 @@ use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
 use std::collections::BTreeSet;
 
-/// The paper, in full.
+/// Complete citation of the paper.
 pub const CITATION: &str = "Liu, W.; Gu, C.; Zeng, R.; Yu, P.; Fu, X. A Novel Inverse Solution of Contact Force Based on a \
      Sparse Tactile Sensor Array. Sensors 2018, 18(2), 351. doi:10.3390/s18020351";
 
@@ -23,8 +24,9 @@ const MOST_N: f64 = 1.0;
 /// Coordinates and forces nearer than this are the same, mm and N.
 const SAME: f64 = 1e-6;
 
-/// Whether an array is the paper's and was calibrated and tested by its protocol: 3 x 3 units 4.5 mm apart; 1 N at each of the
-/// 625 points of a grid of 0.5 mm over 12 x 12 mm; 100 presses of 0.1 to 1 N anywhere there. Flagged presses are included.
+/// Whether an array is the paper's and was calibrated and tested by its protocol. The array has 3 x 3 units 4.5 mm apart. The
+/// calibration has 1 N at each of the 625 points of a grid of 0.5 mm over 12 x 12 mm. The test has 100 presses of 0.1 to 1 N
+/// anywhere on this area. Flagged presses are included.
 pub fn is_beside_paper(layout: &ArrayLayout, presses: &Presses) -> bool {
     is_papers_array(layout) && is_calibrated_as_there(presses) && is_tested_as_there(presses)
 }

@@ -1,4 +1,4 @@
-//! Runs beside one another.
+//! Comparison of runs.
 
 use super::figures::{LOOKS, WIDTH_PX};
 use super::frame::{Drawn, Page, Section, clock, counted, none, number, percent, section, table, words};
@@ -17,31 +17,31 @@ use crate::solver::{ErrorSummary, Evaluation};
 use maud::{Markup, html};
 use statrs::statistics::Statistics as _;
 
-/// A run to be compared, where it was made, and the rule that it is judged by.
+/// A run to be compared, its bench, and the rule by which it is judged.
 pub struct ToCompare {
     /// The run.
     pub run: Recorded,
-    /// Where it was made.
+    /// Bench of the run.
     pub bench: Bench,
-    /// The rule; none: no verdict.
+    /// Rule for the verdict; `None` for no verdict.
     pub rule: Option<Rule>,
 }
 
-/// One run as it stands beside others.
+/// Results of one run in a comparison.
 pub struct Compared {
     name: String,
     manifest: Manifest,
-    /// By the paper's method, and by the one that was asked for.
+    /// Evaluations by the paper's method and by the requested method.
     evaluations: [Option<Evaluation>; 2],
-    /// Why there is no evaluation.
+    /// Reason why there is no evaluation.
     why_not: Option<String>,
-    /// The verdict by its own recipe's rule or by the one that was named; none without a rule.
+    /// Verdict by the rule of the run's recipe or by the given rule; `None` without a rule.
     judgement: Option<Judgement>,
     /// Means over the units, %: repeatability loading and unloading (3 sd), hysteresis.
     table_1: [Option<f64>; 3],
-    /// Mean output of each unit over the calibration, in its own unit a newton; empty without one.
+    /// Mean output of each unit over the calibration, in its own unit per newton; empty without a calibration.
     gains: Vec<f64>,
-    /// The calibration's places with their commanded forces: gains of the same ones are comparable.
+    /// Places of the calibration with their commanded forces. Gains are comparable if these are equal.
     calibrated: Vec<(Place, f64)>,
 }
 
@@ -49,7 +49,7 @@ pub struct Compared {
 const LEAST_PERCENT: f64 = 0.01;
 
 impl Compared {
-    /// Evaluates runs, each with the layout of its array, on all processors. `solver` stands beside the paper's method.
+    /// Evaluates runs, each with the layout of its array, on all processors. `solver` is used in addition to the paper's method.
     pub fn all(runs: &[ToCompare], solver: &str) -> Vec<Compared> {
         in_parallel(runs, |run| Compared::of(run, solver))
     }
@@ -89,7 +89,7 @@ impl Compared {
         }
     }
 
-    /// The verdict; none without a rule.
+    /// Returns the verdict; `None` without a rule.
     pub fn verdict(&self) -> Option<Verdict> {
         self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
@@ -143,7 +143,7 @@ fn calibrated(presses: &Presses) -> Vec<(Place, f64)> {
     all
 }
 
-/// A page about many runs, in the order they were named.
+/// Creates a page about many runs, in the order they were given.
 pub fn comparison(runs: &[Compared], solver: &str) -> Page {
     let header = html! {
         h1 { (counted(runs.len(), "run")) " side by side" }

@@ -1,4 +1,4 @@
-//! What the run was made with: recipe, devices, sessions, and everything out of the ordinary.
+//! Section about the origin of the run: recipe, devices, sessions, and everything unusual.
 
 use super::Subject;
 use super::frame::{clock, section as framed, words};
@@ -7,7 +7,7 @@ use crate::dataset::{Flag, Imported, Loss, Recorded, RigChange};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
-/// A part for each run.
+/// Creates a part for each run.
 pub fn section(subject: &Subject) -> Option<Markup> {
     let body = html! { @for run in &subject.runs { (of_run(run)) } };
     Some(framed("Devices, program and files", &body))

@@ -1,17 +1,17 @@
-//! What all pages share: the document around them, tables, figures, and numbers as they were computed.
+//! Common parts of all pages: document, tables, figures, and numbers as computed.
 
 use super::numbers::Numbers;
 use crate::chart::{Figure, Ramp, STYLE};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::fmt::Display;
 
-/// What every page of ours has in its head: a file that has it may be replaced by another.
+/// Mark in the head of every page of this program. A file with this mark may be replaced by another page.
 pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 
 /// Light and dark as the reader has it; on paper always light. No colour means anything that a shape or a word doesn't mean too.
 const PAGE_STYLE: &str = include_str!("page.css");
 
-/// A whole page.
+/// Returns a complete page.
 pub fn document(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
@@ -31,22 +31,22 @@ pub fn document(title: &str, body: &Markup) -> String {
     page.into_string() + "\n"
 }
 
-/// A part of a page.
+/// Returns a section of a page.
 pub fn section(title: &str, body: &Markup) -> Markup {
     html! { section { h2 { (title) } (body) } }
 }
 
-/// A number that an evaluation gave, rounded for a person, whole for a program.
+/// Returns a number of an evaluation: rounded for people, exact for programs.
 pub fn number(key: &str, value: f64, digits: usize, unit: &str) -> Markup {
     html! { data value=(value) data-key=(key) { (format!("{value:.digits$}")) } (unit) }
 }
 
-/// The same for a share.
+/// Returns a fraction as a percentage, in the same way.
 pub fn percent(key: &str, share: f64) -> Markup {
     html! { data value=(share) data-key=(key) { (format!("{:.1}", 100.0 * share)) } " %" }
 }
 
-/// A table: names of the columns, then rows that begin with their name.
+/// Returns a table: names of the columns, then rows that begin with their name.
 pub fn table(head: &[Markup], rows: &[Vec<Markup>]) -> Markup {
     html! {
         div.wide {
@@ -66,18 +66,18 @@ pub fn table(head: &[Markup], rows: &[Vec<Markup>]) -> Markup {
     }
 }
 
-/// Words at the beginning of a sentence.
+/// Capitalises words at the beginning of a sentence.
 pub fn capital(words: &str) -> String {
     let mut letters = words.chars();
     letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
-/// Words as a cell.
+/// Returns words as a cell.
 pub fn words(words: impl Display) -> Markup {
     html! { (words.to_string()) }
 }
 
-/// How many of something, in words that fit one of them too.
+/// Returns a count with its noun, singular or plural.
 pub fn counted(count: usize, what: &str) -> String {
     let ending = match count {
         1 => "",
@@ -87,42 +87,42 @@ pub fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{ending}")
 }
 
-/// A time with its zone to the second, as a person writes it.
+/// Returns a time with its zone, to the second, for people.
 pub fn clock(time: &str) -> String {
     let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();
     let second: String = time.chars().take("2026-01-01T00:00:00".len()).collect();
     format!("{} {zone}", second.replace('T', " ")).trim_end().to_owned()
 }
 
-/// What isn't known.
+/// Returns the mark for an unknown value.
 pub fn none() -> Markup {
     html! { "-" }
 }
 
-/// A figure of a page, and what it is saved as.
+/// A figure of a page, and its file name.
 pub struct Drawn {
-    /// The stem of its files' names, in kebab-case.
+    /// Stem of the names of its files, in kebab-case.
     pub stem: String,
-    /// The figure; its title and its subtitle stand above it, its notes below.
+    /// The figure. Its title and its subtitle are above it, its notes below.
     pub figure: Figure,
-    /// The numbers behind it.
+    /// Numbers shown in the figure.
     pub numbers: Numbers,
 }
 
 impl Drawn {
-    /// A figure and the numbers that its marks have. It is saved under its title unless it is given another name.
+    /// Takes a figure and the numbers of its marks. The file name follows from the title unless another name is given.
     pub fn plain(figure: Figure) -> Drawn {
         let numbers = Numbers::of(&figure);
         Drawn { stem: kebab_case(&figure.title), figure, numbers }
     }
 
-    /// The same under another name.
+    /// Sets another name.
     #[must_use]
     pub fn named(self, stem: &str) -> Drawn {
         Drawn { stem: kebab_case(stem), ..self }
     }
 
-    /// The same with other numbers than those of its marks.
+    /// Sets other numbers than those of the marks.
     #[must_use]
     pub fn with(self, numbers: Numbers) -> Drawn {
         Drawn { numbers, ..self }
@@ -148,19 +148,19 @@ fn kebab_case(words: &str) -> String {
 
 /// A part of a page, and its figures.
 pub struct Section {
-    /// Its heading, texts and figures.
+    /// Heading, texts and figures.
     pub markup: Markup,
-    /// The figures once more, in their order.
+    /// The same figures separately, in order.
     pub figures: Vec<Drawn>,
 }
 
 impl Section {
-    /// Figures under a heading, after some words; none without figures.
+    /// Creates a section with a heading, some words and figures; `None` without figures.
     pub fn of_figures(title: &str, before: &Markup, figures: Vec<Drawn>) -> Option<Section> {
         (!figures.is_empty()).then(|| Section::new(title, before, figures))
     }
 
-    /// Words and figures under a heading.
+    /// Creates a section with words and figures under a heading.
     pub fn new(title: &str, before: &Markup, figures: Vec<Drawn>) -> Section {
         let body = html! {
             (before)
@@ -179,14 +179,14 @@ impl From<Markup> for Section {
 
 /// A page, and its figures.
 pub struct Page {
-    /// One HTML file that needs nothing else.
+    /// A self-contained HTML file.
     pub html: String,
-    /// In the order in which they are on the page.
+    /// Figures in the order of the page.
     pub figures: Vec<Drawn>,
 }
 
 impl Page {
-    /// A page of sections below a header.
+    /// Creates a page of sections below a header.
     pub fn of(title: &str, header: &Markup, sections: impl IntoIterator<Item = Section>) -> Page {
         let (markups, figures): (Vec<Markup>, Vec<Vec<Drawn>>) =
             sections.into_iter().map(|section| (section.markup, section.figures)).unzip();

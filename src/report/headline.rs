@@ -1,4 +1,4 @@
-//! Whether the sensor is accepted, and its errors; beside the paper's where that stands.
+//! States whether the sensor is accepted, and its errors; next to the paper's errors if these are shown.
 
 use super::beside_paper::CITATION;
 use super::frame::{none, number, percent, section as framed, table, words};
@@ -8,7 +8,7 @@ use crate::paper;
 use crate::solver::{BEST, Coverage, ErrorSummary, Evaluation, LeftOut};
 use maud::{Markup, html};
 
-/// The first thing a reader sees.
+/// Creates the first section of the page.
 pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let is_beside_paper = subject.is_beside_paper();
     Some(html! {

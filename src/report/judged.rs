@@ -1,4 +1,4 @@
-//! The methods that a page shows, and its verdict.
+//! Methods shown on a page, and the verdict.
 
 use super::Subject;
 use crate::acceptance::{Judgement, Rule};
@@ -10,22 +10,23 @@ use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver};
 /// The paper's own method.
 pub const PAPERS: &str = SOLVERS[0];
 
-/// How far off the methods are on a sensor's test, as `evaluate` has it, and the verdict.
+/// Errors of the methods on a sensor's test, like those of `evaluate`, and the verdict.
 pub struct Judged {
-    /// The paper's method, then the rule's or the best, where that is another; empty where there is nothing to evaluate.
+    /// Evaluation of the paper's method, then of the rule's or the best method if it is another one. Empty if there is nothing to
+    /// evaluate.
     pub evaluations: Vec<Evaluation>,
     /// A method that knows its expected error.
     pub expecting: Option<Fitted>,
-    /// Why there is no evaluation, or not by both.
+    /// Reason why there is no evaluation, or only one.
     pub why_not: Option<String>,
-    /// Standard uncertainty of the test's forces, N; none where it isn't known.
+    /// Standard uncertainty of the test's forces, N; `None` if it is unknown.
     pub u_force_n: Option<f64>,
-    /// The verdict; none without a rule.
+    /// Verdict; `None` without a rule.
     pub judgement: Option<Judgement>,
 }
 
 impl Judged {
-    /// Evaluates a sensor's presses, and judges them by a rule.
+    /// Evaluates a sensor's presses and judges them by a rule.
     pub fn of(subject: &Subject, rule: Option<&Rule>) -> Judged {
         let trial = Trial::of_run(&subject.presses, subject.placed());
         let second = rule.map_or(BEST, |rule| rule.method.as_str());
@@ -39,7 +40,7 @@ impl Judged {
         Judged { evaluations, expecting, why_not, u_force_n, judgement }
     }
 
-    /// The evaluation that the verdict is about; without a rule the best's.
+    /// Returns the evaluation on which the verdict is based; without a rule, that of the best method.
     pub fn decisive(&self) -> Option<&Evaluation> {
         match self.judgement.as_ref().map(|judgement| judgement.method.as_str()) {
             None | Some(BEST) => self.evaluations.last(),

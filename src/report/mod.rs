@@ -1,9 +1,9 @@
-//! Pages about runs: one HTML file each that needs nothing else, neither a network nor a script.
+//! Pages about runs. Each is one self-contained HTML file that needs no network and no script.
 //!
-//! [`page`] is about one [`Subject`], a sensor with all that was recorded of it: verdict and tables first, then its figures,
-//! then how the force was controlled and on what. [`comparison`] puts many sensors, or one over time, side by side. Every number
-//! that an evaluation gives is in a `data` element whose `value` is that of `evaluate --json`, not a digit less. Each figure can
-//! be saved with the numbers behind it ([`Drawn`]). The paper is cited only where its numbers stand beside ours
+//! [`page`] is about one [`Subject`]: a sensor with all its recorded data. Verdict and tables come first, then the figures. After
+//! these come the control of the force and the equipment used. [`comparison`] compares many sensors, or one sensor over time.
+//! Every number of an evaluation is in a `data` element whose `value` is that of `evaluate --json`, with all digits. Each figure
+//! can be saved with its numbers ([`Drawn`]). The paper is cited only if its numbers are shown next to this program's
 //! ([`is_beside_paper`]).
 
 mod beside_paper;
@@ -31,7 +31,7 @@ pub use subject::{ReportError, Subject};
 use frame::Section;
 use maud::html;
 
-/// A page about one sensor. Nothing in it depends on the time or the machine: the same runs give the same bytes.
+/// Creates a page about one sensor. Nothing in it depends on the time or the machine, so the same runs give the same bytes.
 pub fn page(subject: &Subject, judged: &Judged) -> Page {
     let sections = [
         headline::section(subject, judged).map(Section::from),

@@ -1,22 +1,22 @@
-//! The numbers behind a figure, as a table.
+//! Numbers of a figure, as a table.
 
 use crate::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
 
-/// A table: names of the columns with their units last, then rows.
+/// A table: names of the columns, each ending with its unit, then rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Numbers {
     head: Vec<String>,
     rows: Vec<Vec<Value>>,
 }
 
-/// What is in a cell.
+/// Content of a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// A number.
     Number(f64),
     /// Words.
     Words(String),
-    /// Nothing.
+    /// No content.
     None,
 }
 
@@ -33,13 +33,14 @@ impl From<&str> for Value {
 }
 
 impl Numbers {
-    /// A table of rows as long as its head.
+    /// Creates a table of rows, each as long as the head.
     pub fn new(head: &[&str], rows: Vec<Vec<Value>>) -> Numbers {
         Numbers { head: head.iter().map(|name| (*name).to_owned()).collect(), rows }
     }
 
-    /// What is drawn in a figure: a row for each point, step, bar, column and cell. Columns are called after the axes; those that
-    /// say the same in every row (which panel, which series, drawn as what) are left out. Words and lines right across aren't in it.
+    /// Returns the numbers drawn in a figure: a row for each point, step, bar, column and cell. Columns are named after the axes.
+    /// Columns that are the same in every row (panel, series, kind of mark) are omitted. Words, and lines across the complete
+    /// panel, are omitted too.
     pub fn of(figure: &Figure) -> Numbers {
         let mut marks =
             Marks { figure, head: ["panel", "series", "drawn_as"].map(str::to_owned).to_vec(), rows: Vec::new() };
@@ -64,7 +65,7 @@ impl Numbers {
         }
     }
 
-    /// The table as CSV (RFC 4180, lines ended by a line feed), numbers to twelve digits.
+    /// Returns the table as CSV (RFC 4180, lines ended by a line feed), numbers to twelve digits.
     pub fn csv(&self) -> String {
         let line = |cells: Vec<String>| cells.join(",") + "\n";
         let rows = self.rows.iter().map(|row| line(row.iter().map(told).collect()));

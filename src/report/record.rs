@@ -1,4 +1,4 @@
-//! How the force was controlled: error, overshoot and time of every press.
+//! Control of the force: error, overshoot and time of every press.
 
 use super::Subject;
 use super::frame::{Drawn, Section, none, number, table, words};
@@ -13,7 +13,7 @@ struct Controlled {
     phase: Phase,
     press: f64,
     error_mn: f64,
-    /// The largest true force over the set one; only a simulation knows.
+    /// Largest true force minus the set force; known only in a simulation.
     over_mn: Option<f64>,
 }
 
@@ -27,7 +27,7 @@ const PHASES: [(Phase, Hue, Shape); 3] = [
 /// The most points that are drawn of a phase: of more, one in so many.
 const MOST_POINTS: usize = 1000;
 
-/// A row a phase, and every press.
+/// Creates a row for each phase, and a row for every press.
 pub fn section(subject: &Subject) -> Option<Section> {
     let (held, times) = (held(&subject.runs), times_s(&subject.runs));
     if held.is_empty() {

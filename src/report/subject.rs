@@ -1,4 +1,4 @@
-//! What a page is about: a sensor and its runs.
+//! Subject of a page: a sensor and its runs.
 
 use super::beside_paper::is_beside_paper;
 use super::frame::counted;
@@ -10,74 +10,74 @@ use miette::Diagnostic;
 use std::path::Path;
 use thiserror::Error;
 
-/// A sensor and all that was recorded of it, in one run or in one for each phase.
+/// A sensor and all its recorded data, in one run or in one run for each phase.
 pub struct Subject {
-    /// The runs, in the order they were named; at least one.
+    /// Runs in the order they were given; at least one.
     pub runs: Vec<Recorded>,
-    /// The presses of all of them.
+    /// Presses of all runs.
     pub presses: Presses,
-    /// Where each run was made: at least one bench, all with the same array.
+    /// Benches of the runs: at least one, all with the same array.
     pub benches: Vec<Bench>,
 }
 
-/// Why there is no page.
+/// Reason why there is no page.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ReportError {
     /// A run can't be read.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Dataset(#[from] DatasetError),
-    /// Two runs of one page come from two arrays.
+    /// Two runs of one page are from two arrays.
     #[error(
         "{first} has {first_units} units, {second} has {second_units}{}: they are of different sensors",
         if first_units == second_units { " at other places" } else { "" }
     )]
     #[diagnostic(help("report them separately, or add --compare to compare sensors"))]
     Arrays {
-        /// A run.
+        /// Name of a run.
         first: String,
-        /// Its units.
+        /// Number of its units.
         first_units: usize,
-        /// Another.
+        /// Name of another run.
         second: String,
-        /// Its units.
+        /// Number of its units.
         second_units: usize,
     },
-    /// Two runs of one page are of two sensors, designs or batches.
+    /// Two runs of one page are from two sensors, designs or batches.
     #[error("{first} is of the {label} {of_first}, {second} of {of_second}: a page is about one sensor")]
     #[diagnostic(help("report them separately, or add --compare to compare sensors"))]
     Sensors {
-        /// What differs.
+        /// Label that differs.
         label: &'static str,
-        /// A run.
+        /// Name of a run.
         first: String,
         /// Its label.
         of_first: String,
-        /// Another.
+        /// Name of another run.
         second: String,
         /// Its label.
         of_second: String,
     },
-    /// A run that doesn't say which sensor it is of.
+    /// A run doesn't state its sensor.
     #[error("{run} has no sensor ID: it may be of another sensor than {other}")]
     #[diagnostic(help("if they are of one sensor, add --same-sensor; give --sensor ID with the next run"))]
     Unnamed {
-        /// The run.
+        /// Name of the run.
         run: String,
-        /// One that it would stand beside.
+        /// Name of a run on the same page.
         other: String,
     },
-    /// Two runs of one page have outputs in two units.
+    /// Two runs of one page have outputs in different units.
     #[error(
         "the outputs of {first} are in {first_unit}, those of {second} in {second_unit}: they are of different sensors"
     )]
     #[diagnostic(help("report them separately, or add --compare to compare sensors"))]
     Units {
-        /// A run.
+        /// Name of a run.
         first: String,
         /// The unit of its outputs.
         first_unit: String,
-        /// Another.
+        /// Name of another run.
         second: String,
         /// The unit of its outputs.
         second_unit: String,
@@ -86,11 +86,11 @@ pub enum ReportError {
     #[error("{first} and {second} both have {phase} presses: a page can use only one run per phase")]
     #[diagnostic(help("report them separately, or add --compare to compare runs"))]
     Twice {
-        /// A run.
+        /// Name of a run.
         first: String,
-        /// Another.
+        /// Name of another run.
         second: String,
-        /// What both have.
+        /// Phase that both runs have.
         phase: &'static str,
     },
 }
@@ -99,10 +99,10 @@ pub enum ReportError {
 const PHASES: [Phase; 3] = [Phase::Characterisation, Phase::Calibration, Phase::Test];
 
 impl Subject {
-    /// The runs of one sensor, each with its rig. `same_sensor`: runs without a sensor ID are of the sensor too.
+    /// Takes the runs of one sensor, each with its bench. With `same_sensor`, runs without a sensor ID also belong to the sensor.
     ///
     /// # Errors
-    /// No run, or runs that don't make one page.
+    /// There is no run, or the runs don't belong on one page.
     pub fn of(runs: impl IntoIterator<Item = (Recorded, Bench)>, same_sensor: bool) -> Result<Subject, ReportError> {
         let mut subject: Option<Subject> = None;
         for (run, bench) in runs {
@@ -119,28 +119,28 @@ impl Subject {
         subject.ok_or_else(|| DatasetError::NoRun { path: Path::new("").to_owned() }.into())
     }
 
-    /// All that is on record of it, to be judged.
+    /// Returns all recorded data of the sensor, for the verdict.
     pub fn evidence(&self) -> Evidence<'_> {
         let runs = self.runs.iter().collect();
         Evidence { presses: &self.presses, layout: Some(self.layout()), runs, u_place_mm: self.u_place_mm() }
     }
 
-    /// The outputs and their units.
+    /// Returns the outputs and their units.
     pub fn layout(&self) -> &ArrayLayout {
         &self.benches[0].layout
     }
 
-    /// The same, where the positions of the units are known.
+    /// Returns the layout, if the positions of the units are known.
     pub fn placed(&self) -> Option<&ArrayLayout> {
         self.benches[0].placed()
     }
 
-    /// The unit of the outputs.
+    /// Returns the unit of the outputs.
     pub fn unit(&self) -> &str {
         &self.benches[0].unit
     }
 
-    /// Standard uncertainty of the pressed places, mm, the largest of the runs'; none where one doesn't know it.
+    /// Returns the standard uncertainty of the pressed places, mm: the largest of all runs. `None` if it is unknown for any run.
     pub fn u_place_mm(&self) -> Option<f64> {
         let all: Option<Vec<f64>> = self.benches.iter().map(Bench::u_place_mm).collect();
         all?.into_iter().reduce(f64::max)
@@ -201,14 +201,14 @@ impl Subject {
         Ok(self)
     }
 
-    /// What the page is about.
+    /// Returns the title of the page.
     pub fn title(&self) -> String {
         let sensor = self.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.as_ref());
         let runs: Vec<String> = self.runs.iter().map(|run| run.name()).collect();
         sensor.map_or_else(|| runs.join(", "), |sensor| format!("Sensor {sensor}"))
     }
 
-    /// On what it rests, in a sentence.
+    /// Returns the basis of the page, as a sentence.
     pub fn told(&self) -> String {
         let recipes: Vec<String> = self.runs.iter().map(|run| run.manifest.facts.told()).collect();
         let done: u64 = self.runs.iter().map(|run| run.manifest.presses_done).sum();
@@ -218,12 +218,12 @@ impl Subject {
         format!("{presses} of {}, {units}{simulated}.", recipes.join(", "))
     }
 
-    /// Whether the paper's numbers stand beside its own, see [`is_beside_paper`].
+    /// Whether the paper's numbers are shown next to the sensor's numbers, see [`is_beside_paper`].
     pub fn is_beside_paper(&self) -> bool {
         is_beside_paper(self.layout(), &self.presses)
     }
 
-    /// The corners of the area that was calibrated; none without a calibration.
+    /// Returns the corners of the calibrated area; `None` without a calibration.
     pub fn area(&self) -> Option<(Place, Place)> {
         let calibrated = self.presses.presses.iter().filter(|press| press.is_of(Phase::Calibration));
         let places = calibrated.map(|press| press.place());

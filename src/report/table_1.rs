@@ -1,4 +1,4 @@
-//! The characteristics of each unit, the repeatability by each definition in use; beside the paper's Table 1 where that stands.
+//! Characteristics of each unit, with the repeatability by each common definition; next to the paper's Table 1 if it is shown.
 
 use super::Subject;
 use super::frame::{capital, none, number, section as framed, table, words};

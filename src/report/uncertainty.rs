@@ -1,4 +1,4 @@
-//! How well each force is known: the budget of its uncertainty, over all presses.
+//! Uncertainty of the forces: the uncertainty budget over all presses.
 
 use super::Subject;
 use super::frame::{none, number, section as framed, table, words};
@@ -21,7 +21,7 @@ const PARTS: [Part; 5] = [
     ("mains hum", "rest after averaging whole periods, arcsine", |budget| Some(budget.hum_n)),
 ];
 
-/// A row a part; none where no run kept its budgets.
+/// Creates a row for each part of the budget; `None` if no run has budgets.
 pub fn section(subject: &Subject) -> Option<Markup> {
     let budgets: Vec<Budget> = subject.runs.iter().flat_map(pressed).collect();
     if budgets.is_empty() {

@@ -1,4 +1,4 @@
-//! The first thing a reader sees: the verdict, with the rule, each limit and what was found.
+//! Verdict at the top of the page, with the rule, each limit and the measured value.
 
 use super::frame::{capital, none, number, table, words};
 use super::{Judged, Subject};
@@ -6,7 +6,7 @@ use crate::acceptance::{Check, Decision, Judgement, Verdict};
 use crate::dataset::Status;
 use maud::{Markup, html};
 
-/// The verdict, or why there is none.
+/// Creates the verdict, or the reason why there is none.
 pub fn section(subject: &Subject, judged: &Judged) -> Markup {
     let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
     let class = match (broken, judged.judgement.as_ref().map(|judgement| judgement.verdict)) {

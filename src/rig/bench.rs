@@ -1,28 +1,29 @@
-//! Where presses come from: a rig, or a table of somebody else's bench.
+//! Source of presses: a rig, or a table from an external bench.
 
 use super::RigSpec;
 use crate::quantity::{ArrayLayout, Place};
 
-/// What is known of the bench that presses come from.
+/// Known properties of the bench of presses.
 #[derive(Clone, Debug)]
 pub struct Bench {
-    /// The outputs and their units.
+    /// Outputs and their units.
     pub layout: ArrayLayout,
     /// Whether the positions of the units are known.
     pub is_placed: bool,
-    /// The unit of the outputs.
+    /// Unit of the outputs.
     pub unit: String,
-    /// The rig; none of imported presses.
+    /// The rig; `None` for imported presses.
     pub rig: Option<RigSpec>,
 }
 
 impl Bench {
-    /// That of a rig.
+    /// Returns the bench of a rig.
     pub fn of_rig(rig: RigSpec) -> Bench {
         Bench { layout: rig.array.layout.clone(), is_placed: true, unit: rig.array.unit.clone(), rig: Some(rig) }
     }
 
-    /// That of imported presses: the array where a columns file states it, else so many outputs at places that nobody knows.
+    /// Returns the bench of imported presses. The array is that of the columns file, if stated. Otherwise it has `outputs`
+    /// outputs at unknown places.
     pub fn of_import(array: Option<(ArrayLayout, String)>, outputs: usize) -> Bench {
         match array {
             Some((layout, unit)) => Bench { layout, is_placed: true, unit, rig: None },
@@ -33,12 +34,12 @@ impl Bench {
         }
     }
 
-    /// The layout, where the positions of its units are known.
+    /// Returns the layout, if the positions of its units are known.
     pub fn placed(&self) -> Option<&ArrayLayout> {
         self.is_placed.then_some(&self.layout)
     }
 
-    /// Standard uncertainty of the pressed places, mm; none where it isn't known.
+    /// Returns the standard uncertainty of the pressed places, mm; `None` if it is unknown.
     pub fn u_place_mm(&self) -> Option<f64> {
         self.rig.as_ref().and_then(RigSpec::u_place_mm)
     }

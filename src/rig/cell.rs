@@ -1,5 +1,5 @@
-//! The load cell as its rig knows it: its readings adjusted by the gain that a known weight showed, and a word on what its newton
-//! rests on.
+//! Load cell as described by its rig: readings adjusted by the gain from a known weight, and a statement of the traceability of
+//! its forces.
 
 use super::spec::LoadCellSpec;
 use crate::device::{DeviceError, Identity, LoadCell};
@@ -7,11 +7,11 @@ use crate::driver::AnyLoadCell;
 use crate::quantity::{ForceReading, WeightCheck};
 use std::time::Duration;
 
-/// What is said of a cell whose gain nothing is known of.
+/// Statement about a cell with unknown gain.
 pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a known weight, so the error of its forces isn't known (`palpate \
                        doctor --check-weight-n N` checks it)";
 
-/// A load cell whose readings are divided by the gain that the rig adjusts for.
+/// A load cell whose readings are divided by the gain stated in the rig.
 pub struct AdjustedCell {
     driver: AnyLoadCell,
     divisor: f64,

@@ -1,4 +1,5 @@
-//! What a rig says of how true its instruments are: `certificate` of `[stage]`, `certificate` and `check` of `[load_cell]`.
+//! Statements of a rig about the accuracy of its instruments: `certificate` of `[stage]`, `certificate` and `check` of
+//! `[load_cell]`.
 
 use super::keys::{certificate, check, stage_certificate};
 use crate::document::{Key, Problem, Table};

@@ -1,38 +1,38 @@
-//! What differs between two rigs, key by key, and whether a run that was begun on the one may continue on the other.
+//! Differences between two rigs, key by key, and whether a run begun on one may continue on the other.
 
 use super::keys::limits;
 use super::{KEYS, keys};
 use crate::document::{self, Change, Given, Problems};
 
-/// A key that two rigs don't say the same of.
+/// A key with different values in two rigs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    /// Where it is: `limits.force_n`; a table in a list has its number, counted from 1: `scene.fault[2].kind`.
+    /// Path of the key: `limits.force_n`. A table in a list has its number, counted from 1: `scene.fault[2].kind`.
     pub path: String,
-    /// Its value in the first rig as it stands there, or its default; `not set` without either.
+    /// Value in the first rig as written, or its default; `not set` without either.
     pub before: String,
-    /// The same of the second.
+    /// Value in the second rig, in the same way.
     pub now: String,
-    /// What it means for a run that was begun on the first.
+    /// Consequence for a run that was begun on the first rig.
     pub verdict: Consequence,
 }
 
-/// What a difference between two rigs means for a run that was begun on the first and is to continue on the second.
+/// Consequence of a difference between two rigs for a run that was begun on the first and continues on the second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Consequence {
-    /// The same device is found elsewhere: a link between real devices, or the command of a program.
+    /// The same device has another address: a link between real devices, or the command of a program.
     Link,
-    /// A limit of the specimen became stricter: less force, less depth, or more stiffness to allow for.
+    /// A limit of the specimen became stricter: a smaller force, a smaller depth, or a larger stiffness.
     Tighter,
-    /// The rig is another one.
+    /// The rig is a different rig.
     Other,
 }
 
-/// What two rigs don't say the same of, in the order of the list of keys. A key that isn't there has its default; numbers are
-/// the same however they are written; a `[scene]` that isn't there isn't one that says what the paper's says.
+/// Returns the keys with different values in two rigs, in the order of the list of keys. A missing key has its default. Numbers
+/// are compared by value, not by spelling. A missing `[scene]` differs from a `[scene]` with the paper's values.
 ///
 /// # Errors
-/// A text that isn't TOML.
+/// A text isn't TOML.
 pub fn differences(before: &str, now: &str) -> Result<Vec<Difference>, Problems> {
     let changes = document::differences(&KEYS, ("the rig before", before), ("the rig now", now))?;
     let shown = |given: Option<Given>| given.map_or_else(|| "not set".to_owned(), |given| given.text);

@@ -1,4 +1,4 @@
-//! Which driver plays a role, and on which link.
+//! Finds the driver of each role, and its link.
 
 use super::family::{Beside, FAMILIES, Family, Links, Role};
 use super::keys::{array, load_cell, stage};

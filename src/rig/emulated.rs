@@ -1,4 +1,4 @@
-//! One emulated device, and how it would be wired.
+//! One emulated device, and its type of connection.
 
 use crate::emulator::{Instrument, Shared};
 use std::sync::{Arc, Mutex};
@@ -6,13 +6,13 @@ use std::sync::{Arc, Mutex};
 /// One emulated device.
 #[derive(Clone)]
 pub struct EmulatedDevice {
-    /// What stands at the far end of its link.
+    /// Device at the far end of its link.
     pub far_end: FarEnd,
-    /// What it speaks, such as `esp301`, `modbus-rtu` or `daqmx`.
+    /// Protocol of the device, such as `esp301`, `modbus-rtu` or `daqmx`.
     pub protocol: &'static str,
 }
 
-/// What stands at the far end of a link, and how it would be wired.
+/// Device at the far end of a link, and its type of connection.
 #[derive(Clone)]
 pub enum FarEnd {
     /// An instrument on a serial line.
@@ -21,7 +21,7 @@ pub enum FarEnd {
     Network(Shared<dyn Instrument>),
     /// A program, on its standard input and output.
     Pipe(Shared<dyn Instrument>),
-    /// NI's library: a table of functions, no stream of bytes.
+    /// NI's library: a table of functions, not a stream of bytes.
     Library,
 }
 
@@ -41,7 +41,7 @@ impl EmulatedDevice {
         EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol }
     }
 
-    /// The instrument at the far end; none where it is a library.
+    /// Returns the instrument at the far end; `None` for a library.
     pub fn instrument(&self) -> Option<&Shared<dyn Instrument>> {
         match &self.far_end {
             FarEnd::Serial(instrument) | FarEnd::Network(instrument) | FarEnd::Pipe(instrument) => Some(instrument),
@@ -49,12 +49,12 @@ impl EmulatedDevice {
         }
     }
 
-    /// Whether it is the same instrument as another, in another role.
+    /// Whether two devices are the same instrument in different roles.
     pub fn is_same(&self, other: &EmulatedDevice) -> bool {
         self.instrument().zip(other.instrument()).is_some_and(|(own, others)| Arc::ptr_eq(own, others))
     }
 
-    /// Puts another instrument in its place.
+    /// Replaces the instrument by another.
     pub fn replace(&mut self, other: Shared<dyn Instrument>) {
         match &mut self.far_end {
             FarEnd::Serial(instrument) | FarEnd::Network(instrument) | FarEnd::Pipe(instrument) => *instrument = other,

@@ -1,4 +1,4 @@
-//! The keys of a rig but for its scene's, table by table.
+//! Keys of a rig, except those of its scene, table by table.
 
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
@@ -28,7 +28,7 @@ const SETTLE_MS: f64 = 10.0;
 pub(super) const DOWN: [(&str, Down); 2] = [("-z", Down::Minus), ("+z", Down::Plus)];
 
 keys! {
-    /// The whole rig.
+    /// The complete rig.
     root {
         stage: Table(&stage::KEYS), Refused, "the three-axis stage";
         load_cell: Table(&load_cell::KEYS), Refused, "the load cell under the specimen or over the indenter";

@@ -1,7 +1,7 @@
-//! The rig: which driver on which link plays which role, where the specimen is, what it bears.
+//! The rig: driver and link of each role, position of the specimen, and its limits.
 //!
-//! A [`RigSpec`] is a rig file understood. [`RigSpec::open`] is the only place that chooses between a real link and an
-//! emulator in memory; behind it everything runs the same driver, the same framing and the same time-outs.
+//! A [`RigSpec`] is a parsed rig file. [`RigSpec::open`] is the only place that chooses between a real link and an emulator in
+//! memory. After this choice, the driver, the framing and the time-outs are the same.
 
 mod bench;
 mod cell;
@@ -39,5 +39,5 @@ use crate::document::Keys;
 /// Every key that a rig may have.
 pub const KEYS: Keys = keys::root::KEYS;
 
-/// The paper's rig, simulated, as it is shipped.
+/// The paper's rig, simulated, as supplied.
 pub const SIM_RIG: &str = include_str!("../../rigs/sim.toml");

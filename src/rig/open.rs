@@ -1,4 +1,4 @@
-//! A rig's drivers put on their links.
+//! Connects a rig's drivers to their links.
 
 use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
@@ -16,25 +16,24 @@ use tokio::time::Instant;
 /// Bytes that wait in a link in memory before its writer waits too.
 const DUPLEX_BYTES: usize = 4096;
 
-/// A rig with its drivers on their links. Nothing has been sent yet.
+/// A rig with its drivers connected to their links. Nothing has been sent yet.
 pub struct OpenRig {
     /// The drivers.
     pub instruments: Instruments<AnyStage, AdjustedCell, AnyArray>,
-    /// How the stage is to be used.
+    /// Settings for the use of the stage.
     pub stage_use: StageUse,
-    /// The truth behind a simulated rig.
+    /// Access to the truth of a simulated rig.
     pub probe: Option<SceneProbe>,
-    /// The real links: this program's alone as long as the drivers live.
+    /// Real links, reserved for this program as long as the drivers exist.
     pub claims: Claims,
 }
 
 impl RigSpec {
-    /// Puts the drivers on their links; in a simulated rig our emulators are at the far ends, in a scene of this seed. Real
-    /// links are held for this program alone.
+    /// Connects the drivers to their links. In a simulated rig, this program's emulators are at the far ends, in a scene with
+    /// this seed. Real links are reserved for this program.
     ///
     /// # Errors
-    /// A real link that another program holds, a simulated one to a device there is no emulator for, or NI's library where
-    /// there is none.
+    /// Another program uses a real link, a device has no emulator for its simulated link, or NI's library is missing.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -51,10 +50,10 @@ impl RigSpec {
         Ok(OpenRig { claims, ..self.wired([&stage, &load_cell, &array], None, Instant::now())? })
     }
 
-    /// Puts the drivers on links in memory with these devices at the far ends; their scene's time begins now.
+    /// Connects the drivers to links in memory with these devices at the far ends. The time of their scene begins now.
     ///
     /// # Errors
-    /// A register map that can't play its role.
+    /// A register map is unsuitable for its role.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -66,15 +65,15 @@ impl RigSpec {
         self.wired([&stage, &load_cell, &array], Some(scene), origin)
     }
 
-    /// The stage's driver on links of another's making; nothing is sent.
+    /// Returns the stage's driver on links that the caller opens; nothing is sent.
     pub fn stage_on(&self, dial: Dial) -> AnyStage {
         self.stage.driver.open(dial, self)
     }
 
-    /// The load cell's driver on a link of another's making, its readings timed from `origin`; nothing is sent.
+    /// Returns the load cell's driver on a link that the caller opens, with readings timed from `origin`; nothing is sent.
     ///
     /// # Errors
-    /// A register map that can't play the role, or NI's library where there is none.
+    /// A register map is unsuitable for the role, or NI's library is missing.
     pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
         self.adjusted_cell(dial, &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new() })
     }

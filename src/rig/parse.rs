@@ -1,4 +1,4 @@
-//! A rig's text, read into a [`RigSpec`].
+//! Reads a rig's text into a [`RigSpec`].
 
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
@@ -15,11 +15,11 @@ use crate::quantity::{Axis, Frame, Limits, Place, Range, Travel};
 use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
 
-/// Reads a rig's text. `file` is its name in messages; `beside` gives the text of a file that lies beside it, for register
-/// maps of the user's own.
+/// Reads a rig's text. `file` is its name in messages. `beside` gives the text of a file in the same folder, for the user's own
+/// register maps.
 ///
 /// # Errors
-/// Every problem of the text, each at its line.
+/// Every problem of the text, each with its line.
 pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems> {
     if document::has_key(text, "step") && !document::has_key(text, root::stage.name) {
         let problem = Problem::new(0..0, "this is a recipe, not a rig");

@@ -1,4 +1,4 @@
-//! A rig's `[scene]`, read into a [`SceneSpec`].
+//! Reads a rig's `[scene]` into a [`SceneSpec`].
 
 use super::scene_keys::{
     contact, fault, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness, surface,

@@ -1,4 +1,4 @@
-//! The keys of a rig's `[scene]`, table by table: each physical term is there because it is named.
+//! Keys of a rig's `[scene]`, table by table. A physical term exists only if the scene names it.
 
 use crate::document::{Bounds, keys, words};
 use crate::mechanics::MOST_POISSON_RATIO;
@@ -136,7 +136,7 @@ keys! {
 }
 
 keys! {
-    /// One of `relaxation` of the scene.
+    /// One entry of `relaxation` of the scene.
     relaxation {
         share: Number(within(0.0, 10.0, "")), Refused, "additional force as a share of the sudden load", "0.05";
         time_s: Number(TIME), Refused, "time of its decay to 37 %", "0.3";
@@ -204,8 +204,8 @@ keys! {
 }
 
 keys! {
-    /// `latency_ms` of the scene. The defaults: an ESP301 answers in 5 to 20 ms; a transmitter at 115200 baud needs 1.5 ms for
-    /// the bytes of an exchange and two silences of 1.75 ms less what the driver waits itself; a T7 answers in 1 to 2 ms.
+    /// `latency_ms` of the scene. The defaults: an ESP301 answers in 5 to 20 ms. A transmitter at 115200 baud needs 1.5 ms for
+    /// the bytes of an exchange, and two silences of 1.75 ms minus the driver's own waiting time. A T7 answers in 1 to 2 ms.
     latency_ms {
         stage: Range(LATENCY), or_range(5.0, 20.0), "controller of the stage", "[5.0, 20.0]";
         load_cell: Range(LATENCY), or_range(2.0, 3.0), "transmitter of the load cell", "[2.0, 3.0]";

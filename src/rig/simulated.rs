@@ -34,7 +34,7 @@ pub struct SimulatedRig {
 /// How long after it is asked for a simulated person puts a weight on or takes it off, s.
 const PERSON_S: f64 = 2.0;
 
-/// What a run may know of a simulated scene: it names the presses, reads the truth, and asks for what a person would do.
+/// Access of a run to a simulated scene: names the presses, reads the truth, and requests actions of a person.
 #[derive(Clone)]
 pub struct SceneProbe {
     pub(super) scene: Shared<Scene>,
@@ -42,10 +42,10 @@ pub struct SceneProbe {
 }
 
 impl RigSpec {
-    /// The rig's emulators in a scene of this seed.
+    /// Returns the rig's emulators in a scene with this seed.
     ///
     /// # Errors
-    /// A device there is no emulator for.
+    /// A device has no emulator.
     pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
             return Err(not_simulated(Device::Array, TOO_MANY_CHANNELS.to_owned()));
@@ -95,7 +95,7 @@ fn not_simulated(device: Device, why: String) -> DeviceError {
 }
 
 impl SimulatedRig {
-    /// The devices with their roles.
+    /// Returns the devices with their roles.
     pub fn devices(&self) -> [(&EmulatedDevice, &'static str); 3] {
         [(&self.stage, Device::Stage), (&self.load_cell, Device::LoadCell), (&self.array, Device::Array)]
             .map(|(device, role)| (device, role.name()))
@@ -103,7 +103,7 @@ impl SimulatedRig {
 }
 
 impl SceneProbe {
-    /// Names the press that comes next.
+    /// Sets the number of the next press.
     pub fn begin_press(&self, press: u64) {
         self.scene().begin_press(press, self.now_s());
     }
@@ -113,22 +113,22 @@ impl SceneProbe {
         self.scene().open_window(self.now_s());
     }
 
-    /// Ends that average.
+    /// Ends the average of the true force.
     pub fn close_window(&self) {
         self.scene().close_window(self.now_s());
     }
 
-    /// What really happened since this was last asked.
+    /// Returns the true values since the previous call.
     pub fn take_truth(&self) -> Truth {
         self.scene().take_truth(self.now_s())
     }
 
-    /// Asks for a known weight on the tip.
+    /// Requests a known weight on the tip.
     pub fn put_weight(&self, nominal_n: f64, u_n: f64) {
         self.scene().put_weight(nominal_n, u_n, self.now_s() + PERSON_S);
     }
 
-    /// Asks for it to be taken off.
+    /// Requests the removal of the weight.
     pub fn take_weight(&self) {
         self.scene().take_weight(self.now_s() + PERSON_S);
     }

@@ -1,4 +1,4 @@
-//! The terms of a `[scene]` that say what the taxels read.
+//! Terms of a `[scene]` that determine the readings of the taxels.
 
 use super::scene_keys::{
     NOISE_OF, TAXEL_FAULTS, Taxel, converter, elastomer, hysteresis, indenter, scene, taxel_fault, taxel_noise, taxels,

@@ -1,4 +1,4 @@
-//! A rig file understood, and what each of its drivers can do.
+//! A parsed rig file, and the capabilities of each of its drivers.
 
 use super::emulated::EmulatedDevice;
 use super::which_way::{Nobody, WhichWay};
@@ -26,7 +26,7 @@ const CLEARANCE_MM: f64 = 0.3;
 /// How far from the end of its travel the stage waits, mm: not on a switch.
 const TOP_MM: f64 = 0.1;
 
-/// A rig file, understood.
+/// A parsed rig file.
 #[derive(Clone, Debug)]
 pub struct RigSpec {
     /// The three-axis stage.
@@ -35,82 +35,84 @@ pub struct RigSpec {
     pub load_cell: LoadCellSpec,
     /// The sensor array.
     pub array: ArraySpec,
-    /// What the specimen bears.
+    /// Limits of the specimen.
     pub limits: Limits,
-    /// The least stiffness that the specimen shows, N/mm: a cell that reads too little makes it look softer; none: not declared.
+    /// Smallest apparent stiffness of the specimen, N/mm; `None` if not declared. A load cell that reads too little makes the
+    /// specimen look softer.
     pub stiffness_least_n_mm: Option<f64>,
-    /// Where the specimen is.
+    /// Position of the specimen.
     pub frame: Frame,
-    /// Standard uncertainty of either coordinate of its origin, mm; none: it wasn't aligned.
+    /// Standard uncertainty of either coordinate of the specimen's origin, mm; `None` if it wasn't aligned.
     pub u_origin_mm: Option<f64>,
-    /// What is simulated when links are; the paper's where the file has no `[scene]`.
+    /// Scene that is simulated if links are simulated; the paper's scene if the file has no `[scene]`.
     pub scene: SceneSpec,
-    /// The largest force that a simulated sensor and its load cell are made for, N; none: the force limit. A run that continues with a
-    /// tighter limit continues with the sensor that it began with.
+    /// Largest force for which a simulated sensor and its load cell are designed, N; `None` for the force limit. A run that
+    /// continues with a tighter limit keeps the sensor with which it began.
     pub full_scale_n: Option<f64>,
-    /// Who is asked which way z goes before a rig that isn't simulated moves; none: nobody, and it doesn't.
+    /// Source of the direction of z, asked before a rig that isn't simulated moves. If `None`, the rig doesn't move.
     pub which_way: Option<Arc<dyn WhichWay>>,
 }
 
-/// The stage's part of a rig file.
+/// Stage section of a rig file.
 #[derive(Clone, Debug)]
 pub struct StageSpec {
-    /// Which driver.
+    /// Driver of the stage.
     pub driver: Arc<dyn StageDriver>,
-    /// Where it is.
+    /// Link of the stage.
     pub link: Link,
-    /// How far the axes may go.
+    /// Allowed travel of the axes.
     pub travel: Travel,
-    /// Fastest speed to be used, mm/s.
+    /// Largest speed to be used, mm/s.
     pub speed_mm_s: f64,
     /// Acceleration to be used, mm/s^2.
     pub acceleration_mm_s2: f64,
-    /// Fastest approach until the specimen was touched for the first time, mm/s: something hard in the way bears it.
+    /// Largest approach speed before the specimen is touched for the first time, mm/s. A hard object in the way tolerates this
+    /// speed.
     pub approach_mm_s: f64,
-    /// How long it moves on after its controller says that it stands, s.
+    /// Time during which the stage still moves after its controller reports standstill, s.
     pub settle_s: f64,
-    /// Its calibration certificate.
+    /// Calibration certificate of the stage.
     pub certificate: Option<StageCertificate>,
 }
 
-/// The load cell's part of a rig file.
+/// Load cell section of a rig file.
 #[derive(Clone, Debug)]
 pub struct LoadCellSpec {
-    /// Which driver.
+    /// Driver of the load cell.
     pub driver: Arc<dyn LoadCellDriver>,
-    /// Where it is.
+    /// Link of the load cell.
     pub link: Link,
-    /// Conversions a second.
+    /// Conversion rate, 1/s.
     pub conversions_hz: f64,
-    /// How long its filter and its transport hold a force back, s.
+    /// Delay of a force by the load cell's filter and transport, s.
     pub lag_s: f64,
-    /// What it may say in air, its tool included, N; none: not said.
+    /// Allowed reading in air, with the tool, N; `None` if not stated.
     pub air_n: Option<Range>,
-    /// Its calibration certificate.
+    /// Calibration certificate of the load cell.
     pub certificate: Option<Certificate>,
-    /// Its gain as a known weight showed it.
+    /// Gain measured with a known weight.
     pub check: Option<WeightCheck>,
 }
 
-/// The array's part of a rig file.
+/// Array section of a rig file.
 #[derive(Clone, Debug)]
 pub struct ArraySpec {
-    /// Which driver.
+    /// Driver of the array.
     pub driver: Arc<dyn ArrayDriver>,
-    /// Where it is.
+    /// Link of the array.
     pub link: Link,
-    /// Its outputs, and where the units are that they belong to.
+    /// Outputs of the array, and the positions of their units.
     pub layout: ArrayLayout,
-    /// The largest possible output, + and -, V; none: not known.
+    /// Largest possible output, + and -, V; `None` if unknown.
     pub range_v: Option<f64>,
-    /// The unit of its outputs as it is shown.
+    /// Unit of the outputs, as displayed.
     pub unit: String,
 }
 
 impl LoadCellSpec {
-    /// Standard uncertainty of a force of this size by what is known of the cell, N; none where nothing is. Readings that are
-    /// adjusted rest on the check; others rest on the certificate, which a check has confirmed, or on the check alone, whose
-    /// deviation isn't corrected.
+    /// Returns the standard uncertainty of a force of this size, N, from the data about the cell; `None` if there are no data.
+    /// For adjusted readings the check is used. For other readings the certificate is used; a check only confirms it. Without a
+    /// certificate the check is used, whose deviation isn't corrected.
     pub fn standard_uncertainty_n(&self, force_n: f64) -> Option<f64> {
         match (&self.check, &self.certificate) {
             (Some(check), _) if check.adjusted => Some(check.standard_uncertainty() / check.gain * force_n.abs()),
@@ -120,15 +122,15 @@ impl LoadCellSpec {
         }
     }
 
-    /// What its readings are divided by.
+    /// Returns the divisor of the readings.
     pub fn divisor(&self) -> f64 {
         self.check.as_ref().map_or(1.0, WeightCheck::divisor)
     }
 
-    /// Whether its gain can be relied on, as far as a check with a known weight says.
+    /// Checks whether the gain is reliable according to a check with a known weight.
     ///
     /// # Errors
-    /// The rule that it breaks.
+    /// The rule that the gain breaks.
     pub fn check_gain(&self) -> Result<(), Trip> {
         let certificate = self.certificate.as_ref();
         match self.check.as_ref().filter(|check| !check.is_sound(certificate)) {
@@ -145,14 +147,15 @@ fn gain_off(check: &WeightCheck, certificate: Option<&Certificate>) -> Trip {
 }
 
 impl RigSpec {
-    /// Standard uncertainty of a pressed place along one axis, mm, in the frame of the array: the stage's and, where `align` found
-    /// the array, that of its origin; otherwise places count from the calibration's own origin. None without a certificate.
+    /// Returns the standard uncertainty of a pressed place along one axis, mm, in the frame of the array. It contains the stage's
+    /// uncertainty. If `align` found the array, it also contains that of its origin; otherwise places are relative to the
+    /// calibration's own origin. `None` without a certificate.
     pub fn u_place_mm(&self) -> Option<f64> {
         let certificate = self.stage.certificate.as_ref()?;
         Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
     }
 
-    /// The same rig with our emulators instead of its links.
+    /// Returns the same rig with this program's emulators in place of its links.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {
         self.stage.link = Link::Sim;
@@ -161,12 +164,12 @@ impl RigSpec {
         self
     }
 
-    /// Whether our emulators are at the far ends: the run then passes in virtual time.
+    /// Whether this program's emulators are at the far ends. The run then uses virtual time.
     pub fn is_simulated(&self) -> bool {
         self.stage.link == Link::Sim
     }
 
-    /// Who is asked which way z goes; none where the rig is simulated.
+    /// Returns the source of the direction of z; `None` if the rig is simulated.
     pub fn which_way(&self) -> Option<&dyn WhichWay> {
         match (&self.which_way, self.is_simulated()) {
             (_, true) => None,
@@ -175,29 +178,31 @@ impl RigSpec {
         }
     }
 
-    /// What the load cell may say in air, N: without a word in the file the force limit, either way.
+    /// Returns the allowed reading of the load cell in air, N. If the file states none, it is the force limit in both directions.
     pub fn air_n(&self) -> Range {
         let limit_n = self.limits.force_n;
         self.load_cell.air_n.unwrap_or(Range { min: -limit_n, max: limit_n })
     }
 
-    /// The end of z's travel that is away from the specimen, mm.
+    /// Returns the end of z's travel away from the specimen, mm.
     pub fn end_mm(&self) -> f64 {
         let z = self.stage.travel.along(Axis::Z);
         self.frame.z_from_stage(z.min).min(self.frame.z_from_stage(z.max))
     }
 
-    /// The height that the stage goes to until the specimen was touched: just within the end of its travel that is away, mm.
+    /// Returns the height of the stage before the specimen is touched for the first time, mm. It is slightly inside the end of
+    /// its travel away from the specimen.
     pub fn top_mm(&self) -> f64 {
         self.end_mm() + TOP_MM
     }
 
-    /// The z at which nothing of the specimen can be touched, with any surface: the frame's word and a clearance, mm.
+    /// Returns the z at which the indenter can't touch any surface of the specimen, mm: the height stated by the frame plus a
+    /// clearance.
     pub fn clear_mm(&self) -> f64 {
         -self.frame.uncertainty_mm - CLEARANCE_MM
     }
 
-    /// How far the axes may go once the specimen counts: z ends where its depth limit does.
+    /// Returns the allowed travel of the axes when the specimen is considered; z ends at the depth limit.
     pub fn permitted_travel(&self) -> Travel {
         let deepest_mm = self.frame.uncertainty_mm + self.limits.depth_mm;
         let end_mm = self.frame.to_stage(Default::default(), deepest_mm).z_mm;
@@ -210,7 +215,7 @@ impl RigSpec {
         travel
     }
 
-    /// How fast the rig is as far as its file says; the links haven't been timed.
+    /// Returns the timing of the rig according to its file, without measured link times.
     pub fn unmeasured_timing(&self) -> Timing {
         Timing {
             exchange_s: 0.0,
@@ -222,13 +227,13 @@ impl RigSpec {
         }
     }
 
-    /// What a plan is checked against.
+    /// Returns the limits against which a plan is checked.
     pub fn ground(&self) -> Ground<'_> {
         Ground { travel: &self.stage.travel, frame: &self.frame, limits: &self.limits, layout: &self.array.layout }
     }
 }
 
-/// A driver as a rig describes it, whichever role it plays.
+/// A driver as described by a rig, in any role.
 pub trait Driver: Any + Debug + Send + Sync {
     /// The link that it has by itself; none: the rig names it.
     fn own_link(&self) -> Option<Link> {
@@ -255,18 +260,18 @@ pub trait Driver: Any + Debug + Send + Sync {
     }
 }
 
-/// A driver that doesn't fit the rest of its rig.
+/// A driver that is incompatible with the rest of its rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misfit {
-    /// The role that has to be changed.
+    /// Role that must be changed.
     pub role: Device,
-    /// What is wrong.
+    /// Description of the problem.
     pub told: String,
-    /// What to do.
+    /// Suggested correction.
     pub help: Option<&'static str>,
 }
 
-/// A stage.
+/// Driver of a stage.
 pub trait StageDriver: Driver {
     /// The driver on its link, which `dial` opens; nothing is sent.
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage;
@@ -275,7 +280,7 @@ pub trait StageDriver: Driver {
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
 }
 
-/// A load cell.
+/// Driver of a load cell.
 pub trait LoadCellDriver: Driver {
     /// The driver on its link, which `dial` opens; nothing is sent.
     ///
@@ -290,7 +295,7 @@ pub trait LoadCellDriver: Driver {
     fn emulated(&self, rig: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError>;
 }
 
-/// An array.
+/// Driver of an array.
 pub trait ArrayDriver: Driver {
     /// The driver on its link, which `dial` opens; nothing is sent.
     ///
@@ -316,14 +321,14 @@ pub trait ArrayDriver: Driver {
     }
 }
 
-/// Opens the links of one role, as many as its driver needs.
+/// Opens the links of one role, as many as its driver requires.
 pub type Dial<'a> = &'a dyn Fn() -> Connector;
 
-/// What a rig's drivers share as they are opened.
+/// Data shared by a rig's drivers when they are opened.
 pub struct Wiring<'a> {
     /// The rig.
     pub rig: &'a RigSpec,
-    /// When its time begins: readings are timed from then.
+    /// Start of the rig's time, from which readings are timed.
     pub origin: Instant,
     /// The scene behind a simulated rig.
     pub(super) scene: Option<Shared<Scene>>,
@@ -331,13 +336,13 @@ pub struct Wiring<'a> {
     pub(super) acquisition: OnceCell<SharedAcquisition>,
 }
 
-/// A Modbus register map and where it came from.
+/// A Modbus register map and its origin.
 #[derive(Clone, Debug)]
 pub struct MappedDevice {
-    /// The name in the rig file: one that came with the program, or a file beside the rig's.
+    /// Name in the rig file: a map supplied with the program, or a file in the rig's folder.
     pub name: String,
-    /// The map.
+    /// Register map.
     pub profile: Profile,
-    /// The text of a map of the user's own; none where it came with the program.
+    /// Text of the user's own map; `None` for a map supplied with the program.
     pub own_text: Option<String>,
 }

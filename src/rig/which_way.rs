@@ -1,10 +1,10 @@
-//! Which way z goes: the one thing about a rig that no measurement in air shows.
+//! Direction of z: the only property of a rig that no measurement in air shows.
 
 use crate::device::Identity;
 use crate::quantity::Down;
 use std::fmt::Debug;
 
-/// Who knows, or can see, that a stage moves z away from the specimen when it is sent there.
+/// Source that knows whether a stage really moves z away from the specimen when commanded to.
 pub trait WhichWay: Debug + Send + Sync {
     /// Whether somebody saw it before, with this stage on this link.
     fn is_known(&self, stage: &Identity, down: Down) -> bool;

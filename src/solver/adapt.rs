@@ -1,4 +1,4 @@
-//! A calibration brought up to date by few presses.
+//! Updates a calibration with few presses.
 
 use super::response::Response;
 use super::surrogate::surrogate;
@@ -6,12 +6,12 @@ use super::{Calibration, CalibrationPoint, FitError};
 use crate::quantity::Place;
 use nalgebra::{Matrix3, Vector3};
 
-/// How the array reads now, against an older calibration of it or of a sibling: each unit's gain, and from where it feels.
+/// Difference between the present calibration and an older one, of the same array or of a sibling: each unit's gain and position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// By what the outputs of each unit are multiplied.
+    /// Factor by which the outputs of each unit are multiplied.
     pub gains: Vec<f64>,
-    /// By how much each unit moved, specimen frame, mm.
+    /// Displacement of each unit, specimen frame, mm.
     pub moved: Vec<Place>,
 }
 
@@ -29,10 +29,10 @@ const ROUNDS: usize = 4;
 /// A unit, or all of them: relative gain, and move in x and in y, mm.
 type Moved = Vector3<f64>;
 
-/// What of an array is taken to have changed.
+/// Properties of an array that are assumed to have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// The gain that all units have in common: places are solved as before.
+    /// The gain that all units have in common. Places are solved as before.
     CommonGain,
     /// The gain of each unit.
     Gains,
@@ -41,7 +41,7 @@ pub enum Extent {
 }
 
 impl Extent {
-    /// The least first.
+    /// All extents, the smallest first.
     pub const ALL: [Extent; 3] = [Extent::CommonGain, Extent::Gains, Extent::GainsAndPlaces];
 }
 
@@ -56,9 +56,10 @@ impl<'a> Older<'a> {
         Ok(Older { calibration, response: surrogate(calibration)? })
     }
 
-    /// What changed between the old calibration and new presses of the same units. The old presses' smooth map is moved and scaled, unit
-    /// by unit, as far as the new presses make it likely: the mean over all standard deviations of these changes that are tried, each
-    /// weighed by its marginal likelihood (Rasmussen and Williams 2006, equation 2.30, of a linear model with three weights a unit).
+    /// Returns the change between the old calibration and new presses of the same units. For each unit, the smooth map of the old
+    /// presses is moved and scaled as far as the new presses make this likely. The result is a mean over all standard deviations
+    /// of these changes that are tried. Each is weighted by its marginal likelihood (Rasmussen and Williams 2006, equation 2.30,
+    /// of a linear model with three weights per unit).
     pub fn change(&self, new: &Calibration, extent: Extent) -> Change {
         let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
         let fit = Fit { response: &self.response, new, forces_are_known };
@@ -79,7 +80,7 @@ impl<'a> Older<'a> {
         }
     }
 
-    /// The old calibration as the array would have read it after a change.
+    /// Returns the old calibration as the array would have read it after a change.
     pub fn changed(&self, change: &Change) -> Calibration {
         let row = |point: CalibrationPoint<'_>| {
             let of_unit = |(unit, (gain, moved)): (usize, (&f64, &Place))| {

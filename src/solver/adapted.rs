@@ -1,4 +1,4 @@
-//! A method fitted to an old calibration that few new presses brought up to date.
+//! A method fitted to an old calibration that few new presses have updated.
 
 use super::adapt::{Change, Extent, Older};
 use super::widths::rank_68;
@@ -6,26 +6,27 @@ use super::{Calibration, FitError, Fitted, HalfWidths, Model, Setting, Solver as
 use crate::parallel::in_parallel;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// A method for the array as it is now, and what is known of it.
+/// Method for the array in its present state, and what is known about the method.
 pub struct Adapted {
-    /// The method: its half-widths are at least what the held-out presses show.
+    /// The method. Its half-widths are at least those that the held-out presses show.
     pub model: Model,
-    /// What changed.
+    /// Change between the old calibration and the new presses.
     pub change: Change,
-    /// What was taken to have changed: the least extent, unless a larger one errs less on held-out presses.
+    /// Properties that are assumed to have changed: the smallest extent, unless a larger one has smaller errors on held-out
+    /// presses.
     pub extent: Extent,
-    /// New presses, each solved by a method that was brought up to date without it.
+    /// Results on the new presses, each solved by a method that was updated without this press.
     pub held_out: HeldOut,
 }
 
 /// Mean errors on the new presses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOut {
-    /// How many presses.
+    /// Number of presses.
     pub presses: usize,
-    /// Of the old calibration as it was.
+    /// Errors with the old calibration, unchanged.
     pub before: MeanErrors,
-    /// Of the changed calibration, each press held out of the change.
+    /// Errors with the changed calibration, each press held out of the change.
     pub after: MeanErrors,
 }
 
@@ -38,21 +39,21 @@ pub struct MeanErrors {
     pub force_n: f64,
 }
 
-/// Why few presses can't bring a calibration up to date.
+/// Reason why few presses can't update a calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AdaptError {
-    /// Another array.
+    /// The presses are from another array.
     #[error("the old calibration has {old} outputs per press, the new presses have {new}")]
     Units {
-        /// Of the old calibration.
+        /// Number of units in the old calibration.
         old: usize,
-        /// Of the new presses.
+        /// Number of units in the new presses.
         new: usize,
     },
-    /// Too few presses.
+    /// There are too few presses.
     #[error("there are {presses} new presses; {FEWEST_PRESSES} are required")]
     TooFew {
-        /// How many there are.
+        /// Number of presses.
         presses: usize,
     },
     /// The method can't be fitted.
@@ -60,7 +61,7 @@ pub enum AdaptError {
     Fit(#[from] FitError),
 }
 
-/// The fewest new presses.
+/// Smallest number of new presses.
 pub const FEWEST_PRESSES: usize = 5;
 
 /// A larger change is taken where chance alone would make it lead so on held-out presses in this share of cases (Student's t test).
@@ -70,10 +71,10 @@ const BY_CHANCE: f64 = 0.1;
 const MOST_PARTS: usize = 5;
 
 impl Adapted {
-    /// Brings a calibration up to date, fits the method of that name to it, and holds out the new presses, a part at a time.
+    /// Updates a calibration and fits the method of that name to it. Holds out the new presses, one part at a time.
     ///
     /// # Errors
-    /// Another array's presses, too few, or a calibration that the method can't be fitted to.
+    /// The presses are from another array or too few, or the method can't be fitted to the calibration.
     pub fn new(name: &str, old: &Calibration, new: &Calibration, setting: &Setting<'_>) -> Result<Self, AdaptError> {
         if old.units() != new.units() {
             return Err(AdaptError::Units { old: old.units(), new: new.units() });
@@ -101,9 +102,10 @@ struct Trials<'a> {
     older: Older<'a>,
     new: &'a Calibration,
     setting: Setting<'a>,
-    /// Fitted to the old calibration as it was. The method is the best for that: few presses don't show which is best.
+    /// Method fitted to the old calibration, unchanged. It is the best method for the old calibration, because few presses don't
+    /// show which method is best.
     unchanged: Fitted,
-    /// The part that each new press is held out in; those at one place share one.
+    /// Part in which each new press is held out. Presses at one place are in the same part.
     part_of: Vec<usize>,
     parts: usize,
 }

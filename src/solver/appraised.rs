@@ -1,4 +1,4 @@
-//! A method with what held-out presses say of its errors.
+//! A method with errors estimated from held-out presses.
 
 use super::heldout::HeldPress;
 use super::method::Method;
@@ -19,29 +19,29 @@ pub(super) struct Appraised {
 /// How far a method was off on presses that it hadn't seen, by their force F.
 #[derive(Serialize, Deserialize)]
 struct Experience {
-    /// Variance of x and of y, mm^2: a part of its own and one that grows with 1 / F^2.
+    /// Variance of x and of y, mm^2: a constant part, and a part that grows with 1 / F^2.
     location: Noise,
-    /// Variance of the force, N^2: a part of its own and one that grows with F^2.
+    /// Variance of the force, N^2: a constant part, and a part that grows with F^2.
     force: Noise,
-    /// What a fit leaves, in the mean: a part of its own and one that grows with 1 / F^2.
+    /// Mean residue of a fit: a constant part, and a part that grows with 1 / F^2.
     residue: Noise,
-    /// What it leaves over that, which only the share of false alarms exceeds.
+    /// Limit of the residue relative to `residue`, which only the fraction of false alarms exceeds.
     most_residue: f64,
-    /// One over the additive noise of each unit, a variance.
+    /// Inverse of the variance of each unit's additive noise.
     silence: Vec<f64>,
-    /// Sum of squares that no contact exceeds but by the share of false alarms.
+    /// Sum of squares that readings without contact exceed only at the false-alarm rate.
     no_contact: f64,
-    /// By what standard deviations are multiplied to give half-widths.
+    /// Factors by which standard deviations are multiplied to give half-widths.
     widths: Option<Widths>,
 }
 
 impl Appraised {
-    /// A method with the results of its trials: none, if there are few.
+    /// Returns a method with the results of its trials, or without results if there are few trials.
     pub fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }
 
-    /// A method of whose errors nothing is known.
+    /// Returns a method with unknown errors.
     pub fn unappraised(method: Method) -> Self {
         Appraised { method, experience: None }
     }

@@ -1,4 +1,4 @@
-//! The method that errs least on held-out presses.
+//! Chooses the method with the smallest errors on held-out presses.
 
 use super::fitted::Candidate;
 use super::heldout::HeldPress;
@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 
 /// A method and its trials.
 pub(super) struct Tried {
-    /// Its name.
+    /// Name of the method.
     pub solver: &'static str,
-    /// On presses whose place was held out; none where the method couldn't be fitted.
+    /// Results on presses whose place was held out; empty if the method couldn't be fitted.
     pub trials: Vec<HeldPress>,
 }
 
@@ -23,8 +23,8 @@ const LOCATION_COST: f64 = 1.1;
 const FEWEST_PLACES: usize = 30;
 
 impl Tried {
-    /// How far off it was, in the mean: location, mm, and force, N. A press without an answer counts with the largest error that there
-    /// was.
+    /// Returns the mean error of location, mm, and of force, N. A press without an answer counts with the largest error that
+    /// occurred.
     pub fn candidate(&self) -> Candidate {
         let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
         Candidate {
@@ -67,13 +67,14 @@ impl Tried {
         places.into_values().map(|(sum, count)| sum / count).collect()
     }
 
-    /// By what factor its mean location error is smaller than another's; 1 where that isn't known.
+    /// Returns the factor by which the mean location error is smaller than the other method's; 1 if the factor is unknown.
     pub fn lead(&self, other: &Tried) -> f64 {
         let errors_mm = mean(&other.location_errors()).zip(mean(&self.location_errors()));
         errors_mm.map_or(1.0, |(other_mm, own_mm)| other_mm / own_mm)
     }
 
-    /// By how many standard errors its location errors are smaller than another's on the same presses, counted by place.
+    /// Returns the number of standard errors by which the location errors are smaller than the other method's. Both methods are
+    /// compared on the same presses, counted by place.
     pub fn lead_sigmas(&self, other: &Tried) -> f64 {
         let errors = other.location_errors().into_iter().zip(self.location_errors());
         let means = self.by_place(errors.map(|(other, own)| other - own));
@@ -126,4 +127,40 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
 
 fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Place;
+    use crate::solver::{Located, SolveError};
+
+    /// A method whose answers are all off by so much.
+    fn tried(solver: &'static str, location_error_mm: f64, force_error_n: f64) -> Tried {
+        let trial = |index: u32| {
+            let place = Place::new(f64::from(index), 0.0);
+            let place_found = Place::new(f64::from(index), location_error_mm);
+            let answer: Result<Located, SolveError> =
+                Ok(Located { place: place_found, force_n: 1.0 + force_error_n, ..Located::PLAIN });
+            HeldPress { place, force_n: 1.0, is_inside: true, loudness: 1.0, answer }
+        };
+        Tried { solver, trials: (0..40).map(trial).collect() }
+    }
+
+    #[test]
+    fn a_method_that_halves_the_force_error_is_chosen_where_its_location_error_is_nearly_as_small() {
+        let leader_of = |second: Tried| {
+            let tried = [tried("a", 0.100, 0.040), second];
+            leader(&ranked(&tried), |_| true)
+        };
+        assert_eq!(leader_of(tried("b", 0.109, 0.019)), 1);
+        assert_eq!(leader_of(tried("b", 0.109, 0.021)), 0, "not half of the force error");
+        assert_eq!(leader_of(tried("b", 0.112, 0.001)), 0, "too far off");
+    }
+
+    #[test]
+    fn a_method_that_is_far_behind_is_tried_further_for_its_force_alone() {
+        let tried = [tried("a", 0.100, 0.040), tried("b", 0.150, 0.039), tried("c", 0.150, 0.001)];
+        assert_eq!(hopeful(&tried, |_| true), [true, false, true]);
+    }
 }

@@ -1,4 +1,4 @@
-//! The mean of a regression and a map, each weighed by how far off it is expected to be.
+//! Mean of a regression and a map, each weighted by its expected error.
 
 use super::heldout::HeldPress;
 use super::method::Method;
@@ -32,7 +32,7 @@ impl Blend {
         Blend { members: Box::new(members), errors }
     }
 
-    /// What the members' trials on the same held-out presses come to when they are blended.
+    /// Returns the trials of the blend, from the members' trials on the same held-out presses.
     pub fn trials(trials: [&[HeldPress]; 2]) -> Vec<HeldPress> {
         let errors = &trials.map(MemberErrors::of);
         let blended = |(one, other): (&HeldPress, &HeldPress)| HeldPress {
@@ -47,7 +47,7 @@ impl Blend {
 }
 
 impl MemberErrors {
-    /// Of a member that was tried on held-out presses.
+    /// Returns the errors of a member that was tried on held-out presses.
     pub fn of(trials: &[HeldPress]) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let mean_of = |error: &dyn Fn(&HeldPress, &Located) -> f64| {

@@ -1,32 +1,32 @@
-//! Units that are left out of account.
+//! Units that are excluded.
 
 use super::Calibration;
 use serde::{Deserialize, Serialize};
 
-/// A unit that is left out of account.
+/// A unit that is excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Broken {
     /// The unit, counted from 0.
     pub unit: usize,
-    /// What is wrong with it.
+    /// Fault of the unit.
     pub fault: Fault,
 }
 
-/// What is wrong with a unit.
+/// Fault of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
-    /// It read the same at every place of the calibration.
+    /// The unit read the same at every place of the calibration.
     Dead,
-    /// It read its largest value at so many places of the calibration that it must have gone no further.
+    /// The unit read its largest value at many places of the calibration, so it must have reached its limit.
     Saturated,
-    /// It contradicted all others, contact after contact, since the calibration.
+    /// The unit contradicted all others in contact after contact since the calibration.
     Contradicts,
-    /// A reading has no output of it.
+    /// A reading has no output of the unit.
     Missing,
 }
 
 impl Fault {
-    /// In words: what the unit does.
+    /// Describes the fault in words.
     pub fn told(self) -> &'static str {
         match self {
             Fault::Dead => "has the same output everywhere",

@@ -1,12 +1,12 @@
-//! Presses of known place and force, checked.
+//! Presses of known place and force, validated.
 
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
-/// Presses of known place and force with what the array read: the paper's calibration database (its step 2), checked.
+/// Presses of known place and force with the array's readings: the paper's calibration database (its step 2), validated.
 ///
-/// At least one point, at least one unit, every value finite, every force positive.
+/// It has at least one point and at least one unit. Every value is finite and every force is positive.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     units: usize,
@@ -22,16 +22,16 @@ const ONE_FORCE: f64 = 1.5;
 /// One press of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationPoint<'a> {
-    /// Where, specimen frame, mm.
+    /// Place of the press, specimen frame, mm.
     pub place: Place,
-    /// How hard, N; positive.
+    /// Force, N; positive.
     pub force_n: f64,
-    /// One output a unit.
+    /// Outputs, one for each unit.
     pub outputs: &'a [f64],
 }
 
 impl Calibration {
-    /// Takes the points in the order given. Errors name the first point at fault, counted from 0.
+    /// Takes the points in the order given. An error names the first invalid point, counted from 0.
     pub fn new(points: &[CalibrationPoint<'_>]) -> Result<Self, CalibrationError> {
         let units = points.first().ok_or(CalibrationError::NoPoints)?.outputs.len();
         if units == 0 {
@@ -49,9 +49,9 @@ impl Calibration {
         })
     }
 
-    /// Takes points whose forces aren't known; what they say of it doesn't count. The length of a row of outputs stands in for the
-    /// force, 1 for the root mean square of all lengths: methods that part place from force then see the direction alone. A force
-    /// that is solved with it is in that measure, not in newtons.
+    /// Takes points whose forces are unknown and ignores their `force_n`. The length of a row of outputs replaces the force; 1 is
+    /// the root mean square of all lengths. Methods that separate place from force then see only the direction. A force solved
+    /// with this calibration is in that measure, not in newtons.
     pub fn without_forces(points: &[CalibrationPoint<'_>]) -> Result<Self, CalibrationError> {
         let unit: Vec<CalibrationPoint<'_>> =
             points.iter().map(|press| CalibrationPoint { force_n: 1.0, ..*press }).collect();
@@ -68,22 +68,22 @@ impl Calibration {
         Ok(calibration)
     }
 
-    /// How many units the array has.
+    /// Returns the number of units of the array.
     pub fn units(&self) -> usize {
         self.units
     }
 
-    /// How many points were pressed; never 0.
+    /// Returns the number of points; never 0.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// Never: a calibration has at least one point.
+    /// Always returns false, because a calibration has at least one point.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }
 
-    /// One point; `index` counts from 0 and is below [`len`](Self::len).
+    /// Returns one point; `index` counts from 0 and is below [`len`](Self::len).
     pub fn point(&self, index: usize) -> CalibrationPoint<'_> {
         let outputs = &self.outputs[index * self.units..][..self.units];
         CalibrationPoint { place: self.places[index], force_n: self.force_n[index], outputs }
@@ -142,7 +142,7 @@ impl Calibration {
         (self.force_n.iter().map(|force_n| force_n * force_n).sum::<f64>() / self.len() as f64).sqrt()
     }
 
-    /// The points in order.
+    /// Returns the points in order.
     pub fn points(&self) -> impl Iterator<Item = CalibrationPoint<'_>> {
         let outputs = self.outputs.chunks_exact(self.units);
         let known = self.places.iter().zip(&self.force_n);
@@ -150,23 +150,23 @@ impl Calibration {
     }
 }
 
-/// Why presses don't make a calibration.
+/// Reason why presses don't make a calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// No press at all.
+    /// There is no press.
     #[error("a calibration requires at least one point")]
     NoPoints,
-    /// Presses without outputs.
+    /// The presses have no outputs.
     #[error("a calibration requires at least one output per point")]
     NoUnits,
-    /// The number of outputs changes.
+    /// The number of outputs changes between points.
     #[error("the point has {found} outputs, the first point has {expected}")]
     Ragged {
         /// Index of the point, from 0.
         point: usize,
-        /// Outputs of the first point.
+        /// Number of outputs of the first point.
         expected: usize,
-        /// Outputs of this one.
+        /// Number of outputs of this point.
         found: usize,
     },
     /// A coordinate or an output is NaN or infinite.
@@ -175,7 +175,7 @@ pub enum CalibrationError {
         /// Index of the point, from 0.
         point: usize,
     },
-    /// The force doesn't press: dividing by it would mean nothing.
+    /// The force isn't positive, so dividing by it would be meaningless.
     #[error("a calibration force must be above 0 N, but this is {force_n} N")]
     Force {
         /// Index of the point, from 0.
@@ -186,7 +186,7 @@ pub enum CalibrationError {
 }
 
 impl CalibrationError {
-    /// Index of the point at fault, from 0, where it is one point's fault.
+    /// Returns the index of the invalid point, from 0, if the error concerns one point.
     pub fn point(&self) -> Option<usize> {
         match *self {
             CalibrationError::NoPoints | CalibrationError::NoUnits => None,

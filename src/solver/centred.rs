@@ -1,4 +1,4 @@
-//! Measured values about their means.
+//! Measured values minus their means.
 
 use faer::Mat;
 
@@ -6,12 +6,12 @@ use faer::Mat;
 pub(super) struct Centred<'a> {
     values: &'a [f64],
     pub mean: Vec<f64>,
-    /// Columns that are 0 throughout once centred, and not what rounding leaves.
+    /// Columns that are 0 throughout after centring, except for rounding errors.
     flat: Vec<bool>,
 }
 
 impl<'a> Centred<'a> {
-    /// Of values, row-major, rows x outputs.
+    /// Takes values, row-major, rows x outputs.
     pub fn new(values: &'a [f64], outputs: usize, about_mean: bool) -> Self {
         match about_mean {
             true => Centred { values, mean: column_means(values, outputs), flat: flat_columns(values, outputs) },

@@ -1,4 +1,4 @@
-//! How alike outputs are at two places.
+//! Correlation of outputs at two places.
 
 use faer::Mat;
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Correlation {
     smoothness: Smoothness,
-    /// In the places' unit.
+    /// Length of the correlation, in the places' unit.
     length: f64,
 }
 
@@ -20,15 +20,15 @@ pub(super) enum Smoothness {
     Even,
     /// Twice differentiable: Matérn 5/2.
     Smooth,
-    /// Without an end.
+    /// Infinitely differentiable.
     Gaussian,
 }
 
 impl Smoothness {
-    /// All of them, the one that most skins have first.
+    /// All smoothnesses; the one that fits most skins is first.
     pub const ALL: [Self; 4] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even, Smoothness::Rough];
 
-    /// Those that have a slope, which a map needs to be inverted.
+    /// Smoothnesses with a slope, which a map needs to be inverted.
     pub const WITH_SLOPES: [Self; 3] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even];
 }
 
@@ -49,12 +49,12 @@ impl Correlation {
         }
     }
 
-    /// The same for each distance below a matrix' diagonal, and on it.
+    /// Returns the correlation for each distance below the diagonal of a matrix, and on the diagonal.
     pub fn of_lower(&self, apart: &Mat<f64>) -> Mat<f64> {
         Mat::from_fn(apart.nrows(), apart.ncols(), |i, j| if i >= j { self.at(apart[(i, j)]) } else { 0.0 })
     }
 
-    /// The distance over which outputs look smooth, in the places' unit.
+    /// Returns the distance over which outputs look smooth, in the places' unit.
     pub fn grain(&self) -> f64 {
         match self.smoothness {
             Smoothness::Gaussian => self.length,
@@ -62,8 +62,9 @@ impl Correlation {
         }
     }
 
-    /// Adds to the outputs at a place what known places say (row-major, places x dimensions), each by its covariance with the place
-    /// times its weights (row-major, places x outputs). Returns how far the nearest known place is.
+    /// Adds the predictions of known places (row-major, places x dimensions) to the outputs at a place. Each known place adds its
+    /// covariance with the place times its weights (row-major, places x outputs). Returns the distance to the nearest known
+    /// place.
     pub fn add_weighted(&self, place: &[f64], known: &[f64], weights: &[f64], outputs: &mut [f64]) -> f64 {
         let mut nearest = f64::INFINITY;
         for (known, weights) in known.chunks_exact(place.len()).zip(weights.chunks_exact(outputs.len())) {

@@ -1,4 +1,4 @@
-//! Descends to where a map fits a reading best.
+//! Finds the place where a map fits a reading best.
 
 use super::ForceKnown;
 use super::normal::Normal;
@@ -11,11 +11,11 @@ use crate::quantity::Place;
 pub(super) struct Descent<'a> {
     pub response: &'a Response,
     pub load: ForceKnown,
-    /// Whether an offset that all units share is eliminated too.
+    /// Whether a common offset of all units is eliminated too.
     pub common_offset: bool,
-    /// One output a unit.
+    /// Outputs, one for each unit.
     pub outputs: &'a [f64],
-    /// The unit that is left out of account, if any.
+    /// Unit that is excluded, if any.
     pub without: Option<usize>,
 }
 
@@ -24,13 +24,13 @@ pub(super) struct Descent<'a> {
 pub(super) struct Estimate {
     pub place: Place,
     pub force_n: f64,
-    /// Weighted sum of squares of reading less response.
+    /// Weighted sum of squares of reading minus response.
     pub chi2: f64,
     /// Information about x (mm), y (mm) and force (N).
     pub information: [[f64; 3]; 3],
-    /// By how much `chi2` would fall, to first order, could the place leave the area.
+    /// Reduction of `chi2`, to first order, if the place could leave the area.
     pub beyond: f64,
-    /// The variance of the map there over that of the noise, mean of all units.
+    /// Variance of the map at the place divided by the variance of the noise, mean of all units.
     pub leverage: f64,
 }
 
@@ -44,7 +44,7 @@ const MOST_HALVINGS: usize = 4;
 const LAST_GAIN: f64 = 1e-3;
 
 impl Descent<'_> {
-    /// The best fit near a place; none where nothing can be fitted.
+    /// Returns the best fit near a place; `None` if nothing can be fitted.
     pub fn from(&self, start: Place, workspace: &mut Workspace) -> Option<Estimate> {
         let area = self.response.field.area();
         let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm);

@@ -1,44 +1,44 @@
-//! Solved against true: errors, and how well they were foreseen.
+//! Compares solved with true presses: errors, and how well they were predicted.
 
 use super::{Choice, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::{Place, percentile};
 use serde::Serialize;
 
-/// The location error below which a contact counts as found, mm (set by the paper: a fingertip resolves 1.6 mm).
+/// Location error below which a contact counts as found, mm (set by the paper: a fingertip resolves 1.6 mm).
 pub const LOCATION_REFERENCE_MM: f64 = 1.0;
-/// The force error below which a force counts as right, N (set by the paper: a hand feels 0.147 N).
+/// Force error below which a force counts as correct, N (set by the paper: a hand feels 0.147 N).
 pub const FORCE_REFERENCE_N: f64 = 0.1;
 
-/// How far a solver is off on presses whose truth is known; serialises to the object that `evaluate --json` prints.
+/// Errors of a solver on presses with known truth; serialises to the object that `evaluate --json` prints.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// The solver's name.
+    /// Name of the solver.
     pub solver: String,
-    /// How many test presses were solved; never 0.
+    /// Number of test presses that were solved; never 0.
     pub points: usize,
     /// Distance between true and solved place, mm.
     pub location_error_mm: ErrorSummary,
-    /// Absolute difference between true and solved force, N; null where the true force isn't known.
+    /// Absolute difference between true and solved force, N; null if the true force is unknown.
     pub force_error_n: Option<ErrorSummary>,
-    /// Shares of the points that are good enough.
+    /// Fractions of the points with small enough errors.
     pub within: Within,
-    /// How often the errors were no larger than the solver said; null where it doesn't say.
+    /// Fraction of errors that were at most as large as the solver stated; null if it states none.
     pub coverage: Option<Coverage>,
-    /// How many of the points got which verdict.
+    /// Number of points with each verdict.
     pub verdicts: Verdicts,
-    /// What one solve takes, ns. No clock is asked here: the caller who measures it fills it in.
+    /// Duration of one solve, ns. This module reads no clock, so the caller who measures the duration sets this field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ns_per_solve: Option<f64>,
-    /// How the solver was chosen, where it was; the caller who fitted it fills it in.
+    /// How the solver was chosen, if it was chosen. The caller who fitted the solver sets this field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Choice>,
-    /// The same against the load cell, which then also gives the calibration's forces; only for a run, where
-    /// `force_error_n` holds against the commanded force.
+    /// Force error relative to the load cell, which then also gives the calibration's forces. Only for a run, where
+    /// `force_error_n` is relative to the commanded force.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_error_load_cell_n: Option<ErrorSummary>,
-    /// Test presses at places that the calibration has pressed too; the caller who knows the calibration fills it in.
+    /// Number of test presses at places that the calibration also pressed. The caller who knows the calibration sets this field.
     pub at_calibrated_places: usize,
-    /// Presses that didn't count; stands in the object where there are any.
+    /// Presses that didn't count; in the object only if there are any.
     #[serde(skip_serializing_if = "LeftOut::is_none")]
     pub left_out: LeftOut,
     /// The solved presses one by one, in test order.
@@ -51,8 +51,8 @@ pub struct Evaluation {
 
 /// Mean, median, 95th percentile and largest of a set of errors, in the errors' unit.
 ///
-/// Between two order statistics the percentile is interpolated linearly: of n sorted errors it stands at rank q (n -
-/// 1), counted from 0 (definition 7 of Hyndman and Fan 1996, the usual one in numerical software).
+/// The percentile is interpolated linearly between two order statistics. Of n sorted errors it has rank q (n - 1), counted from 0
+/// (definition 7 of Hyndman and Fan 1996, the usual one in numerical software).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorSummary {
     /// Arithmetic mean.
@@ -61,44 +61,45 @@ pub struct ErrorSummary {
     pub median: f64,
     /// 95th percentile.
     pub p95: f64,
-    /// The largest.
+    /// Largest error.
     pub max: f64,
 }
 
-/// Shares of the points with errors below the paper's reference values, 0 to 1.
+/// Fractions of the points with errors below the paper's reference values, 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Within {
     /// Location error under [`LOCATION_REFERENCE_MM`].
     pub location_1mm: f64,
-    /// Force error under [`FORCE_REFERENCE_N`]; null where the true force isn't known.
+    /// Force error under [`FORCE_REFERENCE_N`]; null if the true force is unknown.
     pub force_0_1n: Option<f64>,
-    /// Both; null where the true force isn't known.
+    /// Both errors under their references; null if the true force is unknown.
     pub both: Option<f64>,
 }
 
-/// Shares of the errors that are no larger than one and two standard deviations as the solver stated them, 0 to 1: those of x
-/// and of y counted together. Normal errors of the size stated are within one in 0.683 and within two in 0.954 of the cases.
+/// Fractions of the errors that are at most one and two standard deviations as stated by the solver, 0 to 1. The errors of x and
+/// y are counted together. Normal errors of the stated size are within one standard deviation in 0.683 of the cases, and within
+/// two in 0.954.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Errors of x and y within one.
+    /// Errors of x and y within one standard deviation.
     pub xy_1sd: f64,
-    /// Errors of x and y within two.
+    /// Errors of x and y within two standard deviations.
     pub xy_2sd: f64,
-    /// Errors of the force within one; null where the true force isn't known.
+    /// Errors of the force within one standard deviation; null if the true force is unknown.
     pub force_1sd: Option<f64>,
-    /// Errors of the force within two; null where the true force isn't known.
+    /// Errors of the force within two standard deviations; null if the true force is unknown.
     pub force_2sd: Option<f64>,
-    /// Distances within the stated `half68_mm`; null where none is stated.
+    /// Distances within the stated `half68_mm`; null if no half-width is stated.
     pub location_68: Option<f64>,
     /// Distances within the stated `half95_mm`.
     pub location_95: Option<f64>,
-    /// Errors of the force within the stated `half68_n`; null where the true force isn't known.
+    /// Errors of the force within the stated `half68_n`; null if the true force is unknown.
     pub force_68: Option<f64>,
     /// Errors of the force within the stated `half95_n`.
     pub force_95: Option<f64>,
 }
 
-/// How many presses got which verdict, by its word.
+/// Number of presses with each verdict, by the verdict's word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[allow(missing_docs, reason = "each is a verdict of `Verdict`, described there")]
@@ -113,39 +114,39 @@ pub struct Verdicts {
 /// Presses that were recorded but didn't count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// Calibration presses left out because they are flagged.
+    /// Number of calibration presses excluded because they are flagged.
     pub calibration_flagged: usize,
-    /// Test presses left out because they are flagged.
+    /// Number of test presses excluded because they are flagged.
     pub test_flagged: usize,
-    /// Test presses that have no answer.
+    /// Number of test presses without an answer.
     pub test_unsolved: usize,
 }
 
-/// One test press: what was done, and what the array read.
+/// One test press: its place and force, and the array's reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestPress<'a> {
-    /// Where it was pressed, mm.
+    /// Place of the press, mm.
     pub place: Place,
-    /// How hard, N, if that is known.
+    /// Force, N, if it is known.
     pub force_n: Option<f64>,
-    /// One output a unit.
+    /// Outputs, one for each unit.
     pub outputs: &'a [f64],
 }
 
-/// One solved test press, truth beside answer.
+/// One solved test press: true and solved values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PressError {
     /// Index among the test presses given, from 0.
     pub index: usize,
-    /// Where it was pressed, mm.
+    /// True place, mm.
     pub place_true: Place,
-    /// Where it was found, mm.
+    /// Solved place, mm.
     pub place_solved: Place,
-    /// Distance between the two, mm.
+    /// Distance between true and solved place, mm.
     pub location_error_mm: f64,
-    /// Force found, N.
+    /// Solved force, N.
     pub force_solved_n: f64,
-    /// Absolute difference to the true force, N, if that is known.
+    /// Absolute difference from the true force, N, if the true force is known.
     pub force_error_n: Option<f64>,
 }
 
@@ -154,11 +155,11 @@ pub struct PressError {
 pub struct Unsolved {
     /// Index among the test presses given, from 0.
     pub index: usize,
-    /// Why.
+    /// Reason why there is no answer.
     pub reason: SolveError,
 }
 
-/// Why there is nothing to evaluate.
+/// Reason why nothing can be evaluated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EvaluationError {
     /// No test press was given.
@@ -167,17 +168,17 @@ pub enum EvaluationError {
     /// The test doesn't belong to this calibration.
     #[error("the test doesn't match the calibration: {0}")]
     OtherArray(SolveError),
-    /// Not one test press could be solved.
+    /// No test press could be solved.
     #[error("none of the {presses} test presses could be solved; the first: {first}")]
     NoneSolved {
-        /// How many were given.
+        /// Number of test presses given.
         presses: usize,
-        /// Why the first has no answer.
+        /// Reason why the first test press has no answer.
         first: SolveError,
     },
 }
 
-/// Solves every test press and sums the errors up.
+/// Solves every test press and summarises the errors.
 ///
 /// Forces are evaluated if every solved press has one. A press without an answer is counted and kept in `unsolved`.
 pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
@@ -230,7 +231,7 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
 }
 
 impl ErrorSummary {
-    /// Sums errors up; none of none.
+    /// Summarises errors; returns `None` if there are no errors.
     pub fn of(errors: &[f64]) -> Option<Self> {
         let mut sorted = errors.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -263,7 +264,7 @@ impl Within {
 }
 
 impl Verdict {
-    /// The word it goes by wherever it is written.
+    /// Returns the word for this verdict in all outputs.
     pub fn word(self) -> &'static str {
         match self {
             Verdict::Ok => "ok",
@@ -276,7 +277,7 @@ impl Verdict {
 }
 
 impl Verdicts {
-    /// How many got a verdict other than ok, each kind with its word.
+    /// Returns the number of presses for each verdict other than ok, with the verdict's word.
     pub fn doubts(&self) -> [(usize, &'static str); 4] {
         [
             (self.weak_signal, Verdict::WeakSignal.word()),
@@ -302,7 +303,7 @@ impl Verdicts {
 struct Stated {
     xy: Vec<f64>,
     force: Vec<f64>,
-    /// Errors over the half-widths stated for them: of the location 68 and 95 %, of the force 68 and 95 %.
+    /// Errors divided by their stated half-widths: location 68 and 95 %, force 68 and 95 %.
     halves: [Vec<f64>; 4],
 }
 

@@ -21,7 +21,7 @@ pub(super) struct ExtraTrees {
     view: View,
     sees_amplitude: bool,
     load: ForceKnown,
-    /// The calibration's force where the load is constant, N.
+    /// Force of the calibration if the load is constant, N.
     force_n: f64,
 }
 
@@ -33,7 +33,7 @@ struct Tree {
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
 enum Node {
-    /// Which coordinate is compared with which threshold; the node of those below, and that of the others.
+    /// Coordinate that is compared, the threshold, the node for values below the threshold and the node for the others.
     Split {
         coordinate: u32,
         threshold: f64,
@@ -145,10 +145,10 @@ impl Tree {
 
 /// What trees are grown from.
 struct Grown {
-    /// One column a coordinate.
+    /// Columns, one for each coordinate.
     coordinates: Vec<Vec<f64>>,
     answers: Vec<Answer>,
-    /// What each answer is multiplied by for all of them to count alike.
+    /// Factor by which each answer is multiplied so that all answers have equal weight.
     scale: Answer,
 }
 

@@ -1,4 +1,4 @@
-//! Smooth functions of a place as splines.
+//! Smooth functions of a place, stored as splines.
 
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ pub(super) struct Field {
     channels: usize,
     x: Axis,
     y: Axis,
-    /// Row-major, y nodes x x nodes x channels.
+    /// Coefficients, row-major, y nodes x x nodes x channels.
     coefficients: Vec<f64>,
 }
 
@@ -25,7 +25,7 @@ pub(super) struct Area {
 }
 
 impl Area {
-    /// The smallest that holds all places; none of none.
+    /// Returns the smallest area that contains all places; `None` if there are no places.
     pub fn around(places: impl IntoIterator<Item = Place>) -> Option<Self> {
         places.into_iter().map(|place| Area { least: place, most: place }).reduce(|a, b| Area {
             least: Place::new(a.least.x_mm.min(b.least.x_mm), a.least.y_mm.min(b.least.y_mm)),
@@ -33,18 +33,18 @@ impl Area {
         })
     }
 
-    /// The longer of its sides, mm.
+    /// Returns the length of the longer side, mm.
     pub fn side_mm(&self) -> f64 {
         (self.most.x_mm - self.least.x_mm).max(self.most.y_mm - self.least.y_mm)
     }
 
-    /// Whether a place is in it and not on its border; a side of no width has none.
+    /// Whether a place is inside the area and not on its border. An area with a side of length 0 has no inside.
     pub fn has_inside(&self, place: Place) -> bool {
         let within = |mm: f64, least: f64, most: f64| least == most || (mm > least + SAME_MM && mm < most - SAME_MM);
         within(place.x_mm, self.least.x_mm, self.most.x_mm) && within(place.y_mm, self.least.y_mm, self.most.y_mm)
     }
 
-    /// So many places a side, evenly.
+    /// Returns an even grid with `side` places along each side.
     pub fn grid(&self, side: usize) -> Vec<Place> {
         let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (side - 1) as f64;
         let place = |i: usize| {
@@ -54,7 +54,7 @@ impl Area {
         (0..side * side).map(place).collect()
     }
 
-    /// The place in it that is nearest to another.
+    /// Returns the place in the area that is nearest to the given place.
     pub fn clamp(&self, place: Place) -> Place {
         Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))
     }
@@ -68,8 +68,8 @@ const MOST_CELLS: usize = 64;
 const FEWEST_CELLS: usize = 4;
 
 impl Field {
-    /// Tabulates `sample`, which is asked once for the values at many places (row-major, places x channels), in cells of about
-    /// `step_mm`. The places go up to two cells beyond the area.
+    /// Tabulates `sample` in cells of about `step_mm`. `sample` is called once for the values at many places (row-major, places x
+    /// channels). The places go up to two cells beyond the area.
     pub fn new(area: Area, step_mm: f64, channels: usize, sample: impl FnOnce(&[Place]) -> Vec<f64>) -> Self {
         let x = Axis::new(area.least.x_mm, area.most.x_mm, step_mm);
         let y = Axis::new(area.least.y_mm, area.most.y_mm, step_mm);
@@ -82,17 +82,17 @@ impl Field {
         Field { area, channels, x, y, coefficients: quasi_interpolated(&along_x, 1, high, row) }
     }
 
-    /// The area it was made for.
+    /// Returns the area of the table.
     pub fn area(&self) -> Area {
         self.area
     }
 
-    /// How many functions it holds.
+    /// Returns the number of functions.
     pub fn channels(&self) -> usize {
         self.channels
     }
 
-    /// The values at a place.
+    /// Returns the values at a place.
     pub fn value(&self, place: Place, value: &mut [f64]) {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
         value.fill(0.0);
@@ -106,7 +106,7 @@ impl Field {
         }
     }
 
-    /// The values at a place and how they change with x and with y, a mm.
+    /// Returns the values at a place and their changes with x and with y, per mm.
     pub fn value_and_gradient(&self, place: Place, value: &mut [f64], along_x: &mut [f64], along_y: &mut [f64]) {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
         value.fill(0.0);
@@ -125,7 +125,7 @@ impl Field {
         }
     }
 
-    /// The same of one channel alone: value, and how it changes with x and with y.
+    /// Returns the value of one channel and its changes with x and with y, per mm.
     pub fn channel(&self, channel: usize, place: Place) -> [f64; 3] {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
         let mut sums = [0.0; 3];

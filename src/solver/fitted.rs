@@ -1,4 +1,4 @@
-//! What a fit gives: a method ready to solve.
+//! Result of a fit: a method ready to solve.
 
 use super::appraised::Appraised;
 use super::forward::Forward;
@@ -7,16 +7,16 @@ use super::{Broken, Covariance, HalfWidths, Solution, SolveError, Solver, Verdic
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// A method fitted to a calibration: what [`fit`](super::fit) gives.
+/// A method fitted to a calibration: the result of [`fit`](super::fit).
 #[derive(Serialize, Deserialize)]
 pub struct Fitted {
     solver: Answering,
     units: usize,
-    /// The units that the method knows, in its order; none if it knows all.
+    /// Units that the method uses, in its order; `None` if it uses all.
     kept: Option<Vec<usize>>,
     broken: Vec<Broken>,
     choice: Option<Choice>,
-    /// By what the stated errors of location and of force are multiplied.
+    /// Factors by which the stated errors of location and of force are multiplied.
     widened: [f64; 2],
 }
 
@@ -39,18 +39,18 @@ impl Answering {
 /// How the method was chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
-    /// Every method that was tried, the chosen one first, then by error.
+    /// Every method that was tried: the chosen one first, then the others by error.
     pub candidates: Vec<Candidate>,
 }
 
-/// A method that was tried on presses which it hadn't been fitted to.
+/// A method that was tried on presses to which it hadn't been fitted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// Its name.
+    /// Name of the method.
     pub solver: String,
-    /// Its mean location error, mm; null where it couldn't be fitted or had no answers.
+    /// Mean location error, mm; null if the method couldn't be fitted or had no answers.
     pub location_error_mm: Option<f64>,
-    /// Its mean force error, N.
+    /// Mean force error, N.
     pub force_error_n: Option<f64>,
 }
 
@@ -95,12 +95,12 @@ impl Fitted {
         Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
     }
 
-    /// How the method was chosen; none where it was asked for by name.
+    /// Returns how the method was chosen; `None` if it was requested by name.
     pub fn choice(&self) -> Option<&Choice> {
         self.choice.as_ref()
     }
 
-    /// The units that are left out of account: what they read changes nothing.
+    /// Returns the units that are excluded. Their readings change nothing.
     pub fn broken(&self) -> &[Broken] {
         &self.broken
     }

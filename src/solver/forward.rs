@@ -1,4 +1,4 @@
-//! Inverts a map: the place and force that it reads as the array did.
+//! Inverts a map: finds the place and force at which the map reads like the array.
 
 use super::descent::{Descent, Estimate};
 use super::heldout::HeldPress;
@@ -25,7 +25,7 @@ pub(super) struct Forward {
     load: ForceKnown,
     common_offset: bool,
     starts: Starts,
-    /// The largest output a newton that each unit showed anywhere.
+    /// Largest output per newton that each unit showed anywhere.
     loudest: Vec<f64>,
     limits: Limits,
     widths: Option<Widths>,
@@ -36,7 +36,7 @@ pub(super) struct Forward {
 pub(super) enum MapKind {
     /// By regression.
     Smooth,
-    /// By what is known of an elastic cover.
+    /// By elasticity, from what is known of an elastic cover.
     Elastic,
 }
 
@@ -52,19 +52,19 @@ impl MapKind {
 /// Sums of squares that as few readings exceed as the false-alarm rate says.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Limits {
-    /// What one contact leaves.
+    /// Limit for the residue of one contact.
     one_contact: f64,
-    /// The same with one unit left out.
+    /// Limit for the residue of one contact with one unit excluded.
     without_a_unit: f64,
-    /// What no contact reads.
+    /// Limit for a reading without contact.
     no_contact: f64,
-    /// What a contact in the area gains beyond its border.
+    /// Limit for the improvement of the fit if a contact in the area could be beyond its border.
     inside: f64,
-    /// The map's error over the noise, mean of all units, where it is still known.
+    /// Error of the map divided by the noise, mean of all units, up to which the map is known.
     known: f64,
-    /// How much larger sums of squares are than noise alone would make them.
+    /// Factor by which sums of squares exceed those of noise alone.
     excess: f64,
-    /// Whether what the map leaves of its own calibration is nothing but noise: asked before it is written to a file only.
+    /// Whether the residuals of the map on its own calibration are only noise. Needed only before the map is written to a file.
     #[serde(skip)]
     is_noise: bool,
 }
@@ -113,9 +113,9 @@ impl Forward {
         }
     }
 
-    /// Takes in what presses at places that were held out show: of the errors, and of what real contacts leave unexplained, which
-    /// noise alone doesn't say. Limits only get wider where contact is to be distinguished from something else, and lower where it is to be distinguished
-    /// from nothing.
+    /// Learns from presses at held-out places: their errors, and the part of real contacts that noise alone doesn't explain.
+    /// Limits that distinguish a contact from something else only get wider. Limits that distinguish a contact from no contact
+    /// only get lower.
     pub fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let residues = answered().map(|(_, located)| located.residue).collect();

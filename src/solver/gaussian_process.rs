@@ -20,11 +20,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 pub(super) struct GaussianProcess {
     process: Process,
-    /// Logarithm of how far off the process was on presses that were held out, from reading to reading.
+    /// Logarithm of the error of the process on held-out presses, as a function of the reading.
     spread: Process,
     view: View,
     load: ForceKnown,
-    /// The calibration's force where the load is constant, N.
+    /// Force of the calibration if the load is constant, N.
     force_n: f64,
 }
 
@@ -63,7 +63,7 @@ const LEAST_ERROR: f64 = 0.1;
 pub(super) type Likeliest = (View, Sought);
 
 impl GaussianProcess {
-    /// The view and the correlation that make a calibration likeliest.
+    /// Returns the view and the correlation with the largest likelihood for a calibration.
     pub fn seek(calibration: &Calibration, load: ForceKnown) -> Result<Likeliest, FitError> {
         let mut views = View::suitable(calibration, load);
         let sought = |view: &View, manner| {
@@ -84,7 +84,7 @@ impl GaussianProcess {
         Ok((view, sought))
     }
 
-    /// The same with a view and a correlation that are known.
+    /// Fits a calibration with a known view and a known correlation.
     pub fn fit_with(calibration: &Calibration, load: ForceKnown, likeliest: &Likeliest) -> Result<Self, FitError> {
         let (view, sought) = likeliest;
         let dimensions = view.dimensions();
@@ -148,9 +148,9 @@ fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
 
 /// What a calibration looks like to the process.
 struct Seen {
-    /// Row-major, presses x dimensions.
+    /// Inputs, row-major, presses x dimensions.
     inputs: Vec<f64>,
-    /// Row-major, presses x `ANSWERS`.
+    /// Answers, row-major, presses x `ANSWERS`.
     answers: Vec<f64>,
 }
 

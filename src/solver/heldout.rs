@@ -1,4 +1,4 @@
-//! Calibration presses held out and solved, as trials of a method.
+//! Holds out calibration presses and solves them, as trials of a method.
 
 use super::field::Area;
 use super::method::Method;
@@ -12,26 +12,27 @@ use std::ops::Range;
 /// A calibration press, made as if of another force, solved by a method that was fitted without its place.
 #[derive(Clone)]
 pub(super) struct HeldPress {
-    /// Where it was pressed.
+    /// Place of the press.
     pub place: Place,
-    /// The force it stands for, N.
+    /// Force that the press represents, N.
     pub force_n: f64,
-    /// Whether it isn't at the border of the calibrated area: there a fit without it has to extrapolate, which no later press requires.
+    /// Whether the press isn't at the border of the calibrated area. At the border, a fit without the press has to extrapolate,
+    /// which no later press requires.
     pub is_inside: bool,
-    /// Sum of the squares of its outputs over their noise.
+    /// Sum of the squares of the press's outputs divided by their noise.
     pub loudness: f64,
-    /// What the method said.
+    /// Answer of the method.
     pub answer: Result<Located, SolveError>,
 }
 
 /// The places of a calibration in parts, one of which at a time is held out of a fit.
 pub(super) struct Folds<'a> {
     calibration: &'a Calibration,
-    /// What readings are compared with: its noise is added to what is scaled down.
+    /// Response that readings are compared with. Its noise is added to readings that are scaled down.
     response: &'a Response,
     /// The presses of each part.
     parts: Vec<Vec<usize>>,
-    /// By what a press is scaled to represent the expected forces, least and most.
+    /// Factors by which a press is scaled to represent the expected forces, smallest and largest.
     shares: (f64, f64),
     area: Option<Area>,
 }
@@ -49,7 +50,7 @@ const FORCES_A_PRESS: usize = 2;
 const MOST_TRIALS: usize = 2000;
 
 impl<'a> Folds<'a> {
-    /// The parts of a calibration; none where it has too few places to hold any out.
+    /// Returns the parts of a calibration; `None` if it has too few places to hold any out.
     pub fn of(calibration: &'a Calibration, setting: &Setting<'_>, response: &'a Response) -> Option<Self> {
         let mut spots = calibration.by_place();
         if spots.len() < FEWEST_PLACES {
@@ -63,8 +64,8 @@ impl<'a> Folds<'a> {
         Some(Folds { calibration, response, parts, shares: setting.shares(calibration), area })
     }
 
-    /// Tries a method on some of the parts, the force unknown to it: presses that were held out are rescaled over the expected forces,
-    /// and noise is added to bring what was scaled down back to what was measured.
+    /// Tries a method on some of the parts, with the force unknown to the method. Held-out presses are rescaled to the expected
+    /// forces. Noise is added to presses that were scaled down, so that they are as noisy as measured ones.
     ///
     /// # Errors
     /// The method can't be fitted to the other parts.

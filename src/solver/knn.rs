@@ -1,4 +1,4 @@
-//! The nearest calibration points, weighted.
+//! Weighted mean of the nearest calibration points.
 
 use super::pearson::{check, direction};
 use super::scan::{Hit, Scan, dot};
@@ -6,29 +6,29 @@ use super::{Calibration, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// How many calibration points an answer lies between: a cell of a grid has four corners.
+/// Number of calibration points that an answer is averaged from: a cell of a grid has four corners.
 pub const NEIGHBOURS: usize = 4;
 
-/// The mean of the [`NEIGHBOURS`] calibration points that correlate best with the reading, where the paper takes the
-/// best alone; fewer where the calibration has fewer.
+/// The mean of the [`NEIGHBOURS`] calibration points that correlate best with the reading; fewer if the calibration has fewer.
+/// The paper uses only the best point.
 ///
-/// Each weighs the inverse square of its distance (Shepard 1968, doi:10.1145/800186.810616): that between the reading
-/// and the point's outputs, both less their mean and of length 1, whose square is 2 (1 - r). The place is the weighted
-/// mean of theirs. Their outputs per newton, weighed alike, are what one newton there reads; the force is the factor
-/// that fits this to the reading best over all units.
+/// Each point is weighted by the inverse square of its distance (Shepard 1968, doi:10.1145/800186.810616). The distance is that
+/// between the reading and the point's outputs, after both are centred and scaled to length 1. Its square is 2 (1 - r). The place
+/// is the weighted mean of the points' places. The weighted mean of their outputs per newton is what one newton there reads. The
+/// force is the factor that fits this mean to the reading best over all units.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PearsonKnn {
     units: usize,
     places: Vec<Place>,
     /// Outputs over force, 1/N, row-major points x units.
     per_newton: Vec<f64>,
-    /// The points' outputs, centred and of length 1: r is a dot product with these.
+    /// Outputs of the points, centred and of length 1. The dot product with these is r.
     scan: Scan,
 }
 
 impl PearsonKnn {
-    /// Prepares the calibration's rows once. A point at which all units read the same correlates with nothing and is
-    /// left out; an error where none is left.
+    /// Prepares the calibration's rows once. A point at which all units read the same correlates with nothing and is excluded.
+    /// Returns an error if no point is left.
     pub fn fit(calibration: &Calibration) -> Result<Self, FitError> {
         let units = calibration.units();
         let (mut places, mut per_newton, mut directions) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! Smooth functions of a place, regressed from what was measured.
+//! Regression of smooth functions of a place from measured values.
 
 use super::centred::{Centred, scale_both, scale_rows};
 use super::correlation::{Correlation, distance, distances};
@@ -15,20 +15,20 @@ use faer::{Mat, MatRef, Side};
 pub(super) struct Kriging {
     dimensions: usize,
     outputs: usize,
-    /// What predicts; its means are 0 where the process is taken to be about 0.
+    /// Process that predicts. Its means are 0 if the process is assumed to have mean 0.
     process: Process,
-    /// Noise variance over the process' variance, one an output.
+    /// Noise variance divided by the process' variance, one value for each output.
     noise_ratio: Vec<f64>,
-    /// How many typical measurements each place counts for; none where all count alike.
+    /// Number of typical measurements that each place counts for; `None` if all places count alike.
     counts: Option<Vec<f64>>,
     eigen: Eigen,
 }
 
 /// What a process regressed without one of its places says there.
 pub(super) struct HeldOut {
-    /// Measured less predicted, row-major places x outputs.
+    /// Measured minus predicted values, row-major places x outputs.
     pub residuals: Vec<f64>,
-    /// Variance of the prediction over that of the noise, row-major places x outputs.
+    /// Variance of the prediction divided by the variance of the noise, row-major places x outputs.
     pub leverage: Vec<f64>,
 }
 
@@ -36,8 +36,8 @@ pub(super) struct HeldOut {
 pub(super) const MOST_PLACES: usize = 1200;
 
 impl Kriging {
-    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions) with a correlation that is known. At
-    /// least one place; everything finite.
+    /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions) with a known correlation.
+    /// Requires at least one place; all numbers must be finite.
     pub fn fit_with(
         places: &[f64],
         dimensions: usize,
@@ -49,7 +49,7 @@ impl Kriging {
         Self::fit_counting(places, dimensions, values, outputs, manner, sought, None)
     }
 
-    /// The same of values that may be unequally noisy.
+    /// Regresses values that may have different noise.
     pub fn fit_counting(
         places: &[f64],
         dimensions: usize,
@@ -87,27 +87,27 @@ impl Kriging {
         }
     }
 
-    /// Whether the places count for as much as they were measured.
+    /// Whether each place is weighted by its number of measurements.
     pub fn is_weighted(&self) -> bool {
         self.counts.is_some()
     }
 
-    /// The distance over which the outputs look smooth, in the places' unit.
+    /// Returns the distance over which the outputs look smooth, in the places' unit.
     pub fn grain(&self) -> f64 {
         self.process.correlation.grain()
     }
 
-    /// The outputs at a place, one each; returns how far it is from the nearest known place.
+    /// Writes the outputs at a place, one value each. Returns the distance to the nearest known place.
     pub fn predict(&self, place: &[f64], outputs: &mut [f64]) -> f64 {
         self.process.predict(place, outputs)
     }
 
-    /// What it predicts with, without what its uncertainty needs.
+    /// Returns the process that predicts, without the data for its uncertainty.
     pub fn into_process(self) -> Process {
         self.process
     }
 
-    /// The outputs at many places, row-major places x outputs.
+    /// Returns the outputs at many places, row-major places x outputs.
     pub fn predict_all(&self, places: &[f64]) -> Vec<f64> {
         let known = self.eigen.values.len();
         let weights = MatRef::from_row_major_slice(&self.process.weights, known, self.outputs);
@@ -115,8 +115,8 @@ impl Kriging {
         rows(&predicted).zip(self.process.mean.iter().cycle()).map(|(value, mean)| value + mean).collect()
     }
 
-    /// The variance of each prediction over that of the noise: row-major, places x outputs. About one over the number of
-    /// measurements that a prediction is the mean of; large where there are none.
+    /// Returns the variance of each prediction divided by the variance of the noise, row-major, places x outputs. It is about one
+    /// over the number of measurements that are averaged by the prediction. It is large where there are no measurements.
     pub fn leverage(&self, places: &[f64]) -> Vec<f64> {
         let mut correlations = self.correlations(places);
         scale_rows(&mut correlations, self.counts.as_deref());
@@ -127,7 +127,7 @@ impl Kriging {
         rows(&told).zip(ratios).map(|(told, ratio)| (1.0 - told).max(0.0) / ratio).collect()
     }
 
-    /// What each place would be predicted to be without it, in closed form (equations 5.10 to 5.12).
+    /// Predicts each place from the other places, in closed form (equations 5.10 to 5.12).
     pub fn held_out(&self) -> HeldOut {
         let mut squares = self.eigen.vectors.clone();
         square(&mut squares);

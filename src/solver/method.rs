@@ -1,4 +1,4 @@
-//! A fitted method of any name.
+//! A fitted method, selected by name.
 
 use super::blend::Blend;
 use super::extra_trees::ExtraTrees;

@@ -99,7 +99,7 @@ pub use workspace::Workspace;
 
 use crate::quantity::Place;
 
-/// The names [`fit`] knows, the paper's own first.
+/// Names that [`fit`] accepts; the paper's own method is first.
 pub const SOLVERS: [&str; 10] = [
     "pearson",
     "pearson-lsq",
@@ -142,16 +142,16 @@ trait Locate: Send + Sync {
 /// A contact without its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Located {
-    /// Where, specimen frame, mm.
+    /// Place of the contact, specimen frame, mm.
     place: Place,
-    /// How hard, N.
+    /// Force, N.
     force_n: f64,
-    /// How badly the reading fits a contact there, in a measure of the method's own: 0 is a perfect fit.
+    /// Misfit between the reading and a contact there, in a measure of the method's own; 0 is a perfect fit.
     residue: f64,
-    /// How much better a contact beyond the calibrated area would fit, in the same measure.
+    /// Improvement of the fit if the contact could be beyond the calibrated area, in the same measure.
     beyond: f64,
-    /// What the errors of location, mm, and force, N, are in proportion to, up to a factor that all answers of the method share; 1 where
-    /// it doesn't distinguish readings.
+    /// Quantities to which the errors of location, mm, and of force, N, are proportional. The factor is the same for all answers
+    /// of the method. The value is 1 if the method doesn't distinguish readings.
     scale_mm: f64,
     scale_n: f64,
 }
@@ -168,62 +168,62 @@ impl Located {
     };
 }
 
-/// The name under which [`fit`] chooses the method itself.
+/// Name under which [`fit`] chooses the method itself.
 pub const BEST: &str = "best";
 
-/// Fits the method of that name, or the one that cross-validation on the calibration finds best.
+/// Fits the method of that name, or the method that cross-validation on the calibration finds best.
 ///
-/// Units that are dead or saturated in the calibration are left out of account. Methods that know no map of the array are tried on
-/// presses that were held out of a fit, the force unknown to them: it gives how far they are off, and [`BEST`] which to take.
+/// Units that are dead or saturated in the calibration are excluded. Methods without a map of the array are tried on held-out
+/// presses, with the force unknown to the methods. These trials give the methods' errors and the method for [`BEST`].
 ///
 /// # Errors
-/// No method of that name, another array's layout, or a calibration that the method can't be fitted to.
+/// No method has that name, the layout belongs to another array, or the method can't be fitted to the calibration.
 pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
     Prepared::new(calibration.clone(), setting)?.fit(name)
 }
 
-/// Why a method couldn't be fitted.
+/// Reason why a method couldn't be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// No method has that name.
     #[error("unknown solver `{name}`; expected one of {BEST}, {}", SOLVERS.join(", "))]
     UnknownSolver {
-        /// The name asked for.
+        /// Requested name.
         name: String,
     },
     /// The layout belongs to another array.
     #[error("the array's layout has {layout} units, the calibration {calibration}")]
     Layout {
-        /// Units in the layout.
+        /// Number of units in the layout.
         layout: usize,
-        /// Units in the calibration.
+        /// Number of units in the calibration.
         calibration: usize,
     },
-    /// Too few places for the method.
+    /// There are too few places for the method.
     #[error("the calibration has {places} places, the method requires {needed}")]
     TooFewPlaces {
-        /// Places there are.
+        /// Number of places in the calibration.
         places: usize,
-        /// Places needed.
+        /// Number of places required.
         needed: usize,
     },
     /// At every calibration point all units read the same, so the points can't be distinguished.
     #[error("all units have the same output at every calibration point, so the points can't be distinguished")]
     NothingToTellApart,
-    /// The noise can't be divided by.
+    /// The noise isn't suitable as a divisor.
     #[error("the noise must have one standard deviation per unit, each finite and above 0")]
     Noise,
 }
 
-/// Why a reading has no answer.
+/// Reason why a reading has no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SolveError {
     /// The reading comes from another array.
     #[error("the reading has {found} outputs, the calibration has {expected}")]
     Channels {
-        /// Units in the calibration.
+        /// Number of units in the calibration.
         expected: usize,
-        /// Outputs in the reading.
+        /// Number of outputs in the reading.
         found: usize,
     },
     /// An output is NaN or infinite.
@@ -232,10 +232,10 @@ pub enum SolveError {
         /// The unit, counted from 1.
         unit: usize,
     },
-    /// Nothing touches the array, or nothing it can feel: the correlation would be 0/0.
+    /// Nothing that the array can feel touches it, so the correlation would be 0/0.
     #[error("all outputs are equal: the reading correlates with no place")]
     AllEqual,
-    /// The force that comes out is beyond what a number can hold.
+    /// The solved force is too large for a number.
     #[error("the reading is too large for the calibration: its force is not finite")]
     OutOfProportion,
 }

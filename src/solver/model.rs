@@ -1,11 +1,11 @@
-//! A fit with all that a session needs of it: what a sensor file holds.
+//! A fit with everything that a session needs: the content of a sensor file.
 
 use super::field::Area;
 use super::{Broken, Calibration, Fault, FitError, Fitted, ForceKnown, Prepared, Setting, Solver as _};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
-/// A method fitted to a calibration, with its setting, and with the calibration itself if there is room for it.
+/// A method fitted to a calibration, with its setting. Includes the calibration itself if there is space for it.
 #[derive(Serialize, Deserialize)]
 pub struct Model {
     fitted: Fitted,
@@ -18,33 +18,33 @@ pub struct Model {
     calibration: Option<Calibration>,
 }
 
-/// Where a fit holds: what its calibration contains.
+/// Range in which a fit is valid: the range of its calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Validity {
-    /// The outputs of a reading.
+    /// Number of outputs of a reading.
     pub units: usize,
-    /// Presses that it was fitted to.
+    /// Number of presses to which the method was fitted.
     pub presses: usize,
-    /// How many places they are at.
+    /// Number of places of these presses.
     pub places: usize,
-    /// The least and the largest x of a press, specimen frame, mm.
+    /// Smallest and largest x of a press, specimen frame, mm.
     pub x_mm: [f64; 2],
-    /// The same of y, mm.
+    /// Smallest and largest y of a press, specimen frame, mm.
     pub y_mm: [f64; 2],
-    /// The least and the largest force of a press, N; none where forces aren't known.
+    /// Smallest and largest force of a press, N; `None` if forces are unknown.
     pub force_n: Option<[f64; 2]>,
 }
 
-/// Why bytes are no model.
+/// Reason why bytes aren't a model.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("the numbers of the model can't be read: {0}")]
 pub struct ModelError(#[from] postcard::Error);
 
 impl Model {
-    /// Fits the method of that name, as [`fit`](super::fit).
+    /// Fits the method of that name, like [`fit`](super::fit).
     ///
     /// # Errors
-    /// No method of that name, another array's layout, or a calibration that the method can't be fitted to.
+    /// No method has that name, the layout belongs to another array, or the method can't be fitted to the calibration.
     pub fn fit(name: &str, calibration: Calibration, setting: &Setting<'_>) -> Result<Self, FitError> {
         let fitted = super::fit(name, &calibration, setting)?;
         let Setting { layout, load, common_offset, false_alarms, forces_n, .. } = *setting;
@@ -61,22 +61,22 @@ impl Model {
         })
     }
 
-    /// The method.
+    /// Returns the method.
     pub fn fitted(&self) -> &Fitted {
         &self.fitted
     }
 
-    /// Where it holds.
+    /// Returns the range in which the method is valid.
     pub fn validity(&self) -> &Validity {
         &self.validity
     }
 
-    /// What it was fitted to, if it is kept.
+    /// Returns the calibration to which the method was fitted, if it is kept.
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.as_ref()
     }
 
-    /// The setting of the fit.
+    /// Returns the setting of the fit.
     pub fn setting(&self) -> Setting<'_> {
         Setting {
             layout: self.layout.as_ref(),
@@ -88,20 +88,20 @@ impl Model {
         }
     }
 
-    /// The same without its calibration: it can't be fitted again where a unit is missing or broken.
+    /// Returns the model without its calibration. This model can't be refitted if a unit is missing or broken.
     pub fn without_calibration(self) -> Self {
         Model { calibration: None, ..self }
     }
 
-    /// All of it as bytes (postcard, whose specification is version 1), every number as it is.
+    /// Serialises the complete model as bytes (postcard, whose specification is version 1), with exact numbers.
     ///
     /// # Errors
-    /// None that is known.
+    /// No known case.
     pub fn to_bytes(&self) -> Result<Vec<u8>, ModelError> {
         Ok(postcard::to_allocvec(self)?)
     }
 
-    /// A model from its bytes: it answers as the one that was written, to the last bit.
+    /// Reads a model from bytes. Its answers are equal to those of the written model, to the last bit.
     ///
     /// # Errors
     /// The bytes aren't a model of this version.

@@ -1,4 +1,4 @@
-//! How far outputs stray, unit by unit.
+//! Noise of outputs, unit by unit.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,11 +15,11 @@ pub(super) struct Noise {
 /// One output compared with its prediction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Residual {
-    /// What was predicted.
+    /// Predicted value.
     pub predicted: f64,
-    /// Measured less predicted.
+    /// Measured minus predicted value.
     pub residual: f64,
-    /// Variance of the prediction over that of the noise.
+    /// Variance of the prediction divided by the variance of the noise.
     pub leverage: f64,
 }
 
@@ -33,13 +33,13 @@ const SURE: f64 = 0.3;
 const LEAST_SHARE: f64 = 1e-6;
 
 impl Noise {
-    /// The likeliest parts, given the residuals of each unit: of normal errors, by Fisher's scoring.
+    /// Returns the most likely noise parameters for the residuals of each unit. Assumes normal errors and uses Fisher's scoring.
     pub fn fit(residuals: &[Vec<Residual>]) -> Self {
         let (additive, proportional) = residuals.iter().map(|of_unit| parts(of_unit)).unzip();
         Noise { additive, proportional }
     }
 
-    /// The variance of a unit's output when its contact calls for `output`.
+    /// Returns the variance of a unit's output when `output` is the expected value.
     #[inline]
     pub fn variance(&self, unit: usize, output: f64) -> f64 {
         self.additive[unit] + self.proportional[unit] * output * output

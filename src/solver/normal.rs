@@ -5,7 +5,7 @@
 pub(super) struct Normal {
     /// J'WJ, the information about the unknowns.
     pub information: [[f64; 3]; 3],
-    /// J'Wr, half the fall of the sum of squares along each unknown.
+    /// J'Wr, half the decrease of the sum of squares along each unknown.
     pub slope: [f64; 3],
 }
 
@@ -13,7 +13,7 @@ pub(super) struct Normal {
 const LEAST_PIVOT: f64 = 1e-12;
 
 impl Normal {
-    /// Takes a row in; the half above the diagonal is left to [`finish`](Self::finish).
+    /// Adds a row. The half above the diagonal is left to [`finish`](Self::finish).
     #[inline]
     pub fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
         for (i, row) in self.information.iter_mut().enumerate() {
@@ -34,7 +34,8 @@ impl Normal {
         }
     }
 
-    /// The step to the least sum of squares along the unknowns that are free. No step where they can't be distinguished.
+    /// Returns the step to the smallest sum of squares along the free unknowns. There is no step if the unknowns can't be
+    /// distinguished.
     pub fn step(&self, free: [bool; 3]) -> [f64; 3] {
         let (mut a, mut x) = (self.information, self.slope);
         for i in (0..3).filter(|&i| !free[i]) {
@@ -46,7 +47,7 @@ impl Normal {
         cholesky(&a).map_or([0.0; 3], |l| substitute(&l, x))
     }
 
-    /// By how much a step lowers the sum of squares, to first order.
+    /// Returns the reduction of the sum of squares by a step, to first order.
     pub fn gain(&self, step: [f64; 3]) -> f64 {
         step.iter().zip(&self.slope).map(|(step, slope)| step * slope).sum()
     }

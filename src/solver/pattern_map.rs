@@ -1,4 +1,4 @@
-//! A smooth map of the pattern, inverted with the errors of all units correlated.
+//! A smooth map of the pattern, inverted with correlated errors of all units.
 
 use super::correlation::Smoothness;
 use super::field::{Area, Field};
@@ -21,20 +21,21 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct PatternMap {
     load: ForceKnown,
-    /// The whitened pattern of a reading of typical length; behind it how it changes with the logarithm of the length, if it does.
+    /// Whitened pattern of a reading of typical length. It is followed by its change with the logarithm of the length, if it
+    /// changes.
     field: Field,
-    /// Logarithm of the length: typical, least and most.
+    /// Logarithm of the length: typical, smallest and largest.
     log_lengths: [f64; 3],
-    /// What whitens a deviation: row-major, units x units, one row a whitened coordinate.
+    /// Matrix that whitens a deviation: row-major, units x units, one row for each whitened coordinate.
     whitening: Vec<f64>,
-    /// Places to start from, and the whitened pattern at each, row-major.
+    /// Start places, and the whitened pattern at each, row-major.
     starts: Vec<Place>,
     patterns: Vec<f64>,
-    /// Logarithm of the force that reads with length 1, from place to place.
+    /// Logarithm of the force that reads with length 1, as a function of place.
     log_force: Field,
-    /// By what power the force grows with the length.
+    /// Exponent of the force as a function of the length.
     power: f64,
-    /// The calibration's force where the load is constant, N.
+    /// Force of the calibration if the load is constant, N.
     force_n: f64,
 }
 
@@ -76,7 +77,8 @@ pub(super) struct Correlations {
 }
 
 impl PatternMap {
-    /// Fits the map, with the correlations of a larger calibration where they are known. Returns those that it was fitted with.
+    /// Fits the map, with the correlations of a larger calibration if they are known. Returns the correlations to which the map
+    /// was fitted.
     pub fn fit(
         calibration: &Calibration,
         load: ForceKnown,
@@ -228,7 +230,7 @@ struct Presses {
 
 struct Spot {
     place: Place,
-    /// Pattern, logarithm of the length and of the force of each press.
+    /// Pattern, logarithm of the length and logarithm of the force of each press.
     presses: Vec<(Vec<f64>, f64, f64)>,
 }
 

@@ -5,35 +5,36 @@ use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError
 use crate::quantity::{ArrayLayout, Place};
 use serde::{Deserialize, Serialize};
 
-/// The paper's inverse solution: the contact lies at the calibration point whose outputs have the largest Pearson
-/// correlation with the reading (step 3, equation 3), and its force follows from the outputs there (step 4).
+/// The paper's inverse solution. The contact is at the calibration point whose outputs have the largest Pearson correlation with
+/// the reading (step 3, equation 3). Its force follows from the outputs there (step 4).
 ///
-/// Of points that correlate equally well the first counts. A point at which all units read the same correlates with
+/// If several points correlate equally well, the first one counts. A point at which all units read the same correlates with
 /// nothing and is never an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Pearson {
     units: usize,
     force_rule: ForceRule,
     candidates: Vec<Candidate>,
-    /// The candidates' outputs, row-major candidates x units.
+    /// Outputs of the candidates, row-major candidates x units.
     outputs: Vec<f64>,
-    /// The same, centred and of length 1: r is a dot product with these.
+    /// The same outputs, centred and of length 1. The dot product with these is r.
     scan: Scan,
 }
 
-/// How the force follows once the place is found.
+/// Rule that gives the force once the place is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceRule {
-    /// The paper's equation 6: the ratio of reading to calibrated output on the unit closest to the place, times the
-    /// force the point was calibrated with.
+    /// The paper's equation 6: the ratio of reading to calibrated output on the unit closest to the place, times the point's
+    /// calibration force.
     ClosestUnit,
-    /// The factor that fits the reading best over all units, y.x / x.x, times that force.
+    /// The factor that fits the reading best over all units, y.x / x.x, times the point's calibration force.
     LeastSquares,
 }
 
-/// Pearson's correlation coefficient of two equally long rows (paper equation 3), -1 to 1.
+/// Returns Pearson's correlation coefficient of two equally long rows (paper equation 3), -1 to 1.
 ///
-/// None where it is 0/0: a row of equal values, an empty one, rows of two lengths, or a value that is not finite.
+/// Returns `None` if the coefficient is 0/0: a row of equal values, an empty row, rows of different lengths, or a value that is
+/// not finite.
 pub fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     if a.len() != b.len() {
         return None;
@@ -69,8 +70,8 @@ impl Pearson {
         Ok(Pearson { units, force_rule, candidates, outputs: calibrated, scan: Scan::new(units, directions) })
     }
 
-    /// The calibration point whose outputs correlate best with a reading: its index among those that correlate with anything,
-    /// from 0, and its r. No more than the paper's step 3.
+    /// Returns the calibration point whose outputs correlate best with a reading: its index and its r. The index counts from 0
+    /// among the points that correlate with anything. This is only the paper's step 3.
     pub fn nearest(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<(usize, f64), SolveError> {
         check(outputs, self.units)?;
         let reading = direction(outputs, &mut workspace.row).ok_or(SolveError::AllEqual)?;
@@ -78,7 +79,7 @@ impl Pearson {
         Ok((best.row, best.score))
     }
 
-    /// Where a contact is and how hard it presses, N: the paper's steps 3 and 4, without how sure that is.
+    /// Returns the place of a contact and its force, N: the paper's steps 3 and 4, without the uncertainty.
     pub fn contact(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<(Place, f64), SolveError> {
         self.locate(outputs, workspace).map(|located| (located.place, located.force_n))
     }

@@ -1,4 +1,4 @@
-//! The map by elasticity.
+//! Map computed by elasticity.
 
 use super::field::{Area, Field};
 use super::response::Response;
@@ -109,7 +109,7 @@ const DEPTH: usize = 3;
 struct Taxel {
     shape: Shape,
     parameters: Vector4<f64>,
-    /// (J'J)^-1 at the fit; none where the parameters can't be distinguished.
+    /// (J'J)^-1 at the fit; `None` if the parameters can't be distinguished.
     spread: Option<Matrix4<f64>>,
     /// Sum of the squares of the residuals; above 0.
     left: f64,

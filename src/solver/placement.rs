@@ -1,4 +1,4 @@
-//! Where the array lies, from where its units were found.
+//! Position of the array, from the measured positions of its units.
 
 use super::physics::unit_places;
 use super::{Calibration, FitError};
@@ -12,63 +12,63 @@ const MISFIT_SHARE: f64 = 0.15;
 /// Largest uncertainty of the place, as a share of the same distance.
 const UNCERTAIN_SHARE: f64 = 0.1;
 
-/// How an array lies, seen from where it was thought to.
+/// Position of an array relative to its assumed position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Where the layout's origin is, mm.
+    /// Position of the layout's origin, mm.
     pub origin: Place,
-    /// How far the layout is turned, from x toward y, degrees.
+    /// Rotation of the layout, from x toward y, degrees.
     pub rotation_deg: f64,
     /// Standard deviation of either coordinate of the origin, mm.
     pub origin_sigma_mm: f64,
     /// Standard deviation of the rotation, degrees.
     pub rotation_sigma_deg: f64,
-    /// Root mean square of what the units are off from the layout so placed, mm.
+    /// Root mean square distance of the units from the layout in this position, mm.
     pub misfit_mm: f64,
 }
 
-/// Why an array can't be located.
+/// Reason why an array can't be located.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlacementError {
-    /// The units can't be found one by one.
+    /// The units can't be found individually.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// Fewer units than a rotation needs, with something left to estimate the error.
+    /// There are fewer units than are required for a rotation and an estimate of the error.
     #[error("with {units} units, the rotation of the array or its uncertainty can't be determined")]
     TooFewUnits {
-        /// How many it has.
+        /// Number of units of the array.
         units: usize,
     },
-    /// The units don't lie as the layout has them.
+    /// The positions of the units contradict the layout.
     #[error(
         "the outputs locate the units {misfit_mm:.2} mm off the layout at its best fit, unit {unit} most, by {worst_mm:.2} \
          mm; at most {most_mm:.2} mm is allowed"
     )]
     Poor {
-        /// Root mean square, mm.
+        /// Root mean square distance, mm.
         misfit_mm: f64,
-        /// The unit that is farthest off, counted from 1.
+        /// Unit with the largest distance, counted from 1.
         unit: usize,
-        /// By how much, mm.
+        /// Largest distance, mm.
         worst_mm: f64,
-        /// What is believed, mm.
+        /// Largest accepted root mean square distance, mm.
         most_mm: f64,
     },
-    /// The place has too large an error.
+    /// The error of the position is too large.
     #[error("the uncertainty of the array's position is {sigma_mm:.2} mm; at most {most_mm:.2} mm is allowed")]
     Uncertain {
         /// Standard deviation, mm.
         sigma_mm: f64,
-        /// What is of use, mm.
+        /// Largest useful standard deviation, mm.
         most_mm: f64,
     },
 }
 
-/// How an array of this layout lies, by presses at known places: each unit is found by its own outputs, then the layout as a
-/// whole is laid over all of them (least squares, in closed form for a rotation and a shift in the plane).
+/// Locates an array of this layout from presses at known places. Each unit is first located by its own outputs. Then the complete
+/// layout is fitted to all units (least squares, in closed form for a rotation and a shift in the plane).
 ///
 /// # Errors
-/// A fit that can't be believed; nothing is guessed.
+/// The fit isn't credible. Nothing is guessed.
 pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Placement, PlacementError> {
     if layout.len() != calibration.units() {
         return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() }.into());
@@ -116,8 +116,8 @@ pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Pl
     Ok(Placement { origin, rotation_deg, origin_sigma_mm, rotation_sigma_deg, misfit_mm })
 }
 
-/// The plane through heights at places, least squares: height at the origin, slope along x and y, and the standard deviation
-/// of one height about it. None for fewer than four places, or places in a line.
+/// Returns the plane through heights at places, by least squares: height at the origin, slope along x and y, and the standard
+/// deviation of one height about the plane. `None` for fewer than four places, or for places in a line.
 pub fn plane_through(heights: &[(Place, f64)]) -> Option<([f64; 3], f64)> {
     if heights.len() < 4 {
         return None;

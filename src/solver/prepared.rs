@@ -1,4 +1,4 @@
-//! A calibration made ready to fit any number of methods to: what several of them need is found once.
+//! A calibration prepared for fitting any number of methods. Results that several methods need are computed once.
 
 use super::appraised::Appraised;
 use super::best::Tried;
@@ -24,19 +24,19 @@ use crate::quantity::ArrayLayout;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// A calibration, and what is known of it beside.
+/// A calibration, and what else is known about it.
 pub struct Prepared<'a> {
-    /// Without the units that are left out.
+    /// Calibration without the excluded units.
     calibration: Calibration,
-    /// That of the units that are left, where some are left out.
+    /// Layout of the remaining units, if some are excluded.
     layout: Option<ArrayLayout>,
     setting: Setting<'a>,
     broken: Vec<Broken>,
-    /// How many units there are with those that are left out.
+    /// Number of units, including the excluded units.
     units: usize,
     /// The smooth map of the calibration.
     response: OnceLock<Result<Response, FitError>>,
-    /// What the Gaussian process sees of a reading, and its correlation.
+    /// View of a reading in the Gaussian process, and its correlation.
     process: OnceLock<Result<Likeliest, FitError>>,
     /// The pattern map of the calibration, and its correlations.
     pattern: OnceLock<Result<(PatternMap, Correlations), FitError>>,
@@ -71,10 +71,10 @@ const UNEXPLAINED: f64 = 1.15;
 const FAR_AHEAD: f64 = 3.0;
 
 impl<'a> Prepared<'a> {
-    /// A calibration of which units that are dead or saturated are left out.
+    /// Prepares a calibration, without the units that are dead or saturated.
     ///
     /// # Errors
-    /// The layout of another array, or no unit that is left.
+    /// The layout belongs to another array, or no unit is left.
     pub fn new(calibration: Calibration, setting: &Setting<'a>) -> Result<Self, FitError> {
         if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
             return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
@@ -113,15 +113,15 @@ impl<'a> Prepared<'a> {
         Ok(prepared(calibration.of_units(&kept), layout, broken))
     }
 
-    /// The units that are dead or saturated, and left out.
+    /// Returns the dead or saturated units, which are excluded.
     pub fn broken(&self) -> &[Broken] {
         &self.broken
     }
 
-    /// Fits the method of that name, as [`fit`](super::fit).
+    /// Fits the method of that name, like [`fit`](super::fit).
     ///
     /// # Errors
-    /// No method of that name, or a calibration that it can't be fitted to.
+    /// No method has that name, or the method can't be fitted to the calibration.
     pub fn fit(&self, name: &str) -> Result<Fitted, FitError> {
         let fitted = self.fit_to_kept(name)?;
         Ok(if self.broken.is_empty() { fitted } else { fitted.without(self.broken.clone(), self.units) })

@@ -1,4 +1,4 @@
-//! A regression from many coordinates that only predicts.
+//! A regression on many coordinates that only predicts.
 
 use super::centred::column_means;
 use super::correlation::Correlation;
@@ -11,19 +11,19 @@ use serde::{Deserialize, Serialize};
 /// algorithm 2.1).
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Process {
-    /// Row-major, rows x dimensions.
+    /// Inputs, row-major, rows x dimensions.
     pub inputs: Vec<f64>,
-    /// Of inputs that are so far apart.
+    /// Correlation as a function of the distance between inputs.
     pub correlation: Correlation,
     /// Mean of each output.
     pub mean: Vec<f64>,
-    /// Row-major, rows x outputs: a prediction is a product of correlations with these.
+    /// Weights, row-major, rows x outputs. A prediction is a product of correlations with these.
     pub weights: Vec<f64>,
 }
 
 impl Process {
-    /// Regresses `values` (row-major, rows x outputs) on `inputs` (row-major, rows x dimensions). Also what each row of the first
-    /// `leading` outputs would be predicted to be without it: measured less predicted, row-major.
+    /// Regresses `values` (row-major, rows x outputs) on `inputs` (row-major, rows x dimensions). Also predicts the first
+    /// `leading` outputs of each row from the other rows. Returns these as measured minus predicted, row-major.
     pub fn fit(
         inputs: Vec<f64>,
         dimensions: usize,
@@ -63,7 +63,7 @@ impl Process {
         (Process { inputs, correlation, mean, weights }, held_out)
     }
 
-    /// The outputs at an input; returns how far it is from the nearest known one.
+    /// Writes the outputs at an input. Returns the distance to the nearest known input.
     pub fn predict(&self, input: &[f64], outputs: &mut [f64]) -> f64 {
         outputs.copy_from_slice(&self.mean);
         self.correlation.add_weighted(input, &self.inputs, &self.weights, outputs)

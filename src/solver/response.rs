@@ -1,4 +1,4 @@
-//! What the array reads under one contact, from place to place.
+//! The array's readings under one contact, as a function of place.
 
 use super::Calibration;
 use super::field::Field;
@@ -11,21 +11,21 @@ use serde::{Deserialize, Serialize};
 /// forward solver inverts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Response {
-    /// Each unit's output a newton.
+    /// Output of each unit per newton.
     pub field: Field,
-    /// The variance of that over the variance which the noise of one calibration press has, a unit each.
+    /// Variance of `field` divided by the noise variance of one calibration press, one value for each unit.
     pub leverage: Field,
-    /// How far an output strays from the map.
+    /// Deviation of an output from the map.
     pub noise: Noise,
-    /// The force that the calibration was pressed with, N: the map's error grows with the force over this.
+    /// Force of the calibration presses, N. The map's error grows with the force divided by this force.
     pub force_n: f64,
-    /// The calibration's presses against a map made without them; a response that was read from a file has none.
+    /// The calibration's presses, each compared with a map made without it. Empty if the response was read from a file.
     #[serde(skip)]
     pub held: Vec<Held>,
-    /// The leverage, mean of all units, up to which the map is known: that of the press which is worst predicted by the others.
-    /// Where the map is less sure than there, it has left the calibrated places behind.
+    /// Largest leverage, mean of all units, at which the map is known. It is the leverage of the press that is predicted worst by
+    /// the others. If the map is less certain than this, the place is outside the calibrated places.
     pub known_leverage: f64,
-    /// The correlation of the map, where it has one; a response that was read from a file has none.
+    /// Correlation of the map, if it has one; `None` if the response was read from a file.
     #[serde(skip)]
     pub sought: Option<Sought>,
 }
@@ -33,11 +33,11 @@ pub(super) struct Response {
 /// A calibration press against a map made without it.
 #[derive(Clone, Debug)]
 pub(super) struct Held {
-    /// Where it was pressed.
+    /// Place of the press.
     pub place: Place,
-    /// How hard, N.
+    /// Force, N.
     pub force_n: f64,
-    /// One a unit.
+    /// Residuals, one for each unit.
     pub residuals: Vec<Residual>,
 }
 
@@ -45,8 +45,8 @@ pub(super) struct Held {
 const LEVERAGE_CELLS: f64 = 12.0;
 
 impl Response {
-    /// The result of a map and the presses compared with it. `leverage` is asked once, for many places: the variance of the map at
-    /// each over that of one calibration press, row-major, places x units.
+    /// Combines a map with the presses compared with it. `leverage` is called once, for many places. It returns the map's
+    /// variance at each place divided by the variance of one calibration press, row-major, places x units.
     pub fn new(
         field: Field,
         leverage: impl FnOnce(&[Place]) -> Vec<f64>,
@@ -63,14 +63,14 @@ impl Response {
         Response { field, leverage, noise, force_n: calibration.typical_force_n(), held, known_leverage, sought: None }
     }
 
-    /// The variance of one unit's output under `force_n`, where a newton gives `per_newton`: the noise of the reading, and the
-    /// map's own error.
+    /// Returns the variance of one unit's output under `force_n`, if one newton gives `per_newton`. It contains the noise of the
+    /// reading and the map's own error.
     #[inline]
     pub fn variance(&self, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
         self.variance_from(self.force_n, unit, force_n, per_newton, leverage)
     }
 
-    /// The same, the map's error being that of presses of `calibrated_n`.
+    /// Returns the same variance, with the map's error for presses of `calibrated_n`.
     #[inline]
     pub fn variance_from(&self, calibrated_n: f64, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
         let share = force_n / calibrated_n;
@@ -78,23 +78,25 @@ impl Response {
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
 
-    /// The sum of squares of a reading over its noise, if nothing touched the array.
+    /// Returns the sum of squares of a reading divided by its noise, assuming that nothing touched the array.
     pub fn loudness(&self, outputs: &[f64]) -> f64 {
         outputs.iter().enumerate().map(|(unit, output)| output * output / self.noise.variance(unit, 0.0)).sum()
     }
 
-    /// The same for a map that holds wherever it was fitted, as it knows what is under the cover.
+    /// Returns the response of a map that is valid wherever it was fitted, because the map includes the structure under the
+    /// cover.
     pub fn known_everywhere(self) -> Self {
         Response { known_leverage: f64::INFINITY, ..self }
     }
 
-    /// What must be added to an output that is scaled by `share` for it to be as noisy as one that was measured: standard
-    /// deviation. Proportional noise scales along, additive noise doesn't.
+    /// Returns the noise that must be added to an output scaled by `share`, as a standard deviation. The output is then as noisy
+    /// as a measured one. Proportional noise scales with the output, additive noise doesn't.
     pub fn missing_noise(&self, unit: usize, share: f64) -> f64 {
         (self.noise.variance(unit, 0.0) * (1.0 - share * share).max(0.0)).sqrt()
     }
 
-    /// The noise of each unit under the calibration's force, root mean square over the calibration's presses: a standard deviation.
+    /// Returns the noise of each unit under the calibration's force: a standard deviation, as the root mean square over the
+    /// calibration's presses.
     pub fn typical_sd(&self) -> Vec<f64> {
         let of_unit = |unit: usize| {
             let variances = self.held.iter().map(|held| self.noise.variance(unit, held.residuals[unit].predicted));

@@ -1,4 +1,4 @@
-//! Looks through a table for the largest dot products.
+//! Searches a table for the largest dot products.
 
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(into = "Rows", from = "Rows")]
 pub(super) struct Scan {
-    /// What the processor can do, asked once: asking in every search took 7 ns of 110 on a table of 9 x 625.
+    /// Capabilities of the processor, read once. Reading them in every search took 7 ns of 110 on a table of 9 x 625.
     arch: Arch,
     units: usize,
-    /// Row-major rows x units, as given.
+    /// Rows as given, row-major rows x units.
     rows: Vec<f64>,
-    /// The same in single precision, turned so that one instruction multiplies many rows: of the first [`PANEL`] rows
-    /// the first unit's values, then the second's and so on; then the next rows. The last rows are filled up with 0.
+    /// The rows in single precision, rearranged so that one instruction multiplies many rows. First come the first unit's values
+    /// of the first [`PANEL`] rows, then the second unit's, and so on. Then come the next rows. The last rows are padded with 0.
     panels: Vec<Panel>,
 }
 
@@ -42,9 +42,9 @@ impl From<Scan> for Rows {
 /// A row that was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
-    /// Its index, from 0.
+    /// Index of the row, from 0.
     pub row: usize,
-    /// Its dot product with the direction, in double precision.
+    /// Dot product of the row with the direction, in double precision.
     pub score: f64,
 }
 
@@ -57,7 +57,7 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    /// The score of a row in the last search, in single precision.
+    /// Returns the score of a row in the last search, in single precision.
     pub fn score(&self, row: usize) -> f32 {
         self.scores[row / PANEL].0[row % PANEL]
     }
@@ -78,24 +78,24 @@ const LINE: usize = 16;
 struct Panel([f32; PANEL]);
 
 impl Scan {
-    /// Takes rows x units, row-major, each row of length 1; at least one unit.
+    /// Takes rows x units, row-major, each row of length 1. Requires at least one unit.
     pub fn new(units: usize, rows: Vec<f64>) -> Self {
         Scan { arch: Arch::new(), units, panels: panels(units, &rows), rows }
     }
 
-    /// A row as given.
+    /// Returns a row as given.
     pub fn row(&self, row: usize) -> &[f64] {
         &self.rows[row * self.units..][..self.units]
     }
 
-    /// The row with the largest dot product with a direction of length 1, of equals the first; none where there is no
-    /// row, or the direction isn't finite.
+    /// Returns the row with the largest dot product with a direction of length 1, and the first of equal rows. Returns `None` if
+    /// there is no row or the direction isn't finite.
     pub fn best(&self, direction: &[f64], scratch: &mut Scratch) -> Option<Hit> {
         self.nearest(direction, 1, scratch).first().copied()
     }
 
-    /// The `count` rows with the largest dot products, the largest first, of equals the first; fewer where there are
-    /// fewer.
+    /// Returns the `count` rows with the largest dot products, the largest first. Of equal rows, the first in the table comes
+    /// first. Returns fewer if there are fewer rows.
     pub fn nearest<'a>(&self, direction: &[f64], count: usize, scratch: &'a mut Scratch) -> &'a [Hit] {
         self.arch.dispatch(Search { scan: self, direction, count, scratch });
         &scratch.hits

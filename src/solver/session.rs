@@ -1,54 +1,54 @@
-//! One reading after another, broken units left out.
+//! Solves one reading after another, without broken units.
 
 use super::{Broken, Fault, FitError, Fitted, Model, Solution, SolveError, Solver, Verdict, Workspace};
 
-/// Solves one reading after another, and leaves a unit that breaks on the way out of account from then on.
+/// Solves one reading after another. If a unit breaks, it is excluded from then on.
 ///
-/// A reading may lack outputs: they are NaN. It is solved by the same method fitted without these units. That fit is made when the
-/// first reading lacks them, and kept.
+/// A reading may have missing outputs, which are NaN. Such a reading is solved by the same method fitted without these units.
+/// That fit is made for the first such reading, and kept.
 ///
-/// A forward method says of a reading which unit contradicts all others, if one does. Such verdicts are summed up, for each unit, by
-/// a cumulative sum test (Page 1954): a broken unit is named by every other contact or more, a good one by one of fifty or fewer.
-/// Readings of one and the same contact are one witness, however many there are.
+/// For each reading, a forward method reports which unit contradicts all others, if one does. These verdicts are added up for
+/// each unit by a cumulative sum test (Page 1954). A broken unit is named by at least every second contact, a good unit by at
+/// most one of fifty. All readings of the same contact count once.
 pub struct Session {
     model: Model,
-    /// Fits for readings that lack outputs.
+    /// Fits for readings with missing outputs.
     partial: Vec<Partial>,
-    /// For each unit, how much more likely than not it is broken: a logarithm, 0 at least.
+    /// Logarithm of the odds that each unit is broken; at least 0.
     evidence: Vec<f64>,
-    /// The last contact that counted.
+    /// Last contact that counted.
     witness: Option<Solution>,
     workspace: Workspace,
 }
 
 /// A fit without some units beside the broken ones.
 struct Partial {
-    /// In order.
+    /// Missing units, in order.
     missing: Vec<usize>,
     fitted: Result<Fitted, FitError>,
 }
 
-/// Why a reading has no answer.
+/// Reason why a reading has no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unanswered {
-    /// The method has none.
+    /// The method has no answer.
     #[error(transparent)]
     Solve(#[from] SolveError),
     /// No output is left.
     #[error("every output is missing")]
     NoOutputs,
-    /// There are no presses to fit the method to without the missing units.
+    /// There are no presses for fitting the method without the missing units.
     #[error("outputs are missing, and the sensor file doesn't contain the presses required to fit without them")]
     NoPresses,
-    /// The calibration doesn't do without the missing units.
+    /// The method can't be fitted to the calibration without the missing units.
     #[error("outputs are missing, and the method can't be fitted to the others: {0}")]
     Unfit(FitError),
-    /// Other units were missing before, too often to fit once more.
+    /// Other sets of units were missing before, too many for another fit.
     #[error("outputs are missing in more than {MOST_PARTIAL} combinations, the largest number of fits")]
     TooMany,
 }
 
-/// The most fits that are kept for readings that lack outputs: each set of missing units takes one.
+/// Largest number of fits that are kept for readings with missing outputs. Each set of missing units requires one.
 pub const MOST_PARTIAL: usize = 16;
 /// The share of contacts in which a broken unit is named.
 const NAMED_IF_BROKEN: f64 = 0.5;
@@ -60,7 +60,7 @@ const ENOUGH: f64 = 13.8;
 const APART_SD: f64 = 3.0;
 
 impl Session {
-    /// Solves with a model.
+    /// Creates a session for a model.
     pub fn new(model: Model) -> Self {
         Session {
             evidence: vec![0.0; model.validity().units],
@@ -71,20 +71,20 @@ impl Session {
         }
     }
 
-    /// The model: without the units that were found broken.
+    /// Returns the model, without the units that were found broken.
     pub fn model(&self) -> &Model {
         &self.model
     }
 
-    /// The units that are left out, in the order in which they were found.
+    /// Returns the excluded units, in the order in which they were found.
     pub fn broken(&self) -> &[Broken] {
         self.model.fitted().broken()
     }
 
-    /// The contact behind the next reading; a missing output is NaN.
+    /// Solves the next reading; a missing output is NaN.
     ///
     /// # Errors
-    /// A reading without an answer, or whose missing outputs can't be done without.
+    /// The reading has no answer, or it can't be solved without its missing outputs.
     pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
         let (expected, found) = (self.evidence.len(), outputs.len());
         if found != expected {

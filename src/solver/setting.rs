@@ -1,36 +1,36 @@
-//! The settings of a fit, beside its calibration.
+//! Settings of a fit, in addition to its calibration.
 
 use super::{Calibration, SolveError};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
-/// What a fit is given in addition to the calibration.
+/// Input of a fit in addition to the calibration.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
-    /// Where the units are, for methods that ask: the closest one, or the elastic response at each. Without it the unit with the
-    /// largest calibrated output at a point counts as its closest.
+    /// Positions of the units, for methods that need them: for the closest unit, or for the elastic response at each unit.
+    /// Without a layout, the unit with the largest calibrated output at a point counts as its closest unit.
     pub layout: Option<&'a ArrayLayout>,
-    /// Whether expected contacts press as hard as the calibration did.
+    /// Whether expected contacts have the same force as the calibration.
     pub load: ForceKnown,
-    /// Whether all outputs may be off by one and the same amount, which is then solved for with every reading: forward methods pay
-    /// for it with some of their accuracy where there is none. Pearson's correlation never sees it.
+    /// Whether all outputs may have the same unknown offset, which is then solved for with every reading. If there is no offset,
+    /// forward methods lose some of their accuracy by this. Pearson's correlation doesn't depend on the offset.
     pub common_offset: bool,
-    /// How many single contacts may be called something else: the share of false alarms of each verdict.
+    /// Fraction of single contacts that may be called something else: the false-alarm rate of each verdict.
     pub false_alarms: f64,
-    /// The expected forces, N; without it from a tenth of the calibration's to the calibration's.
+    /// Expected forces, N. By default from a tenth of the calibration's force to the calibration's force.
     pub forces_n: Option<(f64, f64)>,
-    /// Whether a method without a map of the array learns from presses that are held out how far it is off. Otherwise its answers
-    /// come without errors and are all called ok, at a hundredth of the cost.
+    /// Whether a method without a map of the array learns its errors from held-out presses. Otherwise its answers have no errors
+    /// and are all called ok, at a hundredth of the cost.
     pub appraised: bool,
 }
 
 /// Whether the force of expected contacts is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ForceKnown {
-    /// It isn't: only what doesn't depend on the amplitude determines the place.
+    /// The force is unknown. Only quantities that don't depend on the amplitude determine the place.
     #[default]
     Unknown,
-    /// Assume that every contact has the force of the calibration: the amplitude shows the place too.
+    /// Every contact is assumed to have the force of the calibration, so the amplitude shows the place too.
     Constant,
 }
 
@@ -65,7 +65,7 @@ impl Default for Setting<'_> {
 }
 
 impl<'a> Setting<'a> {
-    /// The default, with a layout.
+    /// Returns the default setting, with a layout.
     pub fn of_layout(layout: Option<&'a ArrayLayout>) -> Self {
         Setting { layout, ..Setting::default() }
     }

@@ -1,26 +1,26 @@
-//! One contact as solved, and how sure that is.
+//! One solved contact and its uncertainty.
 
 use super::HalfWidths;
 use crate::quantity::Place;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
-/// One contact, as solved, and how sure that is.
+/// One solved contact and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
-    /// Where, specimen frame, mm.
+    /// Place of the contact, specimen frame, mm.
     pub place: Place,
-    /// How hard, N. Noise can make the force of a very light contact negative; it is reported as it comes.
+    /// Force, N. Noise can make the force of a very light contact negative; the force is reported unchanged.
     pub force_n: f64,
-    /// How far off place and force are likely to be; none where the calibration can't show it.
+    /// Expected errors of place and force; `None` if the calibration can't show them.
     pub covariance: Option<Covariance>,
-    /// How far off place and force are in 68 and in 95 of 100 cases; none where the calibration can't show it.
+    /// Errors of place and force that 68 and 95 of 100 cases don't exceed; `None` if the calibration can't show them.
     pub half_widths: Option<HalfWidths>,
-    /// Another place that explains the reading nearly as well, where there is one.
+    /// Another place that explains the reading nearly as well, if there is one.
     pub other: Option<Place>,
-    /// How badly the reading fits one contact there: 0 is a perfect fit, 1 the threshold that a single contact passes
-    /// as rarely as the false-alarm rate says. None where the calibration can't show it.
+    /// Misfit between the reading and one contact there. 0 is a perfect fit; 1 is the threshold that a single contact exceeds
+    /// only at the false-alarm rate. `None` if the calibration can't show it.
     pub misfit: Option<f64>,
-    /// Whether to believe it.
+    /// Whether the solution is credible.
     pub verdict: Verdict,
 }
 
@@ -31,7 +31,7 @@ impl Solution {
     }
 }
 
-/// The covariance of x (mm), y (mm) and force (N), in this order.
+/// Covariance of x (mm), y (mm) and force (N), in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance(pub [[f64; 3]; 3]);
 
@@ -45,25 +45,25 @@ impl Covariance {
         Covariance(covariance)
     }
 
-    /// One-sigma error of x, mm.
+    /// Returns the one-sigma error of x, mm.
     pub fn x_mm(&self) -> f64 {
         self.0[0][0].sqrt()
     }
 
-    /// One-sigma error of y, mm.
+    /// Returns the one-sigma error of y, mm.
     pub fn y_mm(&self) -> f64 {
         self.0[1][1].sqrt()
     }
 
-    /// One-sigma error of the force, N.
+    /// Returns the one-sigma error of the force, N.
     pub fn force_n(&self) -> f64 {
         self.0[2][2].sqrt()
     }
 
-    /// Mean distance from the truth, mm, of a place with this covariance and no bias.
+    /// Returns the mean distance from the truth, mm, of a place with this covariance and no bias.
     ///
-    /// With the variances l1 >= l2 along its axes: E|e| = sqrt(2 l1 / pi) E(1 - l2/l1), E being the complete elliptic integral of
-    /// the second kind by its parameter; isotropic sqrt(pi/2) sd, on a line sqrt(2/pi) sd.
+    /// With the variances l1 >= l2 along its axes: E|e| = sqrt(2 l1 / pi) E(1 - l2/l1). E is the complete elliptic integral of
+    /// the second kind, as a function of its parameter. An isotropic covariance gives sqrt(pi/2) sd, a line gives sqrt(2/pi) sd.
     pub fn mean_distance_mm(&self) -> f64 {
         let [[xx, xy, _], [_, yy, _], _] = self.0;
         let (middle, half) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
@@ -71,22 +71,22 @@ impl Covariance {
         if most <= 0.0 { 0.0 } else { (FRAC_2_PI * most).sqrt() * elliptic_e(1.0 - least / most) }
     }
 
-    /// Mean absolute error, N, of a force with this covariance and no bias.
+    /// Returns the mean absolute error, N, of a force with this covariance and no bias.
     pub fn mean_force_error_n(&self) -> f64 {
         FRAC_2_PI.sqrt() * self.force_n()
     }
 }
 
-/// Whether a solution can be believed, and if not, why.
+/// Whether a solution is credible, and the reason if it isn't.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Nothing speaks against it.
+    /// No reason for doubt was found.
     Ok,
-    /// The reading can't be distinguished from that of no contact.
+    /// The reading can't be distinguished from a reading without contact.
     WeakSignal,
     /// The contact lies outside the calibrated area.
     OutsideArea,
-    /// No single contact reads like this.
+    /// No single contact gives this reading.
     NotOneContact,
     /// One unit, counted from 0, contradicts all others.
     ChannelFault(usize),

@@ -1,4 +1,4 @@
-//! The likeliest correlation and noise of values that were measured at some places.
+//! The most likely correlation and noise of values that were measured at some places.
 
 use super::centred::{Centred, scale_both, scale_rows};
 use super::correlation::{Correlation, Smoothness, distances, farthest_apart, likeliest};
@@ -9,22 +9,22 @@ use faer::Mat;
 #[derive(Clone, Debug)]
 pub(super) struct Sought {
     pub correlation: Correlation,
-    /// Noise variance over the process' variance, one an output.
+    /// Noise variance divided by the process' variance, one value for each output.
     pub noise_ratio: Vec<f64>,
-    /// Logarithm of the marginal likelihood of the places it was sought with.
+    /// Logarithm of the marginal likelihood of the places used in the search.
     pub likelihood: f64,
-    /// Whether places count for as much as they were measured, or all alike.
+    /// Whether places are weighted by their number of measurements; otherwise all places count alike.
     pub is_weighted: bool,
 }
 
 /// How a process is regressed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Regression {
-    /// Whether each output strays about its mean, or about 0.
+    /// Whether each output varies about its mean; otherwise it varies about 0.
     pub about_mean: bool,
-    /// The most places that the correlation is sought with.
+    /// Largest number of places used to search for the correlation.
     pub most_to_seek_with: usize,
-    /// The smoothnesses that are tried.
+    /// Smoothnesses that are tried.
     pub of: &'static [Smoothness],
 }
 
@@ -41,14 +41,15 @@ const NOISE_ALIKE: f64 = 1.5;
 const ROUNDS_OF_NOISE: usize = 5;
 
 impl Sought {
-    /// The likeliest correlation of values (row-major, places x outputs) that were measured at places (row-major, places x
-    /// dimensions). At least one place; everything finite.
+    /// Returns the most likely correlation of values (row-major, places x outputs) measured at places (row-major, places x
+    /// dimensions). Requires at least one place; all numbers must be finite.
     pub fn of(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
         Self::counting(places, dimensions, values, outputs, manner, None)
     }
 
-    /// The same of values that may be unequally noisy: `counts` says how many typical measurements the one at each place is worth.
-    /// Whether they count so, or all alike, is the likelihood's choice too.
+    /// Returns the most likely correlation of values that may have different noise. `counts` is the number of typical
+    /// measurements that the value at each place is worth. The likelihood also decides whether these counts are used or all
+    /// places count alike.
     pub fn weighted(
         places: &[f64],
         dimensions: usize,
@@ -102,9 +103,9 @@ impl Sought {
 /// A noise ratio, and how likely an output's values are under it.
 #[derive(Clone, Copy)]
 pub(super) struct NoiseRatio {
-    /// Noise variance over the process' variance.
+    /// Noise variance divided by the process' variance.
     pub ratio: f64,
-    /// Logarithm of the marginal likelihood, less what doesn't depend on the ratio.
+    /// Logarithm of the marginal likelihood, without the terms that don't depend on the ratio.
     likelihood: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The places of a calibration, one measurement each.
+//! Places of a calibration, with one measurement each.
 
 use super::noise::Residual;
 use super::response::Held;
@@ -14,30 +14,31 @@ pub(super) struct Spots {
 struct Spot {
     place: Place,
     presses: Vec<usize>,
-    /// Sum of the squares of their forces, N^2.
+    /// Sum of the squares of the presses' forces, N^2.
     weight: f64,
-    /// Each unit's output a newton: the presses' mean, weighted by the square of their force.
+    /// Output of each unit per newton: the mean of the presses, weighted by the square of their force.
     per_newton: Vec<f64>,
 }
 
 impl Spots {
-    /// The places of a calibration; of very many, those farthest apart.
+    /// Returns the places of a calibration. If there are very many, returns those that are farthest apart.
     pub fn of(calibration: &Calibration) -> Self {
         let spots = by_spread_place(calibration).into_iter().map(|presses| Spot::of(calibration, presses)).collect();
         Spots { spots, units: calibration.units() }
     }
 
-    /// The places, mm.
+    /// Returns the places, mm.
     pub fn places(&self) -> impl Iterator<Item = Place> + Clone {
         self.spots.iter().map(|spot| spot.place)
     }
 
-    /// Each unit's output a newton, row-major, places x units.
+    /// Returns the output of each unit per newton, row-major, places x units.
     pub fn per_newton(&self) -> Vec<f64> {
         self.spots.iter().flat_map(|spot| spot.per_newton.iter().copied()).collect()
     }
 
-    /// How many typical places the one measurement of each counts for: its presses' sum of squares of the force over the mean of it.
+    /// Returns the number of typical places that each place's measurement counts for. It is the sum of squares of the force of
+    /// its presses divided by the mean of this sum.
     pub fn counts(&self) -> Vec<f64> {
         let typical = self.typical_weight();
         self.spots.iter().map(|spot| spot.weight / typical).collect()
@@ -47,9 +48,9 @@ impl Spots {
         self.spots.iter().map(|spot| spot.weight).sum::<f64>() / self.spots.len() as f64
     }
 
-    /// Every press against what a map says at its place without it. `residuals` is what the places' outputs a newton are over that,
-    /// `leverage` its variance over that of the noise, of each place or, `is_weighted`, of a typical one; both row-major, places x
-    /// units.
+    /// Compares every press with the prediction of a map at its place, made without this place. `residuals` are the places'
+    /// outputs per newton minus this prediction. `leverage` is the variance of the prediction divided by the variance of the
+    /// noise. The noise is that of each place, or of a typical place if `is_weighted`. Both are row-major, places x units.
     pub fn hold_out(
         &self,
         calibration: &Calibration,

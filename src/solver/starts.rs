@@ -1,4 +1,4 @@
-//! Where to begin the search for the best fit.
+//! Start places for the search for the best fit.
 
 use super::response::Response;
 use super::scan::{Scan, to_length_one};
@@ -13,7 +13,7 @@ pub(super) struct Starts {
     common_offset: bool,
     /// Noise of each unit under the calibration's force.
     sd: Vec<f64>,
-    /// The response at each place in units of `sd`, of length 1.
+    /// Response at each place in units of `sd`, scaled to length 1.
     directions: Scan,
 }
 
@@ -40,8 +40,8 @@ impl Starts {
         Starts { places, common_offset, sd, directions: Scan::new(units, directions) }
     }
 
-    /// Fills `workspace.starts` with the places whose directions are closest to the reading's, the closest first: of each peak the
-    /// top, and no more than [`MOST_STARTS`]. Where one unit is left out, the closest place alone.
+    /// Fills `workspace.starts` with the places whose directions are closest to the reading's, the closest first. It takes the
+    /// top of each peak, at most [`MOST_STARTS`]. If one unit is excluded, it takes only the closest place.
     pub fn seek(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) {
         let Workspace { row: direction, scratch, starts, .. } = workspace;
         starts.clear();
@@ -70,7 +70,7 @@ impl Starts {
         }
     }
 
-    /// How far apart two starts are at least, mm.
+    /// Returns the smallest distance between two starts, mm.
     pub fn step_mm(&self) -> f64 {
         let (first, last) = (self.places[0], self.places[self.places.len() - 1]);
         (last.x_mm - first.x_mm).max(last.y_mm - first.y_mm) / (STARTS_A_SIDE - 1) as f64

@@ -1,4 +1,4 @@
-//! The map by regression.
+//! Map computed by regression.
 
 use super::correlation::Smoothness;
 use super::field::{Area, Field};

@@ -1,4 +1,4 @@
-//! From where a misfit is more than noise.
+//! Threshold above which a misfit is more than noise.
 
 use super::heldout::GOLDEN_SHARE;
 use super::response::Response;
@@ -22,9 +22,9 @@ const FORCES_A_PRESS: usize = 4;
 pub(super) struct Unexplained {
     mean: f64,
     variance: f64,
-    /// How many more units there are than unknowns.
+    /// Number of units minus number of unknowns.
     free: usize,
-    /// How many places it was learned from.
+    /// Number of places from which the threshold was learned.
     places: usize,
 }
 
@@ -35,7 +35,7 @@ const VARIANCE_OF_NOISE: f64 = 0.35;
 const FEWEST_TO_TELL: usize = 100;
 
 impl Unexplained {
-    /// What a map leaves of its calibration.
+    /// Measures the residuals of a map on its calibration.
     pub fn of(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let units = response.field.channels();
         let mut rng = stream(0, 0, "thresholds");
@@ -67,8 +67,9 @@ impl Unexplained {
         Unexplained { mean, variance, free, places }
     }
 
-    /// What is exceeded as rarely as asked. Mean and variance of the sums give a gamma distribution (for perfect weights a chi-squared
-    /// one): of some hundreds of presses, the tail itself says much less than these two.
+    /// Returns the limit that is exceeded at the rate `false_alarms`. Mean and variance of the sums give a gamma distribution
+    /// (with perfect weights, a chi-squared distribution). With some hundreds of presses, the tail itself contains much less
+    /// information than mean and variance.
     pub fn limit(&self, false_alarms: f64) -> f64 {
         let Unexplained { mean, variance, free, .. } = *self;
         Gamma::new(mean * mean / variance, mean / variance)
@@ -78,8 +79,8 @@ impl Unexplained {
             .unwrap_or_else(|| chi2_quantile(free, false_alarms))
     }
 
-    /// Whether it is nothing but noise, of each unit for itself: a chi-squared variable's mean is its degrees of freedom, and its
-    /// variance twice that.
+    /// Whether the residuals are only noise, independent for each unit. The mean of a chi-squared variable is its degrees of
+    /// freedom, and its variance is twice that.
     pub fn is_noise(&self) -> bool {
         let free = self.free as f64;
         let off = |found: f64, expected: f64| (found / expected - 1.0).abs();

@@ -1,4 +1,4 @@
-//! A symmetric matrix, turned so that only its diagonal and the values next to it remain.
+//! A symmetric matrix, rotated so that only its diagonal and the values next to the diagonal remain.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::tridiag::{tridiag_in_place, tridiag_in_place_scratch};
@@ -14,12 +14,12 @@ use faer::{Conj, Mat, Par};
 /// It takes a third of the time of its eigenvectors, and does as well where only sums of squares and determinants are asked for.
 pub(super) struct Tridiagonal {
     diagonal: Vec<f64>,
-    /// Below the diagonal, one value fewer.
+    /// Values below the diagonal, one value fewer.
     below: Vec<f64>,
 }
 
 impl Tridiagonal {
-    /// Turns a matrix, of which the lower triangle counts, and columns of values along with it.
+    /// Rotates a matrix, of which only the lower triangle is used, and columns of values with it.
     pub fn of(mut matrix: Mat<f64>, values: &mut Mat<f64>) -> Self {
         let count = matrix.nrows();
         if count > 1 {
@@ -42,8 +42,9 @@ impl Tridiagonal {
         }
     }
 
-    /// The logarithm of the determinant of the matrix with `ridge` added to its diagonal, and for each column of the turned values the
-    /// sum of squares that its inverse measures. The sum must be positive definite.
+    /// Returns the logarithm of the determinant of the matrix with `ridge` added to its diagonal. For each column of the rotated
+    /// values, also returns the quadratic form with the inverse of this matrix. The matrix plus `ridge` must be positive
+    /// definite.
     pub fn with_ridge(&self, ridge: f64, turned: &Mat<f64>) -> (f64, Vec<f64>) {
         let first = self.diagonal[..1].iter().map(|diagonal| (diagonal + ridge, 0.0));
         let mut pivots: Vec<(f64, f64)> = first.collect();

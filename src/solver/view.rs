@@ -1,4 +1,4 @@
-//! What a regression sees of a reading.
+//! View of a reading: the input of a regression.
 
 use super::{Calibration, ForceKnown};
 use serde::{Deserialize, Serialize};
@@ -7,19 +7,20 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct View {
     kind: Kind,
-    /// What each output is multiplied by first.
+    /// Factor by which each output is multiplied first.
     scale: Vec<f64>,
-    /// What each coordinate is multiplied by in the end; empty: nothing.
+    /// Factor by which each coordinate is multiplied at the end; empty if there are no factors.
     stretch: Vec<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum Kind {
-    /// The reading over its length, and the logarithm of the length times a weight; of weight 0 it isn't seen.
+    /// The reading divided by its length, and the logarithm of the length times a weight. With weight 0 the length isn't used.
     Direction(f64),
-    /// The outputs as they are.
+    /// The outputs, unchanged.
     Outputs,
-    /// Their inverse hyperbolic sines: near 0 as they are, far from it their logarithms, with their sign.
+    /// The inverse hyperbolic sines of the outputs. Near 0 they equal the outputs; far from 0 they are the outputs' logarithms
+    /// with sign.
     Logarithms,
 }
 
@@ -34,7 +35,7 @@ const LOGARITHMIC_FROM: f64 = 10.0;
 const SEVERAL_LENGTHS: f64 = 0.2;
 
 impl View {
-    /// The views that may suit a calibration, the plainest first.
+    /// Returns the views that may suit a calibration, the simplest first.
     pub fn suitable(calibration: &Calibration, load: ForceKnown) -> Vec<View> {
         let alike = vec![1.0 / root_mean_square(calibration, None).max(f64::MIN_POSITIVE); calibration.units()];
         let of_unit = |unit| match root_mean_square(calibration, Some(unit)) {
@@ -57,27 +58,27 @@ impl View {
         views
     }
 
-    /// The direction alone.
+    /// Returns the view of only the direction.
     pub fn of_direction(calibration: &Calibration) -> View {
         View { kind: Kind::Direction(0.0), scale: vec![1.0; calibration.units()], stretch: Vec::new() }
     }
 
-    /// How many coordinates a reading has.
+    /// Returns the number of coordinates of a reading.
     pub fn dimensions(&self) -> usize {
         self.scale.len() + usize::from(matches!(self.kind, Kind::Direction(weight) if weight > 0.0))
     }
 
-    /// Multiplies each coordinate by a factor of its own.
+    /// Multiplies each coordinate by its own factor.
     pub fn stretch(&mut self, factors: impl Iterator<Item = f64>) {
         self.stretch = factors.collect();
     }
 
-    /// The length of a reading, its outputs scaled.
+    /// Returns the length of a reading with scaled outputs.
     pub fn length(&self, outputs: &[f64]) -> f64 {
         outputs.iter().zip(&self.scale).map(|(output, scale)| (output * scale).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Appends what is seen of a reading of that length.
+    /// Appends the view of a reading of that length.
     pub fn see(&self, outputs: &[f64], length: f64, seen: &mut Vec<f64>) {
         let first = seen.len();
         let scaled = outputs.iter().zip(&self.scale).map(|(output, scale)| output * scale);
@@ -94,8 +95,8 @@ impl View {
         seen[first..].iter_mut().zip(&self.stretch).for_each(|(value, stretch)| *value *= stretch);
     }
 
-    /// The logarithm of the force that a reading of that length stands for, were outputs proportional to the force; 0 in views for
-    /// which they needn't be.
+    /// Returns the logarithm of the force for a reading of that length, if outputs are proportional to the force. Returns 0 in
+    /// views that don't need this proportionality.
     pub fn log_proportional(&self, length: f64) -> f64 {
         match self.kind {
             Kind::Direction(_) => length.ln(),

@@ -1,4 +1,4 @@
-//! The smallest angle, outputs weighted by their noise.
+//! Finds the smallest angle between outputs weighted by their noise.
 
 use super::pearson::check;
 use super::scan::{Scan, to_length_one, to_order_one};
@@ -6,20 +6,20 @@ use super::{Calibration, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// The contact lies at the calibration point whose outputs make the smallest angle with the reading, once every output
-/// is divided by its unit's noise: a unit counts as much as it can be trusted.
+/// The contact is at the calibration point whose outputs have the smallest angle with the reading. Every output is first divided
+/// by its unit's noise, so a more reliable unit counts more.
 ///
-/// With noise of that size, Gaussian and independent from unit to unit, this is the calibration point and force of
-/// largest likelihood. Outputs aren't centred: an array at rest must read 0. Of points equally good the first counts;
-/// one at which no unit reads anything is never an answer.
+/// If the noise has this size, is Gaussian and is independent between units, the result is the calibration point and force of
+/// largest likelihood. Outputs aren't centred, so an array without contact must read 0. If several points are equally good, the
+/// first one counts. A point at which no unit reads anything is never an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Whitened {
-    /// The smallest noise over each unit's, at most 1.
+    /// Smallest noise divided by each unit's noise, at most 1.
     weights: Vec<f64>,
-    /// The smallest noise, in the outputs' unit.
+    /// Smallest noise, in the outputs' unit.
     least_sd: f64,
     candidates: Vec<Candidate>,
-    /// The candidates' outputs, weighted and of length 1.
+    /// Outputs of the candidates, weighted and of length 1.
     scan: Scan,
 }
 
@@ -27,12 +27,12 @@ pub struct Whitened {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Candidate {
     place: Place,
-    /// The length of its weighted outputs over its force, outputs' unit per newton.
+    /// Length of the candidate's weighted outputs divided by its force, outputs' unit per newton.
     per_newton: f64,
 }
 
 impl Whitened {
-    /// Prepares the calibration's rows once. `noise_sd` is one standard deviation a unit, in the outputs' unit.
+    /// Prepares the calibration's rows once. `noise_sd` is one standard deviation for each unit, in the outputs' unit.
     ///
     /// # Errors
     /// The noise isn't one finite value above 0 for each unit, or no unit reads anything at any point.

@@ -1,20 +1,20 @@
-//! Half-widths that contain a stated share of all errors.
+//! Half-widths that contain a stated fraction of all errors.
 
 use super::Covariance;
 use super::heldout::HeldPress;
 use serde::{Deserialize, Serialize};
 
-/// How far off a solution is at most, in 68 and in 95 of 100 cases. Learned from calibration presses at places that were held
-/// out, so they contain the errors of the map too, not only noise.
+/// Largest errors of a solution in 68 and in 95 of 100 cases. They are learned from calibration presses at held-out places, so
+/// they contain the map's errors and not only noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfWidths {
-    /// Distance between true and solved place that 68 % of solutions keep to, mm.
+    /// Distance between true and solved place that 68 % of solutions don't exceed, mm.
     pub half68_mm: f64,
-    /// The same for 95 %, mm.
+    /// Distance that 95 % of solutions don't exceed, mm.
     pub half95_mm: f64,
-    /// Difference between true and solved force that 68 % keep to, N.
+    /// Difference between true and solved force that 68 % of solutions don't exceed, N.
     pub half68_n: f64,
-    /// The same for 95 %, N.
+    /// Difference that 95 % of solutions don't exceed, N.
     pub half95_n: f64,
 }
 
@@ -36,7 +36,7 @@ impl HalfWidths {
         }
     }
 
-    /// Whether each is a number.
+    /// Whether all half-widths are finite.
     pub fn is_finite(&self) -> bool {
         [self.half68_mm, self.half95_mm, self.half68_n, self.half95_n].iter().all(|half| half.is_finite())
     }
@@ -60,7 +60,8 @@ const NORMAL_68: f64 = 1.0675;
 pub(super) const FEWEST_TRIALS: usize = 20;
 
 impl Widths {
-    /// What trials show; none of few. `scale` gives the scales of a trial's errors: of the location, mm, and of the force, N.
+    /// Returns the half-widths that trials show; `None` if there are few trials. `scale` gives the scales of a trial's errors: of
+    /// the location, mm, and of the force, N.
     pub fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64)>) -> Option<Self> {
         let (mut location, mut force) = (Vec::new(), Vec::new());
         for trial in trials {
@@ -71,14 +72,14 @@ impl Widths {
         Some(Widths { location: quantiles(location)?, force: quantiles(force)? })
     }
 
-    /// A covariance that noise alone explains, enlarged to the errors that there were. The scale of the location is the square root of
-    /// the sum of both variances, of which 68 % of normal errors keep to 1.07; the scale of the force is one standard deviation.
+    /// Returns a covariance from noise alone, enlarged to the observed errors. The scale of the location is the square root of
+    /// the sum of both variances; 68 % of normal errors are within 1.07 of it. The scale of the force is one standard deviation.
     pub fn applied(&self, covariance: Covariance) -> Covariance {
         let of_location = (self.location[0] / NORMAL_68).max(1.0);
         covariance.widened([of_location, of_location, self.force[0].max(1.0)])
     }
 
-    /// Half-widths where the scales of the errors are these.
+    /// Returns the half-widths for these scales of the errors.
     pub fn at(&self, scale_mm: f64, scale_n: f64) -> HalfWidths {
         HalfWidths {
             half68_mm: self.location[0] * scale_mm,

@@ -1,9 +1,9 @@
-//! Room for a solver to work in.
+//! Working memory of a solver.
 
 use super::scan;
 use crate::quantity::Place;
 
-/// Room for a solver to work in, kept from one reading to the next so that none of them allocates.
+/// Working memory of a solver, kept from one reading to the next so that no reading allocates.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     /// A row of the reading's length.

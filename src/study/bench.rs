@@ -1,4 +1,4 @@
-//! The simulated benches that conditions are measured on.
+//! Simulated benches on which conditions are measured.
 
 use super::StudyError;
 use crate::dataset::{Contact, Memory};
@@ -8,20 +8,20 @@ use crate::rig::{self, RigSpec};
 use crate::run::{Cancel, Ending, Listener, Walk, walk};
 use tokio::runtime::Builder;
 
-/// The simulated benches that conditions are measured on: one plant, two controllers.
+/// Simulated benches on which conditions are measured: one plant with two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bench {
-    /// A stage behind an ESP301: 5 to 20 ms an exchange.
+    /// A stage behind an ESP301: 5 to 20 ms per exchange.
     Esp301,
-    /// The same stage behind a controller as fast as an XPS: 1 to 5 ms an exchange.
+    /// The same stage behind a controller as fast as an XPS: 1 to 5 ms per exchange.
     XpsLike,
 }
 
 impl Bench {
-    /// Both, the slow one first.
+    /// Both benches, the slow one first.
     pub const ALL: [Bench; 2] = [Bench::Esp301, Bench::XpsLike];
 
-    /// The bench as it stands in tables and figures.
+    /// Returns the name in tables and figures.
     pub fn name(self) -> &'static str {
         match self {
             Bench::Esp301 => "ESP301",
@@ -29,10 +29,10 @@ impl Bench {
         }
     }
 
-    /// The rig as it is shipped.
+    /// Returns the rig as supplied.
     ///
     /// # Errors
-    /// None: a test holds the shipped text to be sound.
+    /// Never in practice: a test checks that the supplied text is valid.
     pub fn spec(self) -> Result<RigSpec, Problems> {
         let (file, text) = match self {
             Bench::Esp301 => ("rigs/bench-esp301.toml", include_str!("../../rigs/bench-esp301.toml")),
@@ -42,18 +42,18 @@ impl Bench {
     }
 }
 
-/// The paper's own rig as it is shipped.
+/// Returns the paper's own rig as supplied.
 ///
 /// # Errors
-/// None: a test holds the shipped text to be sound.
+/// Never in practice: a test checks that the supplied text is valid.
 pub fn papers_rig() -> Result<RigSpec, Problems> {
     shipped("rigs/paper.toml", include_str!("../../rigs/paper.toml"))
 }
 
-/// Walks a plan in virtual time and keeps no files: what was measured, and how it ended.
+/// Executes a plan in virtual time and writes no files. Returns the measured contacts and the ending.
 ///
 /// # Errors
-/// The operating system's: there is no runtime.
+/// An error of the operating system: it provides no runtime.
 pub fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
     let mut memory = Memory::default();
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;

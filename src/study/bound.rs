@@ -1,4 +1,4 @@
-//! How fast a press could be at all: what the stage's acceleration, the distance to the next place and the window leave.
+//! Shortest possible time of a press, limited by the stage's acceleration, the distance to the next place and the window.
 
 use crate::rig::RigSpec;
 
@@ -9,13 +9,13 @@ const SETTLE_S: f64 = 0.008;
 /// The clearance above the surface from which x and y may move, mm.
 const CLEAR_MM: f64 = 0.030;
 
-/// The least time from one press to the next, s, as the study of the loop reckons it: z rises from `depth_mm`, turns round
-/// above the surface and comes down as deep again without a pause, and x and y move on by `way_mm` while it is clear.
+/// Returns the shortest time from one press to the next, s, as the study of the loop computes it. z rises from `depth_mm`, turns
+/// above the surface and moves down to the same depth without a pause. x and y move by `way_mm` while z is clear of the surface.
 ///
-/// Each of the two motions of z is a triangle over depth d and clearance c that takes `2 sqrt((d + c) / a)` and its jerk; then
-/// the stage settles and the window is sampled: `4 sqrt((d + c) / a) + 2 jerk + settle + window`. c is just so large that z is
-/// above 30 um for as long as x and y take. The deceleration into the contact and the controller's answers cost nothing here,
-/// so that no strategy reaches it.
+/// Each of the two motions of z is a triangle over depth d and clearance c, and takes `2 sqrt((d + c) / a)` and its jerk time.
+/// Then the stage settles and the window is sampled: `4 sqrt((d + c) / a) + 2 jerk + settle + window`. The clearance c is chosen
+/// so that z is above 30 um exactly as long as x and y need. The deceleration into the contact and the controller's answers take
+/// no time here, so no strategy reaches this bound.
 pub fn least_s(depth_mm: f64, way_mm: f64, acceleration_mm_s2: f64, window_s: f64) -> f64 {
     let a = acceleration_mm_s2;
     let sideways_s = 2.0 * (way_mm / a).sqrt() + JERK_S;
@@ -25,7 +25,7 @@ pub fn least_s(depth_mm: f64, way_mm: f64, acceleration_mm_s2: f64, window_s: f6
     4.0 * (way_mm / a).sqrt() + 2.0 * JERK_S + SETTLE_S + window_s
 }
 
-/// The same for a rig that presses places `way_mm` apart with a force.
+/// Returns the same time for a rig that presses places `way_mm` apart with a force.
 pub fn least_on_s(spec: &RigSpec, force_n: f64, way_mm: f64, window_s: f64) -> f64 {
     least_s(spec.scene.contact.depth_mm(force_n), way_mm, spec.stage.acceleration_mm_s2, window_s)
 }

@@ -1,4 +1,4 @@
-//! One strategy on one bench in one scene: walked through to its end or its trip, and what came of it.
+//! One strategy on one bench in one scene, executed to its end or its trip, with the results.
 
 use super::bench::walked;
 use super::{StudyError, bound};
@@ -17,115 +17,115 @@ use serde::Serialize;
 const PITCH_MM: f64 = 0.5;
 pub(super) const WINDOW_S: f64 = 0.1;
 
-/// What part of the study a condition belongs to.
+/// Part of the study to which a condition belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Part {
-    /// Time per press against the force error.
+    /// Time per press as a function of the force error.
     Tolerance,
     /// A specimen stiffer or softer than declared.
     Mismatch,
-    /// What the loop is tried on.
+    /// Scenes on which the loop is tried.
     Scenes,
-    /// What the permit's caution costs.
+    /// Cost of the permit's caution.
     Caution,
 }
 
-/// What is measured: a square of places pressed with one force by one strategy.
+/// One measurement: a square of places pressed with one force by one strategy.
 #[derive(Clone, Debug)]
 pub struct Condition {
-    /// What for.
+    /// Part of the study.
     pub part: Part,
-    /// The bench's name.
+    /// Name of the bench.
     pub bench: &'static str,
-    /// The scene's name.
+    /// Name of the scene.
     pub scene: String,
-    /// The bench with all that was changed.
+    /// The bench with all changes.
     pub spec: RigSpec,
-    /// How the force is found.
+    /// Method by which the force is found.
     pub strategy: Strategy,
-    /// The force that is asked for, N.
+    /// Requested force, N.
     pub force_n: f64,
-    /// Largest allowed difference of the force in the window from it, N.
+    /// Largest allowed difference between the force in the window and the requested force, N.
     pub tolerance_n: f64,
     /// Places along a side of the square.
     pub side: usize,
-    /// Random places and forces of 0.1 to 1 N after it, on the same square.
+    /// Number of presses after the square, at random places on the same square, with random forces of 0.1 to 1 N.
     pub tests: usize,
     /// Random seed for all noise and the specimen.
     pub seed: u64,
 }
 
-/// What came of a condition. Errors and peaks are by the truth; presses that teach don't count.
+/// Results of a condition. Errors and peaks are relative to the truth; presses that teach don't count.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConditionOutcome {
-    /// What it was measured for.
+    /// Part of the study.
     pub part: Part,
-    /// How the force was found.
+    /// Method by which the force was found.
     pub strategy: Strategy,
-    /// The bench.
+    /// Name of the bench.
     pub rig: &'static str,
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// The limits that were set: force, depth, declared stiffness.
+    /// Limits that were set: force, depth, declared stiffness.
     pub limits: String,
     /// The declared stiffness, N/mm.
     pub declared_n_mm: f64,
-    /// The force that was asked for, N.
+    /// Requested force, N.
     pub force_set_n: f64,
-    /// The tolerance that was asked for, N.
+    /// Requested tolerance, N.
     pub tolerance_n: f64,
-    /// Presses that were planned.
+    /// Number of planned presses.
     pub points: usize,
-    /// Presses that were made.
+    /// Number of completed presses.
     pub done: usize,
-    /// Time from one press to the next, median, s; none where no two were made.
+    /// Time from one press to the next, median, s; `None` if fewer than two presses were made.
     pub median_s: Option<f64>,
-    /// The same, 95th percentile, s.
+    /// Time from one press to the next, 95th percentile, s.
     pub p95_s: Option<f64>,
-    /// The least time there is, s.
+    /// Shortest possible time, s.
     pub bound_s: f64,
-    /// The median over it.
+    /// Ratio of the median to `bound_s`.
     pub ratio: Option<f64>,
     /// Mean of |true force in the window - set force|, mN.
     pub error_mean_mn: Option<f64>,
-    /// Its 95th percentile, mN.
+    /// 95th percentile of the same difference, mN.
     pub error_p95_mn: Option<f64>,
-    /// Its largest, mN.
+    /// Largest value of the same difference, mN.
     pub error_max_mn: Option<f64>,
     /// Mean of true force - set force, mN.
     pub bias_mn: Option<f64>,
-    /// Largest true force at any time less the set force, mN.
+    /// Largest true force at any time minus the set force, mN.
     pub peak_over_mn: Option<f64>,
-    /// Presses whose force the load cell saw off by more than the tolerance.
+    /// Number of presses whose force, measured by the load cell, was off by more than the tolerance.
     pub flagged: usize,
-    /// How often a rule was broken: the walk ends there.
+    /// Number of broken rules; execution ends at the first.
     pub trips: usize,
-    /// The rule, or the device that failed.
+    /// Name of the broken rule, or of the device that failed.
     pub rule: Option<String>,
-    /// The force that broke it, N, where it was one.
+    /// Force that broke the rule, N, if a force did.
     pub trip_force_n: Option<f64>,
-    /// What was reported of it.
+    /// Report about the trip.
     pub told: Option<String>,
-    /// Whether no other outcome of its rig and part is both faster and nearer.
+    /// Whether no other outcome of its rig and part is both faster and more accurate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pareto: Option<bool>,
-    /// From the run's start to the last press of the square, minutes.
+    /// Time from the run's start to the last press of the square, minutes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub minutes: Option<f64>,
-    /// Mean distance from true to solved place on the test, mm.
+    /// Mean distance between true and solved place in the test, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub location_error_mm: Option<f64>,
-    /// Mean difference of solved from set force on the test, N.
+    /// Mean difference between solved and set force in the test, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solved_force_error_n: Option<f64>,
 }
 
 impl Condition {
-    /// Walks the condition in virtual time, with no files.
+    /// Executes the condition in virtual time, without files.
     ///
     /// # Errors
-    /// A plan that the bench can't carry out.
+    /// The bench can't execute the plan.
     pub fn measure(&self) -> Result<ConditionOutcome, StudyError> {
         let plan = self.plan()?;
         let (contacts, ending) = walked(&plan, &self.spec)?;

@@ -1,4 +1,4 @@
-//! The study of the force loop: which conditions it is made of, and carrying them out.
+//! The study of the force loop: its conditions and their execution.
 
 use super::condition::{Condition, ConditionOutcome, Part};
 use super::scenes::{NOMINAL, SCENES, line};
@@ -7,66 +7,66 @@ use super::{Bench, StudyError, Told, carried_out, ndjson, pareto};
 use crate::control::Strategy;
 use crate::rig::RigSpec;
 
-/// The tolerances that are asked for, N.
+/// Requested tolerances, N.
 pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
-/// True stiffness over the declared one.
+/// True stiffness divided by declared stiffness.
 pub const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
 /// Declared stiffnesses of the nominal specimen, N/mm.
 pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
-/// From this declared stiffness on fewer places are pressed, N/mm, and how many along a side.
+/// Declared stiffness, N/mm, from which fewer places are pressed.
 pub const SLOW_N_MM: f64 = 100.0;
-/// The side of that square.
+/// Number of places along a side of this smaller square.
 pub const SLOW_SIDE: usize = 5;
 /// The tolerance of all conditions but those about it, N.
 const TOLERANCE_N: f64 = 0.010;
 
-/// How many places are pressed, along a side of the square.
+/// Number of places pressed along a side of the square.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LoopSize {
-    /// For time against error.
+    /// For the figure of time against error.
     pub main: usize,
     /// For each scene on the fast bench.
     pub scene: usize,
     /// For each scene on the other bench, each declared stiffness and each mismatch.
     pub small: usize,
-    /// Random test presses after the square of the main figure, where it counts as a calibration.
+    /// Number of random test presses after the square of the main figure, which counts as a calibration.
     pub tests: usize,
 }
 
 impl LoopSize {
-    /// The whole study: 625 places for the main figure, 225 a scene.
+    /// Complete study: 625 places for the main figure, 225 for each scene.
     pub const WHOLE: LoopSize = LoopSize { main: 25, scene: 15, small: 9, tests: 100 };
-    /// A few places each: for a first look, and for tests. Its numbers mean little.
+    /// A few places each, for a first look and for tests. The resulting numbers mean little.
     pub const QUICK: LoopSize = LoopSize { main: 4, scene: 4, small: 3, tests: 10 };
 }
 
-/// All that was found.
+/// All results of the study.
 #[derive(Clone, Debug)]
 pub struct LoopFindings {
-    /// How many places were pressed.
+    /// Number of places pressed.
     pub size: LoopSize,
-    /// What came of each condition, in the order of the parts.
+    /// Results of each condition, in the order of the parts.
     pub outcomes: Vec<ConditionOutcome>,
-    /// Which gains the velocity loop bears, alone.
+    /// Gains at which the velocity loop alone remains stable.
     pub onsets: Vec<Onset>,
 }
 
 impl LoopFindings {
-    /// One JSON object a line.
+    /// Returns one JSON object per line.
     pub fn ndjson(&self) -> String {
         ndjson(&self.outcomes) + &ndjson(&self.onsets)
     }
 
-    /// The outcomes of one part.
+    /// Returns the outcomes of one part.
     pub fn of(&self, part: Part) -> impl Iterator<Item = &ConditionOutcome> {
         self.outcomes.iter().filter(move |outcome| outcome.part == part)
     }
 }
 
-/// Carries the study out. `told` hears how many conditions are done, and of how many.
+/// Executes the study. `told` is called with the number of finished conditions and the total number.
 ///
 /// # Errors
-/// A condition that can't be begun; a trip is a finding and no error.
+/// A condition can't be started. A trip is a result and not an error.
 pub fn control(size: LoopSize, seed: u64, told: Told<'_>) -> Result<LoopFindings, StudyError> {
     let conditions = conditions(size, seed)?;
     let mut outcomes = carried_out(&conditions, told, Condition::measure)?;

@@ -1,4 +1,4 @@
-//! The figures of the study: what was found, drawn.
+//! Figures of the study's results.
 
 use super::Bench;
 use super::condition::{ConditionOutcome, Part};
@@ -15,7 +15,7 @@ const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 /// One number of an outcome, where it has it.
 type Value = fn(&ConditionOutcome) -> Option<f64>;
 
-/// Every figure: a file's name and the SVG.
+/// Returns every figure: a file's name and the SVG.
 pub fn figures(findings: &LoopFindings) -> Vec<(String, String)> {
     let drawn = [
         ("1-time-error.svg", time_and_error(findings)),

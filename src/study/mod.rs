@@ -1,10 +1,12 @@
-//! Studies: many conditions, rows of what came of each, and figures.
+//! Studies: many conditions, rows of their results, and figures.
 //!
-//! Of the force loop, [`control`]: a [`Condition`] is walked as any run is, on the shipped benches with one thing changed, and
-//! judged by the scene's truth. Of the methods that solve, [`methods`]: how near and how fast each of them is, how many presses it
-//! needs, and where it fails. Of both together, [`minutes`]: what a calibration comes to against its time at the bench. Of arrays, [`curves`]: the paper's numerical study, for its lines of units and for any array. Of the
-//! scenes themselves, [`ablation`]: what each of their terms is needed for. Everything but measured times follows from the seed:
-//! the same study gives the same bytes.
+//! [`control`] studies the force loop. A [`Condition`] is executed like any run, on the supplied benches with one change. It is
+//! judged by the scene's truth. [`methods`] studies the methods that solve: their accuracy, speed, required number of presses,
+//! and conditions of failure. [`minutes`] studies both together: the accuracy of a calibration as a function of its time at the
+//! bench. [`curves`] studies arrays: the paper's numerical study, for its lines of units and for any array. [`ablation`] studies
+//! the scenes themselves: the purpose for which each term is needed.
+//!
+//! Everything except measured times follows from the seed, so the same study gives the same bytes.
 
 pub mod ablation;
 mod bench;
@@ -35,7 +37,7 @@ use serde::Serialize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use thiserror::Error;
 
-/// Hears how many parts of a study are done, and of how many.
+/// Callback with the number of finished parts of a study and the total number.
 pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
 /// What comes of each job, in order, worked on by all processors; `told` hears of each that is done.
@@ -64,31 +66,31 @@ fn pareto<K: PartialEq>(tries: &[(K, Option<(f64, f64)>)]) -> Vec<bool> {
     tries.iter().map(is_best).collect()
 }
 
-/// One JSON object a line.
+/// Returns one JSON object per line.
 pub fn ndjson<T: Serialize>(rows: impl IntoIterator<Item = T>) -> String {
     // numbers and text can't fail
     rows.into_iter().map(|row| serde_json::to_string(&row).unwrap_or_default() + "\n").collect()
 }
 
-/// Why there is no study.
+/// Reason why a study failed.
 #[derive(Debug, Error, Diagnostic)]
 pub enum StudyError {
     /// A rig or a recipe of the study can't be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Problems(#[from] Problems),
-    /// A press can't be calibrated on.
+    /// A press is unsuitable for calibration.
     #[error("the study can't calibrate: {0}")]
     Calibration(#[from] CalibrationError),
-    /// A protocol that was to be carried out broke off.
+    /// A protocol stopped before its end.
     #[error("the protocol ended early with seed {seed}: {why}")]
     Broken {
-        /// The seed.
+        /// Seed of the protocol.
         seed: u64,
-        /// Why.
+        /// Reason for the stop.
         why: String,
     },
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("the study can't run: {0}")]
     System(#[from] std::io::Error),
 }

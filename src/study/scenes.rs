@@ -1,15 +1,15 @@
-//! What the loop is tried on: the nominal bench with one thing changed at a time.
+//! Scenes for the loop: the nominal bench with one change at a time.
 
 use crate::quantity::Limits;
 use crate::rig::RigSpec;
 use crate::scene::{ContactLaw, LoadCell, RelaxationBranch, Relief, Servo, Spikes, Stiffness};
 
-/// One change to a bench. Unless the scene is about a wrong one, the limits are those that an honest user would set.
+/// One change to a bench. The limits are those that a careful user would set, unless the scene is about a wrong limit.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchChange {
-    /// As it stands in tables and figures.
+    /// Name in tables and figures.
     pub name: &'static str,
-    /// The force that is asked for, N.
+    /// Requested force, N.
     pub force_n: f64,
     change: fn(&mut RigSpec),
 }
@@ -20,7 +20,7 @@ const STEEL_N_MM: f64 = 500.0;
 /// How many time constants of a low-pass count as its lag.
 const TIME_CONSTANTS: f64 = 2.5;
 
-/// The benches as they are.
+/// The unchanged benches.
 pub const NOMINAL: BenchChange = change("nominal", 1.0, |_| {});
 
 /// All scenes of the study.
@@ -80,7 +80,7 @@ const fn change(name: &'static str, force_n: f64, change: fn(&mut RigSpec)) -> B
 }
 
 impl BenchChange {
-    /// A bench with the scene's change.
+    /// Returns a bench with the scene's change.
     #[must_use]
     pub fn on(&self, mut spec: RigSpec) -> RigSpec {
         (self.change)(&mut spec);

@@ -1,16 +1,16 @@
-//! The velocity loop alone: how much gain it bears, by a simulation of nothing else, to be compared with theory.
+//! The velocity loop alone: the largest stable gain by a separate simulation, for comparison with theory.
 
 use crate::dataset::round;
 use serde::Serialize;
 use std::f64::consts::{E, FRAC_PI_2};
 
-/// True stiffness over the one the loop reckons with.
+/// True stiffness divided by the stiffness that the loop assumes.
 pub const MISMATCHES: [f64; 7] = [0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0];
 /// Total dead times, s.
 pub const DEAD_TIMES_S: [f64; 4] = [0.015, 0.030, 0.060, 0.120];
-/// Gain times dead time at which the continuous loop begins to overshoot, and from which it never settles.
+/// Gain times dead time at which the continuous loop begins to overshoot.
 pub const OVERSHOOTS_AT: f64 = 1.0 / E;
-/// See [`OVERSHOOTS_AT`].
+/// Gain times dead time from which the continuous loop never settles, see [`OVERSHOOTS_AT`].
 pub const UNSTABLE_AT: f64 = FRAC_PI_2;
 
 /// Step of the simulation, s, and the time from one order to the next.
@@ -23,22 +23,22 @@ const OVERSHOOT: f64 = 1e-4;
 /// Halvings of the interval in which a gain is sought.
 const HALVINGS: usize = 30;
 
-/// At which gains the loop changes its ways.
+/// Gains at which the behaviour of the loop changes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Onset {
-    /// "stability": what distinguishes it from other rows.
+    /// "stability": distinguishes this row from other rows.
     pub part: &'static str,
     /// Total dead time, ms.
     pub dead_time_ms: f64,
-    /// True stiffness over the assumed one.
+    /// True stiffness divided by the assumed stiffness.
     pub mismatch: f64,
-    /// Gain times dead time from which the force exceeds what is set.
+    /// Gain times dead time from which the force exceeds the set force.
     pub overshoots_at: f64,
-    /// Gain times dead time from which it never settles.
+    /// Gain times dead time from which the loop never settles.
     pub unstable_at: f64,
 }
 
-/// The map: every dead time with every mismatch.
+/// Computes the map: every dead time with every mismatch.
 pub fn stability() -> Vec<Onset> {
     let of = |dead_time_s: f64, mismatch: f64| Onset {
         part: "stability",
@@ -60,7 +60,7 @@ fn least_gain(does: impl Fn(f64) -> bool) -> f64 {
     f64::sqrt(below * above)
 }
 
-/// The largest force on the way to 1, at a gain times dead time.
+/// Returns the largest force on the way to 1, for a gain times dead time.
 pub fn peak(gain: f64, dead_time_s: f64) -> f64 {
     forces(gain, dead_time_s).fold(0.0, f64::max)
 }

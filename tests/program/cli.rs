@@ -32,6 +32,26 @@ fn check_prints_the_plan_and_leaves_nothing_behind() {
 }
 
 #[test]
+fn check_warns_of_what_is_probably_not_meant() {
+    let accept = "\n[accept]\nlocation_mean_mm = 0.5\n";
+    let (without_test, _) = SMALL.split_at(SMALL.rfind("[[step]]").unwrap());
+    let slow = SMALL.replace("force_tolerance_n = 0.05", "force_tolerance_n = 0.05\nsample_s = 100.0");
+    let bench = Bench::with([
+        ("r.toml", SMALL),
+        ("slow.toml", slow.as_str()),
+        ("no-test.toml", (without_test.to_owned() + accept).as_str()),
+    ]);
+    assert_eq!(bench.palpate_ends(0, "check r.toml").err, "");
+    for (recipe, expected) in [
+        ("slow.toml", "warning: a press takes over 100 s: `hold_s` and `sample_s` are in seconds"),
+        ("no-test.toml", "warning: the recipe has an acceptance rule, but no step with `phase = \"test\"`"),
+    ] {
+        let told = bench.palpate_ends(0, &format!("check {recipe}"));
+        assert!(told.running().contains(expected), "{}", told.err);
+    }
+}
+
+#[test]
 fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() {
     let bench = Bench::with([("r.toml", SMALL)]);
     let told = bench.palpate_ends(0, "run r.toml --json --out run");

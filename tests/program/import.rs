@@ -163,6 +163,12 @@ fn what_can_not_be_imported_leaves_nothing() {
         "{}",
         told.err
     );
+    bench.write("pulled.csv", "X,Y,Fz,ch0,ch1\n0,0,-0.9,2,1\n1,0,-0.95,2,2\n");
+    let told = bench.palpate_ends(2, "import pulled.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
+    assert!(told.running().contains("pulled.csv: all forces are negative"), "{}", told.err);
+    bench.write("far.toml", "x_mm = \"X\"\ny_mm = \"Y\"\nforce_n = \"Fz\"\noutputs = \"ch0..ch1\"\narray = { places_mm = [[9.0, 0.0], [9.0, 1.0]] }\n");
+    let told = bench.palpate_ends(0, "import n.csv --columns far.toml");
+    assert!(told.running().contains("warning: 2 of 2 units are outside the area of the presses"), "{}", told.err);
     let told = bench.palpate_ends(2, "certificate runs/n --with certificate.toml");
     assert!(told.running().contains("has no sensor ID"), "{}", told.err);
     bench.palpate_ends(0, &format!("import grid.csv --test random.csv {SHORT} --sensor A-017 --out undated"));

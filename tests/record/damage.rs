@@ -126,7 +126,10 @@ fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
         "{}",
         refused.err
     );
-    bench.palpate_ends(2, "resume run");
+    for command in ["resume run", "evaluate run", "report run", "fit run --out s.palpate"] {
+        let refused = bench.palpate_ends(2, command);
+        assert!(refused.running().contains("presses are missing from the journal"), "{command}: {}", refused.err);
+    }
     bench.palpate_ends(1, "verify run");
     bench.palpate_ends(0, "rebuild run --accept-loss");
     assert_eq!(bench.manifest("run")["presses_done"], 1);

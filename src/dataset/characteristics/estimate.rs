@@ -1,17 +1,17 @@
-//! A value with what the scatter of its repeats says of it.
+//! A value with the uncertainty from the scatter of its repeats.
 
 use crate::acceptance::bound::CONFIDENCE;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::statistics::Statistics as _;
 
-/// How well a characteristic is known by its repeats, in the unit of the value. Assumes that repeats scatter normally.
+/// Uncertainty of a characteristic from its repeats, in the unit of the value. Assumes that repeats are normally distributed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Known {
     /// Standard uncertainty of the value.
     pub u: f64,
-    /// How many repeats the value is the mean of.
+    /// Number of repeats in the mean.
     pub n: usize,
-    /// One-sided 95 % upper bound of its magnitude, by Student's t; of several levels and places the largest of theirs.
+    /// One-sided 95 % upper bound of its magnitude, by Student's t. For several levels and places, the largest of their bounds.
     pub upper: f64,
 }
 
@@ -23,7 +23,7 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    /// The mean of repeats; none of none.
+    /// Returns the mean of repeats; `None` if there are no repeats.
     pub fn of(repeats: &[f64]) -> Option<Estimate> {
         let n = repeats.len() as f64;
         let value = if repeats.is_empty() { return None } else { repeats.mean() };
@@ -34,8 +34,8 @@ impl Estimate {
         Some(Estimate { value, known })
     }
 
-    /// The mean of what two lists of repeats differ by: each from its own where they belong together, else mean from mean, whose
-    /// uncertainty then isn't known.
+    /// Returns the mean difference between two lists of repeats. If the repeats are pairs, the differences of the pairs are
+    /// averaged. Otherwise the means are subtracted, and the uncertainty is unknown.
     pub fn of_difference(before: &[f64], after: &[f64]) -> Option<Estimate> {
         if before.len() == after.len() {
             let differences: Vec<f64> = before.iter().zip(after).map(|(before, after)| after - before).collect();
@@ -54,14 +54,14 @@ impl Estimate {
         Estimate { value: self.value.abs(), ..self }
     }
 
-    /// In another unit, `factor` of it to one.
+    /// Converts to another unit by multiplying by `factor`.
     pub fn scaled(self, factor: f64) -> Estimate {
         let size = factor.abs();
         let known = self.known.map(|known| Known { u: size * known.u, upper: size * known.upper, ..known });
         Estimate { value: factor * self.value, known }
     }
 
-    /// The larger in magnitude of two, bounded by the larger of their bounds.
+    /// Returns the estimate with the larger magnitude, with the larger of the two bounds.
     pub fn worse(self, other: Estimate) -> Estimate {
         let worst = if other.value.abs() > self.value.abs() { other } else { self };
         let known = self.known.zip(other.known).zip(worst.known);

@@ -1,9 +1,9 @@
-//! The characteristics of each unit from load/unload staircases: repeatability, hysteresis, linearity, zero return.
+//! Characteristics of each unit from load/unload staircases: repeatability, hysteresis, linearity, zero return.
 //!
-//! The paper gives no definitions for its Table 1. Ours stand in [`terms`], once, and are printed beside the numbers. A recipe may
-//! press several staircases at a place, at several places a unit and up to several forces: those at one place up to one force
-//! repeat each other and make a series. Each is evaluated by itself; a unit has the pooled repeatability of its series, and
-//! the worst of each other quantity.
+//! The paper gives no definitions for its Table 1. This program's definitions are in [`terms`], and are printed next to the
+//! numbers. A recipe may press several staircases at a place, at several places per unit and up to several forces. Staircases at
+//! one place up to one force repeat each other and form a series. Each series is evaluated separately. A unit gets the pooled
+//! repeatability of its series, and the worst value of each other quantity.
 
 mod estimate;
 mod repeatability;
@@ -20,42 +20,41 @@ use estimate::Estimate;
 use repeatability::{Levels, Repeated};
 use series::Series;
 
-/// The characteristics of one unit, % of full scale but where the name says otherwise; none where the readings don't determine
-/// them.
+/// Characteristics of one unit, in % of full scale unless the name states otherwise; `None` if the readings don't determine them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitCharacteristics {
-    /// The unit, from 1.
+    /// Number of the unit, from 1.
     pub unit: usize,
     /// The channel, from 1, where the unit has several.
     pub channel: Option<usize>,
-    /// How well loading outputs repeat.
+    /// Repeatability of loading outputs.
     pub repeatability_loading_percent: Option<f64>,
-    /// Where the true one lies with 95 %.
+    /// 95 % interval of the true repeatability while loading.
     pub repeatability_loading_interval_percent: Option<(f64, f64)>,
-    /// How well unloading outputs repeat.
+    /// Repeatability of unloading outputs.
     pub repeatability_unloading_percent: Option<f64>,
-    /// Where the true one lies with 95 %.
+    /// 95 % interval of the true repeatability while unloading.
     pub repeatability_unloading_interval_percent: Option<(f64, f64)>,
-    /// How far unloading runs from loading.
+    /// Difference between unloading and loading.
     pub hysteresis_percent: Option<f64>,
-    /// How well that is known, %.
+    /// Uncertainty of the hysteresis, %.
     pub hysteresis_known: Option<Known>,
-    /// How far unloading runs from loading, % of the mean reading at the same force.
+    /// Difference between unloading and loading, % of the mean reading at the same force.
     pub hysteresis_of_reading_percent: Option<f64>,
-    /// How well that is known, %.
+    /// Uncertainty of this hysteresis, %.
     pub hysteresis_of_reading_known: Option<Known>,
-    /// How far loading outputs are from a straight line.
+    /// Deviation of loading outputs from a straight line.
     pub linearity_percent: Option<f64>,
-    /// How well that is known, %.
+    /// Uncertainty of the linearity, %.
     pub linearity_known: Option<Known>,
-    /// How far the output in air is from where it was before the load; negative: below it.
+    /// Output in air after the load minus output in air before the load.
     pub zero_return_percent: Option<f64>,
-    /// How well that is known, %.
+    /// Uncertainty of the zero return, %.
     pub zero_return_known: Option<Known>,
 }
 
 impl UnitCharacteristics {
-    /// The 95 % interval of the repeatability on a branch.
+    /// Returns the 95 % interval of the repeatability on a branch.
     pub fn repeatability_interval_percent(&self, branch: Branch) -> Option<(f64, f64)> {
         match branch {
             Branch::Loading => self.repeatability_loading_interval_percent,
@@ -63,7 +62,7 @@ impl UnitCharacteristics {
         }
     }
 
-    /// Whether nothing was measured of it.
+    /// Whether no characteristic of the unit was measured.
     pub fn is_none(&self) -> bool {
         *self == UnitCharacteristics { unit: self.unit, channel: self.channel, ..UnitCharacteristics::default() }
     }
@@ -74,9 +73,9 @@ impl UnitCharacteristics {
     }
 }
 
-/// The characteristics, a row a unit. A repeatability needs two repeats of a level; a hysteresis needs a level between zero and
-/// the top force on both branches; a linearity needs three levels; a zero return needs the air before and after; all need an
-/// output other than 0 at the top force.
+/// Returns the characteristics, one row for each unit. Every characteristic needs an output other than 0 at the top force. A
+/// repeatability needs two repeats of a level. A hysteresis needs a level between zero and the top force on both branches. A
+/// linearity needs three levels. A zero return needs the air before and after.
 pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Vec<UnitCharacteristics> {
     let series: Vec<Vec<Series>> = staircases
         .readings

@@ -1,25 +1,25 @@
-//! The usual readings of the word repeatability, and how well few repeats determine one.
+//! Common definitions of repeatability, and the uncertainty of repeatability from few repeats.
 
 use crate::acceptance::bound::sd_interval_factors;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::gamma::ln_gamma;
 use statrs::statistics::Statistics as _;
 
-/// What is made of the repeats of a level.
+/// Definition of repeatability, applied to the repeats of a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Repeatability {
     /// Three standard deviations.
     ///
-    /// Of five repeats it gives 0.94 of three true ones on average, since the square root of an unbiased variance is itself biased
-    /// (c4 of 5).
+    /// With five repeats it is on average 0.94 of three true standard deviations, because the square root of an unbiased variance
+    /// is itself biased (c4 of 5).
     #[default]
     #[value(name = "3sd")]
     ThreeSd,
-    /// Largest less smallest.
+    /// Largest minus smallest output.
     Range,
-    /// Half the width of the interval that holds 95 %, by Student's t.
+    /// Half the width of the interval that contains 95 %, by Student's t.
     T95,
-    /// Three standard deviations at the level where they are largest.
+    /// Three standard deviations at the level with the largest standard deviation.
     WorstLevel,
 }
 

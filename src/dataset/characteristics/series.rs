@@ -7,29 +7,29 @@ use super::staircases::Level;
 use crate::control::Branch;
 use std::collections::BTreeMap;
 
-/// The outputs of a series brought to the set force, by level.
+/// Outputs of a series by level, corrected to the set force.
 pub struct Series {
     line: Line,
-    /// By branch.
+    /// Corrected outputs by branch.
     corrected: [BTreeMap<Level, Vec<f64>>; 2],
-    /// The outputs at 0 N by branch, as read: in air there is no force to bring them to.
+    /// Outputs at 0 N by branch, as read. In air there is no force to which they could be corrected.
     in_air: [Vec<f64>; 2],
     top: Level,
-    /// Mean loading output at the largest set force that was read.
+    /// Mean loading output at the largest set force with a reading.
     at_top: f64,
 }
 
 /// A straight line through loading outputs against the load cell.
 #[derive(Clone, Copy)]
 struct Line {
-    /// Output units per N.
+    /// Slope of the line, output units per N.
     slope: f64,
     /// Output at 0 N.
     intercept: f64,
 }
 
 impl Series {
-    /// None where the loading forces don't vary.
+    /// Evaluates readings. Returns `None` if the loading forces don't vary.
     pub fn of(readings: &[HeldLevel]) -> Option<Series> {
         let line = Line::through(readings)?;
         let mut corrected = [BTreeMap::new(), BTreeMap::new()];
@@ -47,19 +47,19 @@ impl Series {
         Some(Series { line, corrected, in_air, top, at_top })
     }
 
-    /// The largest set force that was read, and the mean loading output there.
+    /// Returns the largest set force with a reading, and the mean loading output there.
     pub fn top(&self) -> (Level, f64) {
         (self.top, self.at_top)
     }
 
-    /// The outputs of a branch at each level but zero.
+    /// Returns the outputs of a branch at each level except zero.
     pub fn levels(&self, branch: Branch) -> Levels {
         let levels = self.corrected[branch as usize].iter();
         levels.filter(|(level, _)| **level > 0).map(|(_, outputs)| outputs.clone()).collect()
     }
 
-    /// Largest distance between the branches over the levels between zero and top force, and the largest in shares of the mean
-    /// of both.
+    /// Returns the largest distance between the branches over the levels between zero and top force. Also returns the largest
+    /// distance as a fraction of the mean of both branches.
     pub fn hysteresis(&self) -> Option<(Estimate, Estimate)> {
         let [loading, unloading] = &self.corrected;
         let inner = loading.iter().filter(|(level, _)| **level > 0 && **level < self.top);
@@ -71,8 +71,8 @@ impl Series {
         gaps.reduce(|worst, gap| (worst.0.worse(gap.0), worst.1.worse(gap.1)))
     }
 
-    /// Largest distance of a level's mean loading output from the line, zero level included; none of fewer than three levels,
-    /// since a line meets two.
+    /// Returns the largest distance of a level's mean loading output from the line, zero level included. Returns `None` for fewer
+    /// than three levels, because a line fits two exactly.
     pub fn deviation(&self) -> Option<Estimate> {
         let [loading, _] = &self.corrected;
         let off = |(level, outputs): (&Level, &Vec<f64>)| {
@@ -81,7 +81,7 @@ impl Series {
         if loading.len() > 2 { loading.iter().filter_map(off).reduce(Estimate::worse) } else { None }
     }
 
-    /// Mean output in air after the staircases less that before them.
+    /// Returns the mean output in air after the staircases minus the mean before them.
     pub fn zero_return(&self) -> Option<Estimate> {
         let [before, after] = &self.in_air;
         if before.is_empty() || after.is_empty() { None } else { Estimate::of_difference(before, after) }

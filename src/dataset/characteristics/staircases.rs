@@ -1,4 +1,4 @@
-//! The levels that staircases held, sorted by unit, and by place and top force.
+//! Levels of staircases, sorted by unit, and by place and top force.
 
 use crate::control::Branch;
 use crate::dataset::{Contact, Press, Presses};
@@ -6,20 +6,20 @@ use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
 use std::collections::BTreeMap;
 
-/// One held level of one staircase, for the unit it was pressed on.
+/// One level of one staircase, for the pressed unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldLevel {
-    /// Where the staircase pressed, specimen frame.
+    /// Place of the staircase, specimen frame.
     pub place: Place,
-    /// The largest force that the staircase was commanded to, N.
+    /// Largest commanded force of the staircase, N.
     pub top_n: f64,
-    /// On the way up or down.
+    /// Branch: loading or unloading.
     pub branch: Branch,
-    /// The commanded force, N.
+    /// Commanded force, N.
     pub force_set_n: f64,
-    /// The load cell's, N.
+    /// Force of the load cell, N.
     pub force_n: f64,
-    /// The unit's output, its own units.
+    /// Output of the unit, in its own units.
     pub output: f64,
 }
 
@@ -30,21 +30,21 @@ pub struct Staircases {
     pub readings: Vec<Vec<HeldLevel>>,
     /// The index of the unit that each output belongs to.
     pub units: Vec<usize>,
-    /// How many rows were left out because they are flagged.
+    /// Number of rows excluded because they are flagged.
     pub left_out: usize,
 }
 
-/// A set force as a level: whole uN, so that 3 x 0.5 and 1.5 are the same one.
+/// A set force as a level, in integer uN, so that 3 x 0.5 and 1.5 are the same level.
 pub type Level = i64;
 
 impl HeldLevel {
-    /// The commanded force as a level.
+    /// Returns the commanded force as a level.
     pub fn level(&self) -> Level {
         micro(self.force_set_n)
     }
 }
 
-/// The readings of each series of a unit: staircases up to the same force at the same place repeat each other.
+/// Returns the readings of each series of a unit. Staircases up to the same force at the same place repeat each other.
 pub fn by_series(readings: &[HeldLevel]) -> Vec<Vec<HeldLevel>> {
     let mut series: BTreeMap<[i64; 3], Vec<HeldLevel>> = BTreeMap::new();
     for reading in readings {
@@ -59,7 +59,7 @@ fn micro(value: f64) -> i64 {
 }
 
 impl Staircases {
-    /// Picks the staircases of a run; none where it has none. A staircase belongs to the unit it was pressed closest to.
+    /// Selects the staircases of a run; `None` if it has none. A staircase belongs to the unit closest to its place.
     pub fn of_run(presses: &Presses, layout: &ArrayLayout) -> Option<Self> {
         let mut staircases = Staircases::none(layout);
         let mut of_it: Vec<&Press> =

@@ -1,13 +1,13 @@
-//! The characteristics by name, each defined once: pages and terminal print these sentences.
+//! Characteristics by name, each defined once. Pages and terminal print these sentences.
 
 use super::Repeatability;
 
-/// A quantity and what it is.
+/// A quantity and its definition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Term {
-    /// Its name.
+    /// Name of the quantity.
     pub name: &'static str,
-    /// How it is computed, and whose term it follows.
+    /// How the quantity is computed, and the source of the term.
     pub definition: &'static str,
 }
 
@@ -63,16 +63,16 @@ const INTERVAL: Term = Term {
         levels also have errors of their own, the interval is wider than it had to be",
 };
 
-/// Every term but the repeatability, in the order they are explained.
+/// Every term except the repeatability, in the order of explanation.
 pub const COMMON: [Term; 7] =
     [INTERVAL, HYSTERESIS, HYSTERESIS_OF_READING, LINEARITY, ZERO_RETURN, FULL_SCALE, CORRECTION];
 
-/// Where the terms come from, and what is not claimed.
+/// Sources of the terms, and claims that are not made.
 pub const SOURCES: &str = "Terms follow VIM (JCGM 200), IEC 61298-2 and ISO 376 where they are named; conformity to none of \
     them is claimed.";
 
 impl Repeatability {
-    /// What the repeatability columns hold.
+    /// Returns the content of the repeatability columns.
     pub const fn definition(self) -> &'static str {
         match self {
             Repeatability::ThreeSd => {

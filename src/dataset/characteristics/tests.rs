@@ -156,6 +156,23 @@ fn repeats_are_those_of_one_place_and_the_rest_is_the_worst_place() {
 }
 
 #[test]
+fn channels_of_a_unit_share_the_scale_of_the_largest() {
+    let scaled = |factor: f64| -> Vec<HeldLevel> {
+        let mut readings = staircase(0.0, 0.1, 0.0);
+        readings.iter_mut().for_each(|reading| reading.output *= factor);
+        readings
+    };
+    let readings = vec![scaled(1.0), scaled(-0.001), scaled(3.0)];
+    let staircases = Staircases { readings, units: vec![0, 0, 1], left_out: 0 };
+    let [normal, slope, other] = characterise(&staircases, Repeatability::default())[..] else { unreachable!() };
+    assert_eq!([normal.name(), slope.name(), other.name()], ["1.1", "1.2", "2"]);
+    assert_near(normal.hysteresis_percent, 5.0);
+    assert_near(slope.hysteresis_percent, 0.005);
+    assert_near(other.hysteresis_percent, 5.0);
+    assert!(normal.hysteresis_of_reading_percent.is_some() && slope.hysteresis_of_reading_percent.is_none());
+}
+
+#[test]
 fn what_the_readings_do_not_determine_is_none() {
     let once = one_unit(staircase(0.0, 0.08, 0.0), Repeatability::T95);
     assert_eq!((once.repeatability_loading_percent, once.repeatability_unloading_percent), (None, None));

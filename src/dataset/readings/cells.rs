@@ -1,4 +1,4 @@
-//! A reading as a line of CSV.
+//! Reads a line of CSV.
 
 use super::{Held, Reading, ReadingError};
 use crate::dataset::dialect::Dialect;
@@ -18,13 +18,13 @@ pub(super) struct Cells {
     cells: ByteRecord,
     columns: Option<Columns>,
     mapping: Mapping,
-    /// Known once the first line shows what separates the cells.
+    /// Dialect; known once the first line shows the separator.
     dialect: Option<Dialect>,
 }
 
 /// Where a line has what.
 struct Columns {
-    /// None where the first line was numbers.
+    /// Names of the columns; `None` if the first line was numbers.
     names: Option<StringRecord>,
     outputs: Vec<usize>,
     id: Option<usize>,
@@ -216,7 +216,7 @@ fn label(cell: &[u8]) -> Value {
 struct Feed {
     line: Vec<u8>,
     given: usize,
-    /// It was asked for more than the line.
+    /// Whether more than the line was requested.
     is_starved: bool,
 }
 

@@ -6,26 +6,27 @@ use std::io::{self, BufRead, BufReader, Read};
 /// How much is read at once, bytes.
 const BUFFER_BYTES: usize = 64 << 10;
 
-/// Takes one line after another from a stream; holds one at a time.
+/// Takes one line after another from a stream; stores one at a time.
 pub struct Lines<R> {
     file: String,
     input: BufReader<R>,
     line: Vec<u8>,
-    /// The line was too long, and its rest is still expected.
+    /// Whether the line was too long, so that its rest is still to be read.
     is_cut: bool,
 }
 
 impl<R: Read> Lines<R> {
-    /// Lines of a stream; `file` is what messages call it.
+    /// Reads lines of a stream; `file` is its name in messages.
     pub fn new(file: &str, input: R) -> Self {
         let input = BufReader::with_capacity(BUFFER_BYTES, input);
         Lines { file: file.to_owned(), input, line: Vec::new(), is_cut: false }
     }
 
-    /// The next line; none at the end. Of a line beyond [`MAX_LINE_BYTES`] its beginning, one byte longer than that.
+    /// Returns the next line; `None` at the end. For a line beyond [`MAX_LINE_BYTES`], returns its beginning, one byte longer
+    /// than this limit.
     ///
     /// # Errors
-    /// The input broke off.
+    /// Reading the input failed.
     pub fn read_next(&mut self) -> Result<Option<&[u8]>, ReadingError> {
         match self.take() {
             Ok(0) => Ok(None),
@@ -34,7 +35,7 @@ impl<R: Read> Lines<R> {
         }
     }
 
-    /// Whether the next one may have to be waited for: no whole line has come in yet.
+    /// Whether the next line may have to be waited for, because no complete line has arrived yet.
     pub fn is_drained(&self) -> bool {
         self.is_cut || !self.input.buffer().contains(&b'\n')
     }

@@ -1,10 +1,10 @@
-//! Readings of an array as another program sends them: one a line, as CSV or as NDJSON.
+//! Readings of an array as sent by another program: one per line, as CSV or as NDJSON.
 //!
-//! CSV has a header with `out_1..out_n`, or none where its first line is numbers alone: `out_1..out_n` in order. NDJSON has an
-//! object a line, `{"outputs": [0.1, 0.2]}`, or the bare array. `id` and `t_s` are kept with the reading; all else is passed
-//! over, and so are blank lines. A channel that is missing is NaN: `nan` or an empty cell in CSV, `null` or `NaN` in NDJSON.
+//! CSV has a header with `out_1..out_n`. Without a header, the first line contains only numbers: `out_1..out_n` in order. NDJSON
+//! has one object per line, `{"outputs": [0.1, 0.2]}`, or the array alone. `id` and `t_s` are kept with the reading. Everything
+//! else is ignored, and so are blank lines. A missing channel is NaN: `nan` or an empty cell in CSV, `null` or `NaN` in NDJSON.
 //!
-//! [`Lines`] takes lines from a stream. [`Readings`] says what one line holds, wherever the line came from.
+//! [`Lines`] takes lines from a stream. [`Readings`] interprets one line from any source.
 
 mod cells;
 mod lines;
@@ -20,54 +20,54 @@ use miette::Diagnostic;
 use serde_json::Value;
 use std::io;
 
-/// The longest line that is read, bytes: 4096 outputs of 60 characters each.
+/// Length of the longest line that is read, bytes: 4096 outputs of 60 characters each.
 pub const MAX_LINE_BYTES: usize = 256 << 10;
 
-/// How readings are written.
+/// Format of readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
     /// Cells separated by commas.
     Csv,
-    /// A JSON object or array a line.
+    /// One JSON object or array per line.
     Ndjson,
 }
 
 /// One reading.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reading {
-    /// Its line, from 1.
+    /// Line of the reading, from 1.
     pub line: u64,
-    /// What it is called, a number or a text.
+    /// Label of the reading, a number or a text.
     pub id: Option<Value>,
-    /// When it was taken.
+    /// Time of the reading.
     pub t_s: Option<Value>,
-    /// One output a unit; a missing one is NaN, an infinite one comes as it is.
+    /// Outputs, one for each unit. A missing output is NaN; an infinite output is unchanged.
     pub outputs: Vec<f64>,
 }
 
-/// What a line holds.
+/// Content of a line.
 #[derive(Debug)]
 pub enum Held {
     /// A reading.
     Reading,
-    /// No reading, though it should be one. The next line may be one again.
+    /// An invalid line that should be a reading. The next line may be a reading again.
     Bad(ReadingError),
     /// Blanks, or the header.
     Nothing,
 }
 
-/// Why a line is invalid, or the rest can't be read; `line` counts from 1.
+/// Reason why a line is invalid, or why the rest can't be read; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the fields say what the messages say")]
 pub enum ReadingError {
-    /// The input broke off.
+    /// Reading the input failed.
     #[error("{file}: can't be read")]
     Unreadable { file: String, source: io::Error },
-    /// Beyond [`MAX_LINE_BYTES`].
+    /// The line is longer than [`MAX_LINE_BYTES`].
     #[error("{file}, line {line}: longer than {MAX_LINE_BYTES} bytes")]
     #[diagnostic(help("expected one reading per line"))]
     TooLong { file: String, line: u64 },
-    /// The header or a cell of a CSV line.
+    /// The header or a cell of a CSV line is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Cells(#[from] TableError),
@@ -75,17 +75,17 @@ pub enum ReadingError {
     #[error("{file}, line {line}: a quotation mark isn't closed")]
     #[diagnostic(help("expected one reading per line"))]
     OpenQuote { file: String, line: u64 },
-    /// Another array.
+    /// The reading is from another array.
     #[error("{file}, line {line}: {} where the calibration has {expected}", outputs(*found))]
     #[diagnostic(help("a reading has one number for each output of the calibrated array, separated by commas"))]
     Units { file: String, line: u64, found: usize, expected: usize },
-    /// A line of words among lines of numbers.
+    /// The line contains words although the other lines contain numbers.
     #[error("{file}, line {line}: expected {expected} numbers, found `{found}`")]
     #[diagnostic(help(
         "correct the program that sends it, or add --keep-going: such a line is then answered `unsolved`"
     ))]
     NoNumbers { file: String, line: u64, expected: usize, found: String },
-    /// No JSON, or other JSON.
+    /// The line isn't JSON, or is JSON of another form.
     #[error("{file}, line {line}, column {column}: {reason}")]
     #[diagnostic(help("expected a reading, as {{\"outputs\": [0.1, 0.2]}} or [0.1, 0.2]"))]
     Json { file: String, line: u64, column: usize, reason: String },
@@ -95,7 +95,7 @@ fn outputs(count: usize) -> String {
     if count == 1 { "1 output".to_owned() } else { format!("{count} outputs") }
 }
 
-/// Says what one line after another holds; holds one line at a time.
+/// Interprets one line after another; stores one line at a time.
 pub struct Readings {
     file: String,
     units: usize,
@@ -106,8 +106,8 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// Readings of so many units; `file` is what messages call the input. Without a format, it is detected from the first character.
-    /// The mapping names the outputs' columns, and scales outputs in either format.
+    /// Interprets readings of `units` units; `file` is the name of the input in messages. Without a format, the format is
+    /// detected from the first character. The mapping names the columns of the outputs, and scales outputs in either format.
     pub fn new(file: &str, units: usize, format: Option<Format>, mapping: Mapping) -> Self {
         let scale = mapping.scale.outputs;
         Readings {
@@ -120,10 +120,10 @@ impl Readings {
         }
     }
 
-    /// What the next line holds; with its end or without.
+    /// Returns the content of the next line, given with or without its line end.
     ///
     /// # Errors
-    /// A header that can't be used: nobody knows what the lines below it hold.
+    /// The header is invalid, so the content of the lines below it is unknown.
     pub fn read(&mut self, line: &[u8]) -> Result<Held, ReadingError> {
         self.reading.line += 1;
         (self.reading.id, self.reading.t_s) = (None, None);
@@ -151,7 +151,7 @@ impl Readings {
         Ok(held)
     }
 
-    /// The reading of the last line; of a bad one its line, and its labels where they could be read.
+    /// Returns the reading of the last line. For an invalid line: its line number, and its labels if they could be read.
     pub fn reading(&self) -> &Reading {
         &self.reading
     }

@@ -1,4 +1,4 @@
-//! A reading as a line of NDJSON.
+//! Reads a line of NDJSON.
 
 use super::{Reading, ReadingError};
 use crate::dataset::table_error::start_of;

@@ -1,4 +1,4 @@
-//! Texts made from lists of keys, and which keys a reader asks for: tests compare the two.
+//! Texts made from lists of keys, and the keys that a reader requests. Tests compare the two.
 
 use super::{Key, Keys, Kind, Table, read};
 use std::cell::{Cell, RefCell};

@@ -1,4 +1,4 @@
-//! `certificate.toml`: what a certificate must say and no run knows.
+//! `certificate.toml`: required content of a certificate that isn't in any run.
 
 use crate::document::{self, Bounds, Key, Keys, Problem, Problems, Table, keys, words};
 
@@ -19,42 +19,42 @@ const PLACES: [(&str, &str); 5] = [
 /// All keys of `certificate.toml`.
 pub const CERTIFICATE_KEYS: Keys = root::KEYS;
 
-/// What a laboratory says of itself, its customer and the sensor.
+/// Data that a laboratory gives about itself, its customer and the sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
-    /// The certificate's own number, unique.
+    /// Number of the certificate, unique.
     pub identifier: String,
-    /// Its revision, from 1.
+    /// Revision of the certificate, from 1.
     pub revision: u64,
-    /// The day it is issued, as year-month-day.
+    /// Date of issue, as year-month-day.
     pub issued: String,
-    /// ISO 639-1, such as `en`.
+    /// Language, ISO 639-1, such as `en`.
     pub language: String,
-    /// ISO 3166-1, such as `DE`.
+    /// Country, ISO 3166-1, such as `DE`.
     pub country: String,
-    /// Where the calibration was performed, in the schema's word.
+    /// Place where the calibration was performed, in the schema's word.
     pub place: &'static str,
-    /// Who calibrated.
+    /// Laboratory that calibrated the sensor.
     pub laboratory: Contact,
-    /// The laboratory's accreditation code.
+    /// Accreditation code of the laboratory.
     pub laboratory_code: Option<String>,
-    /// For whom.
+    /// Customer.
     pub customer: Contact,
-    /// Who is responsible: name and role.
+    /// Responsible persons: name and role.
     pub responsible: Vec<(String, Option<String>)>,
-    /// What the sensor is called.
+    /// Name of the sensor.
     pub item: String,
-    /// Who made it.
+    /// Manufacturer of the sensor.
     pub manufacturer: String,
-    /// Its model.
+    /// Model of the sensor.
     pub model: Option<String>,
-    /// The name of the procedure.
+    /// Name of the procedure.
     pub procedure: String,
-    /// The indenter's geometry, in words.
+    /// Description of the indenter's geometry.
     pub indenter: String,
-    /// Air temperature, degrees Celsius: least and most.
+    /// Air temperature, degrees Celsius: smallest and largest.
     pub temperature_c: Option<(f64, f64)>,
-    /// Relative humidity, %: least and most.
+    /// Relative humidity, %: smallest and largest.
     pub humidity_percent: Option<(f64, f64)>,
 }
 
@@ -69,14 +69,14 @@ pub struct Contact {
     pub post_code: Option<String>,
     /// City.
     pub city: String,
-    /// ISO 3166-1, such as `DE`.
+    /// Country, ISO 3166-1, such as `DE`.
     pub country: String,
     /// E-mail address.
     pub e_mail: Option<String>,
 }
 
 keys! {
-    /// The whole file.
+    /// The complete file.
     root {
         certificate: Table(&certificate::KEYS), Refused, "the certificate itself";
         laboratory: Table(&laboratory::KEYS), Refused, "who calibrated";
@@ -156,7 +156,7 @@ keys! {
 /// Reads a certificate file; `file` is its name in messages.
 ///
 /// # Errors
-/// Every problem of the text, each at its line.
+/// Every problem of the text, each with its line.
 pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
     document::read(file, text, &root::KEYS, |table| {
         let certificate = table.table(&root::certificate).and_then(|table| read_certificate(&table));

@@ -8,7 +8,7 @@ use crate::quantity::round;
 use crate::report::frame::{document as page, section, table, words};
 use maud::{Markup, html};
 
-/// The whole page.
+/// Returns the complete page.
 pub fn document(certificate: &Certificate<'_>) -> String {
     let given = certificate.given;
     let body = html! {

@@ -1,8 +1,8 @@
-//! A calibration certificate: what one sensor's runs came to, with all that a certificate must say, as HTML that prints on A4 and as
-//! the PTB's Digital Calibration Certificate.
+//! A calibration certificate: results of one sensor's runs with all required content. It is written as HTML that prints on A4,
+//! and as the PTB's Digital Calibration Certificate.
 //!
-//! What a run can't know stands in `certificate.toml` ([`Given`]). The program doesn't sign: the document rests on the journals whose
-//! SHA-256 is on it.
+//! Data that a run doesn't contain is in `certificate.toml` ([`Given`]). The program doesn't sign. The document is based on the
+//! journals whose SHA-256 it states.
 
 mod given;
 mod html;
@@ -21,23 +21,23 @@ use miette::Diagnostic;
 use results::{Results, results};
 use thiserror::Error;
 
-/// What every certificate says of signatures.
+/// Statement about signatures in every certificate.
 pub const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It is based on the journals whose SHA-256 \
                               it states; `palpate verify RUN --certificate FILE` compares them.";
 
-/// A certificate, ready to be written.
+/// A certificate, ready for writing.
 pub struct Certificate<'a> {
     given: &'a Given,
-    /// The sensor's ID.
+    /// ID of the sensor.
     sensor: String,
-    /// The other labels of the runs, each once.
+    /// Other labels of the runs, each once.
     labels: Vec<(&'static str, String)>,
-    /// First and last day of the runs, as year-month-day.
+    /// First and last date of the runs, as year-month-day.
     began: String,
     ended: String,
-    /// The version of the program that wrote it.
+    /// Version of the program that wrote the certificate.
     release: &'static str,
-    /// What was carried out: recipes and imports.
+    /// Executed recipes and imports.
     runs: Vec<String>,
     imported: Vec<Imported>,
     instruments: Vec<Instrument>,
@@ -45,16 +45,16 @@ pub struct Certificate<'a> {
     judgement: Option<&'a Judgement>,
     journals: Vec<JournalHash>,
     not_measured: Vec<String>,
-    /// Whether a run was made on a simulated rig.
+    /// Whether any run was made on a simulated rig.
     simulated: bool,
 }
 
 /// An instrument that measured.
 struct Instrument {
     role: &'static str,
-    /// What it says it is.
+    /// Identity reported by the instrument.
     identity: String,
-    /// Its own certificate, or that none is known.
+    /// Certificate of the instrument, or a statement that none is known.
     certificate: String,
 }
 
@@ -64,38 +64,38 @@ struct JournalHash {
     sha256: String,
 }
 
-/// Why there is no certificate.
+/// Reason why there is no certificate.
 #[derive(Debug, Error, Diagnostic)]
 pub enum CertificateError {
     /// The run has no sensor ID.
     #[error("{run} has no sensor ID: a certificate needs the sensor's serial number")]
     #[diagnostic(help("give --sensor ID with the run"))]
     NoSensor {
-        /// A run.
+        /// Name of the run.
         run: String,
     },
-    /// A run that isn't complete may still change.
+    /// The run isn't complete, so it may still change.
     #[error("{run} is {status}: a certificate needs complete runs")]
     #[diagnostic(help("`palpate resume` continues it"))]
     Incomplete {
-        /// The run.
+        /// Name of the run.
         run: String,
-        /// How it ended, or that it is under way.
+        /// Ending of the run, or that it is in progress.
         status: &'static str,
     },
-    /// The day of an imported measurement isn't known.
+    /// The date of an imported measurement is unknown.
     #[error("{run} was imported, and its columns file doesn't state the day of the measurement")]
     #[diagnostic(help("add `measured = \"2026-05-04\"` to the columns file, and import the tables again"))]
     NoDay {
-        /// The run.
+        /// Name of the run.
         run: String,
     },
     /// There is nothing to certify.
     #[error("{run}: a certificate requires an evaluated test or a characterisation{}", why.as_deref().map(|why| format!(" ({why})")).unwrap_or_default())]
     Nothing {
-        /// The first run.
+        /// Name of the first run.
         run: String,
-        /// Why there is no evaluation.
+        /// Reason why there is no evaluation.
         why: Option<String>,
     },
     /// A journal can't be read.
@@ -105,10 +105,10 @@ pub enum CertificateError {
 }
 
 impl<'a> Certificate<'a> {
-    /// The certificate of a sensor.
+    /// Creates the certificate of a sensor.
     ///
     /// # Errors
-    /// No sensor ID, nothing measured, or a journal that can't be read.
+    /// There is no sensor ID or no measurement, or a journal can't be read.
     pub fn of(subject: &Subject, judged: &'a Judged, given: &'a Given) -> Result<Certificate<'a>, CertificateError> {
         let first = || subject.runs[0].name();
         let sensor = subject.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.clone());
@@ -165,7 +165,7 @@ impl<'a> Certificate<'a> {
         })
     }
 
-    /// Its result, in a line.
+    /// Returns the result in one line.
     pub fn told(&self) -> String {
         let verdict = self.judgement.map_or("no statement of conformity", |judgement| judgement.verdict.told());
         let rows: usize = self.results.iter().map(|results| results.rows.len()).sum();
@@ -173,12 +173,12 @@ impl<'a> Certificate<'a> {
         format!("certificate {} of sensor {}: {verdict}, {rows} results{simulated}", self.given.identifier, self.sensor)
     }
 
-    /// As a page that prints on A4.
+    /// Returns the certificate as a page that prints on A4.
     pub fn html(&self) -> String {
         html::document(self)
     }
 
-    /// As a Digital Calibration Certificate, schema 3.2.0.
+    /// Returns the certificate as a Digital Calibration Certificate, schema 3.2.0.
     pub fn xml(&self) -> String {
         xml::document(self)
     }

@@ -1,4 +1,4 @@
-//! The results of a certificate: each figure with its unit, its uncertainty, and from how many readings.
+//! Results of a certificate: each value with its unit, its uncertainty, and its number of readings.
 
 use crate::acceptance::bound::{coverage_factor, quantile_interval};
 use crate::dataset::characteristics::{Known, Repeatability, Staircases, UnitCharacteristics, characterise};
@@ -9,31 +9,31 @@ use statrs::statistics::Statistics as _;
 
 /// A table of results.
 pub struct Results {
-    /// What is in it.
+    /// Title of the table.
     pub title: &'static str,
-    /// How its figures are defined, and what is in their uncertainties.
+    /// Definitions of the values, and the components of their uncertainties.
     pub method: String,
-    /// The figures.
+    /// Values of the table.
     pub rows: Vec<Row>,
 }
 
 /// One result.
 pub struct Row {
-    /// What it is.
+    /// Name of the result.
     pub name: String,
-    /// The value, in `unit`.
+    /// Value, in `unit`.
     pub value: f64,
-    /// Its unit.
+    /// Unit of the value.
     pub unit: Unit,
-    /// Digits behind the point.
+    /// Number of decimals.
     pub digits: usize,
-    /// How well it is known.
+    /// Uncertainty of the value.
     pub uncertainty: Uncertainty,
-    /// From how many presses or readings.
+    /// Number of presses or readings.
     pub n: usize,
 }
 
-/// The units that results have.
+/// Units of results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// Millimetre.
@@ -44,24 +44,24 @@ pub enum Unit {
     Percent,
 }
 
-/// How well a result is known.
+/// Uncertainty of a result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Uncertainty {
     /// Expanded uncertainty, 95 %, and its coverage factor.
     Expanded {
-        /// The expanded uncertainty, in the result's unit.
+        /// Expanded uncertainty, in the result's unit.
         expanded: f64,
-        /// 2, or more where few repeats count.
+        /// Coverage factor: 2, or larger if there are few repeats.
         k: f64,
     },
     /// 95 % coverage interval.
     Interval(f64, f64),
-    /// It isn't stated.
+    /// No uncertainty is stated.
     NotStated,
 }
 
 impl Unit {
-    /// As a person writes it.
+    /// Returns the symbol for people.
     pub const fn symbol(self) -> &'static str {
         match self {
             Unit::Millimetre => "mm",
@@ -70,7 +70,7 @@ impl Unit {
         }
     }
 
-    /// In D-SI.
+    /// Returns the unit in D-SI.
     pub const fn d_si(self) -> &'static str {
         match self {
             Unit::Millimetre => "\\milli\\metre",
@@ -83,7 +83,7 @@ impl Unit {
 /// What a press is off by.
 type Error = fn(&PressError) -> Option<f64>;
 
-/// All that was measured of a sensor.
+/// Returns all measured results of a sensor.
 pub fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
     let test = judged.decisive().map(|evaluation| of_test(subject, judged, evaluation));
     let units = Staircases::of_run(&subject.presses, subject.layout()).map(|staircases| of_units(&staircases));

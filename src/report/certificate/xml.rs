@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 const DCC: &str = "https://ptb.de/dcc";
 const SI: &str = "https://ptb.de/si";
 
-/// The whole document.
+/// Returns the complete document.
 pub fn document(certificate: &Certificate<'_>) -> String {
     let mut xml = Xml::default();
     xml.text.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");

@@ -1,4 +1,4 @@
-//! What each unit reads of the load on it, up and down again, every repeat.
+//! Readings of each unit as a function of its load, during loading and unloading, for every repeat.
 
 use super::WIDTH_PX;
 use super::map::as_placed;
@@ -18,7 +18,7 @@ const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), fil
 /// The most panels side by side.
 const MOST_COLUMNS: usize = 5;
 
-/// A panel a unit.
+/// Draws a panel for each unit.
 pub fn characteristics(subject: &Subject) -> Option<Drawn> {
     let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
     let pressed: Vec<(usize, &[HeldLevel])> = staircases

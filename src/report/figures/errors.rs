@@ -1,4 +1,4 @@
-//! How the errors are distributed, and what they depend on: the force, and how near the edge of the area it was.
+//! Distribution of the errors, and their dependence on force and on distance from the edge of the area.
 
 use super::{WIDTH_PX, methods, name};
 use crate::chart::{Anchor, ChartAxis, Figure, Grid, Line, Look, Mark, Panel, Part, Shape};
@@ -15,9 +15,9 @@ struct Kind {
     name: &'static str,
     label: &'static str,
     of: fn(&PressError) -> Option<f64>,
-    /// What it is compared with, and its label.
+    /// Reference value for comparison, and its label.
     reference: (f64, &'static str),
-    /// Widths that a histogram's columns may have.
+    /// Possible column widths of a histogram.
     widths: [f64; 6],
 }
 
@@ -45,7 +45,7 @@ const PARTS: usize = 6;
 /// The fewest presses that make a mean.
 const FEWEST: usize = 3;
 
-/// A histogram of each error, and below it the cumulative share.
+/// Draws a histogram of each error, with the cumulative fraction below it.
 pub fn distributions(judged: &Judged) -> Option<Section> {
     let drawn: Vec<Drawn> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
     Section::of_figures("Distribution of the errors", &html! {}, drawn)
@@ -113,7 +113,7 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
     Some(Drawn::plain(figure).named(&format!("{}s", kind.name)))
 }
 
-/// Both errors against the force, and against the distance from the edge.
+/// Draws both errors as functions of the force, and of the distance from the edge.
 pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Section> {
     let (least, most) = subject.area()?;
     let edge_mm = |place: Place| {

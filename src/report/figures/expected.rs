@@ -1,4 +1,4 @@
-//! The error that a method is expected to have, place by place, by what the calibration knows of the array and its noise.
+//! Expected error of a method at each place, from the calibration's knowledge of the array and its noise.
 
 use super::WIDTH_PX;
 use super::map::Axes;
@@ -17,7 +17,7 @@ const LEAST_RATIO: f64 = 1.01;
 /// The largest error over the least beyond which all look alike: a corner can be worse than the middle without end.
 const MOST_RATIO: f64 = 100.0;
 
-/// A map of the expected location error.
+/// Draws a map of the expected location error.
 pub fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let (least, most) = subject.area()?;
     let solver: &Fitted = judged.expecting.as_ref()?;

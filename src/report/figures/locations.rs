@@ -1,4 +1,4 @@
-//! Where it was pressed, and where each method found it.
+//! True places of presses, and the places found by each method.
 
 use super::map::Axes;
 use super::{WIDTH_PX, methods, name, stem};
@@ -17,7 +17,7 @@ const ROOM_MM: f64 = 0.5;
 /// A true place, by whichever method it is to be found.
 const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: Line::None };
 
-/// A map a method, all over the same area.
+/// Draws a map for each method, all over the same area.
 pub fn locations(judged: &Judged) -> Option<Section> {
     let shown = || judged.evaluations.iter().flat_map(presses);
     let all = || shown().flat_map(|press| [press.place_true, press.place_solved]);

@@ -1,4 +1,4 @@
-//! The calibration matrix: what each unit reads of the same load, place by place.
+//! Calibration matrix: readings of each unit for the same load at each place.
 
 use super::WIDTH_PX;
 use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
@@ -14,7 +14,7 @@ const MOST_UNITS: usize = 16;
 /// The most presses that are drawn a unit: of more, one in so many.
 const MOST_PRESSES: usize = 2500;
 
-/// A map a unit.
+/// Draws a map for each unit.
 pub fn matrix(subject: &Subject) -> Option<Drawn> {
     let (least, most) = subject.area()?;
     let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
@@ -68,9 +68,9 @@ pub fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)>
 /// What the presses of a calibration were loaded with, N.
 #[derive(Clone, Copy)]
 enum Load {
-    /// All with one force.
+    /// All presses with one force.
     One(f64),
-    /// With forces from one to another: outputs are divided by them.
+    /// Presses with forces in this range; outputs are divided by the forces.
     Many(f64, f64),
 }
 
@@ -125,14 +125,15 @@ fn set_n(row: &Press) -> f64 {
 const HIGHEST: f64 = 1.2;
 const LOWEST: f64 = 0.25;
 
-/// Axes in x and y with one scale.
+/// Axes in x and y with the same scale.
 pub struct Axes {
     x: (f64, f64),
     y: (f64, f64),
 }
 
 impl Axes {
-    /// Around an area, some room wider; a strip has room beside it, so that it is neither a line nor a tower.
+    /// Creates axes around an area with some margin. A narrow strip gets a larger margin at its sides, so that the panel is
+    /// neither too flat nor too tall.
     pub fn around(least: Place, most: Place, room_mm: f64) -> Axes {
         let (width_mm, height_mm) = (most.x_mm - least.x_mm + 2.0 * room_mm, most.y_mm - least.y_mm + 2.0 * room_mm);
         let beside_mm = room_mm + 0.5 * (height_mm / HIGHEST - width_mm).max(0.0);
@@ -140,12 +141,12 @@ impl Axes {
         Axes { x: (least.x_mm - beside_mm, most.x_mm + beside_mm), y: (least.y_mm - above_mm, most.y_mm + above_mm) }
     }
 
-    /// A panel over the area.
+    /// Creates a panel over the area.
     pub fn panel(&self, marks: Vec<Mark>) -> Panel {
         Panel { x: ChartAxis::linear("x, mm", self.x), y: ChartAxis::linear("y, mm", self.y), marks }
     }
 
-    /// How high a panel must be for one scale, where there are so many side by side, px.
+    /// Returns the height of a panel for equal scales, with `columns` panels side by side, px.
     pub fn height_px(&self, columns: usize) -> f64 {
         let beside_px = SHARED_GAP_PX * (columns as f64 - 1.0);
         let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
@@ -153,12 +154,13 @@ impl Axes {
     }
 }
 
-/// A cell around a place.
+/// Returns a cell around a place.
 pub fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> Cell {
     Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), value }
 }
 
-/// Half the side of a cell, mm: on a grid one that meets its neighbours, for places anywhere that of their mean area.
+/// Returns half the side of a cell, mm. On a grid the cells touch their neighbours. For irregular places the cell has the mean
+/// area per place.
 pub fn half_cell_mm(places: &[Place]) -> f64 {
     // extent, and how many coordinates there are
     let along = |coordinate: fn(&Place) -> f64| {

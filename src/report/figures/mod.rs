@@ -1,4 +1,4 @@
-//! The figures of a sensor: each part draws some of them, or none where there is nothing to draw.
+//! Figures of a sensor. Each part draws some figures, or none if there are no data.
 
 mod characteristics;
 mod errors;
@@ -18,7 +18,7 @@ use crate::chart::{Hue, Line, Look, Shape};
 use crate::solver::Evaluation;
 use maud::html;
 
-/// What each unit reads: of a load on it, up and down, and of the calibration's at every place.
+/// Draws the readings of each unit: under load, during loading and unloading, and in the calibration at every place.
 pub fn units(subject: &Subject) -> Option<Section> {
     let of_load = characteristics::characteristics(subject).map(|drawn| drawn.named("output-against-load"));
     let of_place = map::matrix(subject).map(|drawn| drawn.named("output-by-place"));
@@ -26,7 +26,8 @@ pub fn units(subject: &Subject) -> Option<Section> {
     Section::of_figures("Output of each unit, by load and by place", &html! {}, drawn)
 }
 
-/// How the methods look: the one of the calibration point of the highest correlation, then the best.
+/// Colours and marks of the methods: first the method that takes the calibration point with the highest correlation, then the
+/// best method.
 pub const LOOKS: [Look; 2] = [
     Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None },
     Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None },

@@ -1,6 +1,6 @@
-//! How large figures are.
+//! Sizes of figures.
 
-/// Width of a figure, px: as wide as a telephone, so that its letters stay legible there.
+/// Width of a figure, px: the width of a telephone, so that its letters remain legible there.
 pub const WIDTH_PX: f64 = 440.0;
 
 /// Height of a square panel in such a figure, px.

@@ -1,4 +1,4 @@
-//! Inputs of NI devices, by NI's DAQmx library: one as a load cell, some as an array.
+//! Inputs of NI devices, by NI's DAQmx library: one as a load cell, several as an array.
 
 use super::{Beside, Family, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, counted, read_newton_per_volt};
 use crate::device::{self, DeviceError, Identity};

@@ -1,4 +1,4 @@
-//! Every family, and what the `driver` of each role may be.
+//! Every family, and the possible values of `driver` for each role.
 
 use super::{Family, daqmx, esp301, grbl, modbus, process, xps};
 use crate::document::{Case, Keys, Kind};
@@ -7,7 +7,7 @@ use crate::document::{Case, Keys, Kind};
 pub const FAMILIES: [&Family; 6] =
     [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
 
-/// What the `driver` of a role may be, from the families that play it.
+/// Possible values of a role's `driver`, from the families that support the role.
 macro_rules! choice {
     ($role:ident) => {
         pub mod $role {
@@ -56,7 +56,7 @@ macro_rules! choice {
 
             const KEYS: Keys = Keys::one_of(&CASES);
 
-            /// A word, a table, or either of them.
+            /// A word, a table, or either of the two.
             pub const KIND: Kind = match WORDS.len() {
                 0 => Kind::Table(&KEYS),
                 _ => Kind::Either(&[Kind::Word(&WORDS), Kind::Table(&KEYS)]),

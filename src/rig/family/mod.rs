@@ -1,7 +1,7 @@
-//! The families of devices that a rig may name: a file each, and a line each in [`FAMILIES`].
+//! Families of devices that a rig may name, with one file and one line in [`FAMILIES`] for each.
 //!
-//! A family says for each role that it plays which keys its `driver = { ... }` takes, how they are read, which links it takes,
-//! how its driver is put on one, and which emulator answers in a simulated rig.
+//! For each role that it supports, a family defines the keys of `driver = { ... }` and how they are read. It also defines the
+//! supported links, how its driver is connected to a link, and the emulator for a simulated rig.
 
 mod daqmx;
 mod esp301;
@@ -23,40 +23,40 @@ use std::sync::Arc;
 
 /// Devices of one kind.
 pub struct Family {
-    /// Its name in a rig file.
+    /// Name in a rig file.
     pub name: &'static str,
-    /// What it is, in one line.
+    /// Description, in one line.
     pub meaning: &'static str,
-    /// What its emulators can do, in one line.
+    /// Capabilities of its emulators, in one line.
     pub simulated: &'static str,
-    /// How it plays the stage, if it does.
+    /// Role as stage, if supported.
     pub stage: Option<Role<dyn StageDriver>>,
-    /// How it plays the load cell, if it does.
+    /// Role as load cell, if supported.
     pub load_cell: Option<Role<dyn LoadCellDriver>>,
-    /// How it plays the array, if it does.
+    /// Role as array, if supported.
     pub array: Option<Role<dyn ArrayDriver>>,
 }
 
-/// How a family plays a role.
+/// Implementation of a role by a family.
 pub struct Role<D: ?Sized> {
-    /// The words that name it alone, `driver = "esp301"`.
+    /// Words that are sufficient as a name, `driver = "esp301"`.
     pub words: &'static [&'static str],
-    /// The keys of `driver = { ... }`; the first of them names the family. None: a word is enough.
+    /// Keys of `driver = { ... }`. The first key names the family. Empty if a word is sufficient.
     pub keys: &'static [Key],
-    /// The links that it takes besides `sim`.
+    /// Supported links in addition to `sim`.
     pub links: Links,
     /// Reads the keys. The problems of a wrong one are recorded, and there is no driver.
     pub(super) read: fn(&Table, Beside) -> Option<Arc<D>>,
 }
 
-/// Which links a driver takes besides `sim`.
+/// Links that a driver supports in addition to `sim`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Links {
     /// A serial port or a TCP server.
     Stream,
     /// NI's library.
     Daqmx,
-    /// None: the driver names a program, which is the link.
+    /// No link, because the driver names a program, which is the link.
     Program,
 }
 

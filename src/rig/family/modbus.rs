@@ -1,4 +1,4 @@
-//! Modbus transmitters and converters: which registers mean what is a register map.
+//! Modbus transmitters and converters. A register map defines the meaning of registers.
 
 use super::{Beside, Family, Links, Role, counted, unfit};
 use crate::device::{self, DeviceError};

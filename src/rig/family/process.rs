@@ -1,4 +1,4 @@
-//! Programs of the user's own that speak the process protocol (docs/process.md), in any role.
+//! Programs written by the user that use the process protocol (docs/process.md), in any role.
 
 use super::{Family, Links, Role};
 use crate::device::DeviceError;

@@ -45,7 +45,7 @@ keys! {
 #[derive(Debug)]
 struct Stage {
     group: Group,
-    /// Whether the controller itself is to end a motion at the force limit.
+    /// Whether the controller itself must end a motion at the force limit.
     guard: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What a term costs: time of a reading of a skin, and of a press in the loop. Measured by a clock, one after another.
+//! Cost of a term: time of a reading of a skin, and of a press in the loop. Both are measured by a clock, one after another.
 
 use super::AblationSize;
 use super::presses;
@@ -20,34 +20,34 @@ const PASSES: usize = 60;
 const WALKS: usize = 5;
 const SIDE: usize = 5;
 
-/// What a term costs.
+/// Cost of a term.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Cost {
     /// "ablation".
     pub study: &'static str,
-    /// The term's name, or "all terms": everything that a skin can model, against a point load on a half-space.
+    /// Name of the term, or "all terms": everything that a skin can model, compared with a point load on a half-space.
     pub term: &'static str,
-    /// "ns a reading" of all units, or "us a press".
+    /// Unit: "ns a reading" (of all units) or "us a press".
     pub cost: &'static str,
-    /// Without the term.
+    /// Cost without the term.
     pub off: f64,
-    /// With it.
+    /// Cost with the term.
     pub on: f64,
-    /// On over off.
+    /// Ratio of `on` to `off`.
     pub ratio: f64,
 }
 
-/// The row of everything at once.
+/// Name of the row for all terms together.
 pub const ALL_TERMS: &str = "all terms";
-/// What is measured of a skin, and of the loop.
+/// Cost measured for a skin.
 pub const PER_READING: &str = "ns a reading";
-/// See [`PER_READING`].
+/// Cost measured for the loop; see [`PER_READING`].
 pub const PER_PRESS: &str = "us a press";
 
-/// What each term costs that is computed with a reading or in the loop.
+/// Measures the cost of each term that is computed with a reading or in the loop.
 ///
 /// # Errors
-/// A scene that can't be pressed.
+/// A scene can't be pressed.
 pub fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<Vec<Cost>, StudyError> {
     let mut costs = Vec::new();
     for term in &TERMS {
@@ -64,7 +64,8 @@ pub fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Resu
     Ok(costs)
 }
 
-/// What a reading costs with everything that a skin can model, against a point load on a half-space over point units.
+/// Measures the cost of a reading with everything that a skin can model, compared with a point load on a half-space over point
+/// units.
 pub fn cost_of_all_terms(base: &Model, rig: &RigSpec) -> Cost {
     let plain = SkinSpec { elastomer: Some(Elastomer::half_space(DEPTH_MM)), ..SkinSpec::default() };
     let all = TERMS.iter().fold(base.clone(), |model, term| term.set(&model, true)).scene.skin;

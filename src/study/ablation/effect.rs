@@ -1,27 +1,27 @@
-//! What a term changes, as a mean of paired differences.
+//! Effect of a term, as a mean of paired differences.
 
 use crate::dataset::round;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::statistics::Statistics as _;
 
-/// What a term changes: the mean of differences, each between two tries that draw alike.
+/// Effect of a term: the mean of differences, each between two tries with the same random draws.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Effect {
-    /// Without the term, mean over seeds.
+    /// Result without the term, mean over seeds.
     pub off: f64,
-    /// With it.
+    /// Result with the term, mean over seeds.
     pub on: f64,
-    /// On less off, mean over seeds.
+    /// `on` minus `off`, mean over seeds.
     pub difference: f64,
     /// Half the 95 % confidence interval of the difference (Student's t over seeds).
     pub within: f64,
-    /// Pairs.
+    /// Number of pairs.
     pub seeds: usize,
 }
 
 impl Effect {
-    /// Of pairs (off, on). None of fewer than two, or where a number isn't finite.
+    /// Returns the effect for pairs (off, on). Returns `None` for fewer than two pairs, or if a number isn't finite.
     pub fn of(pairs: &[(f64, f64)]) -> Option<Effect> {
         let count = pairs.len() as f64;
         let quantile = StudentsT::new(0.0, 1.0, count - 1.0).ok()?.inverse_cdf(0.975);

@@ -1,9 +1,10 @@
-//! What a scene needs: each physical or measurement term off and on, all else as in the scene that is shipped for the paper's rig.
+//! Study of the terms that a scene needs. Each physical or measurement term is tried off and on; everything else is as in the
+//! scene supplied for the paper's rig.
 //!
-//! A [`Term`] is tried on what it can touch: the methods that solve and Table 1 on skins read without a rig (`readings`), the
-//! press in the force loop (`presses`). Both tries of a seed draw the same contacts and the same noise, so that an [`Effect`]
-//! is the mean of paired differences. The rule then says for which [`Question`] a scene needs the term. What each term costs
-//! is measured apart, once nothing else of the study runs.
+//! A [`Term`] is tried on what it can affect: the methods and Table 1 on skins read without a rig (`readings`), and the press in
+//! the force loop (`presses`). Both tries of a seed use the same contacts and the same noise, so an [`Effect`] is the mean of
+//! paired differences. The rule then states for which [`Question`] a scene needs the term. The cost of each term is measured
+//! separately, when nothing else of the study runs.
 
 mod cost;
 mod effect;
@@ -23,55 +24,56 @@ use super::{StudyError, Told, carried_out, ndjson};
 use crate::rig::RigSpec;
 use serde::Serialize;
 
-/// What a term changes in one question.
+/// Effect of a term on one question.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TermRow {
     /// "ablation".
     pub study: &'static str,
-    /// The term's name.
+    /// Name of the term.
     pub term: &'static str,
-    /// How much of it, and what it can't touch by construction.
+    /// Size of the term, and what it can't affect by construction.
     pub told: &'static str,
-    /// Whether the base has it.
+    /// Whether the base contains the term.
     pub in_base: bool,
-    /// What is asked.
+    /// Name of the question.
     pub question: &'static str,
-    /// The unit of all numbers of the row.
+    /// Unit of all numbers of the row.
     pub unit: &'static str,
-    /// The base's own number, mean over seeds.
+    /// Result of the base itself, mean over seeds.
     pub base: f64,
-    /// Off and on, and what that differs by.
+    /// Results with the term off and on, and their difference.
     #[serde(flatten)]
     pub effect: Effect,
-    /// What a difference must exceed to count.
+    /// Limit that a difference must exceed to count.
     pub counts_from: f64,
     /// Whether a scene needs the term for this question.
     pub needed: Needed,
 }
 
-/// All that was found.
+/// All results of the study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AblationFindings {
-    /// How much was measured.
+    /// Amount of measurement.
     pub size: AblationSize,
-    /// A row a term and a question that it can touch.
+    /// Rows, one for each term and question that the term can affect.
     pub rows: Vec<TermRow>,
-    /// What terms cost; measured by a clock.
+    /// Costs of the terms, measured by a clock.
     pub costs: Vec<Cost>,
 }
 
 impl AblationFindings {
-    /// One JSON object a line.
+    /// Returns one JSON object per line.
     pub fn ndjson(&self) -> String {
         ndjson(&self.rows) + &ndjson(&self.costs)
     }
 
-    /// What a term changes in a question; none where it can't touch it, or no two tries came to a number.
+    /// Returns the effect of a term on a question. `None` if the term can't affect the question, or if no two tries gave a
+    /// number.
     pub fn row(&self, term: &str, question: &Question) -> Option<&TermRow> {
         self.rows.iter().find(|row| row.term == term && row.question == question.name)
     }
 
-    /// Whether a scene needs a term for anything.
+    /// Returns whether a scene needs a term for any question.
     pub fn verdict(&self, term: &str) -> Needed {
         let verdicts = || self.rows.iter().filter(|row| row.term == term).map(|row| row.needed);
         [Needed::Yes, Needed::Undecided]
@@ -92,10 +94,10 @@ struct Job {
     seed: usize,
 }
 
-/// Tries every term. `told` hears how many tries are done, and of how many.
+/// Tries every term. `told` is called with the number of finished tries and the total number.
 ///
 /// # Errors
-/// A scene that can't be pressed; none in practice: a test holds the shipped one to be sound.
+/// A scene can't be pressed. This doesn't occur in practice: a test checks that the supplied scene is valid.
 pub fn ablation(size: AblationSize, seed: u64, told: Told<'_>) -> Result<AblationFindings, StudyError> {
     let (base, rig) = Model::base()?;
     let jobs = jobs(size);

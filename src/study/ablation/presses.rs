@@ -1,4 +1,4 @@
-//! A few presses in the force loop: the driver and the control core as in any run, in virtual time.
+//! A few presses in the force loop. Driver and control core work as in any run, in virtual time.
 
 use super::{AblationSize, Model};
 use crate::control::Strategy;
@@ -9,7 +9,7 @@ use crate::study::{Condition, Part, StudyError};
 const FORCE_N: f64 = 1.0;
 const TOLERANCE_N: f64 = 0.05;
 
-/// Mean force error in the window (mN), peak over the set force (mN), time from one press to the next (s).
+/// Returns mean force error in the window (mN), peak above the set force (mN), and time from one press to the next (s).
 pub fn press(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[Option<f64>; 3], StudyError> {
     let outcome = condition(model, rig, size, seed).measure()?;
     // a walk that ends early has pressed other places
@@ -18,7 +18,7 @@ pub fn press(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Res
     Ok(found.map(|number| number.filter(|_| is_whole)))
 }
 
-/// A square of presses around the origin, by the strategy that a recipe without one gets.
+/// Returns a square of presses around the origin, with the default strategy of a recipe.
 pub fn condition(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Condition {
     Condition {
         part: Part::Scenes,

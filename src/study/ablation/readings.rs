@@ -1,4 +1,4 @@
-//! What a specimen reads without a rig: a calibration and its test, and the staircases of Table 1.
+//! Readings of a specimen without a rig: a calibration and its test, and the staircases of Table 1.
 
 use super::{AblationSize, Model};
 use crate::control::Branch;
@@ -25,7 +25,7 @@ const REST_S: f64 = 300.0;
 const WINDOW_S: f64 = 0.1;
 const HOUR_S: f64 = 3600.0;
 
-/// Mean location (mm) and force (N) errors of the paper's method, the surrogate and the physics solver.
+/// Returns mean location (mm) and force (N) errors of the paper's method, the surrogate and the physics solver.
 pub fn methods(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[Option<f64>; 6], StudyError> {
     let layout = &rig.array.layout;
     let mut specimen = Specimen::new(model, rig, seed);
@@ -64,7 +64,7 @@ fn mean_errors(
     Some((location_mm / count, error_n / count))
 }
 
-/// Repeatability while loading and while unloading, and hysteresis: means over units, % of full scale.
+/// Returns repeatability while loading and while unloading, and hysteresis: means over units, % of full scale.
 pub fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
     let places = rig.array.layout.places();
     let mut specimen = Specimen::new(model, rig, seed);
@@ -93,11 +93,11 @@ struct Specimen<'a> {
     skin: Skin,
     grain_mm: f64,
     full_scale_n: f64,
-    /// Standard deviation of what the load cell reads of a window, N.
+    /// Standard deviation of the load cell's mean over a window, N.
     cell_sd_n: f64,
-    /// How far each unit's zero has wandered, reading units.
+    /// Drift of each unit's zero, reading units.
     zeros: Vec<f64>,
-    /// This contact's error of each unit, as a share of its reading.
+    /// Error of each unit at this contact, as a fraction of its reading.
     shares: Vec<f64>,
     noise: Stream,
     noise_of_reading: Stream,

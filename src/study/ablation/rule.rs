@@ -1,27 +1,29 @@
-//! The rule: for which question does a scene need a term?
+//! Rule that states for which question a scene needs a term.
 
 use super::effect::Effect;
 use super::terms::Touches;
 use serde::Serialize;
 
-/// What is asked of a scene.
+/// Question about a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Question {
-    /// As it stands in rows.
+    /// Name of the question in rows.
     pub name: &'static str,
-    /// What it is asked of.
+    /// What the question is tried on.
     pub of: Touches,
-    /// The unit of its answer.
+    /// Unit of the answer.
     pub unit: &'static str,
-    /// A difference below this matters to nobody, however small the base's own number is.
+    /// Difference below which the effect never matters, even if the base's own number is very small.
     floor: f64,
 }
 
-/// All, in the order of the tables: mean errors of three methods; Table 1, means over units; of a press the mean of |true force in
-/// the window - set force|, the largest true force over the set one, and the median time from one to the next.
+/// All questions, in the order of the tables. First come mean errors of three methods. Then comes Table 1, as means over units.
+/// The last three are for a press. They are the mean of |true force in the window - set force|, the largest true force above the
+/// set force, and the median press interval.
 ///
-/// The floors are a hundredth of the paper's 1 mm and 0.1 N; a twentieth of a per cent of full scale; of a force what the paper's
-/// load cell can't see, which is 3 mN of one conversion (a peak) and a tenth of that of a window's hundred; 10 ms.
+/// The floors are: a hundredth of the paper's 1 mm and 0.1 N; a twentieth of a per cent of full scale; for a force, the smallest
+/// value that the paper's load cell can measure; 10 ms. The load cell's value is 3 mN for one conversion (a peak), and a tenth of
+/// this for a window's hundred conversions.
 pub const QUESTIONS: [Question; 12] = [
     question("paper-location", Touches::Methods, "mm", 0.01),
     question("paper-force", Touches::Methods, "N", 0.001),
@@ -42,28 +44,28 @@ const fn question(name: &'static str, of: Touches, unit: &'static str, floor: f6
 }
 
 impl Question {
-    /// What a difference must exceed to count where the base's own number is this.
+    /// Returns the limit that a difference must exceed to count, for this number of the base.
     pub fn counts_from(&self, base: f64) -> f64 {
         (SHARE * base.abs()).max(self.floor)
     }
 }
 
-/// A difference counts from this share of the base's own number on, 1.
+/// Fraction of the base's own number from which a difference counts, 1.
 pub const SHARE: f64 = 0.05;
 
 /// Whether a scene needs a term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Needed {
-    /// The difference counts, and isn't chance.
+    /// The difference counts and isn't due to chance.
     Yes,
-    /// It doesn't count, wherever in its interval it lies.
+    /// The difference doesn't count anywhere in its interval.
     No,
     /// More seeds are required.
     Undecided,
 }
 
-/// Whether a scene needs a term that changes so much, where a difference counts from so much on.
+/// Returns whether a scene needs a term with this effect, if a difference must exceed `counts_from`.
 pub fn needed(effect: &Effect, counts_from: f64) -> Needed {
     let size = effect.difference.abs();
     if size > counts_from && size > effect.within {

@@ -1,4 +1,4 @@
-//! The terms that are tried, and the scene that they are tried in.
+//! Terms that are tried, and the scene in which they are tried.
 
 use crate::document::Problems;
 use crate::mechanics::Medium;
@@ -8,26 +8,27 @@ use crate::scene::{Elastomer, LoadCell, NoiseOf, RelaxationBranch, SceneSpec, Se
 use crate::study::bench::papers_rig;
 use crate::study::methods::specimen::CONVERTER;
 
-/// What a try models: a scene, and what the measurement adds to it.
+/// Model of a try: a scene, and the effects of the measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// The specimen, the stage and the load cell.
+    /// Specimen, stage and load cell.
     pub scene: SceneSpec,
-    /// Another error of each unit that grows with its reading, one draw a contact: three standard deviations, % of the reading.
+    /// Additional error of each unit that grows with its reading, drawn once for each contact: three standard deviations, % of
+    /// the reading.
     pub noise_of_reading_percent: Option<Vec<f64>>,
-    /// How far the force that is reached may be from the one asked for, either way, N; uniform.
+    /// Largest difference between reached and requested force in either direction, N; uniformly distributed.
     pub force_tolerance_n: f64,
-    /// How far each unit's zero has wandered after an hour: one standard deviation, % of full scale. Brownian: after a quarter
-    /// of the time half as far.
+    /// Drift of each unit's zero after an hour: one standard deviation, % of full scale. The drift is Brownian: after a quarter
+    /// of the time it is half as large.
     pub drift_percent: f64,
 }
 
 impl Model {
-    /// The base: the scene of the paper's rig as it is shipped, on that rig. Its card converts to 16 bits over 10 V either way
-    /// at the wire; here the skin does.
+    /// Returns the base: the supplied scene of the paper's rig, on that rig. The rig's card converts to 16 bits over 10 V in
+    /// either direction at the wire; here the skin does this conversion.
     ///
     /// # Errors
-    /// None: a test holds the shipped text to be sound.
+    /// Never in practice: a test checks that the supplied text is valid.
     pub fn base() -> Result<(Model, RigSpec), Problems> {
         let rig = papers_rig()?;
         let mut scene = rig.scene.clone();
@@ -40,7 +41,7 @@ impl Model {
     }
 }
 
-/// What a term can be tried on.
+/// Things that a term can be tried on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Touches {
     /// A calibration and its test, read from a skin.
@@ -52,30 +53,30 @@ pub enum Touches {
 }
 
 impl Touches {
-    /// All, the one that takes longest first.
+    /// All things, the one that takes longest first.
     pub const ALL: [Touches; 3] = [Touches::Methods, Touches::Table1, Touches::Press];
 }
 
-/// Something that a scene may model or leave out.
+/// A term that a scene may model or omit.
 #[derive(Clone, Copy, Debug)]
 pub struct Term {
-    /// As it stands in tables and figures.
+    /// Name in tables and figures.
     pub name: &'static str,
-    /// How much of it, and what it can't touch by construction.
+    /// Size of the term, and what it can't affect by construction.
     pub told: &'static str,
-    /// Whether the base has it.
+    /// Whether the base contains the term.
     pub in_base: bool,
     on: &'static [Touches],
     set: fn(&mut Model, bool),
 }
 
 impl Term {
-    /// Whether the term can change anything there.
+    /// Whether the term can change anything in `on`.
     pub fn touches(&self, on: Touches) -> bool {
         self.on.contains(&on)
     }
 
-    /// A model with the term, or without it.
+    /// Returns a model with the term or without it.
     #[must_use]
     pub fn set(&self, model: &Model, on: bool) -> Model {
         let mut changed = model.clone();
@@ -94,7 +95,7 @@ const TABLE_1: &[Touches] = &[Touches::Table1];
 const READINGS: &[Touches] = &[Touches::Methods, Touches::Table1];
 const PRESS: &[Touches] = &[Touches::Press];
 
-/// All of them. None of the array's touches the press, since the loop never looks at the array.
+/// All terms. The array's terms don't affect the press, because the loop never reads the array.
 pub const TERMS: [Term; 16] = [
     term(
         "taxel noise",

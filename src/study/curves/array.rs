@@ -1,4 +1,4 @@
-//! Units over a plane, and how alike what they read of two contacts is.
+//! Units in a plane, and the similarity of their readings of two contacts.
 
 use crate::mechanics::{Passage, Response};
 use crate::quantity::{ArrayLayout, Place};
@@ -8,10 +8,10 @@ use crate::solver::correlation;
 /// noise, and what is computed of the rest is rounded to less than a rise that counts.
 const ALIKE: f64 = 1e-8;
 
-/// An array: where its units are, and what each reads of a contact.
+/// An array: the positions of its units, and each unit's reading of a contact.
 ///
-/// The paper's line of units is one too: it lies along x under a half-space whose depth is 1 mm, so that a distance in mm is one
-/// in depths H.
+/// The paper's line of units is an array too. It lies along x under a half-space with a depth of 1 mm, so a distance in mm equals
+/// a distance in depths H.
 #[derive(Clone, Debug)]
 pub struct Array {
     places: Vec<Place>,
@@ -19,36 +19,36 @@ pub struct Array {
 }
 
 impl Array {
-    /// Units of a layout that all read the same of a contact at the same distance.
+    /// Returns an array of a layout's units. All units read the same at the same distance from a contact.
     pub fn new(layout: &ArrayLayout, response: Response) -> Array {
         Array { places: layout.places().to_vec(), response }
     }
 
-    /// The paper's line: `units` units from 0 on, `spacing` depths apart.
+    /// Returns the paper's line: `units` units starting at 0, `spacing` depths apart.
     pub fn line(units: usize, spacing: f64) -> Array {
         let places = (0..units).map(|unit| Place::new(unit as f64 * spacing, 0.0)).collect();
         Array { places, response: Response::new(Passage::half_space(1.0)) }
     }
 
-    /// Where its units are.
+    /// Returns the positions of the units.
     pub fn places(&self) -> &[Place] {
         &self.places
     }
 
-    /// What a unit reads.
+    /// Returns the response of a unit.
     pub fn response(&self) -> &Response {
         &self.response
     }
 
-    /// Pearson's r of two contacts; none where it is 0/0.
+    /// Returns Pearson's r of two contacts; `None` if r is 0/0.
     pub fn r(&self, first: Place, second: Place) -> Option<f64> {
         let readings = |at: Place| self.places.iter().map(|unit| self.response.at(at.distance_mm(*unit))).collect();
         let (first, second): (Vec<f64>, Vec<f64>) = (readings(first), readings(second));
         correlation(&first, &second)
     }
 
-    /// The coefficient c of r = 1 - c d^2 (d in mm) for a small distance d from a contact in a direction: half the square of how
-    /// fast the pattern turns. None where there is no pattern.
+    /// Returns the coefficient c of r = 1 - c d^2 (d in mm) for a small distance d from a contact in a direction. It is half the
+    /// square of the pattern's rotation rate. `None` if there is no pattern.
     pub fn bend(&self, at: Place, direction_rad: f64) -> Option<f64> {
         let sums = self.sums(at, direction_rad, |_| 0.0);
         let power = sums.power()?;
@@ -57,7 +57,7 @@ impl Array {
         Some(turned.max(0.0) / 2.0)
     }
 
-    /// A first contact, held fast; none where all units read the same of it.
+    /// Returns a fixed first contact; `None` if all units read the same for it.
     pub fn aim(&self, first: Place) -> Option<Aim<'_>> {
         let mut pattern: Vec<f64> = self.places.iter().map(|unit| self.response.at(first.distance_mm(*unit))).collect();
         let power = self.sums(first, 0.0, |_| 0.0).power()?;
@@ -99,11 +99,11 @@ struct Sums {
     count: f64,
     readings: f64,
     squares: f64,
-    /// Of slopes, less their mean, squared.
+    /// Sum of squared slopes minus their mean.
     slopes_squared: f64,
-    /// Of readings times slopes, each less its mean.
+    /// Sum of products of readings and slopes, each minus its mean.
     products: f64,
-    /// Of readings, and of slopes, times the other contact's pattern.
+    /// Products of readings and of slopes with the other contact's pattern.
     along: f64,
     along_slopes: f64,
 }
@@ -116,14 +116,15 @@ impl Sums {
     }
 }
 
-/// One contact, against which others are held: its readings less their mean, of length 1.
+/// A contact with which others are compared: its readings minus their mean, scaled to length 1.
 pub struct Aim<'a> {
     array: &'a Array,
     pattern: Vec<f64>,
 }
 
 impl Aim<'_> {
-    /// r of a second contact, and what r changes by in a millimetre of its way; none where all units read the same of it.
+    /// Returns r of a second contact, and its change per millimetre of the contact's path; `None` if all units read the same for
+    /// it.
     pub fn r_and_slope(&self, second: Place, direction_rad: f64) -> Option<(f64, f64)> {
         let sums = self.array.sums(second, direction_rad, |unit| self.pattern[unit]);
         let power = sums.power()?;

@@ -1,4 +1,4 @@
-//! What the paper says of its curves, each claim compared with what is computed here.
+//! The paper's claims about its curves, each compared with computed results.
 
 use super::array::Array;
 use super::line::{FIGURE_4_TO, FIGURE_5_TO, UNITS, on_line, walk_left, walk_right};
@@ -41,23 +41,23 @@ fn verdict(holds: bool, bounded: bool) -> &'static str {
     }
 }
 
-/// A claim of the paper, and what was found.
+/// A claim of the paper, and the computed result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Claim {
-    /// Its name in rows.
+    /// Name of the claim in rows.
     pub claim: &'static str,
-    /// What the paper says, in our words.
+    /// The paper's claim, in other words.
     pub told: &'static str,
-    /// What became of it.
+    /// Verdict on the claim.
     pub verdict: &'static str,
-    /// The numbers, in a sentence.
+    /// The numbers in a sentence.
     pub found: String,
-    /// The same by name; distances in depths H unless a name says mm.
+    /// The same numbers by name; distances in depths H unless a name contains mm.
     #[serde(flatten)]
     pub numbers: Value,
 }
 
-/// Every claim, in the order of the paper.
+/// Returns every claim, in the order of the paper.
 pub fn claims() -> Vec<Claim> {
     vec![
         receptive_field(),

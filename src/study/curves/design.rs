@@ -1,4 +1,4 @@
-//! Any array put through the paper's study: how far it sees, how well it distinguishes two places, and where r misleads.
+//! The paper's study for any array: its range, its ability to distinguish two places, and where r misleads.
 
 use super::array::Array;
 use super::row;
@@ -11,8 +11,8 @@ use crate::study::methods::specimen::FORCES_N;
 use serde_json::json;
 use thiserror::Error;
 
-/// Standard deviation of a unit's error where a rig names no noise, reading units: the mean of the paper's Table 1 over three, of
-/// 2 N.
+/// Standard deviation of a unit's error if a rig states no noise, reading units: a third of the mean of the paper's Table 1, as a
+/// fraction of 2 N.
 pub const ASSUMED_SD: f64 = 0.0129;
 /// The loading area goes beyond the outermost units by this share of the pitch, as the paper's does.
 const MARGIN: f64 = 1.0 / 3.0;
@@ -31,31 +31,31 @@ const CONTACTS: usize = 2000;
 /// How far the receptive field is drawn, depths.
 const FIELD_TO: f64 = 3.0;
 
-/// Why an array can't be studied.
+/// Reason why an array can't be studied.
 #[derive(Debug, Error, PartialEq)]
 pub enum DesignError {
     /// One unit has no pattern.
     #[error("the array has one unit, but r compares several units")]
     OneUnit,
-    /// Two units at one place have no pitch.
+    /// Two units at one place, so there is no pitch.
     #[error("units {0} and {1} are at the same place")]
     SamePlace(usize, usize),
-    /// Nothing says how deep the units are.
+    /// The depth of the units is unknown.
     #[error("the depth of the units is unknown: the rig has no elastomer")]
     NoDepth,
-    /// Too large to be computed with.
+    /// The radius of an indenter or a taxel is too large for the computation.
     #[error(
         "an indenter or a taxel has a radius of {radius_mm} mm, over {MOST_RADIUS_DEPTHS} times the depth of {depth_mm} mm"
     )]
     Radius {
-        /// Its radius, mm.
+        /// Radius, mm.
         radius_mm: f64,
-        /// The units' depth, mm.
+        /// Depth of the units, mm.
         depth_mm: f64,
     },
 }
 
-/// An array as it is designed: every unit where it should be, and all alike.
+/// An array as designed: every unit is at its nominal position, and all units are equal.
 #[derive(Clone, Debug)]
 pub struct Design {
     layout: ArrayLayout,
@@ -70,55 +70,56 @@ pub struct Design {
 /// r along the row through the middle, from one first contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Course {
-    /// Where the first contact is along the row, mm.
+    /// Position of the first contact along the row, mm.
     pub first_mm: f64,
-    /// Where the second is along it, mm, and r; none where r is 0/0.
+    /// Position of the second contact along the row, mm, and r; `None` if r is 0/0.
     pub points: Vec<(f64, Option<f64>)>,
 }
 
-/// What was found of a design.
+/// Results for a design.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DesignFindings {
-    /// How many units there are.
+    /// Number of units.
     pub units: usize,
-    /// The smallest distance between two of them, mm.
+    /// Smallest distance between two units, mm.
     pub pitch_mm: f64,
-    /// What they lie under.
+    /// Material above the units, and the sizes of indenter and taxels.
     pub passage: Passage,
-    /// The pitch in depths: the paper's s.
+    /// Pitch in depths: the paper's s.
     pub spacing: f64,
-    /// Where contacts may be.
+    /// Area of possible contacts.
     pub area: Area,
-    /// Units on the row (or column) through the middle, the paper's n.
+    /// Number of units on the row (or column) through the middle, the paper's n.
     pub row_units: usize,
     /// Whether that row is along y.
     pub row_is_column: bool,
-    /// Where a reading is half its peak, mm.
+    /// Distance at which a reading is half its peak, mm.
     pub half_peak_mm: f64,
-    /// From where on it is under a hundredth of its peak, mm.
+    /// Distance from which a reading is below a hundredth of its peak, mm.
     pub hundredth_mm: f64,
-    /// What is left of the peak at two depths.
+    /// Fraction of the peak that remains at two depths.
     pub share_at_two_depths: f64,
-    /// Reading over peak, by distance, mm.
+    /// Reading divided by its peak, as a function of distance, mm.
     pub field: Vec<(f64, f64)>,
-    /// The same of a point load over a point in a half-space of the same depth.
+    /// The same for a point load over a point in a half-space of the same depth.
     pub half_space_field: Vec<(f64, f64)>,
     /// r along the row through the middle.
     pub courses: Vec<Course>,
     /// r over the area.
     pub survey: Survey,
-    /// The least errors of any method, on average over area and forces; unbounded: for some contacts the units don't determine location and force.
+    /// Smallest errors of any method, averaged over area and forces. `None` if unbounded, because for some contacts the units
+    /// don't determine location and force.
     pub least: Option<MeanBound>,
-    /// Whether the rig states no noise, so that [`ASSUMED_SD`] was taken.
+    /// Whether the rig states no noise, so that [`ASSUMED_SD`] is used.
     pub noise_is_assumed: bool,
 }
 
 impl Design {
-    /// The design of an array. Of the skin counts what belongs to a design: elastomer, indenter and taxel size, noise,
-    /// converter; no specimen's spread and no fault.
+    /// Creates the design of an array. Only the skin's design properties count: elastomer, indenter and taxel size, noise and
+    /// converter. A specimen's variation and faults don't count.
     ///
     /// # Errors
-    /// An array whose r or whose response there isn't.
+    /// r or the response of the array isn't defined.
     pub fn new(
         layout: &ArrayLayout,
         skin: &SkinSpec,
@@ -152,7 +153,7 @@ impl Design {
         })
     }
 
-    /// Carries the study out.
+    /// Executes the study.
     pub fn study(&self) -> DesignFindings {
         let Elastomer { depth_mm, medium } = self.elastomer;
         let passage = Passage {
@@ -245,7 +246,7 @@ impl Design {
 }
 
 impl DesignFindings {
-    /// Whether the paper's rule is kept: enough units on the row, and near enough to each other.
+    /// Returns whether the paper's rule is satisfied: enough units on the row, and a small enough spacing.
     pub fn keeps_rule(&self) -> (bool, bool) {
         (self.row_units >= RULE.0, self.spacing <= RULE.1)
     }
@@ -255,7 +256,7 @@ impl DesignFindings {
         self.passage == Passage::half_space(self.passage.depth_mm)
     }
 
-    /// One JSON object a line: what was found, then every point of every curve.
+    /// Returns one JSON object per line: the results, then every point of every curve.
     pub fn ndjson(&self) -> String {
         let Passage { medium, depth_mm, indenter_radius_mm, taxel_radius_mm } = self.passage;
         let poisson_ratio = match medium {

@@ -1,4 +1,4 @@
-//! The paper's Figures 3 to 5, and the two of an array.
+//! The paper's Figures 3 to 5, and two figures of an array.
 
 use super::line::{FIGURE_4_TO, LineCurve};
 use super::{Curves, DesignFindings};
@@ -22,7 +22,7 @@ fn line(index: usize) -> Look {
     Look::line(HUES[index % HUES.len()], if index < HUES.len() { Line::Solid } else { Line::Dashed })
 }
 
-/// The four figures of the paper.
+/// Draws the four figures of the paper.
 pub fn figures(found: &Curves) -> Vec<Drawn> {
     let drawn = [
         ("figure-3.svg", figure_3(&found.lambda)),
@@ -106,7 +106,7 @@ fn figure_5(found: &Curves) -> Figure {
     }
 }
 
-/// What a rig's array reads beside a contact, and r along its row.
+/// Draws the readings of a rig's array next to a contact, and r along its row.
 pub fn design_figures(found: &DesignFindings) -> Vec<Drawn> {
     let drawn = [("array-field.svg", field(found)), ("array-r.svg", courses(found))];
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()

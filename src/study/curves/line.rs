@@ -6,9 +6,9 @@ use crate::mechanics::lambda;
 use crate::quantity::Place;
 use std::f64::consts::PI;
 
-/// How far the second contact goes in Figure 4, depths.
+/// Largest distance of the second contact in Figure 4, depths.
 pub const FIGURE_4_TO: f64 = 2.0;
-/// How far the line of Figure 5 goes, depths.
+/// Length of the line in Figure 5, depths.
 pub const FIGURE_5_TO: f64 = 8.0;
 /// Units of Figures 4b and 5.
 pub const UNITS: usize = 9;
@@ -19,29 +19,29 @@ const WALK_STEP: f64 = 0.02;
 /// How far Figure 3 goes.
 const FIGURE_3_TO: f64 = 3.0;
 
-/// r of two contacts on a line of units, against where the second is; all in depths H.
+/// r of two contacts on a line of units, as a function of the second contact's position; all in depths H.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineCurve {
-    /// The paper's figure that it is drawn in: 4a by how many units there are, 4b by how far apart they are, 5 by where the first
-    /// contact is.
+    /// Figure of the paper that contains the curve. Figure 4a varies the number of units, 4b their spacing, 5 the position of the
+    /// first contact.
     pub figure: &'static str,
-    /// Units in the line, the first at 0.
+    /// Number of units in the line, the first at 0.
     pub n: usize,
-    /// From one unit to the next.
+    /// Distance from one unit to the next.
     pub s: f64,
-    /// Where the first contact is.
+    /// Position of the first contact.
     pub d1: f64,
-    /// Where the second is, and r; none where r is 0/0.
+    /// Position of the second contact, and r; `None` if r is 0/0.
     pub points: Vec<(f64, Option<f64>)>,
 }
 
-/// Figure 3: k and lambda.
+/// Returns Figure 3: k and lambda.
 pub fn lambda_curve() -> Vec<(f64, f64)> {
     let last = (FIGURE_3_TO / STEP).round() as usize;
     (0..=last).map(|index| index as f64 * STEP).map(|k| (k, lambda(k))).collect()
 }
 
-/// Figures 4a, 4b and 5.
+/// Returns Figures 4a, 4b and 5.
 pub fn curves() -> Vec<LineCurve> {
     let of_units = (2..=15).map(|n| curve("4a", n, 1.0, 0.0, FIGURE_4_TO));
     let of_spacing = (1..=10).map(|k| curve("4b", UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
@@ -57,7 +57,7 @@ fn curve(figure: &'static str, n: usize, s: f64, d1: f64, to: f64) -> LineCurve 
 }
 
 impl LineCurve {
-    /// How far from the first contact r turns, to the left and to the right of it.
+    /// Returns the distances from the first contact at which r turns, to the left and to the right.
     pub fn turnings(&self) -> [Option<f64>; 2] {
         let array = Array::line(self.n, self.s);
         let to = self.points.last().map_or(0.0, |(d2, _)| *d2);
@@ -65,17 +65,17 @@ impl LineCurve {
     }
 }
 
-/// A place on the line.
+/// Returns a place on the line.
 pub fn on_line(d: f64) -> Place {
     Place::new(d, 0.0)
 }
 
-/// From d1 on to the right, up to `to`.
+/// Walks from d1 to the right, up to `to`.
 pub fn walk_right(array: &Array, d1: f64, to: f64) -> ArrayWalk {
     array.walk(on_line(d1), 0.0, to - d1, WALK_STEP)
 }
 
-/// From d1 on to the left, down to 0.
+/// Walks from d1 to the left, down to 0.
 pub fn walk_left(array: &Array, d1: f64) -> ArrayWalk {
     array.walk(on_line(d1), PI, d1, WALK_STEP)
 }

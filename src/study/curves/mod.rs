@@ -1,7 +1,8 @@
-//! The paper's numerical study: how alike what an array reads of two contacts is (Pearson's r), against their distance.
+//! The paper's numerical study: the similarity of an array's readings of two contacts (Pearson's r) as a function of their
+//! distance.
 //!
-//! [`curves`] draws the paper's lines of units (PAPER S3) and holds each of its claims against what is computed; [`Design`] puts
-//! any array through the same. Nothing is drawn at random: the same study gives the same bytes.
+//! [`curves`] draws the paper's lines of units (PAPER S3) and compares each of its claims with computed results. [`Design`] does
+//! the same for any array. No random numbers are used, so the same study gives the same bytes.
 
 mod array;
 mod claims;
@@ -21,24 +22,24 @@ pub use turning::{Area, ArrayWalk, NEAR_R, Survey, Turning};
 use serde::Serialize;
 use serde_json::json;
 
-/// The paper's curves and what became of its claims.
+/// The paper's curves and the verdicts on its claims.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curves {
     /// Figure 3: k and lambda.
     pub lambda: Vec<(f64, f64)>,
     /// Figures 4 and 5.
     pub curves: Vec<LineCurve>,
-    /// Each claim.
+    /// Claims with their verdicts.
     pub claims: Vec<Claim>,
 }
 
-/// Computes all of it.
+/// Computes the complete study.
 pub fn curves() -> Curves {
     Curves { lambda: line::lambda_curve(), curves: line::curves(), claims: claims::claims() }
 }
 
 impl Curves {
-    /// One JSON object a line: the claims, then every point of every curve.
+    /// Returns one JSON object per line: the claims, then every point of every curve.
     pub fn ndjson(&self) -> String {
         let claims = self.claims.iter().map(|claim| row("claim", claim));
         let lambda =

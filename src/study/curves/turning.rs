@@ -1,4 +1,4 @@
-//! Where r, falling as the second contact goes away, turns and rises again.
+//! Place where r turns: r decreases as the second contact moves away, then increases again.
 
 use super::array::Array;
 use crate::parallel::in_parallel;
@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 
 /// r that rises by less than this over a depth doesn't rise: far below what could be read, above what a table rounds.
 const RISING: f64 = 1e-6;
-/// r up to which two contacts are as good as one.
+/// Value of r above which two contacts can't practically be distinguished.
 pub const NEAR_R: f64 = 0.99;
 /// By how much a step is smaller where a turning is looked at closer.
 const FINER: f64 = 2.0;
@@ -19,7 +19,7 @@ const ROUNDS: (usize, usize) = (500, 4);
 /// Readings that are computed in a search, which bounds the rounds of a large array.
 const SEARCH_READINGS: f64 = 3e7;
 
-/// Where contacts may be, mm.
+/// Area of possible contacts, mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Area {
     /// First and last x.
@@ -29,7 +29,7 @@ pub struct Area {
 }
 
 impl Area {
-    /// The box of some places and so much on each side.
+    /// Returns the box around some places, with `margin_mm` on each side.
     pub fn around(places: &[Place], margin_mm: f64) -> Area {
         let ends = |along: fn(&Place) -> f64| {
             let values = places.iter().map(along);
@@ -39,7 +39,7 @@ impl Area {
         Area { x_mm: (x.0 - margin_mm, x.1 + margin_mm), y_mm: (y.0 - margin_mm, y.1 + margin_mm) }
     }
 
-    /// The place at a share of the way along x and y.
+    /// Returns the place at these fractions of the sides along x and y.
     pub fn at(&self, across: f64, up: f64) -> Place {
         let between = |(from, to): (f64, f64), share: f64| from + share * (to - from);
         Place::new(between(self.x_mm, across), between(self.y_mm, up))
@@ -63,24 +63,24 @@ impl Area {
     }
 }
 
-/// From where r first turns, in which direction, and how far from there.
+/// Start, direction and distance of a turning of r.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Turning {
     /// The first contact.
     #[serde(flatten)]
     pub from: Place,
-    /// Which way the second goes, from x toward y.
+    /// Direction of the second contact, from x toward y.
     pub direction_rad: f64,
-    /// How far it has gone, mm.
+    /// Distance of the second contact, mm.
     pub distance_mm: f64,
 }
 
-/// What r did on one way.
+/// Behaviour of r on one path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ArrayWalk {
-    /// Where it had fallen to [`NEAR_R`], mm.
+    /// Distance at which r decreased to [`NEAR_R`], mm.
     pub near_mm: Option<f64>,
-    /// Where it turned, mm.
+    /// Distance at which r turned, mm.
     pub turning_mm: Option<f64>,
 }
 
@@ -90,7 +90,7 @@ impl Array {
         pitch_mm.min(self.response().passage().depth_mm) / 20.0
     }
 
-    /// Takes a second contact from a first one so far in a direction.
+    /// Moves a second contact from a first contact over this distance in a direction.
     pub fn walk(&self, from: Place, direction_rad: f64, reach_mm: f64, step_mm: f64) -> ArrayWalk {
         let mut walk = ArrayWalk::default();
         let Some(aim) = self.aim(from) else { return walk };
@@ -117,8 +117,8 @@ impl Array {
     }
 }
 
-/// The last point between two at which something holds, that holds at the first and not at the second; to a millionth of what is
-/// between them.
+/// Returns the last point between two at which a condition is true. The condition is true at the first point and false at the
+/// second. The result is accurate to a millionth of the interval.
 pub fn last(mut holds: f64, mut fails: f64, is: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..20 {
         let middle = (holds + fails) / 2.0;
@@ -127,21 +127,21 @@ pub fn last(mut holds: f64, mut fails: f64, is: impl Fn(f64) -> bool) -> f64 {
     holds
 }
 
-/// What r does on many ways over an area.
+/// Behaviour of r on many paths over an area.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Survey {
-    /// How many ways were walked: places all over the area, each in a direction of its own, up to the edge.
+    /// Number of paths. They start at places all over the area, each in its own direction, and go to the edge.
     pub rays: usize,
-    /// How far each of those got that turned, mm, in order.
+    /// Distances at which r turned, mm, sorted, for the paths on which it turned.
     pub turned_mm: Vec<f64>,
-    /// The first turning of all, by search over all places and directions.
+    /// Turning with the smallest distance, found by search over all places and directions.
     pub first: Option<Turning>,
-    /// Where r had fallen to [`NEAR_R`], on those ways that got there, the nearest first.
+    /// Points where r decreased to [`NEAR_R`], for the paths that reach this value, the nearest first.
     pub near: Vec<Turning>,
 }
 
 impl Survey {
-    /// Walks `rays` ways over an area, and searches on from those that turn first.
+    /// Walks `rays` paths over an area, and refines the search from the paths that turn first.
     pub fn new(array: &Array, area: &Area, pitch_mm: f64, rays: usize) -> Survey {
         let step_mm = array.step_mm(pitch_mm);
         let starts: Vec<(Place, f64)> = (1..=rays).map(|ray| start(area, ray)).collect();
@@ -167,12 +167,12 @@ impl Survey {
         }
     }
 
-    /// Which share of the ways turned.
+    /// Returns the fraction of the paths on which r turned.
     pub fn share_turned(&self) -> f64 {
         self.turned_mm.len() as f64 / self.rays as f64
     }
 
-    /// The middle one of where r had fallen to [`NEAR_R`], and the farthest.
+    /// Returns the median of the distances where r decreased to [`NEAR_R`], and the largest one.
     pub fn near_median_and_worst(&self) -> Option<(f64, Turning)> {
         Some((self.near.get(self.near.len() / 2)?.distance_mm, *self.near.last()?))
     }
@@ -183,8 +183,8 @@ fn start(area: &Area, ray: usize) -> (Place, f64) {
     (area.at(across, up), TAU * around)
 }
 
-/// Points that fill a cube evenly, however many: multiples of powers of the inverse of the root of x^4 = x + 1 (the additive
-/// recurrence of M. Roberts).
+/// Returns points that fill a cube evenly for any number of points. They are multiples of powers of the inverse of the root of
+/// x^4 = x + 1 (the additive recurrence of M. Roberts).
 pub fn spread(point: usize) -> [f64; 3] {
     [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_1].map(|by| (by * point as f64).fract())
 }
@@ -206,7 +206,7 @@ fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turnin
     Turning { from: Place::new(x_mm, y_mm), direction_rad, distance_mm }
 }
 
-/// Goes downhill along one coordinate after the other, in ever smaller steps. It bears a hill with cliffs.
+/// Finds a minimum along one coordinate after the other, in decreasing steps. The function may be discontinuous.
 pub fn descend<const N: usize>(
     mut at: [f64; N],
     mut steps: [f64; N],

@@ -1,4 +1,4 @@
-//! How many calibration presses each method needs.
+//! Number of calibration presses that each method needs.
 
 use super::cramer_rao::MeanBound;
 use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
@@ -10,17 +10,17 @@ use crate::solver::{Calibration, Setting};
 use crate::study::{StudyError, Told, carried_out};
 use rand::RngExt;
 
-/// What is varied, as it stands in rows.
+/// Name of the varied quantity in rows.
 pub const BUDGET: &str = "calibration presses";
-/// Presses along a side of the square, the most first: they take longest.
+/// Numbers of presses along a side of the square, the largest first because it takes longest.
 pub const SIDES: [usize; 8] = [25, 19, 13, 9, 7, 5, 4, 3];
 /// Specimens, each calibrated once with each number of presses, and contacts that each calibration is tested with.
 const SPECIMENS: usize = 6;
 const TESTS: usize = 1000;
 /// The same for a first look.
 const QUICK: (&[usize], usize, usize) = (&[7, 5, 3], 1, 60);
-/// From one calibration press to the next, s: the median of `palpate study control` for places 0.5 mm apart, by the strategy
-/// `map` on the fast bench, 10 mN.
+/// Time from one calibration press to the next, s. It is the median of `palpate study control` for places 0.5 mm apart, by the
+/// strategy `map` on the fast bench, 10 mN.
 pub const PRESS_S: f64 = 0.755;
 /// Of recorded presses: the fewest that a calibration is made of, and how many choices of each number are calibrated with.
 const FEWEST: usize = 9;
@@ -30,10 +30,10 @@ const GAIN_SPREAD_PERCENT: f64 = 20.0;
 const DEPTH_SPREAD_PERCENT: f64 = 5.0;
 const PLACE_SPREAD_MM: f64 = 0.1;
 
-/// Calibrates every method with ever fewer presses.
+/// Calibrates every method with fewer and fewer presses.
 ///
 /// # Errors
-/// None in practice: simulated presses can be calibrated on.
+/// Never in practice: simulated presses are suitable for calibration.
 pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let (sides, specimens, tests) = if quick { QUICK } else { (&SIDES[..], SPECIMENS, TESTS) };
     let mut jobs = Vec::new();
@@ -64,10 +64,10 @@ pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, 
     Ok(rows)
 }
 
-/// Calibrates every method with ever fewer of the presses that were recorded: all of them, half, a quarter and so on.
+/// Calibrates every method with fewer and fewer of the recorded presses: all of them, half, a quarter and so on.
 ///
 /// # Errors
-/// None in practice: some of the presses can be calibrated on if all can.
+/// Never in practice: if all presses are suitable for calibration, so is a part of them.
 pub fn budget_of(trial: &MethodTrial, quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let whole = trial.calibration.len();
     let counts: Vec<usize> = std::iter::successors(Some(whole), |count| Some(count / 2))

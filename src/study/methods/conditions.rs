@@ -1,4 +1,4 @@
-//! What makes methods fail: one thing at a time, from harmless to past bearing.
+//! Conditions that make methods fail. One condition is varied at a time, from harmless to intolerable.
 
 use super::specimen::{
     CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, KnownReadings, NoiseReference, Specimen, Touch, anywhere,
@@ -10,28 +10,28 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 
-/// One thing that is varied.
+/// One condition that is varied.
 #[derive(Clone, Copy, Debug)]
 pub struct Harm {
-    /// As it stands in rows.
+    /// Name of the condition in rows.
     pub name: &'static str,
-    /// For a person, with the unit.
+    /// Label for people, with the unit.
     pub label: &'static str,
-    /// How its values are spread along an axis.
+    /// Distribution of the values along an axis.
     pub spread: Spread,
-    /// From harmless to harmful.
+    /// Values from harmless to harmful.
     pub values: &'static [f64],
     kind: Kind,
 }
 
-/// How values are spread along an axis.
+/// Distribution of values along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Spread {
     /// Evenly.
     Linear,
     /// By their logarithm.
     Log,
-    /// Value i is no quantity but this.
+    /// By index: value i isn't a quantity but this word.
     Words(&'static [&'static str]),
 }
 
@@ -53,7 +53,7 @@ enum Kind {
     Physics,
 }
 
-/// All of them, in the order of the figures.
+/// All conditions, in the order of the figures.
 pub const CONDITIONS: [Harm; 14] = [
     harm(Kind::Force, "low force", "force, N", Spread::Log, &[1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005]),
     harm(Kind::Outside, "beyond grid", "beyond the grid, mm", Spread::Linear, &[0.0, 0.25, 0.5, 1.0, 1.5, 2.0]),
@@ -113,7 +113,7 @@ pub const CONDITIONS: [Harm; 14] = [
     ),
 ];
 
-/// What the words on the axes of the figures mean.
+/// Meanings of the words on the axes of the figures.
 pub const MEANINGS: [&str; 4] = [
     "Forces are 0.1 to 1 N unless stated otherwise, and one condition is changed at a time. offset, stuck: 1 N is what a unit reads of 1 N straight above. dead, stuck, drift, offset: after calibration. noise: of the test \
      alone. units and spacing: all units as noisy as Table 1 on average.",
@@ -136,16 +136,16 @@ const fn harm(kind: Kind, name: &'static str, label: &'static str, spread: Sprea
 /// One value of one condition.
 #[derive(Clone, Debug)]
 pub struct ConditionValue {
-    /// What is calibrated.
+    /// Specimen that is calibrated.
     pub calibrated: Specimen,
-    /// What has become of it when it is tested.
+    /// State of the specimen when it is tested.
     pub tested: Specimen,
-    /// Whether the map of the calibration is that of the test, so that there is a bound.
+    /// Whether the calibration's map is also the test's map, so that a bound exists.
     pub map_is_known: bool,
 }
 
 impl Harm {
-    /// A value in words, where it is no quantity.
+    /// Returns a value in words, if it isn't a quantity.
     pub fn words(&self, value: f64) -> Option<&'static str> {
         match self.spread {
             Spread::Words(words) => words.get(value as usize).copied(),
@@ -153,7 +153,7 @@ impl Harm {
         }
     }
 
-    /// What is calibrated and tested at a value.
+    /// Returns the specimens that are calibrated and tested at a value.
     pub fn case(&self, noise: NoiseReference, value: f64) -> ConditionValue {
         let papers = Specimen::papers(noise);
         let same =
@@ -194,7 +194,7 @@ impl Harm {
         }
     }
 
-    /// What presses at a value: the same places and forces at each as far as they aren't what is varied.
+    /// Returns the touches at a value. Places and forces are the same at each value, except for the varied quantity.
     pub fn touches(&self, value: f64, count: usize, rng: &mut Stream) -> Vec<Touch> {
         match self.kind {
             Kind::Force => anywhere(count, (value, value), rng),
@@ -204,7 +204,7 @@ impl Harm {
         }
     }
 
-    /// Changes what was read, where that is what is varied: the readings are one after another in time.
+    /// Changes the readings, if the condition varies them. The readings follow one another in time.
     pub fn spoil(&self, value: f64, readings: &mut KnownReadings, rng: &mut Stream) {
         match self.kind {
             Kind::Aging => age(readings, value / 100.0, rng),

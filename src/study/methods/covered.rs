@@ -1,4 +1,4 @@
-//! How often the truth lies within what a method states of its answers.
+//! Fraction of cases in which the truth is within a method's stated half-widths.
 
 use super::specimen::KnownContact;
 use crate::dataset::round;
@@ -6,19 +6,19 @@ use crate::quantity::Place;
 use crate::solver::Solution;
 use serde::Serialize;
 
-/// What is stated, %: the share of answers whose truth is within the stated half-width if the statement is true.
+/// Stated coverage, %: the fraction of answers whose truth is within the stated half-width if the statement is correct.
 pub const STATED_PERCENT: [f64; 2] = [68.0, 95.0];
 
-/// The found shares, 0 to 1, for each of [`STATED_PERCENT`].
+/// Measured coverage, 0 to 1, for each of [`STATED_PERCENT`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FoundCoverage {
-    /// Of the distance between true and solved place.
+    /// Coverage of the distance between true and solved place.
     pub location: [f64; 2],
-    /// Of the force; null where the true force isn't known.
+    /// Coverage of the force; null if the true force is unknown.
     pub force: Option<[f64; 2]>,
 }
 
-/// How many truths are within what was stated.
+/// Number of truths within the stated half-widths.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Covered {
     location: Count,
@@ -33,7 +33,7 @@ struct Count {
 }
 
 impl Covered {
-    /// Counts one answer. Of two contacts the nearer one is the truth.
+    /// Counts one answer. If there are two contacts, the nearer one is the truth.
     pub fn count(&mut self, truth: &KnownContact, solution: &Solution) {
         let Some(half) = solution.half_widths else { return };
         let found = solution.place;
@@ -45,13 +45,13 @@ impl Covered {
         }
     }
 
-    /// Adds another's answers.
+    /// Adds the counts of `other`.
     pub fn add(&mut self, other: Covered) {
         self.location.merge(other.location);
         self.force.merge(other.force);
     }
 
-    /// The shares; none where nothing was stated.
+    /// Returns the coverage; `None` if no half-widths were stated.
     pub fn found(&self) -> Option<FoundCoverage> {
         Some(FoundCoverage { location: self.location.shares()?, force: self.force.shares() })
     }

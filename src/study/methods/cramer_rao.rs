@@ -1,9 +1,9 @@
-//! The least error there is: the bound of Cramer and Rao on any unbiased method that knows the specimen's response exactly.
+//! Smallest possible error: the bound of Cramer and Rao on any unbiased method that knows the specimen's response exactly.
 //!
-//! A reading's expectation is the skin's noise-free output; its derivatives by x, y and force, weighed by the noise of the
-//! reading, make the information, and the inverse of that the covariance. What a signal-dependent variance shows by itself is
-//! left out, and so is the noise of a calibration. A method that knows that contacts lie in an area, or averages, is biased and
-//! can do better where the bound is large: at low force, and in the corners.
+//! A reading's expectation is the skin's noise-free output. Its derivatives by x, y and force, weighted by the noise of the
+//! reading, give the information. The inverse of the information is the covariance. The information in a signal-dependent
+//! variance is ignored, and so is the noise of a calibration. A method that averages, or that knows that contacts are within an
+//! area, is biased. Such a method can be better than a large bound: at low force, and in the corners.
 
 use super::specimen::{KnownContact, KnownReadings};
 use crate::quantity::Place;
@@ -38,7 +38,8 @@ fn error_sd(spec: &SkinSpec, full_scale_n: f64, unit: usize, reading: f64) -> Op
     Some(of_noise.hypot(step / 12f64.sqrt())).filter(|sd| *sd > 0.0)
 }
 
-/// The covariance of x (mm), y (mm) and force (N) that no unbiased method gets below; none where the units don't determine all three.
+/// Returns the smallest covariance of x (mm), y (mm) and force (N) for an unbiased method; `None` if the units don't determine
+/// all three.
 pub fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, force_n: f64) -> Option<Covariance> {
     let outputs = |x_mm: f64, y_mm: f64| {
         let mut outputs = vec![0.0; skin.len()];
@@ -63,7 +64,7 @@ pub fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, forc
     (0..3).all(|i| (0.0..MOST).contains(&covariance[i][i])).then_some(Covariance(covariance))
 }
 
-/// Means of the bound over some contacts.
+/// Means of the bound over several contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeanBound {
     /// Mean distance, mm.
@@ -73,18 +74,18 @@ pub struct MeanBound {
 }
 
 impl MeanBound {
-    /// Over the single contacts among some readings; none if there is one that the units don't determine.
+    /// Returns the mean over the single contacts among the readings; `None` if the units don't determine one of them.
     pub fn over(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, readings: &KnownReadings) -> Option<MeanBound> {
         let of = |truth: &KnownContact| bound(skin, spec, full_scale_n, truth.place, truth.force_n?);
         Self::mean(readings.truths.iter().map(|truth| of(truth).map(MeanBound::of)))
     }
 
-    /// Of one covariance.
+    /// Returns the bound for one covariance.
     pub fn of(covariance: Covariance) -> MeanBound {
         MeanBound { location_mm: covariance.mean_distance_mm(), force_n: covariance.mean_force_error_n() }
     }
 
-    /// The mean of some, however they were come by; none if one is missing, or all are.
+    /// Returns the mean of several bounds; `None` if one is missing or there are none.
     pub fn mean(bounds: impl Iterator<Item = Option<MeanBound>>) -> Option<MeanBound> {
         let bounds = bounds.collect::<Option<Vec<MeanBound>>>().filter(|bounds| !bounds.is_empty())?;
         let mean = |of: fn(&MeanBound) -> f64| bounds.iter().map(of).sum::<f64>() / bounds.len() as f64;

@@ -1,4 +1,4 @@
-//! Where each method fails, and whether it says so.
+//! Conditions under which each method fails, and whether the method reports the failure.
 
 use super::conditions::{CONDITIONS, ConditionValue, Harm};
 use super::cramer_rao::MeanBound;
@@ -23,7 +23,7 @@ struct Job {
 /// Tries every method under every condition with both noises.
 ///
 /// # Errors
-/// None in practice: simulated presses can be calibrated on.
+/// Never in practice: simulated presses are suitable for calibration.
 pub fn failures(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let jobs = jobs(quick);
     let size = if quick { QUICK } else { SIZE };

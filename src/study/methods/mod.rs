@@ -1,4 +1,4 @@
-//! Studies of the methods: how near and how fast, with how many presses, and where they fail, on skins read without a rig.
+//! Studies of the methods on skins read without a rig: accuracy, speed, number of presses required, and conditions of failure.
 
 mod budget;
 mod conditions;
@@ -21,7 +21,7 @@ pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
 pub use trial::{CRAMER_RAO, Method, MethodRow, Tally};
 
-/// The rows of one scene, method and condition, in order.
+/// Returns the rows of one scene, method and condition, in order.
 pub fn rows_of<'a>(
     rows: &'a [MethodRow],
     scene: &'a str,

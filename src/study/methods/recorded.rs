@@ -1,4 +1,4 @@
-//! A trial from what was recorded: a run, or two plain tables.
+//! A trial from recorded data: a run, or two plain tables.
 
 use super::cramer_rao::MeanBound;
 use super::specimen::{KnownContact, KnownReadings};
@@ -13,11 +13,11 @@ use crate::rig::Bench;
 use crate::scene::Skin;
 use crate::solver::{Calibration, ForceKnown, Setting, Solver, TestPress, Workspace, fit};
 
-/// A run's calibration presses and its test presses, flagged ones left out, by the load cell's forces. `seed` is the run's: of a
-/// simulated rig it gives the bound.
+/// Creates a trial from a run's calibration presses and test presses, without flagged presses, with the load cell's forces.
+/// `seed` is the run's seed; for a simulated rig it gives the bound.
 ///
 /// # Errors
-/// A run without presses of both kinds, or with one that can't be calibrated on.
+/// The run lacks presses of one kind, or contains a press that is unsuitable for calibration.
 pub fn of_run(name: &str, presses: &Presses, bench: &Bench, seed: u64) -> Result<MethodTrial, EvaluateError> {
     let calibration = Selection::of_phase(presses, Phase::Calibration)?;
     let test = readings(&Selection::of_phase(presses, Phase::Test)?, &calibration, presses.channels);
@@ -32,10 +32,11 @@ pub fn of_run(name: &str, presses: &Presses, bench: &Bench, seed: u64) -> Result
     Ok(trial)
 }
 
-/// A table to calibrate on and one to solve, flagged presses left out. Where one of them has no forces, the location alone counts.
+/// Creates a trial from one table for calibration and one table to solve, without flagged presses. If one of them has no forces,
+/// only the location counts.
 ///
 /// # Errors
-/// Tables of two arrays, without presses, or with one that can't be calibrated on.
+/// The tables are from two arrays, contain no presses, or contain a press that is unsuitable for calibration.
 pub fn of_tables(calibration: &Presses, test: &Presses) -> Result<MethodTrial, EvaluateError> {
     check_channels(calibration, test)?;
     let selection = Selection::of_all(calibration, Phase::Calibration)?;

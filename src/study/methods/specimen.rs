@@ -7,11 +7,11 @@ use crate::solver::{Calibration, CalibrationError, CalibrationPoint};
 use rand::RngExt;
 use serde::Serialize;
 
-/// The largest force that the array is specified for, N (PAPER S3).
+/// Largest specified force of the array, N (PAPER S3).
 pub const FULL_SCALE_N: f64 = 2.0;
-/// The force of a calibration, N.
+/// Force of a calibration, N.
 pub const CALIBRATION_N: f64 = 1.0;
-/// Least and most force of a test, N.
+/// Smallest and largest force of a test, N.
 pub const FORCES_N: (f64, f64) = (0.1, 1.0);
 /// Half the side of the calibrated square, mm.
 pub const HALF_MM: f64 = 6.0;
@@ -23,10 +23,10 @@ const SIDE: usize = 3;
 const PITCH_MM: f64 = 4.5;
 /// Beside a noise that grows with the reading, reading units: 1 mV at 1 V a newton.
 const FLOOR: f64 = 0.001;
-/// 16 bits over 10 V either way, at 1 V a newton.
+/// 16 bits over 10 V in either direction, at 1 V per newton.
 pub const CONVERTER: Converter = Converter { bits: 16, range: 10.0 };
 
-/// What Table 1's repeatability is a share of. The paper doesn't say; both are tried.
+/// Quantity to which the repeatability of Table 1 refers. The paper doesn't state it, so both are tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum NoiseReference {
     /// Full scale: the noise is the same at every force.
@@ -36,10 +36,10 @@ pub enum NoiseReference {
 }
 
 impl NoiseReference {
-    /// Both.
+    /// Both references.
     pub const ALL: [NoiseReference; 2] = [NoiseReference::T, NoiseReference::Q];
 
-    /// One letter, as it stands in rows and files.
+    /// Returns the letter used in rows and files.
     pub fn name(self) -> &'static str {
         match self {
             NoiseReference::T => "T",
@@ -47,7 +47,7 @@ impl NoiseReference {
         }
     }
 
-    /// The same for a person.
+    /// Returns a description for people.
     pub fn told(self) -> &'static str {
         match self {
             NoiseReference::T => "T: noise a share of full scale",
@@ -56,22 +56,22 @@ impl NoiseReference {
     }
 }
 
-/// An array and what its taxels read.
+/// An array and the readings of its taxels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Specimen {
-    /// What the taxels are.
+    /// Properties of the taxels.
     pub skin: SkinSpec,
-    /// Where they are said to be.
+    /// Nominal positions of the taxels.
     pub layout: ArrayLayout,
 }
 
 impl Specimen {
-    /// The paper's 3 x 3 units with their own noise.
+    /// Returns the paper's 3 x 3 units with their own noise.
     pub fn papers(noise: NoiseReference) -> Specimen {
         Self::new(noise, ArrayLayout::grid(SIDE, SIDE, PITCH_MM), paper::repeatability_percent().to_vec())
     }
 
-    /// A square of units that are all as noisy as the paper's are on average.
+    /// Returns a square of units, each with the mean noise of the paper's units.
     pub fn square(noise: NoiseReference, side: usize, pitch_mm: f64) -> Specimen {
         let mean = paper::repeatability_percent().iter().sum::<f64>() / paper::TABLE_1_PERCENT.len() as f64;
         Self::new(noise, ArrayLayout::grid(side, side, pitch_mm), vec![mean; side * side])
@@ -91,7 +91,7 @@ impl Specimen {
         Specimen { skin, layout }
     }
 
-    /// The same with something changed.
+    /// Returns a copy with a change.
     #[must_use]
     pub fn with(&self, change: impl FnOnce(&mut SkinSpec)) -> Specimen {
         let mut changed = self.clone();
@@ -99,47 +99,47 @@ impl Specimen {
         changed
     }
 
-    /// One of them, drawn.
+    /// Draws a random skin of this specimen.
     pub fn skin(&self, seed: u64) -> Skin {
         Skin::new(&self.skin, &self.layout, FULL_SCALE_N, seed)
     }
 }
 
-/// What presses on the array at once: one load, or two.
+/// Simultaneous loads on the array: one load or two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
-    /// Where, mm.
+    /// Place of the load, mm.
     pub place: Place,
-    /// How hard, N.
+    /// Force, N.
     pub force_n: f64,
-    /// A second contact that presses as hard.
+    /// Place of a second contact with the same force.
     pub second: Option<Place>,
 }
 
-/// What is known of a reading.
+/// Known truth about a reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownContact {
-    /// Where it was pressed, mm.
+    /// Place of the press, mm.
     pub place: Place,
-    /// How hard, N; none where that isn't known, or isn't one force.
+    /// Force, N; `None` if it is unknown or isn't a single force.
     pub force_n: Option<f64>,
-    /// Where it was pressed at the same time, mm.
+    /// Place of a simultaneous second press, mm.
     pub second: Option<Place>,
 }
 
-/// Readings whose truth is known.
+/// Readings with known truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownReadings {
-    /// Outputs a reading.
+    /// Number of outputs per reading.
     pub units: usize,
-    /// One a reading.
+    /// Truths, one for each reading.
     pub truths: Vec<KnownContact>,
-    /// The readings one after another, one output for each.
+    /// Readings one after another, with one output for each unit.
     pub outputs: Vec<f64>,
 }
 
 impl KnownReadings {
-    /// What a skin reads of some touches, each with an error of its own.
+    /// Returns a skin's readings of some touches, each with its own error.
     pub fn of(skin: &mut Skin, touches: &[Touch], rng: &mut Stream) -> KnownReadings {
         let units = skin.len();
         let mut outputs = vec![0.0; units * touches.len()];
@@ -159,15 +159,15 @@ impl KnownReadings {
         KnownReadings { units, truths: touches.iter().map(truth).collect(), outputs }
     }
 
-    /// One after another.
+    /// Iterates over the truths and readings.
     pub fn iter(&self) -> impl Iterator<Item = (&KnownContact, &[f64])> + Clone {
         self.truths.iter().zip(self.outputs.chunks_exact(self.units))
     }
 
-    /// The same presses as a calibration; a force that isn't known counts as the paper's 1 N.
+    /// Returns the same presses as a calibration. An unknown force counts as the paper's 1 N.
     ///
     /// # Errors
-    /// A press that can't be calibrated on.
+    /// A press is unsuitable for calibration.
     pub fn calibration(&self) -> Result<Calibration, CalibrationError> {
         let point = |(truth, outputs): (&KnownContact, _)| {
             let KnownContact { place, force_n, .. } = *truth;
@@ -177,14 +177,14 @@ impl KnownReadings {
     }
 }
 
-/// A square grid of touches over the whole area, `side` along a side.
+/// Returns a square grid of touches over the complete area, `side` along a side.
 pub fn grid(side: usize) -> Vec<Touch> {
     let at = |index: usize| HALF_MM * (2.0 * index as f64 / (side - 1) as f64 - 1.0);
     let place = |index: usize| Place::new(at(index % side), at(index / side));
     (0..side * side).map(|index| Touch { place: place(index), force_n: CALIBRATION_N, second: None }).collect()
 }
 
-/// Touches anywhere in the area with any of the forces.
+/// Returns touches at random places in the area with random forces in the range.
 pub fn anywhere(count: usize, forces_n: (f64, f64), rng: &mut Stream) -> Vec<Touch> {
     let mut touch = || {
         let [x_mm, y_mm] = [(); 2].map(|()| rng.random_range(-HALF_MM..=HALF_MM));

@@ -10,28 +10,29 @@ use crate::quantity::{ArrayLayout, stream};
 use crate::solver::{BEST, Calibration, Setting};
 use crate::study::{StudyError, Told, pareto};
 
-/// What methods are calibrated on and tried on.
+/// Data for calibrating and testing methods.
 #[derive(Clone, Debug)]
 pub struct MethodTrial {
-    /// The scene's name in rows.
+    /// Name of the scene in rows.
     pub scene: String,
-    /// The same for a person.
+    /// Name of the scene for people.
     pub told: String,
-    /// Where the units are, if that is known.
+    /// Positions of the units, if they are known.
     pub layout: Option<ArrayLayout>,
-    /// What to calibrate on.
+    /// Calibration data.
     pub calibration: Calibration,
-    /// What to solve.
+    /// Readings to solve.
     pub test: KnownReadings,
-    /// The least errors there are, and whose bound that is.
+    /// Smallest possible errors, and the name of their bound.
     pub least: Option<(MeanBound, &'static str)>,
 }
 
 impl MethodTrial {
-    /// Both scenes of the paper's array: `side` x `side` presses with 1 N, then contacts anywhere of 0.1 to 1 N.
+    /// Returns both scenes of the paper's array: `side` x `side` presses with 1 N, then contacts at random places with 0.1 to 1
+    /// N.
     ///
     /// # Errors
-    /// None in practice: simulated presses can be calibrated on.
+    /// Never in practice: simulated presses are suitable for calibration.
     pub fn simulated(side: usize, tests: usize, seed: u64) -> Result<Vec<MethodTrial>, StudyError> {
         let of = |noise: &NoiseReference| {
             let specimen = Specimen::papers(*noise);
@@ -53,7 +54,7 @@ impl MethodTrial {
     }
 }
 
-/// Calibrates every method on each trial, solves its test and takes the time of it.
+/// Calibrates every method on each trial, solves its test and measures the time.
 pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Vec<MethodRow> {
     let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {

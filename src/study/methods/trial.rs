@@ -1,4 +1,4 @@
-//! One method on some readings: how far off, how sure, how long it takes.
+//! One method on some readings: its errors, stated uncertainty and time.
 
 use super::covered::{Covered, FoundCoverage};
 use super::cramer_rao::MeanBound;
@@ -13,17 +13,17 @@ use statrs::statistics::Statistics as _;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A method, fitted or refused.
+/// A method that was fitted or couldn't be fitted.
 #[derive(Clone)]
 pub struct Method {
-    /// The name that was asked for.
+    /// Requested name.
     pub name: &'static str,
-    /// What it came to; methods that are the same share it.
+    /// Result of the fit. Methods that are the same share it.
     pub fitted: Result<Arc<Fitted>, FitError>,
 }
 
 impl Method {
-    /// Every method there is, and the choice among them last.
+    /// Returns every method, and the choice among them last.
     pub fn all(calibration: &Calibration, setting: &Setting<'_>) -> Vec<Method> {
         let prepared = Prepared::new(calibration.clone(), setting);
         let fit = |name| prepared.as_ref().map_err(Clone::clone)?.fit(name).map(Arc::new);
@@ -37,78 +37,79 @@ impl Method {
         SOLVERS.into_iter().map(of).chain([best.clone()]).collect()
     }
 
-    /// The names, in the same order.
+    /// Returns the names in the same order.
     pub fn names() -> impl Iterator<Item = &'static str> {
         SOLVERS.into_iter().chain([BEST])
     }
 }
 
-/// What a method made of one condition. Times are measured, all else follows from the seed.
+/// Results of a method under one condition. Times are measured; everything else follows from the seed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MethodRow {
-    /// Which study.
+    /// Name of the study.
     pub study: &'static str,
-    /// The noise's letter, or the run's or the table's name.
+    /// Letter of the noise, or name of the run or the table.
     pub scene: String,
-    /// The method's name.
+    /// Name of the method.
     pub solver: &'static str,
-    /// What "best" took, where it took the same each time.
+    /// Method chosen by "best", if it chose the same one each time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<&'static str>,
-    /// What is varied.
+    /// Varied condition.
     pub condition: &'static str,
-    /// Its value, in the unit that the condition names.
+    /// Value of the condition, in the unit that the condition names.
     pub value: f64,
-    /// The value in words, where it is no quantity.
+    /// Value in words, if it isn't a quantity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub told: Option<&'static str>,
-    /// Presses of the calibration.
+    /// Number of presses of the calibration.
     pub calibration_presses: usize,
-    /// Calibrations that were made.
+    /// Number of calibrations that were made.
     pub calibrations: usize,
-    /// Time of one calibration, minutes, where the study reckons it.
+    /// Time of one calibration, minutes, if the study computes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub minutes: Option<f64>,
-    /// Readings that were solved.
+    /// Number of readings that were solved.
     pub points: usize,
-    /// Of which there was an answer.
+    /// Number of these readings with an answer.
     pub answers: usize,
-    /// Distance from the true place, of two contacts the nearer, mm; null without answers.
+    /// Distance from the true place, mm; from the nearer place if there are two contacts. Null without answers.
     pub location_error_mm: Option<ErrorSummary>,
     /// Half the 95 % confidence interval of its mean, mm: 1.96 standard errors.
     pub location_error_within_mm: Option<f64>,
-    /// Difference from the true force, N; null where that isn't one, or isn't known.
+    /// Difference from the true force, N; null if the true force is unknown or isn't a single force.
     pub force_error_n: Option<ErrorSummary>,
-    /// Time of a solve, ns; measured.
+    /// Measured time of a solve, ns.
     pub ns_per_solve: Option<f64>,
-    /// Share of the readings without an answer, or with a verdict other than ok.
+    /// Fraction of the readings without an answer, or with a verdict other than ok.
     pub flagged: Option<f64>,
-    /// Share off by more than 1 mm or 0.1 N, or without an answer; of two contacts, farther than 1 mm from both.
+    /// Fraction of the readings without an answer, or with errors above 1 mm or 0.1 N. If there are two contacts, the answer is
+    /// farther than 1 mm from both.
     pub wrong: Option<f64>,
-    /// Share that is wrong and isn't flagged.
+    /// Fraction that is wrong and isn't flagged.
     pub wrong_unflagged: Option<f64>,
-    /// How often the truth is within what the method states of its answers; null where it states nothing.
+    /// Fraction of cases in which the truth is within the method's stated half-widths; null if it states none.
     pub coverage: Option<FoundCoverage>,
-    /// The least mean distance there is, mm.
+    /// Smallest possible mean distance, mm.
     pub location_bound_mm: Option<f64>,
-    /// The least mean force error there is, N.
+    /// Smallest possible mean force error, N.
     pub force_bound_n: Option<f64>,
-    /// Whose bound that is.
+    /// Name of the bound.
     pub bound: Option<&'static str>,
-    /// Whether no other method of its scene is both faster and nearer.
+    /// Whether no other method of its scene is both faster and more accurate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pareto: Option<bool>,
-    /// Why there is no method.
+    /// Reason why there is no method.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
 }
 
-/// Whose bound it is.
+/// Name of the Cramer-Rao bound.
 pub const CRAMER_RAO: &str = "cramer-rao";
-/// The errors that a method states of itself.
+/// Name of the bound from the errors that a method states itself.
 pub const STATED: &str = "stated by surrogate";
 
-/// What a method made of readings, added up over any number of calibrations.
+/// Results of a method on readings, added up over any number of calibrations.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
     calibrations: usize,
@@ -161,7 +162,7 @@ impl Tally {
         tally
     }
 
-    /// Adds another's readings.
+    /// Adds the readings of `other`.
     pub fn add(&mut self, other: Tally) {
         self.calibrations += other.calibrations;
         self.points += other.points;
@@ -176,7 +177,7 @@ impl Tally {
         self.refused = self.refused.take().or(other.refused);
     }
 
-    /// The row it makes: what a method came to, for the study to say under what.
+    /// Returns the row of a method's results. The study fills in the condition.
     pub fn row(&self, solver: &'static str, least: Option<(MeanBound, &'static str)>) -> MethodRow {
         let share = |count: usize| (self.points > 0).then(|| grain(count as f64 / self.points as f64));
         let chosen = self.chosen.first().filter(|first| self.chosen.iter().all(|chosen| chosen == *first));
@@ -204,7 +205,7 @@ impl Tally {
 }
 
 impl MethodRow {
-    /// Mean location error, mm.
+    /// Returns the mean location error, mm.
     pub fn mean_mm(&self) -> Option<f64> {
         self.location_error_mm.map(|error| error.mean)
     }

@@ -1,4 +1,4 @@
-//! Error on fresh contacts against minutes at the bench, a panel a family.
+//! Error on new contacts as a function of minutes at the bench, one panel for each family.
 
 use super::{Family, HANDLING_MIN, MinutesRow};
 use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
@@ -7,7 +7,7 @@ use crate::control::Strategy;
 /// The number of presses is written at a point whose error is smaller than the last one's by at least this share.
 const WORTH_TELLING: f64 = 0.01;
 
-/// The figure: its file's name and the SVG.
+/// Returns the figure: the name of its file and the SVG.
 pub fn minutes_figures(found: &[MinutesRow]) -> Vec<(String, String)> {
     let points = found.iter().map(|row| row.found.points).max().unwrap_or(0);
     let specimens = found.iter().map(|row| row.found.calibrations).max().unwrap_or(0);

@@ -1,8 +1,8 @@
-//! What a calibration comes to against all the minutes it takes at the bench.
+//! Accuracy of a calibration as a function of all the minutes it takes at the bench.
 //!
-//! A run is walked in virtual time: so many presses by a strategy of the force loop. The method that cross-validation finds best is
-//! fitted to them, and solves contacts at other places with other forces, the same for every way of calibrating. Minutes are those
-//! of [`HANDLING_MIN`] and those of the run until its last press.
+//! A run is executed in virtual time: a number of presses by a strategy of the force loop. The method that cross-validation finds
+//! best is fitted to them. It then solves contacts at other places with other forces, which are the same for every way of
+//! calibrating. The minutes are those of [`HANDLING_MIN`] and those of the run until its last press.
 
 mod figure;
 
@@ -26,13 +26,13 @@ use crate::solver::{BEST, ForceKnown, Setting, fit};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// At the bench before a run begins, minutes: the sensor is mounted.
+/// Time at the bench for mounting the sensor before a run, minutes.
 pub const MOUNTING_MIN: f64 = 4.0;
-/// The load cell and the array warm up.
+/// Time for warming up the load cell and the array, minutes.
 pub const WARM_UP_MIN: f64 = 10.0;
-/// The sensor is touched to find its place, and zeros are looked at.
+/// Time for touching the sensor to find its position, and for checking zeros, minutes.
 pub const ZEROING_MIN: f64 = 1.0;
-/// Mounting, warm-up and zeroing together, minutes.
+/// Sum of mounting, warm-up and zeroing, minutes.
 pub const HANDLING_MIN: f64 = MOUNTING_MIN + WARM_UP_MIN + ZEROING_MIN;
 
 /// The tolerance of a press, N.
@@ -40,23 +40,23 @@ const TOLERANCE_N: f64 = 0.010;
 /// What a unit comes to read at most where units saturate, V. Of 1 N straight above it reads 0.76 V instead of 1 V.
 const CEILING_V: f64 = 1.0;
 
-/// How large the study is.
+/// Size of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MinutesSize {
-    /// Places along a side of the square.
+    /// Numbers of places along a side of the square.
     pub sides: &'static [usize],
-    /// How often each place is pressed.
+    /// Numbers of presses at each place.
     pub repeats: &'static [usize],
-    /// The most presses of a calibration.
+    /// Largest number of presses of a calibration.
     pub presses_max: usize,
-    /// Specimens, each walked with everything.
+    /// Number of specimens; each is used with every way of calibrating.
     pub specimens: usize,
-    /// Fresh contacts on each specimen.
+    /// Number of new contacts on each specimen.
     pub tests: usize,
 }
 
 impl MinutesSize {
-    /// The whole study.
+    /// Complete study.
     pub const WHOLE: MinutesSize = MinutesSize {
         sides: &[4, 5, 7, 9, 13, 17, 25],
         repeats: &[1, 2, 4],
@@ -64,26 +64,26 @@ impl MinutesSize {
         specimens: 3,
         tests: 1000,
     };
-    /// For a first look, and for tests. Its numbers mean little.
+    /// Small study for a first look, and for tests. Its numbers mean little.
     pub const QUICK: MinutesSize =
         MinutesSize { sides: &[4, 5], repeats: &[1, 2], presses_max: 32, specimens: 1, tests: 100 };
 }
 
-/// Whether the methods' maps can be those of the units.
+/// Whether the methods' maps can describe the units exactly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Family {
-    /// The bench as it is: what a unit reads is in proportion to the force.
+    /// The unchanged bench: a unit's reading is proportional to the force.
     Inside,
-    /// Units saturate: the proportions of a reading change with its force.
+    /// Units saturate, so the proportions of a reading change with its force.
     Outside,
 }
 
 impl Family {
-    /// Both.
+    /// Both families.
     pub const ALL: [Family; 2] = [Family::Inside, Family::Outside];
 
-    /// The family as it stands in rows.
+    /// Returns the name in rows.
     pub fn name(self) -> &'static str {
         match self {
             Family::Inside => "inside",
@@ -91,7 +91,7 @@ impl Family {
         }
     }
 
-    /// The same for a person.
+    /// Returns the name for people.
     pub fn told(self) -> &'static str {
         match self {
             Family::Inside => "inside the solvers' family: outputs in proportion to the force",
@@ -111,17 +111,17 @@ impl Family {
 /// The result of one way of calibrating.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MinutesRow {
-    /// How the force was found.
+    /// Method by which the force was found.
     pub strategy: Strategy,
-    /// Places along a side of the square.
+    /// Number of places along a side of the square.
     pub side: usize,
-    /// How often each place was pressed.
+    /// Number of presses at each place.
     pub repeats: usize,
-    /// The minutes of handling: all but the run.
+    /// Minutes of handling: everything except the run.
     pub handling_min: f64,
-    /// The rule that ended a run, if one did: it then has no numbers.
+    /// Rule that ended a run, if a rule did. The row then has no numbers.
     pub rule: Option<String>,
-    /// What the method came to; `scene` is the family, `minutes` are all minutes at the bench, on the average of the specimens.
+    /// Results of the method. `scene` is the family. `minutes` are all minutes at the bench, averaged over the specimens.
     #[serde(flatten)]
     pub found: MethodRow,
 }
@@ -139,14 +139,14 @@ struct Job {
 struct Walked {
     minutes: f64,
     tallies: Vec<Tally>,
-    /// The least error on these contacts where outputs are in proportion to the force.
+    /// Smallest possible error on these contacts if outputs are proportional to the force.
     least: Option<MeanBound>,
 }
 
-/// Walks every way of calibrating, and says of each family which ways no other beats.
+/// Executes every way of calibrating. For each family, marks the ways for which no other is both faster and more accurate.
 ///
 /// # Errors
-/// A plan that the bench can't carry out. A run that a rule ends is a finding.
+/// The bench can't execute a plan. A run ended by a rule is a result and not an error.
 pub fn minutes(size: MinutesSize, seed: u64, told: Told<'_>) -> Result<Vec<MinutesRow>, StudyError> {
     let spec = Bench::XpsLike.spec()?;
     let ways = ways(size);

@@ -1,5 +1,5 @@
-//! The paper's validation made again: its whole protocol on its own rig, simulated, with as many specimens as there are seeds, and
-//! the claims of its numerical study. [`Validation::markdown`] is what `docs/validation.md` holds.
+//! Repetition of the paper's validation: its complete protocol on its own rig, simulated, with one specimen for each seed, and
+//! the claims of its numerical study. [`Validation::markdown`] is the content of `docs/validation.md`.
 
 mod page;
 
@@ -16,46 +16,46 @@ use serde::Serialize;
 /// The recipe that is carried out.
 const RECIPE: (&str, &str) = ("recipes/paper.toml", include_str!("../../../recipes/paper.toml"));
 
-/// The whole protocol, made so many times over with seeds one after another.
+/// Number of repetitions of the complete protocol, with consecutive seeds.
 pub const SEEDS: usize = 10;
-/// The same for a first look.
+/// Number of repetitions for a first look.
 pub const QUICK_SEEDS: usize = 2;
 
-/// What one specimen came to.
+/// Results of one specimen.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ValidationOutcome {
     /// "validation".
     pub study: &'static str,
-    /// Random seed of its places, its noise and all else.
+    /// Random seed of the specimen's places, its noise and everything else.
     pub seed: u64,
-    /// Presses that were made.
+    /// Number of presses made.
     pub presses: usize,
-    /// How long they took, virtual time, h.
+    /// Duration of the presses, virtual time, h.
     pub hours: f64,
-    /// By the paper's method.
+    /// Evaluation of the paper's method.
     pub papers: Evaluation,
-    /// By the one that cross-validation picks.
+    /// Evaluation of the method that cross-validation chooses.
     pub best: Evaluation,
     /// Repeatability (3 sd) and hysteresis of every unit.
     #[serde(skip)]
     pub table_1: Vec<UnitCharacteristics>,
 }
 
-/// All that was found.
+/// All results of the validation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Validation {
-    /// The first seed.
+    /// First seed.
     pub seed: u64,
-    /// One a seed.
+    /// Outcomes, one for each seed.
     pub outcomes: Vec<ValidationOutcome>,
-    /// What became of the claims of the numerical study.
+    /// Claims of the numerical study, with verdicts.
     pub claims: Vec<Claim>,
 }
 
-/// Carries the protocol out `seeds` times, in virtual time and without files.
+/// Executes the protocol `seeds` times, in virtual time and without files.
 ///
 /// # Errors
-/// A recipe or a rig that can't be used; none in practice: tests hold both to be sound.
+/// A recipe or a rig is invalid. This doesn't occur in practice: tests check that both are valid.
 pub fn validation(seeds: usize, seed: u64, told: Told<'_>) -> Result<Validation, StudyError> {
     let each: Vec<u64> = (0..seeds as u64).map(|index| seed.wrapping_add(index)).collect();
     let outcomes = carried_out(&each, told, |&seed| protocol(seed))?;
@@ -90,7 +90,7 @@ fn protocol(seed: u64) -> Result<ValidationOutcome, StudyError> {
 }
 
 impl Validation {
-    /// One JSON object a line: the specimens, then the claims.
+    /// Returns one JSON object per line: the specimens, then the claims.
     pub fn ndjson(&self) -> String {
         ndjson(&self.outcomes) + &ndjson(&self.claims)
     }

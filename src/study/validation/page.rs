@@ -1,4 +1,4 @@
-//! The validation as a page of Markdown.
+//! The validation as a Markdown page.
 
 use super::{Validation, ValidationOutcome};
 use crate::dataset::characteristics::UnitCharacteristics;
@@ -21,7 +21,7 @@ const NUMBERS: [Number; 5] = [
 ];
 
 impl Validation {
-    /// The page; the same seeds give the same bytes.
+    /// Returns the page; the same seeds give the same bytes.
     pub fn markdown(&self) -> String {
         let Validation { seed, outcomes, claims } = self;
         let best: Vec<&str> = outcomes.iter().map(|outcome| outcome.best.solver.as_str()).collect();

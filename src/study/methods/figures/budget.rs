@@ -1,11 +1,11 @@
-//! Mean error against the presses of a calibration.
+//! Mean error as a function of the number of calibration presses.
 
 use super::{BOUND, Drawn, PAPER_MM, legend, look, methods, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Mark, Panel, Scale};
 use crate::study::methods::budget::{BUDGET, PRESS_S};
 use crate::study::methods::{Method, MethodRow, MethodTrial, NoiseReference, rows_of};
 
-/// Both scenes side by side.
+/// Draws both scenes side by side.
 pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
     let specimens = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
     let tests = found.iter().map(|row| row.points).max().unwrap_or(0) / specimens.max(1);
@@ -31,7 +31,7 @@ pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
     vec![("budget.svg".to_owned(), figure.svg())]
 }
 
-/// One panel, of what was recorded.
+/// Draws one panel of recorded presses.
 pub fn budget_figures_of(trial: &MethodTrial, found: &[MethodRow]) -> Vec<Drawn> {
     let draws = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
     let has_bound = found.iter().any(|row| row.location_bound_mm.is_some());

@@ -1,4 +1,4 @@
-//! What methods state of their answers against what is found: a panel of locations and one of forces a condition.
+//! Stated coverage compared with measured coverage: for each condition, a panel of locations and a panel of forces.
 
 use super::failures::{COLUMNS, axis, curve};
 use super::{Drawn, look, methods};
@@ -7,7 +7,7 @@ use crate::solver::{BEST, SOLVERS};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS};
 use crate::study::methods::{FoundCoverage, MethodRow, NoiseReference, STATED_PERCENT};
 
-/// A figure a scene.
+/// Draws one figure for each scene.
 pub fn coverage_figures(found: &[MethodRow]) -> Vec<Drawn> {
     NoiseReference::ALL.map(|noise| (format!("coverage-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }

@@ -1,4 +1,4 @@
-//! Where methods fail: a panel of errors and one of silent failures a condition.
+//! Failures of methods: for each condition, a panel of errors and a panel of silent failures.
 
 use super::{BOUND, Drawn, look, methods_and_bound};
 use crate::chart::{ChartAxis, Figure, Grid, Mark, Panel};
@@ -11,7 +11,7 @@ pub(super) const COLUMNS: usize = 4;
 /// Silent failures up to this share don't stretch an axis, %.
 const LEAST_PERCENT: f64 = 5.0;
 
-/// A figure a scene.
+/// Draws one figure for each scene.
 pub fn failure_figures(found: &[MethodRow]) -> Vec<Drawn> {
     NoiseReference::ALL.map(|noise| (format!("failures-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }

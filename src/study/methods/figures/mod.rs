@@ -1,4 +1,4 @@
-//! The figures of the methods' studies.
+//! Figures of the methods' studies.
 
 mod budget;
 mod coverage;
@@ -18,7 +18,7 @@ use crate::solver::BEST;
 /// The paper's own mean location error, mm (its section 4).
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
-/// A figure: its file's name and the SVG.
+/// A figure: the name of its file and the SVG.
 pub type Drawn = (String, String);
 
 /// How a method looks: alike methods in alike colours; the choice among them as a thin line over the one that was chosen.

@@ -1,4 +1,4 @@
-//! Mean error against the time of a solve.
+//! Mean error as a function of the time of a solve.
 
 use super::{Drawn, legend, look, methods, told_bound};
 use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
@@ -6,7 +6,7 @@ use crate::solver::BEST;
 use crate::study::methods::trial::CRAMER_RAO;
 use crate::study::methods::{MethodRow, MethodTrial};
 
-/// One panel a trial.
+/// Draws one panel for each trial.
 pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Vec<Drawn> {
     let presses = found.iter().map(|row| row.calibration_presses).max().unwrap_or(0);
     let tests = found.iter().map(|row| row.points).max().unwrap_or(0);
