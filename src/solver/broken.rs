@@ -31,7 +31,7 @@ impl Fault {
         match self {
             Fault::Dead => "has the same output everywhere",
             Fault::Saturated => "saturates",
-            Fault::Contradicts => "contradicts all other units",
+            Fault::Contradicts => "contradicts all other outputs",
             Fault::Missing => "is missing",
         }
     }

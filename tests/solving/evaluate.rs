@@ -187,7 +187,7 @@ fn the_better_baseline_has_the_same_places_and_its_own_forces() {
 #[test]
 fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
     let twins: [(&str, &str, &[&str]); 9] = [
-        ("x_mm,y_mm", "x,y_mm", &["line 1", "`x_mm` is missing", "rename it to `x_mm`"]),
+        ("x_mm,y_mm", "x,y_mm", &["line 1", "`x_mm` is missing", "rename it, or add --columns"]),
         ("x_mm,y_mm", "x_mm,note", &["line 1", "`y_mm` is missing"]),
         ("out_2", "out_4", &["line 1", "`out_2` is missing"]),
         ("out_2", "out_1", &["line 1", "`out_1` is in the header twice"]),

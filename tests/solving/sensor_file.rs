@@ -68,7 +68,7 @@ fn a_sensor_file_answers_as_its_calibration_does() {
     assert!(told.err.contains("chosen by cross-validation"), "{}", told.err);
     let by_file = solved(&bench, "--model sensor.palpate", 0);
     assert_eq!(by_file.out, solved(&bench, "--calibration a.csv", 0).out);
-    assert!(by_file.err.ends_with(", fitted to 49 presses of 4 units\n"), "{}", by_file.err);
+    assert!(by_file.err.ends_with(", fitted to 49 presses of 4 outputs\n"), "{}", by_file.err);
 
     let bytes = fs::read(bench.path("sensor.palpate")).unwrap();
     let mut lines = bytes.splitn(3, |byte| *byte == b'\n');
@@ -137,7 +137,7 @@ fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
         assert_eq!(told.code, Some(2));
         assert!(told.err.contains("cannot be used with"), "{words}: {}", told.err);
     }
-    assert!(bench.palpate("solve").err.contains("--calibration <RUN>"));
+    assert!(bench.palpate_ends(2, "solve").running().contains("add --model FILE"));
     let told = solved(&bench, "--model none.palpate", 2);
     assert!(told.running().contains("reading none.palpate: "), "{}", told.err);
 }

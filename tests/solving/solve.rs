@@ -80,7 +80,7 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
 #[test]
 fn what_is_no_reading_ends_it_after_all_before_it_were_answered() {
     for (readings, before, parts) in [
-        ("1,0.3,0.1\n1,0.3\n", 1, ["stdin, line 2: 2 outputs where the calibration has 3", "one output for each"]),
+        ("1,0.3,0.1\n1,0.3\n", 1, ["stdin, line 2: 2 outputs where the calibration has 3", "one number for each"]),
         ("1,0.3,0.1\n\n1,x,1\n", 1, ["stdin, line 3, column `out_2`: expected a number, found `x`", "help"]),
         ("out_1,out_2\n1,0.3\n", 0, ["stdin, line 1: 2 outputs where the calibration has 3", "help"]),
         ("out_1,out_2,out3\n1,2,3\n", 0, ["stdin, line 1: 2 outputs where", "help"]),
@@ -221,7 +221,7 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
     bench.palpate_ends(0, "run r.toml --out run");
     let presses = bench.read("run/presses.csv");
     let told = solved_on(&bench, "solve --calibration run --solver pearson", &presses, 0);
-    assert_eq!(told.err, "pearson, fitted to 4 presses of 9 units\n");
+    assert_eq!(told.err, "pearson, fitted to 4 presses of 9 outputs\n");
     assert_eq!(told.out.lines().count(), presses.lines().count());
     assert!(told.out.starts_with("t_s,x_mm,"), "{}", told.out);
     let told = solved_on(&bench, "solve --calibration run --quiet", &presses, 0);
@@ -252,7 +252,7 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
     assert!(told.err.is_empty(), "{}", told.err);
     let told = solved_on(&bench, words, &readings(Some(5)), 0);
     let line = told.err.strip_prefix("stdin, line ").and_then(|said| {
-        said.strip_suffix(": unit 5 contradicts all other units, excluded from here on\n")?.parse::<usize>().ok()
+        said.strip_suffix(": output 5 contradicts all other outputs, excluded from here on\n")?.parse::<usize>().ok()
     });
     let line = line.unwrap_or_else(|| panic!("{}", told.err));
     let verdicts: Vec<String> = told.out.lines().skip(1).map(|line| line.split(',').skip(13).collect()).collect();

@@ -97,7 +97,10 @@ fn a_rule_may_lie_in_a_file_beside_the_recipe_and_stays_with_the_run() {
     bench.palpate_ends(0, "verify run");
     std::fs::remove_file(bench.path("limits.toml")).unwrap();
     let told = bench.palpate_ends(2, "run r.toml --out other").running();
-    assert!(told.contains("limits.toml: ") && told.contains("it must be in the recipe's folder"), "{told}");
+    assert!(
+        told.contains("`accept` names limits.toml") && told.contains("put the file into the recipe's folder"),
+        "{told}"
+    );
     for (name, reason) in [
         ("../limits.toml", "which isn't the name of a .toml file in the recipe's folder"),
         ("rig.toml", "a run uses this name for its own"),
