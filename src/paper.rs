@@ -3,7 +3,7 @@
 //! The numbers are in `data/paper.toml`, which is read when the program is compiled. A missing key, or a wrong count of numbers
 //! after a key, is a compiler error.
 
-/// A key a line, each with a number or a list of numbers.
+/// Text with one key per line, each with a number or a list of numbers.
 const TEXT: &str = include_str!("../data/paper.toml");
 
 /// Number of test points.
@@ -48,7 +48,7 @@ const fn number(key: &str) -> f64 {
     number
 }
 
-/// The numbers behind a key, not negative and without an exponent.
+/// Returns the numbers of a key. They aren't negative and have no exponent.
 const fn numbers<const COUNT: usize>(key: &str) -> [f64; COUNT] {
     let text = TEXT.as_bytes();
     let mut at = value_of(key.as_bytes());
@@ -68,7 +68,7 @@ const fn numbers<const COUNT: usize>(key: &str) -> [f64; COUNT] {
     found
 }
 
-/// Where the value of a key begins.
+/// Returns the position where the value of a key begins.
 const fn value_of(key: &[u8]) -> usize {
     let text = TEXT.as_bytes();
     let mut line = 0;
@@ -89,8 +89,8 @@ const fn value_of(key: &[u8]) -> usize {
     panic!("data/paper.toml: a key is missing")
 }
 
-/// The number that begins at a digit, and where it ends. Whole number and power of ten are exact, so their quotient is the
-/// number that the compiler makes of the same digits.
+/// Returns the number that begins at a digit, and its end. The integer and the power of ten are exact, so their quotient is the
+/// same number that the compiler gives for these digits.
 const fn number_at(mut at: usize) -> (f64, usize) {
     let text = TEXT.as_bytes();
     let (mut digits, mut scale, mut is_fraction) = (0u64, 1u64, false);

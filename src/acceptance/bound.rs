@@ -18,14 +18,14 @@ pub const CONFIDENCE: f64 = 0.95;
 /// Smallest number of presses from which a mean is bounded. With fewer presses, skewed errors exceed the bound too often.
 pub const MEAN_PRESSES_LEAST: usize = 59;
 
-/// The share at which a mean's bound is computed, so that it covers [`CONFIDENCE`] of skewed errors too: errors that are
-/// exponentially distributed take 0.3 % of it away, log-normal ones (sigma 0.8) 1.5 %.
+/// Confidence for which a mean's bound is computed, as a fraction. It is large enough that the bound also covers [`CONFIDENCE`]
+/// of skewed errors. Exponentially distributed errors reduce it by 0.3 %, log-normal ones (sigma 0.8) by 1.5 %.
 const MEAN_CONFIDENCE: f64 = 0.96;
 
-/// From so many degrees of freedom on Student's t is below 2.
+/// Number of degrees of freedom from which Student's t is below 2.
 const FREEDOM_MANY: f64 = 61.0;
 
-/// Which tail of the distribution a bound leaves out.
+/// Tail of the distribution that a bound leaves out.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Lower,
@@ -87,8 +87,8 @@ pub fn sd_interval_factors(freedom: f64) -> Option<(f64, f64)> {
     Some((factor(1.0 - tail)?, factor(tail)?))
 }
 
-/// Where the distribution reaches a probability, by bisection: the steps of `inverse_cdf` leave the positive numbers at one degree
-/// of freedom.
+/// Returns the value at which the distribution reaches a probability, by bisection. The steps of `inverse_cdf` leave the positive
+/// numbers at one degree of freedom.
 fn chi_squared_quantile(freedom: f64, probability: f64) -> Option<f64> {
     let chi_squared = ChiSquared::new(freedom).ok()?;
     let (mut least, mut most) = (0.0, 1.0);
@@ -112,8 +112,8 @@ pub fn coverage_factor(freedom: f64) -> f64 {
     student.map_or(COVERAGE, |student| student.inverse_cdf((1.0 + CONFIDENCE) / 2.0).max(COVERAGE))
 }
 
-/// Hall's bound: his transformation of (mean - mu)/sd, `w + a w^2 + a^2 w^3 / 3 + a / (2 n)` with a third of the skewness for `a`,
-/// is close to Student's t; it is monotone, and inverted exactly.
+/// Returns Hall's bound. His transformation of (mean - mu)/sd is `w + a w^2 + a^2 w^3 / 3 + a / (2 n)`, where `a` is a third of
+/// the skewness. It is close to Student's t. It is monotone, and is inverted exactly.
 fn mean_bound(values: &[f64], share: f64, side: Side) -> Option<f64> {
     if values.len() < MEAN_PRESSES_LEAST {
         return None;
@@ -134,7 +134,7 @@ fn mean_bound(values: &[f64], share: f64, side: Side) -> Option<f64> {
     Some(mean - sd * w)
 }
 
-/// The probability of at most `most` successes in `n` tries.
+/// Returns the probability of at most `most` successes in `n` trials.
 fn binomial_at_most(most: usize, n: usize, share: f64) -> f64 {
     if most >= n {
         return 1.0;

@@ -5,10 +5,11 @@ use super::rule::{Decision, Figure, Limit, Rule};
 use crate::quantity::percentile;
 use serde::Serialize;
 
-/// The percentile that can be limited, as a share.
+/// Percentile that can be limited, as a fraction.
 const PERCENTILE: f64 = 0.95;
 
-/// One-sided 95 % quantile of the normal distribution: what a standard uncertainty of the truth adds to a bound is multiplied with it.
+/// One-sided 95 % quantile of the normal distribution. It is the factor for the contribution of the truth's standard uncertainty
+/// to a bound.
 const NORMAL_95: f64 = 1.645;
 
 /// Whether a sensor satisfies a rule.
@@ -160,7 +161,7 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
     }
 }
 
-/// What a reader should know of the presses that count, for any verdict.
+/// Returns notes for the reader about the counted presses, for any verdict.
 fn notes(measured: &Measured) -> Vec<String> {
     let Measured { at_calibrated_places: at, flagged_presses: flagged, test_presses, .. } = measured;
     let all = [
@@ -171,7 +172,7 @@ fn notes(measured: &Measured) -> Vec<String> {
     all.into_iter().flatten().collect()
 }
 
-/// Why nothing can be decided for any limits.
+/// Returns the reasons why nothing can be decided for any limits.
 fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
     let fewer = |what: &str, found: usize, least: usize| {
         (found < least).then(|| format!("{found} valid {what} presses; the rule requires {least}"))
@@ -193,7 +194,7 @@ fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
     all.into_iter().flatten().collect()
 }
 
-/// A value, its bound or why it has none, and from how many presses or readings.
+/// Value, its bound or the reason why it has none, and the number of presses or readings.
 struct Found {
     value: f64,
     bound: Result<f64, String>,
@@ -231,7 +232,7 @@ fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
     let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == Verdict::Accepted;
     let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
         let (bound, unit) = (figure.shown(*bound, figure.digits()), figure.unit());
-        format!("within the limit, but with {n} readings its bound is {bound} {unit}")
+        format!("within the limit, but with {n} repeats its bound is {bound} {unit}")
     });
     let bound = bound.ok().filter(|_| decision == Decision::Guarded);
     Check { value: Some(value), bound, n, verdict, reason, warning, ..blank }
@@ -267,7 +268,7 @@ fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
     }
 }
 
-/// A count in this sample: it has no bound but itself.
+/// Returns a count in this sample. Its bound is the count itself.
 fn counted(count: Option<usize>, n: usize) -> Result<Found, String> {
     let value = count.ok_or("it was not measured")? as f64;
     Ok(Found { value, bound: Ok(value), n })
@@ -291,12 +292,12 @@ fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, S
             }
             let value = sorted.iter().sum::<f64>() / n as f64;
             let bound = mean_upper(&sorted).ok_or_else(|| fewer(MEAN_PRESSES_LEAST));
-            Ok(Found { value, bound: bound.and_then(|bound| Ok(widened(value, bound, truth?))), n })
+            Ok(Found { value, bound: widened_by(value, bound, truth), n })
         }
         Figure::LocationP95 | Figure::ForceP95 => {
             let value = percentile(&sorted, PERCENTILE);
             let bound = quantile_upper(&sorted, PERCENTILE).ok_or_else(|| fewer(quantile_least(PERCENTILE)));
-            Ok(Found { value, bound: bound.and_then(|bound| Ok(widened(value, bound, truth?))), n })
+            Ok(Found { value, bound: widened_by(value, bound, truth), n })
         }
         _ => {
             let reach = limit.reach.unwrap_or_default();
@@ -305,6 +306,15 @@ fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, S
             // an error that the truth's own uncertainty could hide doesn't count as within
             Ok(Found { value, bound: truth.map(|truth| share_lower(count(reach - truth), n)), n })
         }
+    }
+}
+
+/// The bound with the uncertainty of the truth; or every reason why there is none.
+fn widened_by(value: f64, bound: Result<f64, String>, truth: Result<f64, String>) -> Result<f64, String> {
+    match (bound, truth) {
+        (Ok(bound), Ok(truth)) => Ok(widened(value, bound, truth)),
+        (Err(few), Err(unknown)) => Err(format!("{few}; {unknown}")),
+        (Err(why), _) | (_, Err(why)) => Err(why),
     }
 }
 
@@ -317,7 +327,7 @@ fn unknown_truth(figure: Figure) -> String {
     }
 }
 
-/// A bound that the scatter of the presses gives, and what the truth may be off by, 95 % each and independent.
+/// Combines the bound from the presses' scatter with the possible error of the truth. Both are for 95 % and independent.
 fn widened(value: f64, bound: f64, truth: f64) -> f64 {
     value + (bound - value).max(0.0).hypot(truth)
 }
@@ -347,7 +357,7 @@ impl Check {
     }
 }
 
-/// The most digits behind the point of a value.
+/// Largest number of a value's digits after the decimal point.
 const DIGITS_MOST: usize = 9;
 
 impl Verdict {
@@ -420,7 +430,7 @@ mod tests {
         let judgement = judge(&rule(Decision::Simple, &[(Figure::Repeatability, 3.0, None)]), &measured());
         assert_eq!(judgement.verdict, Verdict::Accepted);
         let told: Vec<String> = judgement.all_reasons().collect();
-        assert_eq!(told, ["repeatability, worst unit: within the limit, but with 20 readings its bound is 4.00 %"]);
+        assert_eq!(told, ["repeatability, worst unit: within the limit, but with 20 repeats its bound is 4.00 %"]);
     }
 
     #[test]

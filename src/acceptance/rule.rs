@@ -208,5 +208,5 @@ impl Figure {
     }
 }
 
-/// From here on a value is shown with an exponent.
+/// Value from which an exponent is shown.
 const LARGE: f64 = 1e5;

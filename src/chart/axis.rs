@@ -26,13 +26,13 @@ pub enum Scale {
     Rows(Vec<String>),
 }
 
-/// By how much a logarithmic axis goes beyond its values.
+/// Factor by which a logarithmic axis extends beyond its values.
 const ROOM: f64 = 1.12;
-/// An even axis narrower than this holds one value: it is drawn a whole wide.
+/// Width below which an even axis contains only one value. Such an axis is drawn with width 1.
 const NARROWEST: f64 = 1e-12;
-/// The most values that an even axis shows, for any range.
+/// Largest number of values that an even axis shows, for any range.
 const MOST_TICKS: usize = 100;
-/// With fewer numbers a logarithmic axis of less than a decade can't be read: it has even ones then.
+/// Least number of numbers with which a logarithmic axis of less than a decade can be read. With fewer, the axis has even values.
 const FEWEST_TICKS: usize = 3;
 
 impl ChartAxis {
@@ -71,8 +71,8 @@ impl ChartAxis {
         }
     }
 
-    /// Values with a line across, and how they are shown, on an axis so many px long: of even ones only as many as have room, by
-    /// what each takes of the axis.
+    /// Returns the values with a grid line, and their texts, on an axis of `length_px`. Even values are limited to those that
+    /// have room, according to the length that each text takes.
     pub(super) fn ticks(&self, length_px: f64, taken_px: impl Fn(&str) -> f64) -> Vec<(f64, String)> {
         let (min, max) = self.range;
         let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
@@ -103,7 +103,7 @@ impl ChartAxis {
         }
     }
 
-    /// Even values, no nearer than `least`.
+    /// Returns even values with a distance of at least `least`.
     fn even_ticks(&self, least: f64, length_px: f64, taken_px: impl Fn(&str) -> f64) -> Vec<(f64, String)> {
         let (min, max) = self.range;
         if max <= min {
@@ -124,13 +124,13 @@ impl ChartAxis {
     }
 }
 
-/// The least of 1, 2 and 5 times a power of ten that is no less.
+/// Returns the smallest of 1, 2 and 5 times a power of ten that is at least `least`.
 fn round_step(least: f64) -> f64 {
     let decade = 10f64.powf(least.log10().floor());
     [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|step| *step >= least).unwrap_or(decade)
 }
 
-/// A tick's value without the digits that rounding leaves: as many as its step has, at least three.
+/// Formats a tick's value without rounding digits. The number of digits is that of the step, at least three.
 fn number(value: f64, step: f64) -> String {
     let digits = (1.0 - step.abs().log10().floor()).clamp(3.0, 15.0) as usize;
     let rounded = format!("{value:.digits$}");

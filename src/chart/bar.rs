@@ -8,14 +8,16 @@ use super::write_stroke;
 use std::fmt::Write as _;
 
 const HEIGHT: f64 = 12.0;
-/// Above the bar, and below the name of its axis: a page cuts off as much as below a panel.
+/// Space above the bar. The second constant is the space below the name of its axis. A page cuts off the same amount as below a
+/// panel.
 const ABOVE: f64 = 10.0;
 const BELOW: f64 = 28.0;
 const TICK: f64 = 4.0;
 const TO_NUMBERS: f64 = 19.0;
 const TO_NAME: f64 = 38.0;
 
-/// Draws the bar below a point, px, so many px wide, with the numbers of its axis and its name; where it ends.
+/// Draws the bar below a point, px, with the given width in px, the numbers of its axis and the axis' name. Returns the lower
+/// end.
 pub(super) fn write(svg: &mut String, labels: &mut Vec<Label>, axis: &ChartAxis, at: (f64, f64), width: f64) -> f64 {
     let (left, top) = (at.0, at.1 + ABOVE);
     let bottom = top + HEIGHT;

@@ -8,7 +8,7 @@ use super::escaped;
 use super::letters::width_px;
 use std::fmt::Write as _;
 
-/// What gives way to what.
+/// Priority of a text over other texts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Rank {
     /// Text at a fixed position.
@@ -19,7 +19,7 @@ pub(super) enum Rank {
     Word((f64, f64)),
 }
 
-/// A text at a point, px.
+/// Text at a point, px.
 #[derive(Clone, Debug)]
 pub(super) struct Label {
     /// Position on the baseline: start, middle or end of the text, depending on the class.
@@ -32,18 +32,18 @@ pub(super) struct Label {
     pub is_upright: bool,
 }
 
-/// How high letters are over their baseline and how far they go below it, as shares of their size.
+/// Height of letters above their baseline, as a fraction of their size. The second constant is their depth below it.
 const ASCENT: f64 = 0.9;
 const DESCENT: f64 = 0.24;
 /// Least distance of two texts along a line, px.
 const APART_PX: f64 = 3.0;
-/// By how much words move, px, and how often at most.
+/// Step by which words are moved, px. The second constant is the largest number of steps.
 const STEP_PX: f64 = 15.0;
 const MOST_STEPS: usize = 10;
-/// How much wider bold letters are.
+/// Ratio of the width of bold letters to that of normal ones.
 pub(super) const BOLD: f64 = 1.12;
 
-/// A rectangle, px.
+/// Rectangle, px.
 #[derive(Clone, Copy, Debug)]
 struct Frame {
     left: f64,
@@ -72,7 +72,7 @@ impl Label {
         Label { rank: Rank::Tick, ..Label::fixed(at, class, text) }
     }
 
-    /// Size of its letters, px, as the style sheet has it.
+    /// Size of the text's letters, px, as in the style sheet.
     fn size_px(&self) -> f64 {
         let has = |word: &str| self.class.split(' ').any(|class| class == word);
         if has("title") {
@@ -99,12 +99,12 @@ impl Label {
         Frame { left: x + start, right: x + start + length, top: y - ASCENT * size, bottom: y + DESCENT * size }
     }
 
-    /// The same text, farther right and down by so many px.
+    /// Returns the text moved to the right and down, px.
     fn moved(&self, (right, down): (f64, f64)) -> Label {
         Label { at: (self.at.0 + right, self.at.1 + down), ..self.clone() }
     }
 
-    /// The same text, moved so far sideways that it doesn't leave the figure.
+    /// Returns the text moved sideways so that it stays inside the figure.
     fn within(&self, width: f64) -> Label {
         let Frame { left, right, .. } = self.frame();
         let too_far_right = (right - width + 1.0).max(0.0);
@@ -126,10 +126,10 @@ impl Label {
     }
 }
 
-/// Size of letters without a size of their own, px.
+/// Size of letters without an explicit size, px.
 pub(super) const SIZE_PX: f64 = 13.0;
 
-/// All texts of a figure of that width as SVG.
+/// Returns all texts of a figure of this width as SVG.
 pub(super) fn laid_out(labels: &[Label], width: f64) -> String {
     let (mut svg, mut taken) = (String::new(), Vec::<Frame>::new());
     let of = |is: fn(&Rank) -> bool| labels.iter().filter(move |label| is(&label.rank) && !label.text.is_empty());
@@ -164,7 +164,7 @@ pub(super) fn laid_out(labels: &[Label], width: f64) -> String {
     svg
 }
 
-/// A line from a mark to the nearest side of words.
+/// Draws a line from a mark to the nearest side of words.
 fn lead(svg: &mut String, (x, y): (f64, f64), words: Frame) {
     let (to_x, to_y) = (x.clamp(words.left, words.right), y.clamp(words.top, words.bottom));
     let _ = writeln!(svg, "<line class=\"lead\" x1=\"{x:.1}\" y1=\"{y:.1}\" x2=\"{to_x:.1}\" y2=\"{to_y:.1}\"/>");

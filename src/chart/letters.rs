@@ -1,15 +1,15 @@
 //! Estimates widths of texts without a font file. The widths are those of DejaVu Sans, the widest of the fonts that a figure
 //! names.
 
-/// What replaces the middle of a text that is too long.
+/// Replacement for the middle of a text that is too long.
 const GAP: char = '…';
 
-/// Width of a text whose letters have a size, px.
+/// Width of a text with letters of this size, px.
 pub(super) fn width_px(text: &str, size_px: f64) -> f64 {
     size_px * text.chars().map(width_em).sum::<f64>()
 }
 
-/// A text in lines no wider than asked; a word that is wider has a line of its own.
+/// Splits a text into lines no wider than `most_px`. A wider word has its own line.
 pub(super) fn wrapped(text: &str, size_px: f64, most_px: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split(' ') {
@@ -23,7 +23,7 @@ pub(super) fn wrapped(text: &str, size_px: f64, most_px: f64) -> Vec<String> {
     lines
 }
 
-/// A text no wider than asked: of a longer one its beginning and its end.
+/// Returns a text no wider than `most_px`. A longer text keeps its beginning and its end.
 pub(super) fn shortened(text: &str, size_px: f64, most_px: f64) -> String {
     let letters: Vec<char> = text.chars().collect();
     let without = |count: usize| -> String {
@@ -35,7 +35,7 @@ pub(super) fn shortened(text: &str, size_px: f64, most_px: f64) -> String {
     (0..letters.len()).map(without).find(fits).unwrap_or_else(|| GAP.to_string())
 }
 
-/// Width of a letter as a share of its size.
+/// Width of a letter as a fraction of its size.
 fn width_em(letter: char) -> f64 {
     match letter {
         'i' | 'j' | 'l' | 'I' | 'J' | '\'' | '|' => 0.30,

@@ -76,14 +76,14 @@ pub enum Line {
     Dashed,
 }
 
-/// What the classes of all elements mean, in light colours.
+/// Style of the classes of all elements, in light colours.
 pub(super) const LIGHT: &str = include_str!("light.css");
 
 /// Style sheet in light and dark colours, following the reader's setting.
 pub const STYLE: &str = concat!(include_str!("light.css"), include_str!("dark.css"));
 
 impl Hue {
-    /// Its class.
+    /// Class name of the colour.
     pub(super) fn name(self) -> &'static str {
         match self {
             Hue::Blue => "blue",
@@ -99,7 +99,7 @@ impl Hue {
     }
 }
 
-/// A line through points, px.
+/// Draws a line through points, px.
 pub(super) fn write_line(svg: &mut String, look: Look, points: &[(f64, f64)]) {
     let dashed = match look.line {
         Line::None => return,
@@ -110,7 +110,7 @@ pub(super) fn write_line(svg: &mut String, look: Look, points: &[(f64, f64)]) {
     let _ = writeln!(svg, "<polyline class=\"{} line{dashed}\" points=\"{}\"/>", look.hue.name(), path.trim_end());
 }
 
-/// A marker at a point, px, `size` times as large as it mostly is.
+/// Draws a marker at a point, px, `size` times its normal size.
 pub(super) fn write_marker(svg: &mut String, look: Look, (x, y): (f64, f64), size: f64) {
     let Some(shape) = look.shape else { return };
     let class = format!("{} mark{}", look.hue.name(), if look.filled { "" } else { " hollow" });

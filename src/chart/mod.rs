@@ -60,35 +60,38 @@ pub struct Grid {
 pub const SVG_MARK: &str = "<metadata>palpate</metadata>";
 
 const WIDTH: f64 = 900.0;
-/// Left of a panel, px, where the numbers beside its axis have room in it.
+/// Space to the left of a panel, px, with room for the numbers next to the panel's axis.
 const LEFT: f64 = 72.0;
 const LEFT_OF_ROWS: f64 = 172.0;
 const RIGHT: f64 = 24.0;
 const GAP: f64 = 44.0;
-/// Between the panels of a grid, px: room for the numbers beside them.
+/// Space between the panels of a grid, px, with room for the numbers next to them.
 const GAP_OF_GRID: f64 = 50.0;
 /// Gap between panels with shared axes, px: space for the ends of two axes next to each other.
 pub const SHARED_GAP_PX: f64 = 20.0;
-/// Above the panels of a figure whose page prints its title, and what is cut off below: the page has distances of its own, px.
+/// Space above the panels of a figure whose title is printed by the page, px. The second constant is the part cut off below,
+/// because the page has its own margins, px.
 const TOP_INLINE: f64 = 14.0;
 const CUT_INLINE: f64 = 22.0;
-/// A panel's title, px.
+/// Height of a panel's title, px.
 const TITLE_LINE: f64 = 24.0;
-/// How large markers are in a grid.
+/// Size of markers in a grid, relative to the normal size.
 const SMALL: f64 = 0.7;
 const LEGEND_LINE: f64 = 22.0;
 const NOTE_LINE: f64 = 17.0;
-/// Beside title, legend and notes.
+/// Margin next to title, legend and notes.
 const MARGIN: f64 = 20.0;
-/// From the start of an entry of the legend to its name, and from its end to the next entry.
+/// Distance from the start of a legend's entry to its name. The second constant is the distance from the entry's end to the next
+/// entry.
 const TO_NAME: f64 = 36.0;
 const TO_NEXT: f64 = 20.0;
-/// From a panel to the numbers of its axis upward, and from those to the axis' name.
+/// Distance from a panel to the numbers of its vertical axis. The second constant is the distance from the numbers to the axis'
+/// name.
 const TO_NUMBERS: f64 = 9.0;
 const TO_LABEL: f64 = 8.0;
-/// From a panel to the name of its axis upward, at least.
+/// Least distance from a panel to the name of its vertical axis.
 const LEAST_TO_LABEL: f64 = 50.0;
-/// A line of the name of an axis upward.
+/// Height of a line in the name of a vertical axis.
 const LABEL_LINE: f64 = 15.0;
 
 impl Figure {
@@ -144,7 +147,7 @@ impl Figure {
         )
     }
 
-    /// Legend and panels below so many px, without their texts, and where they end.
+    /// Returns legend and panels below `above_px` without their texts, and their lower end.
     fn drawn(&self, above_px: f64, labels: &mut Vec<Label>) -> (String, f64) {
         let mut svg = String::new();
         let legend = self.legend_lines();
@@ -211,7 +214,7 @@ impl Figure {
         (svg, y)
     }
 
-    /// The legend in as many lines as it needs.
+    /// Returns the legend in the required number of lines.
     fn legend_lines(&self) -> Vec<Vec<(Look, &str)>> {
         let mut lines = Vec::new();
         for entries in &self.legend {
@@ -230,7 +233,7 @@ impl Figure {
         lines
     }
 
-    /// Where the names of the axes upward are, so that they are beside the numbers.
+    /// Returns the positions of the vertical axes' names, so that they are next to the numbers.
     fn upward_names(&self, has_rows: bool) -> UpwardNames {
         let is_shared = self.grid.is_some_and(|grid| grid.shared);
         let rows = self.panels.len().div_ceil(self.columns()) as f64;
@@ -248,7 +251,7 @@ impl Figure {
         self.grid.map_or(self.panels.len(), |grid| grid.columns).max(1)
     }
 
-    /// What the colours of its cells mean.
+    /// Returns the axis that shows the meaning of the cells' colours.
     fn colours(&self) -> Option<&ChartAxis> {
         self.panels.iter().flat_map(|panel| &panel.marks).find_map(|mark| match mark {
             Mark::Cells(axis, _) => Some(axis),
@@ -260,14 +263,14 @@ impl Figure {
         self.grid.map_or(WIDTH, |grid| grid.width_px)
     }
 
-    /// Room for the panels' own titles, which are so wide at most.
+    /// Space for the panels' own titles, which are at most `title_px` wide.
     fn above_panel_px(&self, title_px: f64) -> f64 {
         let lines = self.panels.iter().map(|panel| panel.title_lines(title_px).len()).max().unwrap_or(0);
         if lines == 0 { 0.0 } else { TITLE_LINE + LABEL_LINE * (lines - 1) as f64 }
     }
 }
 
-/// Where the names of the axes upward are.
+/// Positions of the vertical axes' names.
 struct UpwardNames {
     /// Distance from a panel to the baseline of a name, px.
     to_label_px: f64,

@@ -75,15 +75,15 @@ pub enum Anchor {
     End,
 }
 
-/// Below a panel, px, and the part of that which the axis' name takes.
+/// Space below a panel, px. The second constant is the part for the axis' name.
 const BELOW_AXIS: f64 = 68.0;
 const NAME_LINE: f64 = 28.0;
-/// Height of the numbers beside an axis.
+/// Height of the numbers next to an axis.
 const LINE_PX: f64 = 14.0;
-/// What a number below an axis takes beyond its width.
+/// Space that a number below an axis needs beyond its width.
 const BESIDE_NUMBER: f64 = 5.0;
 
-/// Where a panel is, px.
+/// Area of a panel, px.
 pub(super) struct Area {
     pub x: f64,
     pub y: f64,
@@ -91,7 +91,7 @@ pub(super) struct Area {
     pub height: f64,
 }
 
-/// What is written beside a panel, and how large its markers are.
+/// Texts next to a panel, and the size of its markers.
 pub(super) struct Words {
     /// Whether numbers are below the panel.
     pub x: bool,
@@ -105,25 +105,25 @@ pub(super) struct Words {
 }
 
 impl Panel {
-    /// Room for what stands below it, px.
+    /// Space for the texts below the panel, px.
     pub(super) fn below_px(&self) -> f64 {
         let of_label = if self.x.label.is_empty() { NAME_LINE } else { 0.0 };
         BELOW_AXIS + NOTE_LINE * self.more_lines_below() as f64 - of_label
     }
 
-    /// Lines of the numbers below it beyond the first.
+    /// Number of lines of the numbers below the panel, without the first line.
     fn more_lines_below(&self) -> usize {
         let ticks = self.x.ticks(f64::INFINITY, |_| 0.0);
         ticks.iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1) - 1
     }
 
-    /// The widest number beside it, px, where it is so high.
+    /// Width of the widest number next to the panel, px, for this height of the panel.
     pub(super) fn numbers_upward_px(&self, height_px: f64) -> f64 {
         let ticks = self.y.ticks(height_px, |_| LINE_PX);
         ticks.iter().map(|(_, told)| width_px(told, SIZE_PX)).fold(0.0, f64::max)
     }
 
-    /// Its title in one line or two, each shortened to fit.
+    /// Returns the panel's title in one or two lines, each shortened to fit.
     pub(super) fn title_lines(&self, most_px: f64) -> Vec<String> {
         let title = self.marks.iter().find_map(|mark| match mark {
             Mark::Title(title) => Some(title),
@@ -143,14 +143,14 @@ impl Panel {
         lines.iter().map(|line| shortened(line, size_px, most_px)).collect()
     }
 
-    /// The name of the axis below.
+    /// Writes the name of the axis below the panel.
     pub(super) fn write_x_label(&self, labels: &mut Vec<Label>, area: &Area) {
         let below_ticks = NOTE_LINE * self.more_lines_below() as f64;
         let at = (area.x + area.width / 2.0, area.y + area.height + 38.0 + below_ticks);
         labels.push(Label::fixed(at, "mid", &self.x.label));
     }
 
-    /// Draws it; its texts are laid out later, with those of all panels.
+    /// Draws the panel. The texts are laid out later, together with those of all panels.
     pub(super) fn write(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, words: &Words) {
         self.write_axes(svg, labels, area, words);
         for (line, told) in self.title_lines(words.title_px).iter().rev().enumerate() {
@@ -161,7 +161,7 @@ impl Panel {
         }
     }
 
-    /// Where a point is, px: on the edge where it is outside.
+    /// Returns the position of a point, px. A point outside is on the edge.
     fn at(&self, area: &Area, (x, y): (f64, f64)) -> (f64, f64) {
         let up = self.y.share(y);
         let down = if matches!(self.y.scale, Scale::Rows(_)) { up } else { 1.0 - up };
@@ -280,7 +280,7 @@ impl Panel {
     }
 }
 
-/// Cells, those of one colour in one path.
+/// Draws cells; those of one colour are in one path.
 fn write_cells(svg: &mut String, axis: &ChartAxis, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
     let mut paths = vec![String::new(); LEVELS];
     for Cell { x, y, value } in cells.iter().filter(|cell| cell.value.is_finite()) {

@@ -4,10 +4,10 @@
 /// print and for colour-blind people (after the idea of cividis: Nunez, Anderton and Renslow 2018).
 pub struct Ramp;
 
-/// How many colours there are.
+/// Number of colours.
 pub(super) const LEVELS: usize = 16;
 
-/// Red, green and blue at even steps.
+/// Red, green and blue at equal steps.
 const ANCHORS: [[f64; 3]; 5] =
     [[0.0, 34.0, 78.0], [65.0, 77.0, 107.0], [124.0, 123.0, 120.0], [188.0, 175.0, 111.0], [254.0, 232.0, 56.0]];
 

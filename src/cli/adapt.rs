@@ -63,7 +63,7 @@ pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     write(&file, &args.out)
 }
 
-/// What changed, and what the new presses show. Without forces, force errors are left out.
+/// Describes what changed, and what the new presses show. Without forces, force errors are omitted.
 fn told(adapted: &Adapted, is_relative: bool) -> String {
     let Adapted { change, extent, held_out: HeldOut { presses, before, after }, .. } = adapted;
     let errors = |errors: &MeanErrors| match is_relative {

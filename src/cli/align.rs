@@ -35,7 +35,7 @@ pub struct AlignArgs {
     dry_run: bool,
 }
 
-/// The least uncertainty of the origin that is written, mm.
+/// Least uncertainty of the origin that is written, mm.
 const LEAST_MM: f64 = 1e-4;
 
 /// Presses, fits, reports, and writes.
@@ -99,7 +99,7 @@ fn described(found: &Alignment) -> String {
     )
 }
 
-/// The rig's text with the frame that was found; all else, comments too, as it was.
+/// Returns the rig's text with the frame that was found. Everything else, including comments, is unchanged.
 fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlError> {
     let mut document: DocumentMut = text.parse()?;
     let Alignment { frame, placement, .. } = found;

@@ -2,11 +2,10 @@
 
 use super::exit::Failure;
 use super::recorded::read_run;
-use super::report::{check_free, judged, write};
+use super::report::{judged, write};
 use super::sources::read;
 use super::summary::print;
 use super::verdict::AcceptArgs;
-use crate::dataset::files;
 use crate::report::certificate::{Certificate, parse};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -48,8 +47,8 @@ pub struct CertificateArgs {
 pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     let out = args.out.clone().unwrap_or_else(|| args.runs[0].join("certificate"));
     let (html, xml) = (with_ending(&out, "html"), with_ending(&out, "xml"));
-    check_free(&html, true)?;
-    check_free_xml(&xml)?;
+    check_free(&html)?;
+    check_free(&xml)?;
     let given = parse(&args.with.display().to_string(), &read(&args.with)?).map_err(Failure::usage)?;
     let runs = args.runs.iter().map(|run| read_run(run)).collect::<Result<Vec<_>, Failure>>()?;
     let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
@@ -67,19 +66,11 @@ fn with_ending(out: &Path, ending: &str) -> PathBuf {
     name.into()
 }
 
-/// A certificate of ours may be replaced; nothing else is.
-fn check_free_xml(xml: &Path) -> Result<(), Failure> {
-    if xml.symlink_metadata().is_err() {
+/// An issued certificate is never replaced.
+fn check_free(path: &Path) -> Result<(), Failure> {
+    if path.symlink_metadata().is_err() {
         return Ok(());
     }
-    let is_ours =
-        files::read_text(xml, MOST_BYTES).is_ok_and(|text| text.contains("<dcc:content>palpate</dcc:content>"));
-    if is_ours {
-        return Ok(());
-    }
-    let help = "choose another --out: only a certificate that palpate wrote is replaced";
-    Err(Failure::usage(miette::miette!(help = help, "{} already exists", xml.display())))
+    let help = "choose another --out, or move it away: a certificate is never replaced";
+    Err(Failure::usage(miette::miette!(help = help, "{} already exists", path.display())))
 }
-
-/// The largest certificate that is looked at, bytes.
-const MOST_BYTES: u64 = 64 << 20;

@@ -21,7 +21,8 @@ Examples:
 
 Exit code: 0 the recipe can be run, 2 it can't: each problem is reported with its line.";
 
-/// What the links of a rig take together, quick and slow, s: it is timed when a run begins.
+/// Assumed total time of an exchange on the links of a rig, s: a quick rig and a slow rig. The real time is measured when a run
+/// begins.
 const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
 
 /// Print what a recipe would do on a rig; nothing moves
@@ -45,9 +46,9 @@ pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What can be run and is probably not meant.
+/// Returns warnings about settings that are valid but probably not intended.
 fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
-    /// A press that takes longer was probably given in milliseconds, s.
+    /// Press time above which the time was probably given in milliseconds, s.
     const LONG_S: f64 = 60.0;
     let mut warnings = Vec::new();
     let has = |phase| plan.entries.iter().any(|entry| entry.phase == phase);
@@ -102,22 +103,22 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     text
 }
 
-/// What the load cell's stated error makes of the largest force that is set.
+/// Describes the effect of the load cell's stated error on the largest set force.
 fn distance(plan: &Plan, rig: &RigSpec) -> String {
-    let (set_n, limit_n) = (plan.most_n(), rig.limits.force_n);
+    let set_n = plan.most_n();
     let Some(u_n) = rig.load_cell.standard_uncertainty_n(set_n) else {
-        return if set_n < limit_n { String::new() } else { ": exceeded by any error of the load cell".to_owned() };
+        return String::new();
     };
     format!(": with the\n  load cell's stated error up to {:.3} N", set_n + COVERAGE * u_n)
 }
 
-/// The largest force that is set, with the load cell's stated error, N; none where it states none.
+/// Returns the largest set force plus the load cell's stated error, N; `None` if the load cell states no error.
 fn true_n(plan: &Plan, rig: &RigSpec) -> Option<f64> {
     let set_n = plan.most_n();
     rig.load_cell.standard_uncertainty_n(set_n).map(|u_n| set_n + COVERAGE * u_n)
 }
 
-/// What the permit bounds every move to, even if the host fails.
+/// Describes the limits that the permit sets for every motion, even if the host fails.
 fn permitted(rig: &RigSpec) -> String {
     let limits = &rig.limits;
     let lag_s = rig.stage.settle_s + rig.load_cell.lag_s;
@@ -138,7 +139,7 @@ fn permitted(rig: &RigSpec) -> String {
     )
 }
 
-/// One line of the plan: how many presses and levels, and how long they should take.
+/// Returns one line of the plan: the number of presses and levels, and their expected time.
 fn counted(name: &str, entries: &[Entry], rig: &RigSpec) -> String {
     let levels: usize = entries.iter().map(|entry| entry.task.levels.len()).sum();
     format!("  {name:<18}{:>8}{levels:>8}   {}", entries.len(), duration(estimated_s(entries, rig)))

@@ -13,14 +13,14 @@ use serde::Serialize;
 use std::path::Path;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 
-/// How well a weight is known whose uncertainty isn't given, as a share of it: its force may have been computed from its mass with
-/// 9.81 m/s^2, anywhere on earth.
+/// Assumed uncertainty of a weight without a given uncertainty, as a fraction of the weight. Its force may have been computed
+/// from its mass with 9.81 m/s^2, for any location on earth.
 const UNSTATED_SHARE: f64 = 0.005;
 
-/// The largest expanded uncertainty of a weight, as a share of it, with which a gain can be checked.
+/// Largest expanded uncertainty of a weight with which a gain can be checked, as a fraction of the weight.
 const U_SHARE_MOST: f64 = 0.02;
 
-/// Digits behind the point of a gain in a rig file.
+/// Number of digits after the decimal point of a gain in a rig file.
 const GAIN_DECIMALS: i32 = 6;
 
 /// A check of the load cell with a known weight.
@@ -150,7 +150,7 @@ pub fn concluded(
     Ok(Concluded { text, told, failure })
 }
 
-/// What a weight showed, for a person.
+/// Describes the result of a weight for a person.
 fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) -> String {
     let WeightCheck { weight_n, weight_u_n, gain, gain_sd, times, adjusted, .. } = check;
     let Judged { verdict, off, explained } = judged;
@@ -176,7 +176,7 @@ fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) 
     format!("\n{}", lines.iter().enumerate().map(line).collect::<String>())
 }
 
-/// The same for a program.
+/// Returns the result of a weight for a program.
 fn told(check: &WeightCheck, judged: Judged, weighed: &Weighed, written: bool) -> WeightTold {
     let (verdict, cause) = match judged.verdict {
         _ if check.adjusted => ("adjusted", None),
@@ -201,7 +201,8 @@ fn told(check: &WeightCheck, judged: Judged, weighed: &Weighed, written: bool) -
     }
 }
 
-/// Why the load cell can't be trusted after a check, and what to do. `is_sound`: a run takes the gain as it is now.
+/// Returns the reason why the load cell can't be trusted after a check, with advice. `is_sound` states whether a run uses the
+/// present gain.
 fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failure> {
     let WeightCheck { gain, weight_n, pull, .. } = check;
     let (told, help) = match judged.verdict {
@@ -247,7 +248,7 @@ fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failur
     Some(Failure::untrusted(miette::miette!(help = help, "checking the load cell with {weight_n} N: {told}")))
 }
 
-/// The rig's text with the check; all else, comments too, as it was.
+/// Returns the rig's text with the check. Everything else, including comments, is unchanged.
 fn with_check(text: &str, check: &WeightCheck) -> Result<String, toml_edit::TomlError> {
     let mut document: DocumentMut = text.parse()?;
     let WeightCheck { weight_n, weight_u_n, pull, gain, gain_sd, times, date, adjusted } = check;

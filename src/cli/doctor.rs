@@ -28,23 +28,23 @@ adjusted only with --adjust.
 Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height; presses nothing.
 Exit code: 0 the rig can be used, 2 a bad rig file, 3 a device doesn't work, 4 the load cell can't be trusted.";
 
-/// Bars of the histogram of reaction times, and the columns of the longest.
+/// Number of bars in the histogram of reaction times. The second constant is the length of the longest bar in columns.
 const BARS: usize = 8;
 const BAR_COLUMNS: usize = 40;
 
-/// Fewer readings than this share are new ones where a cell is read more often than it converts.
+/// Least fraction of new readings. With fewer, the cell is read more often than it converts.
 const FRESH_SHARE: f64 = 0.7;
 
-/// How far the zero may move either way, as a share of the force limit, in the `air_n` that is proposed.
+/// Allowed move of the zero in either direction in the proposed `air_n`, as a fraction of the force limit.
 const ZERO_MOVES_SHARE: f64 = 0.2;
 
-/// A window as recipes have it, for what hum leaves in it, s.
+/// Typical window of recipes, used to calculate the hum that remains in it, s.
 const WINDOW_S: f64 = 0.2;
 
-/// A zero over this share of the force limit leaves little of the cell's range.
+/// Zero, as a fraction of the force limit, above which little of the cell's range remains.
 const ZERO_SHARE: f64 = 0.5;
 
-/// An approach slower than this makes the search for the surface the longest part of a press, mm/s.
+/// Approach speed below which the search for the surface takes most of a press' time, mm/s.
 const SLOW_MM_S: f64 = 1.0;
 
 /// Check a rig: identify its devices, measure zero, noise and reaction time
@@ -94,7 +94,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-/// The rig with a load cell whose own readings count: they are what a known weight checks.
+/// Returns the rig with a load cell whose own readings count, without adjustment. A known weight checks these readings.
 fn as_it_reads(rig: &RigSpec) -> RigSpec {
     let mut spec = rig.clone();
     spec.load_cell.check = None;
@@ -159,7 +159,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
     text
 }
 
-/// The mains hum, and what means leave of it.
+/// Describes the mains hum, and the part of it that means leave.
 fn hum_told(hum: &Hum) -> String {
     let (hz, amplitude_mn) = (hum.hz, 1000.0 * hum.amplitude_n);
     match hum.whole_s {
@@ -173,7 +173,8 @@ fn hum_told(hum: &Hum) -> String {
     }
 }
 
-/// What the load cell may say in air if what it says now is air: as much either way as the zero of a run may move.
+/// Returns the proposed range of the load cell's reading in air, assuming that the present reading is air. In both directions it
+/// allows the same move as the zero may have in a run.
 fn proposed_air_n(offset_n: f64, limit_n: f64) -> [f64; 2] {
     let rounded = |n: f64| (n * 1000.0).round() / 1000.0;
     [-ZERO_MOVES_SHARE, ZERO_MOVES_SHARE].map(|share| rounded(offset_n + share * limit_n))
@@ -184,7 +185,7 @@ fn wrapped(advice: &[String]) -> String {
     advice.iter().map(|line| textwrap::fill(line, &options)).collect::<Vec<_>>().join("\n")
 }
 
-/// What a person should do about what was found.
+/// Returns advice for the user about the results.
 fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     let mut advice = Vec::new();
     for (role, device) in &found.devices {
@@ -239,7 +240,7 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     advice
 }
 
-/// What to make quicker first.
+/// Returns the part of the reaction that should be made faster first.
 fn slowest_part(reaction: &Reaction) -> String {
     let Reaction { conversion_s, load_cell_s, stage_s, lag_s } = *reaction;
     let parts = [
@@ -255,7 +256,7 @@ fn slowest_part(reaction: &Reaction) -> String {
     )
 }
 
-/// Shortest, median and longest, ms.
+/// Shortest, median and longest time, ms.
 fn spread(seconds: &[f64]) -> Option<[f64; 3]> {
     let mut sorted = seconds.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -281,7 +282,7 @@ fn histogram(seconds: &[f64]) -> String {
     counts[..=last].iter().enumerate().map(bar).collect()
 }
 
-/// What `--json` prints.
+/// Output of `--json`.
 #[derive(Serialize)]
 struct Told<'a> {
     devices: Vec<Device<'a>>,

@@ -12,7 +12,7 @@ Example:
 In a rig file, write driver = \"esp301\", or driver = { modbus = \"labjack-t7\" } with its keys.
 Every family can be simulated: link = \"sim\", or --simulate.";
 
-/// Where what is said of a family begins, columns.
+/// Column where the description of a family begins.
 const INDENT: usize = 12;
 
 /// List the device families that a rig can use

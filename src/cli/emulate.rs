@@ -110,7 +110,7 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
     Ok(ExitCode::SUCCESS)
 }
 
-/// Offers a device where it would be wired, or on a port; none where there is nothing to offer.
+/// Offers a device at its wired link, or on a port; `None` if there is nothing to offer.
 async fn offer(
     device: &EmulatedDevice,
     port: Option<u16>,

@@ -20,7 +20,7 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Instead of a method's name: every method, and the best.
+/// Word that is used instead of a method's name for every method and the best.
 const ALL: &str = "all";
 
 const EXAMPLES: &str = "\
@@ -72,7 +72,7 @@ pub struct EvaluateArgs {
     accept: AcceptArgs,
 }
 
-/// A method that has no evaluation, as `--json` prints it.
+/// Method without an evaluation, as printed by `--json`.
 #[derive(Serialize)]
 struct Failed<'a> {
     solver: &'a str,
@@ -119,10 +119,10 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-/// What each solver came to, or why it has no evaluation.
+/// Result of each solver, or the reason why it has no evaluation.
 type Outcomes<'a> = Vec<(&'a str, Result<Evaluation, String>)>;
 
-/// What is printed besides the evaluations.
+/// Data that are printed in addition to the evaluations.
 #[derive(Default)]
 struct Shown {
     /// Whether there is neither a calibration nor a test.
@@ -167,7 +167,7 @@ fn report(
     }
 }
 
-/// The solvers that were asked for, each evaluated.
+/// Returns the evaluations of the requested solvers.
 fn outcomes<'a>(args: &'a EvaluateArgs, trial: &Trial<'_>) -> Result<Outcomes<'a>, Failure> {
     let names = if args.solver == ALL { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![args.solver.as_str()] };
     let mut outcomes = Vec::new();
@@ -184,7 +184,7 @@ fn outcomes<'a>(args: &'a EvaluateArgs, trial: &Trial<'_>) -> Result<Outcomes<'a
     Ok(outcomes)
 }
 
-/// One line of `--json`.
+/// Returns one line of `--json`.
 fn json((solver, outcome): &(&str, Result<Evaluation, String>)) -> Result<String, Failure> {
     match outcome {
         Ok(evaluation) => object(evaluation),

@@ -9,13 +9,13 @@ use std::process::ExitCode;
 
 /// Done, but not accepted by the rule, or not decided.
 pub const NOT_ACCEPTED: u8 = 1;
-/// A bad recipe, rig or command line; nothing was moved.
+/// Exit code of an invalid recipe, rig or command line. Nothing was moved.
 const USAGE: u8 = 2;
-/// A device failed.
+/// Exit code of a device that failed.
 const DEVICE: u8 = 3;
-/// A safety rule was broken.
+/// Exit code of a broken safety rule.
 const TRIP: u8 = 4;
-/// The record couldn't be kept.
+/// Exit code of a record that couldn't be kept.
 const RECORD: u8 = 5;
 /// Cancelled by a person, and parked.
 pub const CANCELLED: u8 = 130;
@@ -50,6 +50,7 @@ impl Failure {
             | DatasetError::NoFolder { .. }
             | DatasetError::NoRun { .. }
             | DatasetError::NoJournal { .. }
+            | DatasetError::Missing { .. }
             | DatasetError::Held { .. }
             | DatasetError::Changed { .. }
             | DatasetError::Lost { .. }
@@ -115,7 +116,7 @@ impl Failure {
                 // the count last, where the eye is when the printing ends
                 let count = problems.to_string();
                 problems.into_reports().for_each(|report| say(&format!("{report:?}")));
-                say(&format!("{count}; nothing was moved"));
+                say(&format!("{count}; nothing was done"));
             }
             Err(report) => say(&format!("{report:?}")),
         }
@@ -123,7 +124,7 @@ impl Failure {
     }
 }
 
-/// A terminal that has been closed shows nothing; the exit code is given all the same.
+/// Prints a text. If the terminal has been closed, nothing is shown, but the exit code is still returned.
 fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -61,7 +61,7 @@ impl<'a> FigureFiles<'a> {
     }
 }
 
-/// Whether a file is a figure that palpate wrote. Only a regular file is read.
+/// Whether a file is a figure that this program wrote. Only a regular file is read.
 fn is_ours(svg: &Path) -> bool {
     svg.symlink_metadata().is_ok_and(|at| at.is_file())
         && fs::read_to_string(svg).is_ok_and(|text| text.starts_with("<svg ") && text.contains(SVG_MARK))

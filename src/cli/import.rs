@@ -100,7 +100,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The tables must be of one array, and of the one that the columns file states.
+/// Checks that the tables are of one array, and of the array in the columns file.
 fn check_outputs(tables: &[(Presses, Phase)], mapping: &Mapping) -> Result<(), Failure> {
     let (first, outputs) = (&tables[0].0.source, tables[0].0.channels);
     if let Some((other, _)) = tables.iter().find(|(table, _)| table.channels != outputs) {
@@ -117,7 +117,7 @@ fn check_outputs(tables: &[(Presses, Phase)], mapping: &Mapping) -> Result<(), F
     }
 }
 
-/// A calibration that only pulls has its forces with the other sign.
+/// Checks the sign of the forces. A calibration with only pulling forces has the wrong sign.
 fn check_forces(tables: &[(Presses, Phase)]) -> Result<(), Failure> {
     let is_pulled =
         |(table, _): &&(Presses, Phase)| table.presses.iter().all(|press| press.force_n.is_some_and(|n| n < 0.0));
@@ -126,7 +126,7 @@ fn check_forces(tables: &[(Presses, Phase)]) -> Result<(), Failure> {
     Err(Failure::usage(miette::miette!(help = help, "{}: all forces are negative", table.source)))
 }
 
-/// A warning where most units are outside the area of the presses: their origin is probably another one.
+/// Returns a warning if most units are outside the area of the presses. Their origin is then probably different.
 fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
     let presses = || tables.iter().flat_map(|(table, _)| &table.presses);
     let ends = |of: fn(&Press) -> f64| {
@@ -145,7 +145,7 @@ fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
     })
 }
 
-/// From where to where the presses of a table are, in a line: a wrong column or unit shows.
+/// Returns a line with the ranges of a table's presses, in which a wrong column or unit is visible.
 fn ranges_of(table: &Presses, phase: Phase) -> String {
     let range = |of: fn(&Press) -> Option<f64>| {
         let values = || table.presses.iter().filter_map(of);
@@ -157,7 +157,7 @@ fn ranges_of(table: &Presses, phase: Phase) -> String {
     format!("  {:<12} x {x} mm, y {y} mm{force}\n", phase.name())
 }
 
-/// The name of a run from its table: without folder and ending, and without what a path can't have.
+/// Returns the name of a run from its table, without folder, extension, and characters that a path can't have.
 fn name_of(table: &Path) -> String {
     let stem = table.file_stem().unwrap_or_default().to_string_lossy();
     let fit = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' };
@@ -168,7 +168,7 @@ fn name_of(table: &Path) -> String {
     }
 }
 
-/// Every press as a contact of its own, then the end.
+/// Records every press as a separate contact, then the end.
 fn record(
     folder: &mut RunFolder,
     tables: Vec<(Presses, Phase)>,

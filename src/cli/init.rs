@@ -30,7 +30,7 @@ pub struct InitArgs {
     from: Start,
 }
 
-/// What a person begins with.
+/// Starting point of a user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Start {
     /// 3 x 3 taxels under a soft cover, as in the paper, simulated
@@ -45,7 +45,7 @@ enum Start {
     Example,
 }
 
-/// What is written, and what to do with it.
+/// Files that are written, and advice on their use.
 struct Template {
     /// Each file's name and text.
     files: Vec<(String, String)>,
@@ -85,7 +85,7 @@ impl Start {
     }
 }
 
-/// A recipe and a rig. The run's name is that of the recipe; `simulate` is the option with which the rig runs without hardware.
+/// Returns a recipe and a rig. The run has the recipe's name. `simulate` is the option with which the rig runs without hardware.
 fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
     Template {
         files: with_schemas([(Text::Recipe, recipe.as_str()), (Text::Rig, rig), CERTIFICATE]),
@@ -101,7 +101,7 @@ fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
 
 const CERTIFICATE: (Text, &str) = (Text::Certificate, include_str!("init/certificate.toml"));
 
-/// Tables of presses, a short recipe with its rules, and a program for each role.
+/// Example files: tables of presses, a short recipe with its rules, and a program for each role.
 const EXAMPLE: [(&str, &str); 9] = [
     ("short.toml", include_str!("../../data/example/short.toml")),
     ("recipe.toml", include_str!("../../data/example/recipe.toml")),
@@ -114,7 +114,7 @@ const EXAMPLE: [(&str, &str); 9] = [
     ("array.py", include_str!("../../examples/array.py")),
 ];
 
-/// Texts under the names of their kinds, each with its schema.
+/// Returns text files under the names of their kinds, each with its schema.
 fn with_schemas<const N: usize>(texts: [(Text, &str); N]) -> Vec<(String, String)> {
     let both = |(kind, text): (Text, &str)| {
         let name = kind.name();

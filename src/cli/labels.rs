@@ -35,10 +35,10 @@ impl LabelArgs {
     }
 }
 
-/// The most characters of a label: it is shown in tables and titles.
+/// Largest number of characters of a label, which is shown in tables and titles.
 const LABEL_MOST: usize = 200;
 
-/// A text that can be printed in any place.
+/// Checks that a text can be printed anywhere.
 fn label(text: &str) -> Result<String, String> {
     let is_fit = !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control);
     let expected = || format!("expected 1 to {LABEL_MOST} printable characters");

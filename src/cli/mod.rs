@@ -145,7 +145,7 @@ pub fn main() -> ExitCode {
     outcome.unwrap_or_else(|failure| failure.report())
 }
 
-/// Prints a usage error, or the help that was asked for, and exits. An unknown command is refused with the known ones.
+/// Prints a usage error, or the requested help, and exits. For an unknown command it lists the known ones.
 fn refuse(error: &clap::Error) -> ! {
     if error.kind() == ErrorKind::InvalidSubcommand {
         let root = CommandLine::command();

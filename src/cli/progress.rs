@@ -14,17 +14,17 @@ use std::io::{IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Readings between two looks at the force on a terminal: ten a second on a cell of 200 Hz.
+/// Number of readings between two looks at the force on a terminal: ten looks per second with a cell of 200 Hz.
 const FORCE_EVERY: u32 = 20;
 
-/// Cells of the bar: the most, and the fewest that are drawn.
+/// Largest number of cells of the bar. The second constant is the least number that is drawn.
 const BAR_CELLS: usize = 22;
 const BAR_LEAST: usize = 6;
 
-/// The width of a terminal that doesn't report it, columns.
+/// Assumed width of a terminal that doesn't report its width, columns.
 const WIDTH: usize = 80;
 
-/// How often the bar is drawn though nothing happens.
+/// Interval at which the bar is drawn even if nothing happens.
 const TICK: Duration = Duration::from_millis(250);
 
 /// Shows a run as it goes: a bar on a terminal, plain lines elsewhere, and on standard output the acknowledgements if
@@ -42,7 +42,7 @@ pub struct Progress {
     shown: Arc<Mutex<Shown>>,
 }
 
-/// What the line of the bar shows besides the count.
+/// Data on the bar's line in addition to the count.
 #[derive(Debug, Default)]
 struct Shown {
     /// The phase, or what comes before the first.
@@ -165,7 +165,7 @@ impl Listener for Progress {
     }
 }
 
-/// The whole line is one element, so that it can be fitted to the terminal each time it is drawn.
+/// Sets the style. The complete line is one element, so that it can be fitted to the terminal each time it is drawn.
 fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
     let shown = shown.clone();
     let line = move |state: &ProgressState, out: &mut dyn fmt::Write| {
@@ -179,8 +179,8 @@ fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
     }
 }
 
-/// The line of the bar in at most `width` columns: as much as fits, the count first, then the remaining time, the force and
-/// the bar.
+/// Returns the bar's line in at most `width` columns. It contains as much as fits: first the count, then the remaining time, the
+/// force and the bar.
 fn line(shown: &Shown, left: Option<&str>, done: u64, planned: u64, width: usize) -> String {
     let width = width.saturating_sub(1); // a full line makes some terminals wrap
     let mut count = format!("{done:>5}/{planned} presses");
@@ -206,7 +206,7 @@ fn line(shown: &Shown, left: Option<&str>, done: u64, planned: u64, width: usize
     text.chars().take(width).collect()
 }
 
-/// The width of the terminal that standard error goes to, columns.
+/// Returns the width of the terminal of standard error, columns.
 fn width() -> usize {
     #[cfg(unix)]
     let columns = rustix::termios::tcgetwinsize(std::io::stderr()).map_or(0, |size| usize::from(size.ws_col));

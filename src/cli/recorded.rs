@@ -56,7 +56,7 @@ pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure>
 
 /// Warns where the forces or places of a test are of another order than those of the calibration: of another unit, probably.
 pub fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
-    /// From how many times as large, or as small, the largest value is of another order.
+    /// Ratio of two largest values from which they have different orders of magnitude.
     const OTHER_ORDER: f64 = 30.0;
     let largest = |presses: &Presses, of: fn(&Press) -> f64| presses.presses.iter().map(of).fold(0.0, f64::max);
     let columns: [(&str, &str, fn(&Press) -> f64); 2] = [
@@ -75,10 +75,10 @@ pub fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failur
     Ok(())
 }
 
-/// The most columns that a person is warned of one by one.
+/// Largest number of columns that are named one by one in a warning.
 const LOOKALIKES_MAX: usize = 8;
 
-/// Says in a line that a table, named by its path, isn't what the journal beside it says. It is read as it is.
+/// Prints a line if a table, named by its path, differs from the journal next to it. The table is still read.
 fn warn_of_table(table: &Path) -> Result<(), Failure> {
     let folder = table.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let is_a_runs = table.file_name().is_some_and(|name| name == "presses.csv");

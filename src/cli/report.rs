@@ -63,7 +63,7 @@ pub struct ReportArgs {
 pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
-    check_free(&out, false)?;
+    check_free(&out)?;
     let runs: Vec<(Recorded, Bench)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
     let (page, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
     // before anything is written
@@ -88,7 +88,7 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String,
     Ok((page(&subject, &judged), told, verdict_code(judged.judgement.as_ref())))
 }
 
-/// The sensor of some runs, judged by the rule that was named or that their recipes agree on.
+/// Returns the sensor of some runs, judged by the named rule or by the common rule of their recipes.
 pub(super) fn judged(
     runs: Vec<(Recorded, Bench)>,
     same_sensor: bool,
@@ -119,14 +119,14 @@ fn compare(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, Str
     Ok((comparison(&compared, &args.solver), told, ExitCode::SUCCESS))
 }
 
-/// A page of ours of the same kind may be replaced; nothing else is. Only a regular file is read: a pipe may never end.
-pub(super) fn check_free(out: &Path, certificate: bool) -> Result<(), Failure> {
+/// Checks that the path is free, or contains a page of this program of the same kind, which may be replaced. No other file is
+/// replaced. Only a regular file is read, because a pipe may never end.
+fn check_free(out: &Path) -> Result<(), Failure> {
     let is_ours = || {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
         is_file
-            && fs::read_to_string(out).is_ok_and(|text| {
-                text.starts_with(BEGINNING) && text.contains(MARK) && text.contains(CERTIFICATE) == certificate
-            })
+            && fs::read_to_string(out)
+                .is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK) && !text.contains(CERTIFICATE))
     };
     // in a run folder a link is somebody's trap; elsewhere it is a person's wish
     if let Err(why) = if is_in_run(out) { files::check_replaceable(out) } else { Ok(()) } {
@@ -143,13 +143,13 @@ pub(super) fn check_free(out: &Path, certificate: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What a certificate has and a report hasn't: neither replaces the other.
+/// Title of a certificate, which no report replaces.
 const CERTIFICATE: &str = "<title>Calibration certificate ";
 
-/// How every page begins.
+/// Beginning of every page.
 const BEGINNING: &str = "<!DOCTYPE html>";
 
-/// Puts the page in its place, whole or not at all.
+/// Writes the page to its path, completely or not at all.
 pub(super) fn write(out: &Path, html: &str) -> Result<(), Failure> {
     put(out, html).map_err(|why| {
         let help = "no page was written; choose another --out, or free disk space and check the permissions";

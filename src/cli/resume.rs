@@ -82,7 +82,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }
 
-/// The rig to continue: one that is named, or that of the folder, or what the journal keeps of it.
+/// Returns the text of the rig to continue with: the named one, that of the folder, or the one stored in the journal.
 fn rig_text(args: &ResumeArgs, texts: &Texts) -> Result<String, Failure> {
     if let Some(rig) = &args.rig {
         return read(rig);
@@ -95,7 +95,8 @@ fn rig_text(args: &ResumeArgs, texts: &Texts) -> Result<String, Failure> {
     }
 }
 
-/// What differs from the rig that the run began with. Links, commands and tighter limits may; anything else is refused by name.
+/// Returns the differences from the rig with which the run began. Links, commands and tighter limits may differ. Any other
+/// difference is refused, with its name.
 fn changes(path: &Path, texts: &Texts, now: &str) -> Result<Vec<RigChange>, Failure> {
     let found = differences(texts.first_rig(), now).map_err(Failure::usage)?;
     let (refused, allowed): (Vec<Difference>, Vec<Difference>) =

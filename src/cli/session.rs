@@ -85,7 +85,8 @@ pub fn carry_out(
     Ok(verdict_code(results.judgement.as_ref()))
 }
 
-/// Tasks that are polled between two looks at the timers while others are ready. On a paused clock no timer becomes due meanwhile.
+/// Number of task polls between two checks of the timers while other tasks are ready. On a paused clock no timer becomes due
+/// during this time.
 const EVENT_INTERVAL: u32 = 1024;
 
 /// What a rig's drivers run on: virtual time needs no events of the system.

@@ -66,11 +66,11 @@ fn listed(shipped: &[Shipped]) -> String {
     shipped.iter().map(|shipped| beside(&format!("  {}", shipped.name), COLUMNS, &shipped.about())).collect()
 }
 
-/// Where what is said of a file begins, columns.
+/// Column where the description of a file begins.
 const COLUMNS: usize = 16;
 
 impl Shipped {
-    /// The first sentence of its first comment.
+    /// Returns the first sentence of the file's first comment.
     fn about(&self) -> String {
         let comment = self.text.lines().map_while(|line| line.strip_prefix('#'));
         let text = comment.map(str::trim).collect::<Vec<_>>().join(" ");

@@ -12,17 +12,17 @@ use tokio::runtime::Builder;
 #[cfg(unix)]
 use tokio::time::timeout;
 
-/// SIGHUP, the first signal, in a mask of signals.
+/// Bit of SIGHUP, the first signal, in a mask of signals.
 #[cfg(unix)]
 const HANGUP_BIT: u64 = 1;
 
-/// SIGTSTP, which Ctrl-Z sends.
+/// Number of SIGTSTP, which Ctrl-Z sends.
 #[cfg(any(target_os = "linux", target_os = "android"))]
 const SUSPEND: i32 = 20;
 #[cfg(all(unix, not(any(target_os = "linux", target_os = "android"))))]
 const SUSPEND: i32 = 18;
 
-/// A terminal from which nothing comes for so long has nothing more of what was typed before.
+/// Duration of silence after which a terminal has no more input that was typed earlier.
 #[cfg(unix)]
 const STILL: Duration = Duration::from_millis(50);
 #[cfg(unix)]
@@ -120,7 +120,7 @@ fn then() -> &'static str {
     if is_attended() { "the run pauses" } else { "the run stops" }
 }
 
-/// A closed terminal hears nothing, and stops nothing.
+/// Prints a text. A closed terminal isn't an error.
 fn say(text: &str) {
     let _ = summary::tell(&format!("{text}\n"));
 }
@@ -150,7 +150,7 @@ impl Signals {
         })
     }
 
-    /// The next one, and whether it is a person's Ctrl-C or Ctrl-Z.
+    /// Waits for the next signal. Returns whether it is a person's Ctrl-C or Ctrl-Z.
     async fn next(&mut self) -> Option<bool> {
         tokio::select! {
             heard = heard(&mut self.suspend) => heard.map(|()| true),
@@ -161,7 +161,7 @@ impl Signals {
     }
 }
 
-/// The next of a signal that may be one that never comes.
+/// Waits for the next occurrence of a signal, which may never come.
 #[cfg(unix)]
 async fn heard(signal: &mut Option<tokio::signal::unix::Signal>) -> Option<()> {
     match signal {
@@ -170,7 +170,7 @@ async fn heard(signal: &mut Option<tokio::signal::unix::Signal>) -> Option<()> {
     }
 }
 
-/// Whether the program was started with hangups ignored. Linux states it in a file; without the file, hangups stop the program.
+/// Whether the program was started with hangups ignored. Linux states it in a file. Without this file, hangups stop the program.
 #[cfg(unix)]
 fn ignores_hangup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -192,7 +192,7 @@ impl Signals {
         Ok(Signals { ctrl_c: ctrl_c()?, close: ctrl_close()?, shutdown: ctrl_shutdown()? })
     }
 
-    /// The next one, and whether it is a person's Ctrl-C.
+    /// Waits for the next signal. Returns whether it is a person's Ctrl-C.
     async fn next(&mut self) -> Option<bool> {
         tokio::select! {
             heard = self.ctrl_c.recv() => heard.map(|()| true),

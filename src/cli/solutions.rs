@@ -8,11 +8,11 @@ use serde_json::Value;
 use std::error::Error;
 use std::io::{self, BufWriter, Write};
 
-/// How much is written at once, bytes.
+/// Number of bytes that are written at once.
 const BUFFER_BYTES: usize = 64 << 10;
-/// Decimals of what is written: as many as a run's tables have, far beyond what any array resolves.
+/// Number of decimals in the output, the same as in a run's tables. It is far finer than the resolution of any array.
 const DECIMALS: i32 = 6;
-/// The verdict on a reading that has no answer.
+/// Verdict on a reading without an answer.
 const UNSOLVED: &str = "unsolved";
 
 /// Writes contacts, a line each.
@@ -31,7 +31,7 @@ enum To<W: Write> {
     Ndjson(BufWriter<W>),
 }
 
-/// One line. Keys and columns are the same, and always there, but for those that may be skipped.
+/// One line of output. Keys and columns are the same, and are always present unless marked as skipped.
 #[derive(Serialize)]
 struct Line<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -132,13 +132,13 @@ impl<'a> Line<'a> {
     }
 }
 
-/// A number that isn't finite means that it isn't known.
+/// Returns a finite number; `None` for a number that isn't finite, which means that it is unknown.
 fn finite(value: f64) -> Option<f64> {
     let rounded = round(value, DECIMALS);
     rounded.is_finite().then_some(rounded)
 }
 
-/// What the stream said, by itself.
+/// Returns the stream's own error.
 fn io_error(error: csv::Error) -> io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,

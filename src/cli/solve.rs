@@ -13,7 +13,7 @@ use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// What messages call the input.
+/// Name of the input in messages.
 const SOURCE: &str = "stdin";
 
 const EXAMPLES: &str = "\
@@ -73,7 +73,7 @@ pub struct SolveArgs {
     method: MethodArgs,
 }
 
-/// What a sensor file has settled.
+/// Options that a sensor file has already fixed.
 const FITTED_BEFORE: [&str; 6] =
     ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
 
@@ -115,7 +115,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-/// What a sensor file says about itself.
+/// Describes a sensor file with its own data.
 fn told(card: &Card) -> String {
     let of = card.sensor.as_ref().map_or(String::new(), |sensor| format!(" of sensor {sensor}"));
     let forces = match card.valid.force_n {
@@ -125,7 +125,7 @@ fn told(card: &Card) -> String {
     format!("{}{of}\n{forces}", fitted_to(&card.method, &card.valid))
 }
 
-/// An answer for each line; at any kind of end, all answers before it are written.
+/// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
 fn answer(
     answers: &mut Answers,
     lines: &mut Lines<impl Read>,

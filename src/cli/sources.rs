@@ -130,7 +130,8 @@ pub struct ReadRecipe {
     pub rule: Option<(String, String)>,
 }
 
-/// A recipe's text understood, with the acceptance file that it names; `beside` gives the text of a file that lies beside it.
+/// Parses a recipe's text together with the acceptance file that it names. `beside` returns the text of a file in the recipe's
+/// folder.
 fn parse_recipe(path: &Path, text: String, beside: &dyn Fn(&str) -> io::Result<String>) -> Result<ReadRecipe, Failure> {
     let recipe = recipe::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;
     let Some(Accept::File(name)) = recipe.accept.clone() else { return Ok(ReadRecipe { recipe, text, rule: None }) };
@@ -152,12 +153,12 @@ pub fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failur
     parse_recipe(&run.join("recipe.toml"), texts.recipe().to_owned(), &kept(texts))
 }
 
-/// Gives the texts that a run's journal keeps, by name.
+/// Returns the text files stored in a run's journal, found by their names.
 fn kept(texts: &Texts) -> impl Fn(&str) -> io::Result<String> {
     |name| texts.latest(name).map(str::to_owned).ok_or_else(|| io::ErrorKind::NotFound.into())
 }
 
-/// A rig with emulators where they are asked for; what can't be simulated is reported before anything is made.
+/// Returns a rig with emulators if requested. A rig that can't be simulated is reported before anything is created.
 fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
     let spec = if simulate { spec.simulated() } else { spec };
     if spec.is_simulated() {
@@ -184,7 +185,7 @@ pub fn read(path: &Path) -> Result<String, Failure> {
     bounded(path).map_err(|error| unread(path, &error, "give an existing file"))
 }
 
-/// The same, or a shipped file of that name; a file at that path wins.
+/// Reads a text file at a path, or a shipped file of that name. A file at the path has priority.
 fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, Failure> {
     if let Some(shipped) = shipped::named(shipped, folder, path) {
         return Ok(shipped.text.to_owned());

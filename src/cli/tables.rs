@@ -6,10 +6,10 @@ use crate::paper;
 use crate::solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
 use std::fmt::Write as _;
 
-/// The widest that anything is printed, columns.
+/// Largest width of printed output, columns.
 const WIDTH: usize = 80;
 
-/// A blank at which [`filled`] breaks no line.
+/// Blank at which [`filled`] doesn't break a line.
 const NO_BREAK: char = '\u{a0}';
 
 /// The results of any number of solvers on the same test, the paper's before them or not, in at most 80 columns for up to three.
@@ -123,7 +123,7 @@ pub fn chosen(choice: &Choice) -> String {
     filled(&format!("chosen by cross-validation on the calibration: {}{why}", tried.join(", ")), "  ")
 }
 
-/// A number, not negative, in at most 6 characters.
+/// Formats a number, not negative, in at most 6 characters.
 fn figures(number: f64) -> String {
     match number {
         small if small < 99.9995 => format!("{number:.3}"),
@@ -132,7 +132,7 @@ fn figures(number: f64) -> String {
     }
 }
 
-/// A paragraph broken at its blanks, lines after the first indented.
+/// Breaks a paragraph at its blanks. Lines after the first are indented.
 pub(super) fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
@@ -265,7 +265,7 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
     text + &evaluations.iter().filter_map(|evaluation| evaluation.choice.as_ref()).map(chosen).collect::<String>()
 }
 
-/// How many presses got a verdict other than ok, and which, if there are any.
+/// Returns the number of presses with a verdict other than ok, and the verdicts, if there are any.
 fn doubted(verdicts: Verdicts) -> Option<String> {
     let told: Vec<String> = verdicts
         .doubts()

@@ -33,7 +33,7 @@ impl Text {
         self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
     }
 
-    /// The title of its schema and of its page.
+    /// Title of the schema and of the reference page.
     fn title(self) -> &'static str {
         match self {
             Text::Recipe => "Recipe",
@@ -56,7 +56,7 @@ impl Text {
         }
     }
 
-    /// The rules that its keys alone don't show.
+    /// Rules that the keys alone don't show.
     fn rules(self) -> &'static str {
         match self {
             Text::Recipe => include_str!("texts/recipe.md"),
@@ -101,7 +101,7 @@ pub fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What has a reference page: a text, or the commands.
+/// Subject of a reference page: a kind of text file, or the commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Page {
     Keys(Text),
@@ -157,7 +157,7 @@ pub fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A page with the help of every command.
+/// Returns a page with the help of every command.
 fn commands() -> String {
     let mut page = "# Commands\n\nEach section is the output of `palpate COMMAND --help`.\n".to_owned();
     // as wide as the help of a terminal of 80 columns

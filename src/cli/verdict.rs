@@ -108,7 +108,7 @@ pub fn verdict_table(judgement: &Judgement) -> String {
     text
 }
 
-/// A figure with its unit.
+/// Returns a figure's name with its unit.
 fn named(check: &Check) -> String {
     let name = check.kind.full_name(check.reach);
     match check.kind.unit() {

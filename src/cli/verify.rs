@@ -55,7 +55,7 @@ pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
     Err(Failure::not_accepted(miette::miette!(help = help, "{}: {whole}, but\n{problems}", args.run.display())))
 }
 
-/// Whether a certificate rests on the journal of this run as it is.
+/// Checks that a certificate is based on the present journal of this run.
 fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
     let sha256 = journal_sha256(run).map_err(Failure::dataset)?;
     let text = read(certificate)?;

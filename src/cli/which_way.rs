@@ -15,10 +15,10 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;
 use std::time::Duration;
 
-/// How often it is looked whether a person said stop instead of an answer.
+/// Interval of checks whether a person requested a stop instead of an answer.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// The file that keeps what was confirmed is read no further than this, bytes.
+/// Largest number of bytes that are read from the file of confirmed directions.
 const KEPT_MAX_BYTES: u64 = 1 << 20;
 
 /// What a person has made sure of.
@@ -44,7 +44,7 @@ impl ConfirmArgs {
     }
 }
 
-/// A person at a terminal, or the word of one.
+/// Person at a terminal, or the answer of a person.
 #[derive(Debug)]
 struct Person {
     /// Confirmed on the command line, for this time.
@@ -105,12 +105,12 @@ impl Person {
     }
 }
 
-/// What stands for a stage, its link and a direction.
+/// Returns the text that identifies a stage, its link and a direction.
 fn key(stage: &Identity, down: Down) -> String {
     format!("{:x}", Sha256::digest(format!("{}\0{}\0{}", stage.identity, stage.link, down.sign())))
 }
 
-/// Where programs keep what they learned on this machine.
+/// Returns the path where programs store what they learned on this machine.
 fn kept_path() -> Option<PathBuf> {
     let folder = |name: &str| env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from);
     let state = folder("XDG_STATE_HOME")
@@ -119,7 +119,7 @@ fn kept_path() -> Option<PathBuf> {
     Some(state.join("palpate").join("confirmed-down.txt"))
 }
 
-/// A line from the terminal; none where a person says stop instead, or nothing more comes.
+/// Returns a line from the terminal. `None` if a person requests a stop instead, or no more input comes.
 fn typed_line(is_cancelled: &dyn Fn() -> bool) -> Option<String> {
     let (sender, receiver) = channel();
     // it ends with the program if nobody types anything

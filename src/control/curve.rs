@@ -1,8 +1,8 @@
 //! Force as a function of depth, learned from presses.
 
-/// Force against depth, as learned from loading paths of all presses: `linear s + quadratic s^2`.
+/// Curve of the force against the depth, learned from the loading paths of all presses: `linear s + quadratic s^2`.
 ///
-/// All sums, so its size doesn't grow.
+/// Only sums are stored, so the size of the curve doesn't grow.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Curve {
     s2: f64,
@@ -13,14 +13,14 @@ pub(super) struct Curve {
     most_n: f64,
 }
 
-/// A curve at one moment of learning.
+/// State of a curve at one moment of learning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct CurveShape {
     linear_n_mm: f64,
     quadratic_n_mm2: f64,
 }
 
-/// Weight of the prior that a specimen doesn't stiffen, mm^4: a single point at 0.2 mm weighs as much.
+/// Weight of the prior that a specimen doesn't stiffen, mm^4. A single point at 0.2 mm has the same weight.
 const STRAIGHT: f64 = 1.6e-3;
 
 impl Curve {

@@ -4,23 +4,26 @@ use crate::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// The frequencies that mains have, Hz.
+/// Possible frequencies of the mains, Hz.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 
-/// An amplitude counts as hum if noise alone would show as much less often than that.
+/// Largest probability that noise alone shows an amplitude that counts as hum.
 const FALSE_ODDS: f64 = 1e-6;
 
-/// Hum below this part of the noise of one reading changes no mean that is made of several, so it isn't worth its time.
+/// Least ratio of the hum to the noise of one reading. A smaller hum doesn't change a mean of several readings, so it isn't
+/// removed.
 const SHARE_LEAST: f64 = 0.15;
 
-/// How far the mains may be from their frequency, as a share of it: what whole periods leave of the hum is that share of it.
+/// Possible error of the mains frequency, as a fraction of the frequency. A mean over complete periods leaves this fraction of
+/// the hum.
 const MAINS_OFF_SHARE: f64 = 0.01;
 
-/// Conversions in a period from which on a mean over one period bears that they don't divide it.
+/// Number of conversions in a period from which a mean over one period removes the hum, even if a period isn't a whole number of
+/// conversions.
 const DENSE: f64 = 8.0;
 
-/// Where fewer convert: the longest time in which conversions and periods must come out even, periods, and how even, in
-/// conversions.
+/// Longest time, periods, over which conversions and periods must coincide if a period has fewer conversions. The second constant
+/// is the tolerance of the coincidence, in conversions.
 const PERIODS_MAX: u32 = 10;
 const EVEN: f64 = 0.1;
 
@@ -69,7 +72,7 @@ impl Hum {
     }
 }
 
-/// The shortest time over which a mean has none of a hum, s.
+/// Shortest time over which a mean removes the hum completely, s.
 fn whole_s(hz: f64, conversion_s: f64) -> Option<f64> {
     let a_period = 1.0 / (hz * conversion_s);
     if a_period >= DENSE {
@@ -82,7 +85,7 @@ fn whole_s(hz: f64, conversion_s: f64) -> Option<f64> {
     (1..=PERIODS_MAX).find(is_even).map(|periods| f64::from(periods) / hz)
 }
 
-/// Times and forces less the straight line through them: s and N.
+/// Times and forces minus the straight line through them, s and N.
 fn levelled(readings: &[ForceReading]) -> Vec<(f64, f64)> {
     let n = readings.len().max(1) as f64;
     let mean = |of: fn(&ForceReading) -> f64| readings.iter().map(of).sum::<f64>() / n;
@@ -93,7 +96,7 @@ fn levelled(readings: &[ForceReading]) -> Vec<(f64, f64)> {
     readings.iter().map(|r| (r.at_s - mid_s, r.force_n - mean_n - slope * (r.at_s - mid_s))).collect()
 }
 
-/// The amplitude of a frequency, N.
+/// Amplitude of the readings at a frequency, N.
 fn amplitude(levelled: &[(f64, f64)], hz: f64) -> f64 {
     let sum = |turn: fn(f64) -> f64| levelled.iter().map(|(at_s, n)| n * turn(TAU * hz * at_s)).sum::<f64>();
     2.0 * sum(f64::cos).hypot(sum(f64::sin)) / levelled.len().max(1) as f64

@@ -7,42 +7,44 @@ use super::taught::{Rise, Rises, Taught};
 use crate::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
 
-/// Touches from which the surface counts as taught: a plane needs three, and one to check them.
+/// Number of touches from which the surface is known. A plane needs three, and the fourth touch checks the plane.
 const TAUGHT: usize = 4;
-/// How near the force limit a first shot may aim, N: what it presses on is not known from this press.
+/// Least distance of the aim of a first shot from the force limit, N. This press hasn't yet shown the properties of its place.
 const SHOT_ROOM_N: f64 = 0.06;
-/// How far beyond the largest force it was learned from the curve is believed.
+/// Largest force for which the curve is used, as a multiple of the largest force that the curve was learned from.
 const BEYOND: f64 = 1.3;
-/// Largest uncertainty of a shot, as a share of the force that is set: beyond it the map can't be trusted (CONTROL 1).
+/// Largest uncertainty of a shot, as a fraction of the set force. Above it the map can't be trusted (CONTROL 1).
 const TRUST: f64 = 0.15;
-/// How far below the set force a shot ends: so many sd of where it may end, but at least and at most these shares of it.
+/// Distance between the aim of a shot and the set force, in sd of the force at which the shot may end. The other two constants
+/// are the least and the largest distance, as fractions of the set force.
 const SHORT_SIGMAS: f64 = 3.0;
 const SHORT_LEAST: f64 = 0.02;
 const SHORT_MOST: f64 = 0.45;
-/// What is assumed of a shot before any was made: sd of the height, mm, and of the depth, as a share of it.
+/// Assumed error of a shot before the first shot: sd of the height, mm, and sd of the depth, as a fraction of the depth.
 const HEIGHT_SIGMA_MM: f64 = 0.010;
 const DEPTH_SIGMA: f64 = 0.04;
-/// How many shots that assumption weighs as much as, and how many shots the memory of their misses spans.
+/// Weight of that assumption, in shots. The second constant is the number of shots over which misses are remembered.
 const MISS_PRIOR: f64 = 3.0;
 const MISS_MEMORY: f64 = 30.0;
-/// A miss counts as at most so many sd: one bad press doesn't end the trust in a map.
+/// Largest miss that counts, in sd. One bad press doesn't end the trust in a map.
 const MISS_MOST: f64 = 5.0;
-/// How far from what was expected a shot may show its place's depth to be, least and most: beyond it the reading is doubted.
+/// Least and largest ratio of the shown depth to the expected depth of a place. Outside this range the reading is doubted.
 const SURPRISES: [f64; 2] = [0.8, 1.25];
-/// Depth over that of the curve, least and most that is believed of any place.
+/// Least and largest accepted ratio of a place's depth to the depth on the curve.
 const SCALES: [f64; 2] = [0.3, 3.0];
-/// Shots that are remembered, and how many of the nearest say what the next will meet.
+/// Number of shots that are remembered. The second constant is the number of nearest shots that predict the next shot.
 const SHOTS_MAX: usize = 2048;
 const NEIGHBOURS: usize = 12;
-/// Two shots so near each other are at one place, mm.
+/// Largest distance between two shots at the same place, mm.
 const HERE_MM: f64 = 0.02;
-/// The neighbour whose distance is the reach of the weights, counted from 0.
+/// Index of the neighbour whose distance is the reach of the weights, counted from 0.
 const REACH: usize = 5;
-/// Sd of one shot's scale about the local plane, of that plane's height, and of its slope, 1/mm.
+/// Sd of one shot's scale about the local plane. The other constants are the sd of the plane's height and the sd of its slope,
+/// 1/mm.
 const SCALE_SIGMA: f64 = 0.005;
 const SCALE_LEVEL: f64 = 0.06;
 const SCALE_SLOPE: f64 = 0.02;
-/// Largest fading that is believed of any press, as a share of the set force.
+/// Largest accepted fading of a press, as a fraction of the set force.
 const FADED_MOST: f64 = 0.2;
 /// Least weight of a new press in the learned fading.
 const FADE_GAIN: f64 = 0.1;
@@ -100,7 +102,7 @@ pub struct Shot {
     scale: f64,
     /// Force to aim at, as a fraction of the set force.
     aim: f64,
-    /// What the force will lose until the middle of the window, as a share of the set force.
+    /// Force that is lost until the middle of the window, as a fraction of the set force.
     pub(super) faded: f64,
 }
 
@@ -188,13 +190,13 @@ impl Map {
         self.rises.around(place, self.curve.shape())
     }
 
-    /// What the touches scatter more than touches do anyway, mm.
+    /// Scatter of the touches beyond their usual scatter, mm.
     fn roughness_mm(&self) -> f64 {
         if self.shots > MISS_MEMORY { 0.0 } else { self.surface.excess_mm() }
     }
 
-    /// Keeps a shot. Where there is no more room, or one was made right here, it takes the place of the nearest: what is known
-    /// of other places stays.
+    /// Stores a shot. If there is no more room, or an earlier shot was made at the same place, the new shot replaces the nearest
+    /// one. The knowledge of other places remains.
     fn remember(&mut self, place: Place, scale: f64) {
         let distance_mm = |at: &Place| at.distance_mm(place);
         let is_full = self.scales.len() >= SHOTS_MAX;
@@ -206,7 +208,8 @@ impl Map {
         }
     }
 
-    /// The local plane through the nearest shots, and the sd of it; before any, that the curve holds as it is.
+    /// Returns the scale of the local plane through the nearest shots, and its sd. Before the first shot, the curve is used
+    /// unchanged.
     fn scale(&self, place: Place) -> (f64, f64) {
         let mut near: Vec<(f64, usize)> =
             self.scales.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();
@@ -271,7 +274,7 @@ impl Shot {
     }
 }
 
-/// What is assumed of where a force is met, before shots say better, mm.
+/// Assumed sd of the position where a force is reached, before shots give a better value, mm.
 fn assumed_sigma_mm(depth_mm: f64) -> f64 {
     HEIGHT_SIGMA_MM.hypot(DEPTH_SIGMA * depth_mm)
 }

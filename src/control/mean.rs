@@ -30,7 +30,7 @@ pub fn mean_of(readings: &[(f64, f64)], zero: &Zero) -> Option<Mean> {
     }
 }
 
-/// The mean over time from `from_s` to the last reading, straight lines between them.
+/// Returns the mean over time from `from_s` to the last reading, with straight lines between readings.
 fn over(readings: &[(f64, f64)], from_s: f64) -> Mean {
     let (mut area, mut parts) = (0.0, 0);
     for pair in readings.windows(2) {

@@ -5,38 +5,40 @@ use super::trip::{Rule, Trip};
 use super::zero::Zero;
 use crate::quantity::Limits;
 
-/// Part of the depth limit that is kept for the error of the touched surface, mm.
+/// Part of the depth limit that is reserved for the error of the touched surface, mm.
 pub(super) const DEPTH_MARGIN_MM: f64 = 0.03;
 
-/// Oldest reading on which a motion may rest, s: an ESP301 takes up to 80 ms for the read-back between the two.
+/// Largest age of a reading on which a motion may depend, s. Between the reading and the motion, an ESP301 takes up to 80 ms for
+/// the read-back.
 const FRESH_S: f64 = 0.25;
 
-/// Slowest motion worth commanding, mm/s: below it a controller's number format would lose the speed.
+/// Slowest motion that is commanded, mm/s. Below it the speed would be lost in a controller's number format.
 const SPEED_LEAST_MM_S: f64 = 1e-4;
 
-/// Rounding that a motion may have, mm.
+/// Allowed rounding of a motion, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
-/// How far a force may be above what the declared stiffness allows before the contact counts as harder, N, and in sd of one
-/// reading.
+/// Largest excess of a force over the force that the declared stiffness allows, N, and in sd of one reading. Above it the contact
+/// counts as harder than declared.
 const HARD_N: f64 = 0.12;
 const HARD_SIGMAS: f64 = 6.0;
 
-/// How far the zero may have moved from one air to the next, N, and what it may drift besides in the time between, N/s (I4):
-/// twice what a cell does as it warms up. What moves more, or at once, is no drift.
+/// Largest move of the zero between two air readings, N, and additional drift allowed for the time between them, N/s (I4). The
+/// drift is twice that of a cell that warms up. A larger or sudden move isn't a drift.
 const AIR_N: f64 = 0.020;
 const DRIFT_N_S: f64 = 0.001;
-/// How many sd of a mean it may seem to drift besides, before a first touch.
+/// Additional apparent drift that is allowed before a first touch, in sd of a mean.
 const DRIFT_SIGMAS: f64 = 4.0;
 
-/// How far the zero may differ between two heights a little apart, N, besides noise and drift.
+/// Largest difference of the zero between two neighbouring heights, N, in addition to noise and drift.
 const FREE_N: f64 = 0.005;
 
-/// How far apart these are: so that the declared specimen bears at most this share of the force limit more, and at most so far, mm.
+/// Distance between these two heights. Over this distance, the force of the declared specimen rises by at most this fraction of
+/// the force limit. The second constant is the largest distance, mm.
 const SOUNDING_SHARE: f64 = 0.1;
 const SOUNDING_MOST_MM: f64 = 0.1;
 
-/// Least clearance above the highest the surface can be at which x and y may move, mm (I7).
+/// Least clearance above the highest possible surface at which x and y may move, mm (I7).
 const SIDEWAYS_MM: f64 = 0.030;
 
 /// A motion along z that may be commanded. Only [`Permit`] creates it.
@@ -224,7 +226,7 @@ impl Permit {
     }
 }
 
-/// Whether a zero moved no further than it may. Asked for what must hold, so that a NaN is refused.
+/// Checks that a zero moved by at most the allowed amount. The condition is written so that a NaN is refused.
 fn moved_no_further(rule: Rule, moved_n: f64, most_n: f64) -> Result<(), Trip> {
     if moved_n.abs() <= most_n { Ok(()) } else { Err(Trip::new(rule, moved_n, most_n, "N")) }
 }

@@ -2,9 +2,10 @@
 
 use crate::quantity::Place;
 
-/// A plane over places, fitted as its values come: Bayesian, so that it is usable from no value on.
+/// Plane over places, fitted as values arrive. The fit is Bayesian, so the plane is usable before the first value.
 ///
-/// All sums, so its size doesn't grow. Values are in any unit; precisions are in units of 1 / (sd of one value)^2.
+/// Only sums are stored, so the size of the plane doesn't grow. Values are in any unit; precisions are in units of 1 / (sd of one
+/// value)^2.
 #[derive(Clone, Debug)]
 pub(super) struct Plane {
     /// Origin of x and y.
@@ -73,7 +74,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Cramer's rule; the matrix is positive definite by its prior.
+/// Solves the equations by Cramer's rule. The prior makes the matrix positive definite.
 fn solve(m: [[f64; 3]; 3], right: [f64; 3]) -> [f64; 3] {
     let determinant = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
         a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])

@@ -32,9 +32,9 @@ pub struct Timing {
 }
 
 impl Reaction {
-    /// Servo lag and the rounding of the speed profile before a stage brakes, s.
+    /// Servo lag and rounding of the speed profile before a stage brakes, s.
     const SERVO_S: f64 = 0.010;
-    /// What the longest exchange seen in a few is multiplied with, for the longest there is.
+    /// Factor that estimates the longest possible exchange from the longest of a few exchanges.
     const MARGIN: f64 = 1.5;
 
     /// Longest time between a force and the beginning of the braking, s.

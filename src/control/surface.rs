@@ -3,16 +3,16 @@
 use super::plane::Plane;
 use crate::quantity::Place;
 
-/// Standard deviation of one touch about a plane, mm: how well a surface is known before its own roughness is.
+/// Standard deviation of one touch about a plane, mm. It is assumed until the surface's own roughness is known.
 const TOUCH_SIGMA_MM: f64 = 0.010;
 
-/// The distance from the origin at which the plane's slope may use up the frame's uncertainty, mm.
+/// Distance from the origin at which the plane's slope may use up the frame's uncertainty, mm.
 const SLOPE_ARM_MM: f64 = 6.0;
 
-/// What the map's own standard deviation is multiplied with to be a bound.
+/// Factor from the map's standard deviation to a bound.
 const BOUND_SIGMAS: f64 = 5.0;
 
-/// Touches after which the scatter about the plane is taken from the touches themselves.
+/// Number of touches from which the scatter about the plane is calculated from the touches themselves.
 const SCATTER_TOUCHES: usize = 5;
 
 /// Expected position of the surface at a place.
@@ -68,13 +68,13 @@ impl SurfaceMap {
         }
     }
 
-    /// What touches scatter about the plane beyond what touches do anyway, mm: the specimen's relief.
+    /// Scatter of touches about the plane beyond the usual scatter, mm: the specimen's relief.
     pub(super) fn excess_mm(&self) -> f64 {
         let scatter_mm = self.scatter_mm();
         if scatter_mm > TOUCH_SIGMA_MM { scatter_mm } else { 0.0 }
     }
 
-    /// Standard deviation of a touch about the plane, mm: never under the one assumed, and larger on a rough surface.
+    /// Standard deviation of a touch about the plane, mm. It is never below the assumed value, and is larger on a rough surface.
     fn scatter_mm(&self) -> f64 {
         if self.touches() < SCATTER_TOUCHES { TOUCH_SIGMA_MM } else { self.plane.scatter().sqrt().max(TOUCH_SIGMA_MM) }
     }

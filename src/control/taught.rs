@@ -3,15 +3,15 @@
 use super::curve::CurveShape;
 use crate::quantity::Place;
 
-/// Presses from which there is something to compare with.
+/// Least number of presses for a comparison.
 const PRESSES_LEAST: usize = 4;
-/// Presses that are remembered, and how many of the nearest are compared with.
+/// Number of presses that are remembered. The second constant is the number of nearest presses for the comparison.
 const PRESSES_MAX: usize = 2048;
 const NEAREST: usize = 8;
-/// A press is remembered whose force rose by this share of what it came to.
+/// Least rise of the force for a press to be remembered, as a fraction of its final force.
 const ROSE_SHARE: f64 = 0.5;
 
-/// A rise of the force as a press showed it.
+/// Rise of the force that a press showed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rise {
     /// Force at the start and at the end, N.
@@ -21,7 +21,7 @@ pub(super) struct Rise {
     pub way_mm: f64,
 }
 
-/// The rises that presses have shown.
+/// Rises that the presses have shown.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rises {
     all: Vec<(Place, Rise)>,

@@ -8,23 +8,23 @@ use crate::quantity::{ForceReading, GRAVITY_M_S2, Limits, Range};
 /// Time over which a force is averaged before it is compared with the limits, s.
 const MEAN_S: f64 = 0.010;
 
-/// Least force below zero that means a wrong sign, N.
+/// Least force below zero that indicates a wrong sign, N.
 const NEGATIVE_LEAST_N: f64 = 0.030;
 
 /// Longest time between two good readings while the indenter may touch, s.
 pub const STALE_S: f64 = 0.25;
 
-/// Most readings in the running mean.
+/// Largest number of readings in the running mean.
 const MEAN_MAX: usize = 64;
 
-/// How far the force may rise while z moves away before there is a zero, as a share of the force limit and in sd of a reading.
+/// Largest rise of the force while z moves away before a zero is taken, as a fraction of the force limit and in sd of a reading.
 const RISE_SHARE: f64 = 0.05;
 const RISE_SIGMAS: f64 = 6.0;
 
-/// The same on the way out of a press, where z has shown which way it goes.
+/// Same limit for the withdrawal after a press, where the direction of z is already proven.
 const AWAY_SHARE: f64 = 0.1;
 
-/// How much harder than its own acceleration a stage may stop, at a switch.
+/// Largest deceleration of a stage at a limit switch, as a multiple of its set acceleration.
 const JOLT: f64 = 2.0;
 
 /// Checks every reading against the trip rules.

@@ -4,24 +4,25 @@ use super::hum::Hum;
 use super::press::AirReadings;
 use crate::quantity::ForceReading;
 
-/// Chance of a false alarm at which the same code counts as frozen, per run of readings.
+/// Probability of a false alarm, per run of readings, at which repeated equal codes count as frozen.
 const FROZEN_ODDS: f64 = 1e-9;
 
-/// Codes that repeat more often than this in air say nothing about freezing: the step is larger than the noise.
+/// Fraction of repeated codes in air above which repetition doesn't indicate freezing, because the step is larger than the noise.
 const REPEATS_TOO_OFTEN: f64 = 0.5;
 
-/// A correlation of neighbouring readings counts from so many sd of what chance shows, and up to this.
+/// Least correlation of neighbouring readings that counts, in sd of a chance correlation. The second constant is the largest
+/// correlation.
 const SHARED_SIGMAS: f64 = 3.0;
 const SHARED_MOST: f64 = 0.95;
 
-/// Noise in air before a press over that at zeroing, at most; and what is allowed beyond, N.
+/// Largest ratio of the noise in air before a press to the noise at zeroing. The second constant is an additional allowance, N.
 const NOISE_FACTOR: f64 = 3.0;
 const NOISE_LEAST_N: f64 = 0.001;
 
 /// Least force that counts as contact, N.
 const DETECT_LEAST_N: f64 = 0.030;
 
-/// How far above the noise a single reading must be to count as contact, sd.
+/// Least force of a single reading that counts as contact, in sd of the noise.
 const DETECT_SIGMAS: f64 = 8.0;
 
 /// Load cell reading in air; forces are relative to it.
@@ -124,7 +125,7 @@ impl Zero {
     }
 }
 
-/// The correlation of readings with the next ones where it is more than chance, 0 to [`SHARED_MOST`].
+/// Correlation of readings with the next readings, 0 to [`SHARED_MOST`]. It is 0 unless it exceeds chance.
 fn shared(readings: &[ForceReading], mean_n: f64) -> f64 {
     let off = |reading: &ForceReading| reading.force_n - mean_n;
     let following: f64 = readings.windows(2).map(|pair| off(&pair[0]) * off(&pair[1])).sum();
@@ -134,7 +135,7 @@ fn shared(readings: &[ForceReading], mean_n: f64) -> f64 {
     if correlation > by_chance { correlation.min(SHARED_MOST) } else { 0.0 }
 }
 
-/// The smallest step between two readings where some are the same, N. `codes` are sorted.
+/// Smallest step between two readings, if some readings are equal, N. `codes` are sorted.
 fn step_n(codes: &[f64]) -> f64 {
     let steps = codes.windows(2).map(|pair| pair[1] - pair[0]);
     if steps.clone().all(|step| step > 0.0) {
@@ -144,8 +145,8 @@ fn step_n(codes: &[f64]) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// How many equal codes in a row are less likely than [`FROZEN_ODDS`], from how often two codes in air agree; doubled, since a
-/// reading can come twice between two conversions. `codes` are sorted.
+/// Number of equal codes in a row that is less likely than [`FROZEN_ODDS`]. It depends on how often two codes in air agree. It is
+/// doubled, because a reading can be read twice between two conversions. `codes` are sorted.
 fn frozen_after(codes: &[f64]) -> Option<u32> {
     let n = codes.len() as f64;
     let runs = codes.chunk_by(|a, b| a == b).map(|run| (run.len() as f64 / n).powi(2));

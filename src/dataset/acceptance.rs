@@ -1,6 +1,6 @@
 //! Measured quantities of a sensor that an acceptance rule needs, and the verdict.
 
-use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise, repeats};
 use super::evaluate::{EvaluateError, Trial, is_to_evaluate};
 use super::{Contact, Manifest, Press, Presses, Recorded, Status};
 use crate::acceptance::bound::sd_upper_factor;
@@ -9,7 +9,7 @@ use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use crate::solver::{BEST, Evaluation};
 
-/// The share of degrees of freedom that differences of neighbours leave of a standard deviation's (von Neumann et al. 1941).
+/// Ratio of the degrees of freedom of successive differences to those of a standard deviation (von Neumann et al. 1941).
 const SUCCESSIVE_FREEDOM: f64 = 2.0 / 3.0;
 
 /// All recorded data of a sensor.
@@ -63,7 +63,7 @@ impl Evidence<'_> {
         measured
     }
 
-    /// Presses that count, where no calibration has a test.
+    /// Returns the number of counted presses, if no calibration has a test.
     fn counted(&self) -> Measured {
         let count = |phase| self.presses.sound(phase).count();
         let is_flagged = |press: &&Press| press.is_flagged() && is_to_evaluate(press);
@@ -75,7 +75,7 @@ impl Evidence<'_> {
         }
     }
 
-    /// The worst unit's or channel's figures of the kinds that the rule limits.
+    /// Returns the worst unit's or channel's figures of the kinds that the rule limits.
     fn worst(&self, rule: &Rule) -> Vec<Worst> {
         let is_limited = |figure: Figure| rule.limits.iter().any(|limit| limit.figure == figure);
         let of_units = self.layout.filter(|_| KINDS.iter().any(|(figure, ..)| is_limited(*figure)));
@@ -84,15 +84,16 @@ impl Evidence<'_> {
         worst
     }
 
-    /// The worst unit's characteristics of each kind.
+    /// Returns the worst unit's characteristics of each kind.
     fn worst_units(&self, layout: &ArrayLayout) -> Vec<Worst> {
         let Some(staircases) = Staircases::of_run(self.presses, layout) else { return Vec::new() };
         let units = characterise(&staircases, Repeatability::default());
-        let n = staircases.readings.iter().map(Vec::len).filter(|count| *count > 0).min().unwrap_or(0);
+        let n =
+            staircases.readings.iter().map(|readings| repeats(readings)).filter(|count| *count > 0).min().unwrap_or(0);
         KINDS.into_iter().filter_map(|(figure, value, upper)| worst(figure, &units, n, value, upper)).collect()
     }
 
-    /// The runs that didn't come to their end: what they lack might have changed the verdict.
+    /// Returns a message about incomplete runs. Their missing data might have changed the verdict.
     fn incomplete(&self) -> Option<String> {
         let run = self.runs.iter().find(|run| run.manifest.status != Status::Complete)?;
         let Manifest { status, facts, presses_done, .. } = &run.manifest;
@@ -100,8 +101,8 @@ impl Evidence<'_> {
         Some(format!("{name} is {}: {presses_done} of {} presses", status.name(), facts.presses_planned))
     }
 
-    /// The noisiest channel in air: what its air before a press differs by from the one before in the same run, so that drift
-    /// doesn't count.
+    /// Returns the noisiest channel in air. The noise is the difference between the air readings before successive presses of a
+    /// run, so drift doesn't count.
     fn noise(&self) -> Option<Worst> {
         let contacts = || self.runs.iter().map(|run| run.contacts.as_slice());
         let channels = contacts().flatten().map(|contact| contact.air_before.outputs.len()).min().unwrap_or(0);
@@ -127,7 +128,7 @@ impl Evidence<'_> {
 
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 
-/// The characteristics that can be limited: the figure, its value and its upper bound.
+/// Characteristics that can be limited: the figure, its value and its upper bound.
 const KINDS: [(Figure, Value, Value); 5] = [
     (
         Figure::Repeatability,

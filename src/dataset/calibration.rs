@@ -152,7 +152,7 @@ impl<'a> Selection<'a> {
     }
 }
 
-/// What a constant load counts as where no force is given, N.
+/// Assumed force of a constant load if no force is given, N.
 const UNIT_FORCE_N: f64 = 1.0;
 
 #[cfg(test)]

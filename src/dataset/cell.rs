@@ -19,26 +19,26 @@ pub enum Value<'a> {
     Nothing,
 }
 
-/// Which of a row's cells in a column isn't what was expected, and what that is.
+/// Index of a row's unexpected cell in a column, and the expected content.
 pub(super) type Misread = (usize, &'static str);
 
-/// What a column holds.
+/// Content of a column.
 pub(super) trait Cell: Sized {
-    /// Reads the cells of one row, trimmed: one, or one a channel.
+    /// Reads the cells of one row, trimmed: one cell, or one for each channel.
     ///
     /// # Errors
-    /// Which of the cells isn't what was expected, and what that is.
+    /// Returns the index of the unexpected cell, and the expected content.
     fn read(cells: &[&str]) -> Result<Self, Misread>;
 
-    /// Gives one value a cell.
+    /// Writes one value for each cell.
     fn write(&self, out: &mut dyn FnMut(Value<'_>));
 
-    /// Rounds to so many decimals.
+    /// Rounds to this number of decimals.
     fn round_to(&mut self, _decimals: i32) {}
 }
 
 impl Value<'_> {
-    /// Adds the value to a line as it stands in a table.
+    /// Adds the value to a line in the form used in a table.
     pub(super) fn push_to(self, line: &mut String) {
         // writing to a string can't fail
         let _ = match self {
@@ -61,7 +61,7 @@ impl Serialize for Value<'_> {
     }
 }
 
-/// The cell of a column that has one a row.
+/// Returns the cell of a column that has one cell in each row.
 fn only<'a>(cells: &[&'a str]) -> &'a str {
     cells.first().copied().unwrap_or_default()
 }
@@ -96,7 +96,7 @@ impl Cell for f64 {
     }
 }
 
-/// A number that not every table has; where it has the column, each cell is a number.
+/// Number that not every table has. If the table has the column, each cell is a number.
 impl Cell for Option<f64> {
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         f64::read(cells).map(Some)
@@ -136,7 +136,7 @@ impl Cell for Vec<f64> {
     }
 }
 
-/// Separated by blanks. An empty cell and 0 mean none; a word of somebody else's is a flag too.
+/// Flags, separated by blanks. An empty cell and 0 mean no flags. An unknown word is a flag too.
 impl Cell for Vec<Flag> {
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         let words = only(cells).split_whitespace();

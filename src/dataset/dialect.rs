@@ -4,7 +4,7 @@ use super::mapping::{Decimal, Mapping};
 use super::table_error::TableError;
 use csv::StringRecord;
 
-/// The separator of a table, and the decimal marks that its numbers have.
+/// Separator of a table, and the decimal marks of its numbers.
 pub(super) struct Dialect {
     separator: u8,
     /// Whether a columns file states the separator.
@@ -97,7 +97,7 @@ impl Dialect {
     }
 }
 
-/// Whether a line above the header belongs to no column: a comment, or Excel's line that states the separator, `sep=;`.
+/// Whether a line above the header belongs to no column: a comment, or Excel's line with the separator, `sep=;`.
 pub(super) fn is_comment(line: &str) -> bool {
     line.starts_with('#') || line.trim_matches('"').starts_with("sep=")
 }

@@ -24,6 +24,13 @@ pub enum DatasetError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Journal(#[from] JournalError),
+    /// Nothing at the path of a run.
+    #[error("{} doesn't exist", path.display())]
+    #[diagnostic(help("give the folder of a run; `palpate run` makes one, and prints its name"))]
+    Missing {
+        /// Path that was named.
+        path: PathBuf,
+    },
     /// A run folder has lost its journal.
     #[error("{}: journal.log is missing; the other files of a run are there", path.display())]
     #[diagnostic(help("restore journal.log from a copy: it is the record, and the other files follow from it"))]
@@ -42,7 +49,7 @@ pub enum DatasetError {
     #[error("{} can't hold a run: it is not a folder", path.display())]
     #[diagnostic(help("choose another --out"))]
     NoFolder {
-        /// The file in place of a parent folder.
+        /// The file instead of a parent folder.
         path: PathBuf,
     },
     /// The folder to be created already exists.

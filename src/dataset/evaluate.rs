@@ -15,10 +15,11 @@ use std::hint::black_box;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// How long solves are repeated for to time one of them: long beside a clock's grain, short beside a person's patience.
+/// Time for which solves are repeated to measure the time of one solve. It is long compared with the clock's resolution, and
+/// short for a user who waits.
 const TIMED: Duration = Duration::from_millis(20);
 
-/// Places that are nearer than that are the same, mm.
+/// Distance below which two places are the same, mm.
 const SAME_PLACE_MM: f64 = 0.001;
 
 /// Reason why there is no evaluation; all reasons are exit code 2.
@@ -178,14 +179,14 @@ impl<'a> Trial<'a> {
         ErrorSummary::of(&all?).map(|summary| summary.mean)
     }
 
-    /// How many test presses are at places that the calibration has pressed too, to [`SAME_PLACE_MM`].
+    /// Number of test presses at places that the calibration has pressed too, within [`SAME_PLACE_MM`].
     fn at_calibrated_places(&self) -> usize {
         let grain = |place: Place| [place.x_mm, place.y_mm].map(|mm| (mm / SAME_PLACE_MM).round() as i64);
         let calibrated: HashSet<[i64; 2]> = self.calibration.iter().map(|press| grain(press.place())).collect();
         self.test.iter().filter(|press| calibrated.contains(&grain(press.place()))).count()
     }
 
-    /// The calibration, made ready once for all methods.
+    /// Returns the calibration, prepared once for all methods.
     fn prepared(&self) -> Result<&Prepared<'a>, EvaluateError> {
         match self.prepared.get() {
             Some(prepared) => Ok(prepared),
@@ -196,7 +197,7 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// `appraised`: see [`Setting::appraised`].
+    /// Prepares the calibration. For `appraised`, see [`Setting::appraised`].
     fn prepare(&self, force: &ForceColumn, appraised: bool) -> Result<Prepared<'a>, EvaluateError> {
         let calibration = self.calibration.calibration(force, self.load)?;
         let setting = Setting { load: self.load, appraised, ..Setting::of_layout(self.layout) };
@@ -270,12 +271,12 @@ pub(crate) mod tests {
 
     use crate::dataset::{Mapping, parse_table};
 
-    /// Reads what a table of that text holds.
+    /// Reads the presses of a table with this text.
     pub(crate) fn table(text: &str) -> Presses {
         parse_table("a.csv", text.as_bytes(), &Mapping::default()).unwrap()
     }
 
-    /// The same of a run: a table with every column that a run's has.
+    /// Reads the presses of a run's table, which has every column of a run.
     pub(crate) fn run(text: &str) -> Presses {
         let whole = |(index, line): (usize, &str)| {
             format!("{line},{}\n", if index == 0 { "depth_mm,t_s,z_mm" } else { "0,0,0" })
@@ -283,7 +284,7 @@ pub(crate) mod tests {
         table(&text.lines().enumerate().map(whole).collect::<String>())
     }
 
-    /// A small run: what is flagged, unsolvable or of another phase is in it too.
+    /// Text of a small run. It contains flagged and unsolvable presses, and presses of another phase.
     pub(crate) const RUN: &str = "\
 press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 0,0,calibration,-1,0,1,0.8,1,0.5,

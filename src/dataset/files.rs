@@ -58,21 +58,22 @@ pub fn check_replaceable(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Whether a file can be written: its place and the one beside it hold nothing, or a regular file with one name.
+/// Checks that a file can be written. Its path and the path of its temporary file must be free, or contain a regular file with
+/// one name.
 ///
 /// # Errors
-/// As of [`check_replaceable`].
+/// Returns the errors of [`check_replaceable`].
 pub(super) fn check_place(path: &Path) -> io::Result<()> {
     check_replaceable(path)?;
     check_replaceable(&beside(path))
 }
 
-/// Where a file is written before it is renamed to its place.
+/// Path at which a file is written before it is renamed to its final path.
 fn beside(path: &Path) -> PathBuf {
     path.with_file_name(format!(".{}.new", path.file_name().unwrap_or_default().to_string_lossy()))
 }
 
-/// What to do about an error that came back from a file of a run.
+/// Advice for an error from a file of a run.
 pub(super) fn advice(why: &io::Error) -> &'static str {
     match why.kind() {
         ErrorKind::InvalidInput => "remove it, or replace it by a copy of the file; nothing was changed",
@@ -145,7 +146,7 @@ pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     placed
 }
 
-/// Opens what is a regular file with one name, and looks again whether it is that file which was opened.
+/// Opens a regular file with one name. Then checks again that the opened file is the file at this path.
 fn opened(path: &Path, options: &OpenOptions) -> io::Result<File> {
     check(path, &path.symlink_metadata()?)?; // a pipe would be waited for
     let file = options.open(path)?;
@@ -187,7 +188,8 @@ fn is_same(named: &Metadata, held: &Metadata) -> bool {
     (named.dev(), named.ino()) == (held.dev(), held.ino())
 }
 
-/// Windows counts a file's names only for who opens it by other means; making links needs a right of its own there.
+/// Number of a file's names: always 1. On Windows it would need other system calls, and creating links there requires a special
+/// right.
 #[cfg(not(unix))]
 fn names(_: &Metadata) -> u64 {
     1

@@ -23,15 +23,15 @@ impl Fingerprint {
         Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: format!("{:x}", Sha256::digest(bytes)) }
     }
 
-    /// The fingerprint of a file of a folder, read piece by piece.
+    /// Returns the fingerprint of a file in a folder. The file is read piece by piece.
     ///
     /// # Errors
-    /// A name that leads elsewhere, a file that isn't regular, or the operating system's.
+    /// Returns an error if the name leads out of the folder or the file isn't regular, or the operating system's error.
     pub(super) fn of_file(folder: &Path, name: &str) -> io::Result<Fingerprint> {
         Fingerprint::of_start(folder, name, u64::MAX)
     }
 
-    /// The same of its first bytes, at most so many.
+    /// Returns the fingerprint of a file's first bytes, at most `most_bytes`.
     pub(super) fn of_start(folder: &Path, name: &str, most_bytes: u64) -> io::Result<Fingerprint> {
         if !is_plain(name) {
             let told = format!("{name:?} is not a valid name of a file in a run folder");
@@ -43,7 +43,7 @@ impl Fingerprint {
         Ok(Fingerprint { name: name.to_owned(), bytes, sha256: format!("{:x}", hasher.finalize()) })
     }
 
-    /// What is wrong with the file of this name in a folder, in words; none where it is as it was written.
+    /// Returns a description of what is wrong with the file of this name in a folder; `None` if the file is unchanged.
     pub(super) fn problem_in(&self, folder: &Path) -> io::Result<Option<String>> {
         let name = &self.name;
         Ok(match Fingerprint::of_file(folder, name) {
@@ -59,7 +59,7 @@ impl Fingerprint {
     }
 }
 
-/// A name that can't lead out of its folder: one plain part.
+/// Whether a name can't lead out of its folder, because it has only one plain part.
 pub(super) fn is_plain(name: &str) -> bool {
     !name.is_empty() && !name.contains(['/', '\\', ':', '\0']) && name != "." && name != ".."
 }

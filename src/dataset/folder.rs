@@ -20,7 +20,7 @@ use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// How many names are tried for a new folder: `name`, `name-2`, ...
+/// Largest number of names that are tried for a new folder: `name`, `name-2`, ...
 const NAMES_MAX: usize = 100_000;
 
 /// Texts from which a run is made, kept with it unchanged.
@@ -109,7 +109,7 @@ impl RunFolder {
     }
 
     /// Begins to continue a run, with a rig that may have been changed. Regenerates the views of the run from the journal, in
-    /// whatever state a power cut left them. The previous rig file stays in the folder under another name.
+    /// any state that a power cut left. The previous rig file stays in the folder under another name.
     ///
     /// # Errors
     /// Another text differs from the text with which the run began, or an error of the operating system.
@@ -227,7 +227,8 @@ impl RunFolder {
         Ok(staircases.some())
     }
 
-    /// Takes a run for this program alone and reads its journal; with it what the other files hold beyond it.
+    /// Opens a run exclusively for this program and reads its journal. Also returns a description of data in the other files that
+    /// the journal lacks.
     fn take(path: &Path, layout: &ArrayLayout) -> Result<(Opened, Vec<String>), DatasetError> {
         check_run(path)?;
         let lock = hold(path)?;
@@ -250,7 +251,7 @@ impl RunFolder {
         write(&self.path, &self.layout, &|| self.contacts(), &self.known.trips)
     }
 
-    /// Says in the manifest what the files are by now.
+    /// Writes the present fingerprints of the files to the manifest.
     fn vouch(&mut self) -> Result<(), DatasetError> {
         self.known.manifest.files = fingerprints(&self.path, self.known.manifest.texts())?;
         self.write_manifest()
@@ -261,7 +262,7 @@ impl RunFolder {
     }
 }
 
-/// A run whose journal was read, and nothing changed yet.
+/// Run whose journal was read. Nothing has been changed yet.
 struct Opened {
     path: PathBuf,
     lock: File,
@@ -271,7 +272,7 @@ struct Opened {
 }
 
 impl Opened {
-    /// The run, its journal to be added to; a torn tail is cut.
+    /// Opens the run's journal for appending and returns the run. An incomplete record at the end is cut off.
     fn attach(self) -> Result<RunFolder, DatasetError> {
         let Opened { path, lock, records, known, layout } = self;
         Ok(RunFolder { path, _lock: lock, journal: records.go_on()?, presses: None, layout, known })
@@ -328,14 +329,14 @@ impl Origins {
     }
 }
 
-/// The table of presses, to add rows to.
+/// Opens the table of presses for appending rows.
 fn open_presses(folder: &Path) -> Result<File, DatasetError> {
     let path = folder.join(PRESSES);
     files::open_or_create(&path).map_err(DatasetError::io("opening", path))
 }
 
-/// An empty folder beside the one to be, under a name that nobody takes for a run's. One that a program was killed over stays
-/// as it is: another may be at work in it.
+/// Creates an empty folder next to the final one, with a name that isn't mistaken for a run's. The folder of a killed program is
+/// left unchanged, because another program may be working in it.
 fn new_draft(parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
     let process = std::process::id();
     for number in 1..=NAMES_MAX {
@@ -349,7 +350,7 @@ fn new_draft(parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
     Err(DatasetError::Exists { path: parent.join(format!(".{name}.{process}.new")) })
 }
 
-/// Everything a run folder holds before its first press.
+/// Writes everything that a run folder contains before its first press.
 fn fill(
     draft: &Path,
     origins: &Origins,
@@ -377,7 +378,7 @@ fn fill(
     sync_folder(draft)
 }
 
-/// Renames the draft to its place. A folder with something in it is never replaced: the system refuses.
+/// Renames the draft to its final path. A folder that isn't empty is never replaced, because the system refuses this.
 fn publish(draft: &Path, out: Option<&Path>, parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
     if let Some(out) = out {
         fs::rename(draft, out).map_err(DatasetError::io("renaming to", out))?;
@@ -397,7 +398,7 @@ fn publish(draft: &Path, out: Option<&Path>, parent: &Path, name: &str) -> Resul
     Err(DatasetError::Exists { path: parent.join(name) })
 }
 
-/// Makes a folder and those above it, each on the disk.
+/// Creates a folder and its parent folders, and syncs each to disk.
 fn make_folders(path: &Path) -> Result<(), DatasetError> {
     let missing: Vec<&Path> =
         path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
@@ -408,7 +409,7 @@ fn make_folders(path: &Path) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// A rename is on the disk when its folder is. Windows keeps no handle on folders and needs none.
+/// Syncs a folder to disk, which makes a rename in it permanent. On Windows folders have no handles and this isn't necessary.
 fn sync_folder(path: &Path) -> Result<(), DatasetError> {
     if cfg!(unix) {
         File::open(path).and_then(|folder| folder.sync_all()).map_err(DatasetError::io("flushing", path))?;

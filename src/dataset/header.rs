@@ -4,7 +4,7 @@ use super::press::{COLUMNS, Column, OUTPUTS, Presence, output_name};
 use super::table_error::{MAX_COLUMNS, TableError, quoted};
 use csv::StringRecord;
 
-/// A header, and all that a message about it needs.
+/// Header, and all data for messages about it.
 pub(super) struct Header<'a> {
     pub file: &'a str,
     pub line: u64,
@@ -65,7 +65,7 @@ impl Header<'_> {
         }
     }
 
-    /// The largest number of an `out_N` column that the number of columns allows; 0 without any.
+    /// Returns the largest N of the `out_N` columns that the number of columns allows; 0 if there are no such columns.
     fn count_outputs(&self) -> Result<usize, TableError> {
         let numbered = |name: &&str| {
             name.strip_prefix("out_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
@@ -81,9 +81,9 @@ impl Header<'_> {
         }
     }
 
-    /// What to do about a missing column: the header's nearest unknown name, where one is near.
+    /// Returns advice about a missing column: the most similar unknown name of the header, if one is similar.
     fn hint(&self, what: &str, column: &str) -> String {
-        /// Jaro-Winkler similarity from which a name is taken for a slip of another.
+        /// Least Jaro-Winkler similarity at which a name counts as a misspelling of another.
         const NEAR: f64 = 0.7;
         let number =
             column.strip_prefix("out_").and_then(|number| number.parse::<usize>().ok()).filter(|_| what == OUTPUTS);
@@ -117,7 +117,8 @@ impl Header<'_> {
         }
     }
 
-    /// The first and the last of the header's longest series of numbered names, `ch0` and `ch15`; none without one.
+    /// Returns the first and the last name of the header's longest series of numbered names, such as `ch0` and `ch15`; `None` if
+    /// there is no series.
     fn series(&self) -> Option<(&str, &str)> {
         let is_next = |before: &str, name: &str| {
             let ((word, number), (other, next)) = (numbered(before)?, numbered(name)?);
@@ -130,7 +131,7 @@ impl Header<'_> {
     }
 }
 
-/// A name and the number at its end.
+/// Returns a name and the number at its end.
 fn numbered(name: &str) -> Option<(&str, usize)> {
     let word = name.trim_end_matches(|c: char| c.is_ascii_digit());
     Some((word, name[word.len()..].parse().ok()?))

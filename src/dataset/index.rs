@@ -4,11 +4,11 @@ use super::{Contact, DatasetError, JournalError, Record, Records};
 use crate::recipe::{ENTRIES_MAX, PRESSES_MAX};
 use std::slice::Iter;
 
-/// Where no contact stands.
+/// Position that means "no contact".
 const NOWHERE: u64 = u64::MAX;
 
-/// Which entries of a plan are in the journal, and at which byte: 8 bytes an entry, set aside when the run begins, so that
-/// a run takes no more memory as it grows.
+/// Index of the plan's entries in the journal, with their byte positions. It takes 8 bytes for each entry, reserved when the run
+/// begins. So the memory of a run doesn't grow.
 #[derive(Debug, Default)]
 pub(super) struct Index {
     offsets: Vec<u64>,

@@ -8,13 +8,14 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Its name in the run folder.
+/// Name of the journal in the run folder.
 pub(super) const JOURNAL: &str = "journal.log";
 
-/// Largest journal that is written or read, bytes: ten million presses of 64 units are some 15 GB. It is read piece by piece.
+/// Largest journal that is written or read, bytes. Ten million presses of 64 units take some 15 GB. The journal is read piece by
+/// piece.
 const JOURNAL_MAX_BYTES: u64 = 64 << 30;
 
-/// Longest record that is written or read, bytes: a staircase of 20 levels on 4096 units has some 1 MB.
+/// Longest record that is written or read, bytes. A staircase of 20 levels on 4096 units takes some 1 MB.
 const RECORD_MAX_BYTES: u64 = 16 << 20;
 
 /// Append-only record of a run, with one record per line: `sequence checksum json`.
@@ -187,7 +188,7 @@ impl Journal {
         Ok(offset)
     }
 
-    /// Nothing is written that couldn't be read again.
+    /// Checks that the program can read the line again; otherwise it isn't written.
     fn check_line(&self, record: &Record) -> io::Result<()> {
         let bytes = self.line.len() as u64;
         if bytes >= RECORD_MAX_BYTES || self.end + bytes > JOURNAL_MAX_BYTES {
@@ -273,7 +274,7 @@ impl Records {
         }
     }
 
-    /// Reads the line that is next; an empty one at the end.
+    /// Reads the next line; an empty one at the end.
     fn read_line(&mut self) -> Result<(), JournalError> {
         self.line.clear();
         let mut rest = self.reader.by_ref().take(RECORD_MAX_BYTES);
@@ -310,7 +311,7 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> JournalError {
     move |why| JournalError::Io { path, why }
 }
 
-/// The format that a journal's first line names, if it isn't ours.
+/// Returns the format in a journal's first line, if it isn't this program's format.
 fn other_format(line: &[u8]) -> Option<u32> {
     #[derive(Deserialize)]
     struct First {
@@ -325,13 +326,13 @@ fn other_format(line: &[u8]) -> Option<u32> {
     (found != FORMAT).then_some(found)
 }
 
-/// A line's sequence number and record.
+/// Returns a line's sequence number and record.
 fn parse(line: &[u8]) -> Result<(u64, Record), String> {
     let (sequence, json) = checked(line)?;
     Ok((sequence, serde_json::from_str(json).map_err(|error| error.to_string())?))
 }
 
-/// A line's sequence number and text, which its checksum fits.
+/// Returns a line's sequence number and text, if its checksum matches.
 fn checked(line: &[u8]) -> Result<(u64, &str), String> {
     let text = std::str::from_utf8(line).map_err(|_| "not text")?;
     let text = text.strip_suffix('\n').ok_or("no line end")?;

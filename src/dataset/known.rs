@@ -10,10 +10,10 @@ use super::{DatasetError, Journal, Manifest, Peaks, Press, Record, Records, Stat
 use crate::recipe::Phase;
 use std::path::Path;
 
-/// Most trips whose truth is kept; no run was continued after so many.
+/// Largest number of trips whose truth is kept. No run was continued after that many trips.
 const TRIPS_MAX: usize = 10_000;
 
-/// What is known of a journal without reading it again.
+/// Summary of a journal, so that it needn't be read again.
 #[derive(Debug, Default)]
 pub(super) struct Known {
     pub contacts: Index,
@@ -109,6 +109,9 @@ pub fn check_run(path: &Path) -> Result<(), DatasetError> {
         return Ok(());
     }
     let is_rest_of_one = [MANIFEST, PRESSES].iter().all(|name| path.join(name).is_file());
-    let path = path.to_owned();
+    let (path, is_there) = (path.to_owned(), path.exists());
+    if !is_there {
+        return Err(DatasetError::Missing { path });
+    }
     Err(if is_rest_of_one { DatasetError::NoJournal { path } } else { DatasetError::NoRun { path } })
 }

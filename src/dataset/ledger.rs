@@ -5,26 +5,26 @@ use std::collections::BTreeSet;
 
 /// Interface between a run in execution and its record: existing data, and the destination of new data.
 pub trait Ledger {
-    /// Whether an entry of the plan is recorded, by its number.
+    /// Whether an entry of the plan, given by its number, is recorded.
     fn has(&self, press: u64) -> bool;
 
-    /// Reads every record that is there, in the order they were made.
+    /// Reads every record, in the order in which the records were made.
     ///
     /// # Errors
-    /// Damage, or the operating system's.
+    /// Returns an error for damage, or the operating system's error.
     fn recall(&self, tell: &mut dyn FnMut(&Record)) -> Result<(), DatasetError>;
 
-    /// Adds a record. When this returns it is kept: in a folder, on the disk.
+    /// Adds a record. When this returns, the record is kept; in a folder, it is on the disk.
     ///
     /// # Errors
-    /// The operating system's.
+    /// Returns the operating system's error.
     fn record(&mut self, record: &Record) -> Result<(), DatasetError>;
 
-    /// Adds a record that survives the program's end at once, and a power cut when the next one is added: it keeps no stage
-    /// waiting.
+    /// Adds a record quickly, so that no stage has to wait. The record survives the program's end at once. It survives a power
+    /// cut only after the next record is added.
     ///
     /// # Errors
-    /// The operating system's.
+    /// Returns the operating system's error.
     fn jot(&mut self, record: &Record) -> Result<(), DatasetError> {
         self.record(record)
     }

@@ -5,13 +5,14 @@ use super::{DatasetError, files};
 use std::fs::{File, TryLockError};
 use std::path::Path;
 
-/// What is locked: the journal, which nobody takes for a left-over; where a lock bars readers too, a file beside it.
+/// File that is locked. It is the journal, which nobody deletes as a left-over file. If a lock would also block readers, it is a
+/// separate file.
 const LOCKED: &str = if cfg!(windows) { "run.lock" } else { JOURNAL };
 
-/// Takes a run for this program alone. The system releases it when the program ends, however it does.
+/// Locks a run for this program. The system releases the lock when the program ends for any reason.
 ///
 /// # Errors
-/// Another program holds it, or the operating system's.
+/// Returns an error if another program holds the lock, or the operating system's error.
 pub(super) fn hold(path: &Path) -> Result<File, DatasetError> {
     let held = path.join(LOCKED);
     let opened = if cfg!(windows) { files::open_or_create(&held) } else { files::open_to_append(&held) };

@@ -16,14 +16,14 @@ pub struct Lookalike {
     pub read_from: &'static str,
 }
 
-/// Beginnings of the words that name each kind of value, and single letters that do.
+/// Beginnings of the words that name each kind of value, and single letters with the same meaning.
 const KINDS: [(&str, &str, &[&str], &[&str]); 3] = [
     ("a force", "force_n", &["force", "load", "newton"], &["f", "fx", "fy", "fz", "n"]),
     ("a place", "x_mm, y_mm", &["pos", "place", "location", "coord"], &["x", "y", "px", "py"]),
     ("an output", "out_1, out_2, ...", &["out", "ch", "adc", "sensor", "signal", "taxel", "volt"], &["v"]),
 ];
 
-/// The columns of a header that look like something that is read, and aren't.
+/// Returns the columns of a header that resemble a known column but aren't read.
 pub(super) fn lookalikes(header: &StringRecord) -> Vec<Lookalike> {
     let is_read = |name: &str| {
         let of_any_table = |presence| matches!(presence, Presence::Needed | Presence::Optional);
@@ -41,7 +41,7 @@ pub(super) fn lookalikes(header: &StringRecord) -> Vec<Lookalike> {
     unused.filter_map(lookalike).collect()
 }
 
-/// `out_1`, `out_2`, ...
+/// Whether a name is `out_1`, `out_2`, ...
 fn is_output(name: &str) -> bool {
     name.strip_prefix("out_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }

@@ -9,19 +9,20 @@ use std::collections::BTreeSet;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::path::Path;
 
-/// The longest line of a table that is looked at, bytes; what is longer isn't ours.
+/// Longest line of a table that is checked, bytes. This program doesn't write longer lines.
 const LINE_MAX_BYTES: u64 = 16 << 20;
 
-/// As many stretches of press numbers as a message names.
+/// Largest number of ranges of press numbers in a message.
 const STRETCHES_NAMED: usize = 8;
 
-/// What manifest and tables hold of a run beyond its journal, in words; empty where nothing is missing from the journal.
+/// Returns descriptions of data that a run's manifest and tables contain but its journal lacks. The list is empty if nothing is
+/// missing from the journal.
 ///
-/// A journal that is whole to its last record, the end of a complete plan, can't have lost anything: what holds more is damaged
-/// itself then. A run that was killed has lost nothing either, since the journal is written first.
+/// A journal can't have lost anything if its last record is the end of a complete plan. If other files contain more, those files
+/// are damaged. A run that was killed hasn't lost anything either, because the journal is written first.
 ///
 /// # Errors
-/// A file that can't be read. One that isn't there, or that can't be understood, says nothing.
+/// Returns an error if a file can't be read. A file that is missing or can't be parsed is ignored.
 pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetError> {
     if known.is_complete() {
         return Ok(Vec::new());
@@ -51,7 +52,7 @@ pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetE
     Ok(lost)
 }
 
-/// What a manifest says of more than the journal holds.
+/// Returns descriptions of data in a manifest that the journal lacks.
 fn beyond(folder: &Path, manifest: &Manifest, known: &Known) -> Result<Vec<String>, DatasetError> {
     let mut lost = Vec::new();
     if let Some(vouched) = manifest.files.iter().find(|file| file.name == JOURNAL) {
@@ -72,7 +73,7 @@ fn beyond(folder: &Path, manifest: &Manifest, known: &Known) -> Result<Vec<Strin
     Ok(lost)
 }
 
-/// The numbers in the column `press` of a table, of every line that is whole.
+/// Returns the numbers in the column `press` of a table, from every complete line.
 fn presses_in(path: &Path) -> Result<BTreeSet<u64>, DatasetError> {
     let mut presses = BTreeSet::new();
     let Some(mut lines) = Lines::open(path)? else { return Ok(presses) };
@@ -84,20 +85,20 @@ fn presses_in(path: &Path) -> Result<BTreeSet<u64>, DatasetError> {
     Ok(presses)
 }
 
-/// How many cells the first line of a matrix has, if it is whole.
+/// Returns the number of cells in a matrix' first line, if the line is complete.
 fn points_in(path: &Path) -> Result<u64, DatasetError> {
     let Some(mut lines) = Lines::open(path)? else { return Ok(0) };
     Ok(lines.next_line()?.map_or(0, |line| line.split(',').count() as u64))
 }
 
-/// The whole lines of a table that may be damaged in any way.
+/// Complete lines of a table that may be damaged in any way.
 struct Lines<'a> {
     path: &'a Path,
     reader: BufReader<std::fs::File>,
 }
 
 impl<'a> Lines<'a> {
-    /// None where there is no such file.
+    /// Opens a table. Returns `None` if the file doesn't exist.
     fn open(path: &'a Path) -> Result<Option<Self>, DatasetError> {
         match files::open(path) {
             Ok(file) => Ok(Some(Lines { path, reader: BufReader::new(file) })),
@@ -114,7 +115,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Numbers as a person reads them: `press 3`, `presses 3 to 9, 12`.
+/// Formats press numbers for a message: `press 3`, `presses 3 to 9, 12`.
 fn stretches(presses: &BTreeSet<u64>) -> String {
     let mut found: Vec<(u64, u64)> = Vec::new();
     for &press in presses {

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::Path;
 
-/// Its name in the run folder.
+/// Name of the manifest in the run folder.
 pub(super) const MANIFEST: &str = "manifest.json";
 
-/// Largest manifest that is read, bytes: a run that was continued a thousand times is far below it.
+/// Largest manifest that is read, bytes. A run that was continued a thousand times is far below it.
 const MANIFEST_MAX_BYTES: u64 = 4 << 20;
 
 /// `manifest.json`: description of a run and its ending. Everything except the files' fingerprints follows from the journal.
@@ -50,7 +50,7 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// What a record of the journal adds. Contacts are counted by the caller, who knows which are new.
+    /// Adds the data of a journal record. The caller counts contacts, because it knows which are new.
     pub(super) fn take_in(&mut self, record: &Record) {
         self.virtual_s = record.t_s().map_or(self.virtual_s, |t_s| self.virtual_s.max(t_s));
         match record {
@@ -84,7 +84,7 @@ impl Manifest {
         }
     }
 
-    /// The texts that the run went by most lately.
+    /// Returns the text files that the run used last.
     pub(super) fn texts(&self) -> &[Fingerprint] {
         self.sessions.last().map_or(&[], |session| &session.texts)
     }
@@ -120,7 +120,7 @@ impl Manifest {
         serde_json::from_str(text)
     }
 
-    /// The manifest as it stands in its file.
+    /// Returns the text of the manifest file.
     pub(super) fn text(&self) -> String {
         // text and numbers can't fail to be written
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"

@@ -78,18 +78,19 @@ const LAYOUT: LayoutKeys =
 pub struct Mapping {
     pub(super) x_mm: String,
     pub(super) y_mm: String,
-    /// None: `force_n`, if there is one.
+    /// Name of the force column. `None`: `force_n`, if it exists.
     pub(super) force_n: Option<String>,
     pub(super) outputs: Outputs,
-    /// None: `flags`, if there is one.
+    /// Name of the flags column. `None`: `flags`, if it exists.
     pub(super) flags: Option<String>,
     pub(super) scale: Scale,
     pub(super) missing: Vec<String>,
-    /// None: detected.
+    /// Separator. `None`: detected.
     pub(super) separator: Option<u8>,
     pub(super) decimal: Option<Decimal>,
     pub(super) has_header: bool,
-    /// Whether a person gave it: rows with missing values are then excluded, and a run's own columns aren't looked for.
+    /// Whether a person gave the mapping. Rows with missing values are then excluded, and a run's own columns aren't searched
+    /// for.
     pub(super) is_given: bool,
     /// Date of the measurement, as year-month-day.
     pub measured: Option<String>,
@@ -97,7 +98,7 @@ pub struct Mapping {
     pub array: Option<(ArrayLayout, String)>,
 }
 
-/// Which columns hold the outputs.
+/// Columns that contain the outputs.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Outputs {
     /// `out_1`, `out_2`, ..., any number of them.
@@ -106,14 +107,14 @@ pub(super) enum Outputs {
     Named(Vec<String>),
 }
 
-/// How a decimal fraction is marked.
+/// Decimal mark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Decimal {
     Point,
     Comma,
 }
 
-/// What values are multiplied with, and what is added then.
+/// Factor of the values, and the offset that is added afterwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
     pub place: f64,
@@ -177,7 +178,7 @@ impl Mapping {
         self.array.as_ref().map(|(layout, _)| layout).filter(|layout| layout.len() == outputs).cloned()
     }
 
-    /// The name that was given for one of the program's own columns, if one was.
+    /// Returns the given name of one of the program's own columns, if there is one.
     pub(super) fn name_of(&self, column: &str) -> Option<&str> {
         match column {
             "x_mm" => Some(&self.x_mm),
@@ -188,7 +189,7 @@ impl Mapping {
         }
     }
 
-    /// The names of the output columns, where they are known without the table.
+    /// Returns the names of the output columns, if they are known without the table.
     pub(super) fn output_names(&self) -> Option<&[String]> {
         match &self.outputs {
             Outputs::Own => None,
@@ -196,7 +197,7 @@ impl Mapping {
         }
     }
 
-    /// The first column of outputs.
+    /// Returns the name of the first output column.
     pub(super) fn first_output(&self) -> String {
         self.output_names().map_or_else(|| output_name(1), |names| names[0].clone())
     }
@@ -252,7 +253,7 @@ fn read(table: &Table) -> Option<Mapping> {
     })
 }
 
-/// What is read of a key that may be missing; none where it is there and wrong.
+/// Reads a key that may be missing. The outer value is `None` if the key is present and invalid.
 fn optional<T>(table: &Table, key: &Key, read: impl Fn(&Table, &Key) -> Option<T>) -> Option<Option<T>> {
     if table.has(key) { read(table, key).map(Some) } else { Some(None) }
 }
@@ -277,7 +278,7 @@ fn read_scale(table: &Table) -> Option<Scale> {
     Some(read)
 }
 
-/// The columns that `outputs` names: a list, or numbered ones from the first to the last.
+/// Reads the columns named by `outputs`: a list, or numbered names from the first to the last.
 fn read_outputs(table: &Table) -> Option<Outputs> {
     let key = &columns::outputs;
     if !table.has(key) {
@@ -311,7 +312,7 @@ fn read_outputs(table: &Table) -> Option<Outputs> {
     }
 }
 
-/// The names from `ch0` to `ch15` of `ch0..ch15`; what follows the number is in each of them too.
+/// Returns the names `ch0` to `ch15` for `ch0..ch15`. Text after the number is part of each name too.
 fn numbered(text: &str) -> Option<Vec<String>> {
     let (first, last) = text.split_once("..")?;
     let ((word, from, rest), (other, to, other_rest)) = (split(first.trim())?, split(last.trim())?);
@@ -322,7 +323,7 @@ fn numbered(text: &str) -> Option<Vec<String>> {
     is_series.then(|| (from..=to).map(|number| format!("{word}{number:0width$}{rest}")).collect())
 }
 
-/// A name taken apart at its last number.
+/// Splits a name at its last number.
 fn split(name: &str) -> Option<(&str, &str, &str)> {
     let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = name[..end]

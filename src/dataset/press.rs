@@ -33,9 +33,9 @@ pub struct Column {
     round: fn(&mut Press),
 }
 
-/// Gives the values of a press in a column, one a cell.
+/// Function that writes the values of a press in a column, one for each cell.
 type Write = fn(&Press, &mut dyn FnMut(Value<'_>));
-/// Takes the cells of a row in a column, one or one a channel.
+/// Function that reads the cells of a row in a column, one cell or one for each channel.
 type Read = fn(&mut Press, &[&str]) -> Result<(), Misread>;
 
 /// Name of the column entry that represents one column for each channel.
@@ -150,13 +150,13 @@ impl Press {
     }
 }
 
-/// The first line of `presses.csv`.
+/// Returns the first line of `presses.csv`.
 pub(super) fn csv_header(channels: usize) -> String {
     let names: Vec<String> = COLUMNS.iter().flat_map(|column| column.names(channels)).collect();
     names.join(",") + "\n"
 }
 
-/// One line of `presses.csv`. No cell needs quoting: numbers, and words of our own.
+/// Returns one line of `presses.csv`. No cell needs quotation marks: the cells are numbers and this program's own words.
 pub(super) fn csv_line(press: &Press) -> String {
     let mut line = String::new();
     for column in COLUMNS {
@@ -169,7 +169,7 @@ pub(super) fn csv_line(press: &Press) -> String {
     line + "\n"
 }
 
-/// A press as a person's JSON reader wants it: flat, `out_1` to `out_n`, flags as text.
+/// Press in a flat form for other programs that read JSON: `out_1` to `out_n`, flags as text.
 struct Flat<'a>(&'a Press);
 
 impl Serialize for Flat<'_> {

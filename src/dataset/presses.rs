@@ -28,7 +28,7 @@ impl Presses {
         Presses::new(source, presses, Vec::new())
     }
 
-    /// Presses and, where they stand in a table, their lines.
+    /// Creates a list of presses. If they come from a table, `lines` are their lines.
     pub(super) fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
         let channels = presses.first().map_or(0, |press| press.outputs.len());
         Presses { source: source.to_owned(), channels, presses, unused: Vec::new(), detected: Vec::new(), lines }

@@ -11,10 +11,10 @@ use crate::control::Trip;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// The file names of the two texts that every run of this program goes by.
+/// File names of the two text files that every run of this program uses.
 pub(super) const RECIPE: &str = "recipe.toml";
 pub(super) const RIG: &str = "rig.toml";
-/// That of the columns file of an import.
+/// File name of the columns file of an import.
 pub(super) const COLUMNS: &str = "columns.toml";
 
 /// A run, read from its journal.

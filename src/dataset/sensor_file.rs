@@ -16,13 +16,13 @@ use thiserror::Error;
 /// First line of the file. The number changes whenever the byte format of a model changes.
 pub const MARK: &str = "palpate sensor 1";
 
-/// What the first line of every version begins with.
+/// Beginning of the first line in every version of a sensor file.
 const KIND: &str = "palpate sensor ";
 
 /// Largest size of a model in a file, bytes.
 pub const MOST_BYTES: usize = 32 << 20;
 
-/// The most bytes of a card.
+/// Largest size of a card, bytes.
 const CARD_MOST_BYTES: usize = 64 << 10;
 
 /// Description of a sensor file, as text.
@@ -229,7 +229,7 @@ pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     Ok((card, model))
 }
 
-/// The bytes of a file, up to one more than a sensor file has.
+/// Reads the bytes of a file, up to one more than the largest sensor file.
 fn read(path: &Path) -> io::Result<Vec<u8>> {
     let file = fs::File::open(path)?;
     let most = (MARK.len() + CARD_MOST_BYTES + MOST_BYTES) as u64 + 1;
@@ -239,7 +239,7 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Takes a line of at most so many bytes off the front.
+/// Takes a line of at most `most` bytes from the front.
 fn line<'a>(rest: &mut &'a [u8], most: usize) -> Option<&'a [u8]> {
     let end = rest.iter().take(most + 1).position(|byte| *byte == b'\n')?;
     let line = &rest[..end];

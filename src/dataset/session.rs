@@ -22,7 +22,7 @@ pub struct RunFacts {
     pub presses_planned: u64,
     /// Random seed for places, forces and simulated noise.
     pub seed: u64,
-    /// Strategy of every press, if it was given in place of the recipe's strategy.
+    /// Strategy of every press, if it was given instead of the recipe's strategy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
     /// Largest allowed number of presses of the plan, if it was given.

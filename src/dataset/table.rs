@@ -19,11 +19,11 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
-/// What a table needs.
+/// Help text about the requirements of a table.
 const HELP: &str =
     "required: x_mm, y_mm and out_1, out_2, ... without a gap; --columns names the columns of another table";
 
-/// The column that marks presses to exclude: a blank cell is a value there.
+/// Name of the column that marks presses to exclude. A blank cell is a value there.
 const FLAGS: &str = "flags";
 
 /// Reads a table with at least one press and at least one channel; every number must be finite.
@@ -102,14 +102,14 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
     Ok(presses)
 }
 
-/// The known columns that a table has, each with the places where its cells stand.
+/// Known columns of a table, each with the positions of its cells.
 struct Columns {
     found: Vec<(&'static Column, Vec<usize>)>,
     /// Whether the table has every column of a run's own table.
     is_of_run: bool,
 }
 
-/// What a row holds.
+/// Content of a row.
 enum Row {
     /// A press.
     Press(Press),
@@ -162,7 +162,7 @@ impl Columns {
     }
 }
 
-/// One row on its way in, with all that a message about it needs.
+/// Row that is being read, with all data for messages about it.
 struct Cells<'a> {
     file: &'a str,
     line: u64,
@@ -196,7 +196,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// The records of a table, one at a time, each with its line.
+/// Records of a table, one at a time, each with its line.
 struct Records<'a, R> {
     file: &'a str,
     reader: csv::Reader<Lines<BufReader<R>>>,
@@ -216,14 +216,14 @@ impl<'a, R: Read> Records<'a, R> {
         Ok(Records { file, reader: reader.from_reader(Lines::new(input)), dialect, line: 1 })
     }
 
-    /// The next row, its decimals with points. Whether there was another one.
+    /// Reads the next row, with points as decimal marks. Returns whether there was one.
     fn next_row(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
         let is_there = self.next(record)?;
         self.dialect.with_points(self.file, self.line, record)?;
         Ok(is_there)
     }
 
-    /// Whether there was another one.
+    /// Reads the next record. Returns whether there was one.
     fn next(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
         let read = self.reader.read_record(record);
         let end = self.reader.position().byte();
@@ -241,8 +241,8 @@ impl<'a, R: Read> Records<'a, R> {
     }
 }
 
-/// What is read passes through here and leaves its line ends behind, so that a record's line is known: the csv reader's own
-/// count is off after blank lines and Windows line ends.
+/// Reader that passes a table's text on and records its line ends, so that a record's line is known. The csv reader's own count
+/// is wrong after blank lines and Windows line ends.
 struct Lines<R> {
     input: R,
     /// Number of bytes read. The input is treated as ended slightly beyond [`MAX_TABLE_BYTES`].
@@ -257,7 +257,7 @@ impl<R> Lines<R> {
         Lines { input, taken: 0, ends: VecDeque::new(), passed: 0 }
     }
 
-    /// The first line of a record that ends before that byte, its own line end included.
+    /// Returns the first line of a record that ends before the byte `end`, including the record's own line end.
     fn of_record(&mut self, end: u64, record: &StringRecord) -> u64 {
         while self.ends.front().is_some_and(|at| at + 1 < end) {
             self.ends.pop_front();

@@ -72,15 +72,16 @@ pub enum TableError {
     Cell { file: String, line: u64, column: String, expected: &'static str, found: String },
 }
 
-/// As much of a cell as a message quotes, characters.
+/// Largest number of a cell's characters in a message.
 const QUOTED: usize = 40;
 
-/// What a message quotes of a cell or a column's name: not all of a long one, and nothing that a terminal would act on.
+/// Returns a cell or a column's name for a message. A long text is shortened, and characters that control a terminal are
+/// replaced.
 pub(super) fn quoted(cell: &str) -> String {
     start_of(cell, QUOTED)
 }
 
-/// The first characters of a text from outside, so that a terminal only writes them.
+/// Returns the first characters of an external text, without characters that control a terminal.
 pub(super) fn start_of(text: &str, most: usize) -> String {
     let start = text.char_indices().nth(most).map_or(text, |(end, _)| &text[..end]);
     printable(start.to_owned()) + if start.len() < text.len() { "..." } else { "" }

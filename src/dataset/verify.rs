@@ -105,7 +105,7 @@ impl Verified {
     }
 }
 
-/// The fingerprints of all files of a run but its manifest.
+/// Returns the fingerprints of all files of a run except its manifest.
 pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<Fingerprint>, DatasetError> {
     let texts = texts.iter().map(|text| text.name.as_str());
     let mut found = Vec::new();
@@ -119,7 +119,7 @@ pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<F
     Ok(found)
 }
 
-/// The tables that follow from a journal, made in a folder that is removed again.
+/// Returns the tables that follow from a journal. They are written to a temporary folder, which is then removed.
 fn tables_again(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<Fingerprint>, DatasetError> {
     let folder = std::env::temp_dir().join(format!(".palpate-verify-{}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
@@ -130,7 +130,8 @@ fn tables_again(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<
     made
 }
 
-/// Lines of a growing table of presses that no press of the journal gives; what a kill tore is no such line.
+/// Returns the lines of a growing table of presses that don't belong to a press of the journal. A line that was cut off by a kill
+/// doesn't count.
 fn stray_lines(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Option<String>, DatasetError> {
     let table = path.join(PRESSES);
     let failed = |error| DatasetError::io("reading", &table)(error);

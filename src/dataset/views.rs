@@ -9,23 +9,24 @@ use crate::recipe::Phase;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The table of all presses, that of the true forces of a simulated run, and the characteristics of each unit.
+/// File names: table of all presses, table of the true forces of a simulated run, and characteristics of each unit.
 pub(super) const PRESSES: &str = "presses.csv";
 pub(super) const SCENE: &str = "scene.csv";
 const CHARACTERISTICS: &str = "characteristics.csv";
 
-/// The tables that have a column a point.
+/// Tables that have one column for each point.
 pub(super) const MATRICES: [(Phase, &str); 2] =
     [(Phase::Calibration, "calibration_matrix.csv"), (Phase::Test, "test_matrix.csv")];
 
 /// All tables a run may have.
 pub const TABLES: [&str; 5] = [PRESSES, CHARACTERISTICS, MATRICES[0].1, MATRICES[1].1, SCENE];
 
-/// Most outputs that are held at once to turn columns into rows: 8 MB.
+/// Largest number of outputs that are held at once to turn columns into rows: 8 MB.
 const OUTPUTS_MAX: usize = 1 << 19;
 
-/// Writes every table that follows from a run's contacts, each whole or not at all, and removes those that don't. `contacts`
-/// reads them from the beginning each time, in the order of their numbers; one is held at a time.
+/// Writes every table that follows from a run's contacts, each completely or not at all. Removes tables that don't follow from
+/// them. `contacts` reads the contacts from the beginning each time, in the order of their numbers. One contact is held at a
+/// time.
 pub(super) fn write<'a>(
     folder: &Path,
     layout: &ArrayLayout,
@@ -77,8 +78,9 @@ pub(super) fn write<'a>(
     scene.map_or(Ok(()), Table::publish)
 }
 
-/// A row a channel, a column a point, no header: what the paper calls its calibration matrix. The contacts come point by point,
-/// so they are read once for as many channels as may be held: once in all, except for a great many points.
+/// Writes a matrix with a row for each channel, a column for each point, and no header: the paper's calibration matrix. The
+/// contacts arrive point by point, so they are read once for as many channels as can be held. Except for very many points, one
+/// reading is enough.
 fn write_matrix<'a>(
     matrix: &mut Table,
     phase: Phase,
@@ -106,7 +108,7 @@ fn write_matrix<'a>(
     Ok(())
 }
 
-/// What a column of `characteristics.csv` holds of a unit.
+/// Function that returns the value of a unit for a column of `characteristics.csv`.
 type Characteristic = fn(&UnitCharacteristics) -> Option<f64>;
 const CHARACTERISTIC_COLUMNS: [(&str, Characteristic); 10] = [
     ("repeatability_loading_percent", |unit| unit.repeatability_loading_percent),
@@ -138,7 +140,7 @@ fn characteristics(staircases: &Staircases) -> String {
 
 const SCENE_HEADER: &str = "press,level,force_true_n,force_peak_n,depth_peak_mm\n";
 
-/// The scene's table, begun with its first row.
+/// Returns the scene's table, which is created with its first row.
 fn opened<'t>(scene: &'t mut Option<Table>, folder: &Path) -> Result<&'t mut Table, DatasetError> {
     match scene {
         Some(scene) => Ok(scene),
@@ -154,7 +156,7 @@ fn scene_lines(contact: &Contact) -> String {
     contact.levels.iter().zip(&contact.truth).map(line).collect()
 }
 
-/// A table on its way to its place.
+/// Table that is being written and is then renamed to its final path.
 struct Table {
     draft: Draft,
     path: PathBuf,
@@ -182,7 +184,7 @@ impl Table {
     }
 }
 
-/// Writes a file beside its place and renames it there.
+/// Writes a temporary file next to the final path and renames it.
 pub(super) fn replace(folder: &Path, name: &str, text: &str) -> Result<(), DatasetError> {
     Table::with(folder, name, text)?.publish()
 }

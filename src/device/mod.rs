@@ -53,9 +53,12 @@ pub struct StageUse {
     pub acceleration_mm_s2: f64,
     /// Speed of a search for home, mm/s. At this speed the stage can be stopped within the force limit.
     pub home_speed_mm_s: f64,
+    /// Whether the rig states that axes whose motors are on are homed; only for controllers that don't report it.
+    pub homed: bool,
 }
 
-/// How far beyond its travel an axis may be read back, mm: where it was before it was prepared, and rounding.
+/// Largest distance beyond its travel at which an axis may be read back, mm. It covers the position before the preparation, and
+/// rounding.
 const BEYOND_MM: f64 = 0.1;
 
 impl StageUse {
@@ -70,11 +73,11 @@ impl StageUse {
 /// A motion is started and then followed. A controller finishes a started motion even if the program ends, so only a motion that
 /// is safe to finish is started.
 pub trait Stage {
-    /// Connects, brings all axes to rest, and checks units and limits. Nothing else moves.
+    /// Connects, brings all axes to rest, and checks units and limits. Causes no other motion.
     fn identify(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// Moves z by a distance away from the specimen, homed or not, from rest to rest, so that a person sees which way it goes.
-    /// Whether it did: a controller may move nothing that isn't homed.
+    /// Moves z by a distance away from the specimen, homed or not, from rest to rest, so that a person sees the direction.
+    /// Returns whether z moved: a controller may refuse motions of an axis that isn't homed.
     fn nudge_away(
         &mut self,
         way_mm: f64,
@@ -85,23 +88,24 @@ pub trait Stage {
         async { Ok(false) }
     }
 
-    /// Homes z alone, if it isn't homed, away from the specimen. Whether it did: a controller may home all axes in one.
+    /// Homes z alone, if it isn't homed, away from the specimen. Returns whether z was homed separately: a controller may home
+    /// all axes in one operation.
     fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<bool, DeviceError>> {
         let _ = (usage, reins);
         async { Ok(false) }
     }
 
-    /// Homes what isn't homed: z first, away from the specimen. A stop ends a search for home at once, which is an error.
-    /// The stage was [identified](Stage::identify) before.
+    /// Homes the axes that aren't homed: z first, away from the specimen. A stop ends a search for home at once, which is an
+    /// error. The stage was [identified](Stage::identify) before.
     fn home(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
     /// again.
     fn afresh(&mut self) {}
 
-    /// Starts axes toward targets, each at most at `speed_mm_s`. When this returns the controller has taken the command and
-    /// finishes it by itself: the motion began just now. A stop that the reins ask for meanwhile is sent at once; one that came
-    /// before leaves the axes where they are.
+    /// Starts axes toward targets, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
+    /// command and finishes it independently: the motion began just now. A stop that the reins request during the call is sent at
+    /// once. If the stop was requested before the call, the axes don't move.
     fn begin(
         &mut self,
         targets: &[(Axis, f64)],
@@ -109,8 +113,8 @@ pub trait Stage {
         reins: &Reins,
     ) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// Waits until the axes have come to rest, as the controller says, and gives where they are, in their order, mm.
-    /// `expected` is how long the motion should take; what the reins ask for is done at once, even while an answer is awaited.
+    /// Waits until the controller reports the axes at rest, and returns their positions, in their order, mm. `expected` is the
+    /// expected duration of the motion. Requests of the reins are carried out at once, even while an answer is awaited.
     fn follow(
         &mut self,
         axes: &[Axis],
@@ -118,17 +122,17 @@ pub trait Stage {
         reins: &Reins,
     ) -> impl Future<Output = Result<Vec<f64>, DeviceError>>;
 
-    /// Where an axis is; what the reins ask for meanwhile is done at once.
+    /// Returns the position of an axis. Requests of the reins during the call are carried out at once.
     fn position_mm(&mut self, axis: Axis, reins: &Reins) -> impl Future<Output = Result<f64, DeviceError>>;
 
-    /// Stops all axes at once, waiting for nothing.
+    /// Stops all axes at once, without waiting.
     fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// What the controller has to complain of, oldest first; empties its list.
+    /// Returns the controller's error messages, oldest first, and empties its list.
     fn complaints(&mut self) -> impl Future<Output = Result<Vec<String>, DeviceError>>;
 
-    /// Has the controller itself end a motion when the load cell reads `limit_n`, N, the cell's own zero included; none: no
-    /// longer. A controller that can't, or that the rig doesn't ask to, does nothing.
+    /// Makes the controller itself end a motion when the load cell reads `limit_n`, N, including the cell's own zero. `None` ends
+    /// this guard. If the controller can't do this, or the rig doesn't request it, nothing happens.
     fn guard(&mut self, limit_n: Option<f64>) -> impl Future<Output = Result<(), DeviceError>> {
         let _ = limit_n;
         async { Ok(()) }
@@ -144,10 +148,10 @@ pub trait LoadCell {
     /// again.
     fn afresh(&mut self) {}
 
-    /// The latest reading, from the cell's own zero.
+    /// Returns the latest reading, relative to the cell's own zero.
     fn read(&mut self) -> impl Future<Output = Result<ForceReading, DeviceError>>;
 
-    /// Time from one conversion to the next: reading faster gives the same reading again.
+    /// Time from one conversion to the next. Faster reading returns the same value again.
     fn conversion(&self) -> Duration;
 }
 
@@ -156,10 +160,10 @@ pub trait SensorArray {
     /// Connects and checks that the answers mean what the rig says.
     fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// Reads every output once into `outputs`, in the sensor's own unit (volts unless the rig says another).
+    /// Reads every output once into `outputs`, in the sensor's own unit (volts unless the rig states another).
     fn read(&mut self, outputs: &mut [f64]) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// How many outputs there are: one for each channel of each unit.
+    /// Number of outputs: one for each channel of each unit.
     fn units(&self) -> usize;
 }
 

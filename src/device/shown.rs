@@ -3,7 +3,7 @@
 /// Largest number of characters of a device's text that are shown or stored (docs/process.md), so that a message stays readable.
 pub const SHOWN_MAX_CHARS: usize = 300;
 
-/// Stands for a character that would act on a terminal.
+/// Replacement for a character that would control a terminal.
 const UNSHOWN: char = '\u{fffd}';
 
 /// Returns a device's text without control characters, which a terminal would execute, and shortened.
@@ -16,7 +16,7 @@ pub fn shown(said: &str) -> String {
     shortened(said).chars().map(visible).collect()
 }
 
-/// The beginning of what a device said, where the rest is shown as it is written in a program.
+/// Returns the beginning of a device's message, for a message that shows the text with its escape sequences.
 pub(super) fn shortened(said: &str) -> String {
     let mut text: String = said.chars().take(SHOWN_MAX_CHARS).collect();
     if text.len() < said.len() {
@@ -25,7 +25,7 @@ pub(super) fn shortened(said: &str) -> String {
     text
 }
 
-/// Marks that turn the direction of what follows them: a text would look like another one.
+/// Whether a character changes the direction of the text after it, which would make a text look like another one.
 fn turns_text(c: char) -> bool {
     matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }

@@ -88,14 +88,14 @@ impl Comparison<'_> {
     }
 }
 
-/// The tables of a list of them, none where it isn't there; nothing where it is something else.
+/// Returns the tables of a list of tables, or an empty list if the item is missing. `None` if the item isn't a list of tables.
 fn tables_of<'i, 't>(item: Option<&'i Item<'t>>) -> Option<Vec<&'i Item<'t>>> {
     let Some(item) = item else { return Some(Vec::new()) };
     let items: Vec<&Item> = item.get_ref().as_array()?.iter().collect();
     items.iter().all(|item| item.get_ref().is_table()).then_some(items)
 }
 
-/// A value, written in any way.
+/// Value, independent of its notation.
 #[derive(Debug, PartialEq)]
 enum Plain {
     Number(f64),
@@ -143,7 +143,7 @@ impl Plain {
     }
 }
 
-/// A value as it stands in its text, on one line.
+/// Returns a value as written in its text, on one line.
 fn shown(item: &Item, text: &str) -> String {
     match item.get_ref() {
         DeValue::Array(items) => {

@@ -50,7 +50,7 @@ impl Bounds {
         (self.min, self.max)
     }
 
-    /// The interval and the unit.
+    /// Returns the interval and the unit as text.
     pub(super) fn stated(&self) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
         format!("{}{unit}", self.interval())
@@ -180,7 +180,7 @@ impl Key {
 }
 
 impl Kind {
-    /// The unit of its numbers; empty where it has none.
+    /// Unit of the numbers; empty if there is no unit.
     pub(super) fn unit(&self) -> &'static str {
         let of = |kind: &Kind| match kind {
             Kind::Number(bounds) | Kind::Range(bounds) | Kind::PerUnit(bounds) | Kind::Places(bounds) => {
@@ -191,7 +191,7 @@ impl Kind {
         self.pick(of).unwrap_or_default()
     }
 
-    /// What is picked from this kind or one of its alternatives.
+    /// Returns the value that `pick` returns for this kind or one of its alternatives.
     pub(super) fn pick<T>(&self, pick: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         match self {
             Kind::Either(kinds) => kinds.iter().find_map(pick),
@@ -264,7 +264,7 @@ impl Keys {
 }
 
 impl std::fmt::Display for Value {
-    /// The value as TOML.
+    /// Formats the value as TOML.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Value::Number(n) => write!(f, "{n:?}"),
@@ -277,7 +277,7 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// The words of a list of words and what they mean.
+/// Returns the words from a list of words and their meanings.
 pub(crate) const fn words<T, const N: usize>(meanings: &[(&'static str, T); N]) -> [&'static str; N] {
     let mut words = [""; N];
     let mut i = 0;
@@ -288,7 +288,7 @@ pub(crate) const fn words<T, const N: usize>(meanings: &[(&'static str, T); N]) 
     words
 }
 
-/// What the rows of a [`keys!`](super::keys) list are made of.
+/// Parts of the rows of a [`keys!`](super::keys) list.
 pub(crate) mod row {
     pub use super::Absent::{Allowed, Refused};
     pub use super::Keys;

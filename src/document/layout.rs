@@ -10,7 +10,7 @@ pub const OUTPUTS_MAX: usize = 4096;
 /// Largest number of outputs of one unit.
 pub const CHANNELS_MAX: u64 = 16;
 
-/// Most characters of a unit that is shown beside a number.
+/// Largest number of characters of a unit next to a number.
 const UNIT_MOST: usize = 16;
 
 const PITCH: Bounds = Bounds::above(0.0, 1000.0, "mm");
@@ -19,7 +19,7 @@ keys! {
     /// `grid` of `[array]`.
     grid {
         rows: Whole(1, UNITS_MAX), Refused, "number of rows along y", "3";
-        columns: Whole(1, UNITS_MAX), Refused, "number of columns along x; outputs are in order of rows", "3";
+        columns: Whole(1, UNITS_MAX), Refused, "number of columns along x; outputs are in order, row by row", "3";
         pitch_mm: Number(PITCH), Refused, "distance of neighbouring units", "4.5";
     }
 }

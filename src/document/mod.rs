@@ -33,8 +33,8 @@ use toml_parser::lexer::TokenKind;
 /// Length of the longest text that is read as a recipe or a rig, bytes: a hundred times the longest list written by hand.
 pub const TEXT_MAX_BYTES: usize = 4 << 20;
 
-/// How deep brackets may be open within each other: no recipe or rig needs five. The parser follows those that are never closed
-/// down until its stack ends.
+/// Largest depth of nested brackets. No recipe or rig needs five. The parser would follow brackets that are never closed until
+/// its stack overflows.
 const DEPTH_MAX: usize = 32;
 
 /// Reads a TOML text with `read`, which requests keys of the list from a root [`Table`]. Keys that aren't in the list are
@@ -68,7 +68,7 @@ pub fn has_key(text: &str, name: &str) -> bool {
     parsed("", text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
 }
 
-/// A text as TOML.
+/// Parses a text as TOML.
 fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
     if text.len() > TEXT_MAX_BYTES {
         let problem =
@@ -96,7 +96,7 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
     Err(collector.into_problems(name, text))
 }
 
-/// The number with a decimal comma at this byte, `0,5`, and the same with a point.
+/// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
 fn decimal_comma(text: &str, at: usize) -> Option<(Span, String)> {
     let (before, after) = (text.get(..at)?, text.get(at..)?.strip_prefix(',')?);
     let is_in_number = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '_');
@@ -107,7 +107,7 @@ fn decimal_comma(text: &str, at: usize) -> Option<(Span, String)> {
     (is_value && start < at && digits > 0).then(|| (number.clone(), text[number].replace(',', ".")))
 }
 
-/// Where the first bracket opens that is too deep within others. One of the other kind closes nothing.
+/// Returns the position of the first bracket that is nested too deep. A bracket of the other kind closes nothing.
 fn too_deep(text: &str) -> Option<usize> {
     let mut open = Vec::with_capacity(DEPTH_MAX + 1);
     let mut tokens = Source::new(text).lex();

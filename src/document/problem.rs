@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Largest number of problems of a text that are reported. A person with more problems corrects these first.
 pub const PROBLEMS_MAX: usize = 100;
 
-/// Longest stretch of a text that is shown with a problem, bytes. Beyond 65,535 columns the one who draws it gives up.
+/// Longest part of a text that is shown with a problem, bytes. The library that draws it fails beyond 65,535 columns.
 const SHOWN_MAX_BYTES: usize = 8192;
 
 /// One problem of a text and its position.
@@ -86,7 +86,7 @@ impl std::error::Error for Problems {}
 
 impl Diagnostic for Problems {}
 
-/// A problem together with its text.
+/// Problem together with its text.
 #[derive(Debug)]
 struct Located {
     source: NamedSource<Arc<str>>,
@@ -95,7 +95,7 @@ struct Located {
 }
 
 impl Located {
-    /// Whether the lines that it is about are few and short enough to be shown: the rest of them would hide it.
+    /// Whether the lines of the problem are few and short enough to be shown. Otherwise they would hide the problem.
     fn is_shown(&self) -> bool {
         let Range { start, end } = self.problem.span;
         let (start, end) = (start.min(self.text.len()), end.min(self.text.len()));
@@ -142,7 +142,7 @@ impl Diagnostic for Located {
     }
 }
 
-/// A text that a terminal writes and doesn't act on.
+/// Returns a text without characters that control a terminal.
 pub(crate) fn printable(text: String) -> String {
     if !text.contains(char::is_control) {
         return text;
@@ -150,7 +150,7 @@ pub(crate) fn printable(text: String) -> String {
     text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() }).collect()
 }
 
-/// The same of a text that is shown, in which every place stays where it is.
+/// Returns a shown text without such characters. Every position in the text stays the same.
 fn shown(text: &str) -> String {
     let kept = |c: char| !c.is_control() || matches!(c, '\n' | '\r' | '\t');
     let mut shown = String::with_capacity(text.len());
@@ -163,7 +163,7 @@ fn shown(text: &str) -> String {
     shown
 }
 
-/// Where problems gather while a text is read.
+/// Collection of the problems that are found while a text is read.
 #[derive(Debug, Default)]
 pub(super) struct Collector(RefCell<Vec<Problem>>);
 

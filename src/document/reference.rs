@@ -10,7 +10,7 @@ pub fn reference(begin: &str, root: &str, keys: &Keys) -> String {
     page
 }
 
-/// Writes the section of a table and those of the tables in it.
+/// Writes the section of a table and the sections of the tables in it.
 fn section(page: &mut String, heading: &str, path: &str, keys: &Keys) {
     rows(page, &format!("## {heading}"), keys.always);
     if let Some(by) = keys.by {
@@ -49,7 +49,7 @@ fn row(key: &Key) -> String {
     format!("| {} |", cells.map(|cell| cell.replace('|', "\\|")).join(" | "))
 }
 
-/// The type of a value, its bounds and unit.
+/// Returns the type of a value, its bounds and unit.
 fn value(kind: &Kind) -> String {
     let words = |words: &[&str]| words.iter().map(|word| format!("`\"{word}\"`")).collect::<Vec<_>>().join(", ");
     match kind {

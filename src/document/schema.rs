@@ -25,7 +25,8 @@ fn table(keys: &Keys) -> Map<String, Json> {
     table
 }
 
-/// What a table must and may not have in one of its cases: with `by`, if its word chooses it; without, as one of several.
+/// Returns which keys a table must have and mustn't have in one of its cases. With `by`, a word in the table chooses the case;
+/// without it, the case is one of several.
 fn of_case(keys: &Keys, case: &Case) -> Json {
     let foreign = keys.all().filter(|key| !keys.always.iter().chain(case.keys).any(|own| own.name == key.name));
     let foreign: Map<String, Json> = foreign.map(|key| (key.name.to_owned(), json!(false))).collect();

@@ -7,13 +7,13 @@ use jiff::civil::Date;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// The earliest year of a day: no instrument's certificate is older.
+/// Earliest year of a date. No instrument's certificate is older.
 const YEAR_LEAST: i16 = 1900;
 
 /// Position of a value in its text, bytes.
 pub type Span = std::ops::Range<usize>;
 
-/// Least similarity (Jaro-Winkler, 0 to 1) at which a known name is offered for an unknown one.
+/// Least similarity (Jaro-Winkler, 0 to 1) at which a known name is suggested for an unknown one.
 const SIMILAR: f64 = 0.75;
 
 /// One table of a text. A request for a [`Key`] of its list returns the value, or the key's default if the key is missing. An
@@ -248,8 +248,8 @@ impl<'d> Table<'d> {
         items.into_iter().flatten().filter_map(|item| self.table_of(key, item)).collect()
     }
 
-    /// Records a problem for every key that the list doesn't have, with the nearest one that it has, and for every one that
-    /// belongs to a case which the table isn't in.
+    /// Records a problem for every key that isn't in the list, with the most similar key in the list. Also records a problem for
+    /// every key that belongs to another case of the table.
     pub(super) fn check_names(&self) {
         let known: Vec<&str> = self.keys.all().map(|key| key.name).collect();
         let chosen = self.keys.by.map(|by| self.find(by.name).and_then(|value| value.get_ref().as_str()));
@@ -292,7 +292,7 @@ impl<'d> Table<'d> {
         self.table.iter().find(|(key, _)| key.get_ref() == name).map(|(_, value)| value)
     }
 
-    /// The key's value; a problem where it must be there and isn't.
+    /// Returns the key's value. Records a problem if a required key is missing.
     fn get(&self, key: &Key) -> Option<&'d Spanned<DeValue<'d>>> {
         self.ask(key);
         if key.absent == Absent::Refused {
@@ -387,7 +387,7 @@ impl<'d> Table<'d> {
     }
 }
 
-/// The tables that may stand instead of a word, by the key that chooses each.
+/// Describes the tables that are allowed instead of a word, by the key that selects each.
 fn tables_told(keys: &Keys) -> String {
     let each = |key: &Key| {
         let own = match key.kind {
@@ -400,10 +400,10 @@ fn tables_told(keys: &Keys) -> String {
     if first.is_empty() { String::new() } else { format!(", or a table: {}", first.join(", ")) }
 }
 
-/// What a list of tables is called.
+/// Description of a list of tables.
 const TABLES: &str = "a list of tables";
 
-/// What a key that is missing would be.
+/// Describes the expected value of a missing key.
 fn expected(key: &Key) -> String {
     let of = |kind: &Kind| match kind {
         Kind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
@@ -419,7 +419,7 @@ fn expected(key: &Key) -> String {
     key.kind.pick(of).unwrap_or_else(|| key.meaning.to_owned())
 }
 
-/// The keys that a table must have, and those of which it must have one.
+/// Describes the keys that a table must have, and those of which it must have one.
 fn with_keys(keys: &Keys) -> String {
     let required = keys.always.iter().filter(|key| key.absent == Absent::Refused);
     let mut names: Vec<String> = required.map(|key| format!("`{}`", key.name)).collect();
@@ -430,7 +430,7 @@ fn with_keys(keys: &Keys) -> String {
     if names.is_empty() { String::new() } else { format!(" with {}", names.join(", ")) }
 }
 
-/// What a list of keys says of the numbers of one of them. Code that asks for a number where the list has none is wrong.
+/// Returns the bounds of a key's numbers in the list of keys. A program that asks for a number where the list has none is wrong.
 fn bounds(key: &Key) -> Bounds {
     let bounds = key.kind.pick(|kind| match kind {
         Kind::Number(bounds) | Kind::Range(bounds) | Kind::PerUnit(bounds) | Kind::Places(bounds) => Some(*bounds),
@@ -455,16 +455,16 @@ fn known_words(key: &Key) -> &'static [&'static str] {
     words.unwrap_or_else(|| unreachable!("`{}` isn't a word", key.name))
 }
 
-/// All of some answers, or none; every one is asked for, so that every problem is reported.
+/// Returns all answers, or `None` if one is missing. Every answer is requested, so that every problem is reported.
 pub(crate) fn all<T>(answers: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
     let answers: Vec<Option<T>> = answers.collect();
     answers.into_iter().collect()
 }
 
-/// Adds the one value as help of which a text is a plain typo: at most 2 edits, and the same first letter. A value chooses what
-/// the data mean, so any other is left to the list of values in the message.
+/// Adds a value as help if the text is clearly a misspelling of only this value: at most 2 edits, and the same first letter. A
+/// value determines the meaning of the data. So for any other text the message only lists the values.
 fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {
-    /// The most letters that are changed, added or left out.
+    /// Largest number of letters that are changed, added or left out.
     const EDITS: usize = 2;
     let text = text.to_lowercase();
     let is_typo = |value: &&&str| {
@@ -478,7 +478,7 @@ fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {
     }
 }
 
-/// Adds the nearest known name as help; where none is near, and nothing else helps, the list of names.
+/// Adds the most similar known name as help. If no name is similar and there is no other help, adds the list of names.
 pub(crate) fn with_nearest(problem: Problem, name: &str, known: &[&str]) -> Problem {
     let name = name.to_lowercase();
     let score = |candidate: &&&str| strsim::jaro_winkler(&name, candidate);

@@ -16,26 +16,30 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(6);
 /// Longest search for home: 25 mm at a home speed of 1 mm/s, twice, and a margin.
 const HOME_DEADLINE: Duration = Duration::from_secs(90);
 
-/// How far z may be from the end it was sent to before x and y are homed, mm.
+/// Largest distance of z from its target end before x and y are homed, mm.
 const AWAY_MM: f64 = 0.01;
 
-/// How far short of its end z may count at the limit it homed to, mm: a controller that calls that place something else
-/// would press where the specimen isn't expected.
+/// Largest distance between the end of z and the reported position at the limit where z was homed, mm. A controller that gives
+/// this position another value would press where the specimen isn't expected.
 const HOME_SHORT_MM: f64 = 1.0;
 
-/// Decimals that a place has at least (manual, page TP): one that lost some is damaged.
+/// Position of the home mark of x and y, mm: rigs count from the mark, as the controller does as shipped.
+const HOME_MARK_MM: f64 = 0.0;
+
+/// Least number of decimals of a position (manual, page TP). A position with fewer decimals is damaged.
 const DECIMALS: usize = 3;
 
-/// How often a question is asked whose answer makes no sense.
+/// Number of times that a question is asked if its answer is invalid.
 const QUESTION_TRIES: usize = 2;
 
-/// The error queue holds ten; one more says that it is empty (manual, page TB).
+/// Number of reads that empties the error queue. The queue holds ten errors, and one more read says that it is empty (manual,
+/// page TB).
 const COMPLAINTS_MAX: usize = 11;
 
 /// Code of millimetres (manual, page SN). The setting is a label: it is checked and never written.
 const MILLIMETRES: f64 = 2.0;
 
-/// Stop all axes (manual, page ST). It has no answer.
+/// Stops all axes (manual, page ST). It has no answer.
 const STOP_ALL: &str = "ST";
 
 /// Oldest firmware without known faults of its USB link (firmware history).
@@ -53,13 +57,23 @@ pub struct Esp301 {
     complaints: Vec<String>,
     /// Whether the controller was stopped outside a motion and hasn't moved since.
     stopped: bool,
+    /// The axes that this driver has homed.
+    homed: [bool; 3],
 }
 
 impl Esp301 {
     /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
         let line = LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30");
-        Esp301 { line, link, usage: None, quickest: ANSWER_DEADLINE, complaints: Vec::new(), stopped: false }
+        Esp301 {
+            line,
+            link,
+            usage: None,
+            quickest: ANSWER_DEADLINE,
+            complaints: Vec::new(),
+            stopped: false,
+            homed: [false; 3],
+        }
     }
 
     async fn tell(&mut self, doing: &str, line: &str) -> Result<(), DeviceError> {
@@ -74,8 +88,8 @@ impl Esp301 {
         self.ask_for(doing, question, 1, None, "a number", |answers| number_in(answers.first()?)).await
     }
 
-    /// Where some axes are if all have come to rest, or none (manual, pages MD: 0 moving, 1 done, and TP). The error queue is
-    /// drained on the way, an entry a look.
+    /// Returns the positions of some axes if all are at rest, otherwise `None` (manual, pages MD: 0 moving, 1 done, and TP). Each
+    /// call also reads one entry of the error queue.
     async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
@@ -101,8 +115,8 @@ impl Esp301 {
         Ok(places)
     }
 
-    /// The answers to a line of questions, asked again if they make no sense. What the reins ask for meanwhile is sent at once,
-    /// to `axes`.
+    /// Returns the answers to a line of questions, asked again if the answers are invalid. Requests of the reins during the call
+    /// are sent to `axes` at once.
     async fn ask_for<T>(
         &mut self,
         doing: &str,
@@ -133,7 +147,7 @@ impl Esp301 {
         Err(self.error(doing, DeviceProblem::Misfit { answer: answers.join(", "), expected }))
     }
 
-    /// Where an axis can be.
+    /// Range of possible positions of an axis.
     fn reach(&self, axis: Axis) -> Option<Range> {
         self.usage.as_ref().map(|usage| usage.reach(axis))
     }
@@ -156,10 +170,18 @@ impl Esp301 {
         Ok(())
     }
 
-    async fn search(&mut self, axis: Axis, mode: u8, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    /// Searches for home. The place where the search ends counts as `home_mm` (`SH`; 0 as shipped; manual, page SH).
+    async fn search(
+        &mut self,
+        axis: Axis,
+        mode: u8,
+        home_mm: f64,
+        usage: &StageUse,
+        reins: &Reins,
+    ) -> Result<(), DeviceError> {
         let (doing, n) = ("homing", number(axis));
         self.tell(doing, &format!("{n}MO")).await?;
-        self.tell(doing, &format!("{n}OH{:.4};{n}OR{mode}", usage.home_speed_mm_s)).await?;
+        self.tell(doing, &format!("{n}OH{:.4};{n}SH{home_mm:.4};{n}OR{mode}", usage.home_speed_mm_s)).await?;
         let way_mm = usage.travel.along(axis).max - usage.travel.along(axis).min;
         let until = Instant::now() + HOME_DEADLINE + seconds(2.0 * way_mm / usage.home_speed_mm_s);
         while self.at_rest(doing, &[axis], reins).await?.is_none() {
@@ -170,11 +192,13 @@ impl Esp301 {
             }
         }
         // refused, or stopped half-way: the axis isn't homed, and nothing else may move
-        self.no_complaints(doing).await
+        self.no_complaints(doing).await?;
+        self.homed[axis.index()] = true;
+        Ok(())
     }
 
-    /// z may have been homed before and press: x and y are homed with z at the end that lies away from the specimen. A
-    /// z that refused to home, or isn't where it was sent, is an error before anything moves sideways.
+    /// Moves z away from the specimen before x and y are homed, because z may already be homed and in contact. If z refuses to
+    /// home or isn't at its target, it returns an error before anything moves sideways.
     async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "moving z away from the specimen";
         let end_mm = away_end_mm(usage);
@@ -190,9 +214,15 @@ impl Esp301 {
         Ok(())
     }
 
-    /// An axis whose motor is on was homed when it was switched on: power-up leaves the motor off (manual, page MO).
-    async fn is_homed(&mut self, axis: Axis) -> Result<bool, DeviceError> {
+    /// Whether the motor of an axis is on (manual, page MO).
+    async fn is_on(&mut self, axis: Axis) -> Result<bool, DeviceError> {
         Ok(self.ask_number("homing", &format!("{}MO?", number(axis))).await? == 1.0)
+    }
+
+    /// Whether an axis is homed: by this driver, or, where the rig states it, by somebody who left the motor on. A motor that is on
+    /// doesn't show it: jogging from the front panel needs it on too.
+    async fn is_homed(&mut self, axis: Axis, usage: &StageUse) -> Result<bool, DeviceError> {
+        Ok(self.homed[axis.index()] || (usage.homed && self.is_on(axis).await?))
     }
 
     async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
@@ -204,7 +234,7 @@ impl Esp301 {
         }
     }
 
-    /// Acceleration before anything moves: a stop brakes as hard as is counted on.
+    /// Sets the acceleration before anything moves, so that a stop brakes as hard as the program assumes.
     async fn set_acceleration(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
         let a = usage.acceleration_mm_s2;
         let axes = Axis::ALL.map(|axis| format!("{n}AC{a};{n}AG{a}", n = number(axis)));
@@ -251,30 +281,34 @@ impl Stage for Esp301 {
     async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
         let (doing, n, speed_mm_s) = ("moving z a little", number(Axis::Z), usage.home_speed_mm_s);
         self.set_acceleration(usage).await?;
-        let was_on = self.is_homed(Axis::Z).await?;
+        let was_on = self.is_on(Axis::Z).await?;
         // relative: where an axis is that isn't homed means nothing (manual, page PR)
         self.tell(doing, &format!("{n}MO;{n}VA{speed_mm_s:.5};{n}PR{:.5}", usage.away * way_mm)).await?;
         let until = Instant::now() + MOTION_MARGIN + seconds(way_mm / speed_mm_s);
         while self.at_rest(doing, &[Axis::Z], reins).await?.is_none() && Instant::now() < until {}
         if !was_on {
-            // its motor on would say that it is homed
+            // as it was found: a motor that is on counts as homed where the rig states so
             self.tell(doing, &format!("{n}MF")).await?;
         }
         // at the end of its travel it goes no further
         Ok(self.complaints().await?.is_empty())
     }
 
-    /// Homes z toward the limit that lies away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
+    /// Homes z toward the limit away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
     async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
         self.set_acceleration(usage).await?;
-        if self.is_homed(Axis::Z).await? {
+        if self.is_homed(Axis::Z, usage).await? {
             return Ok(true);
         }
-        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, usage, reins).await?;
-        let (at_mm, end_mm) = (self.position_mm(Axis::Z, &Reins::default()).await?, away_end_mm(usage));
-        if (at_mm - end_mm) * usage.away < -HOME_SHORT_MM {
-            let told =
-                format!("z reads {at_mm:.4} mm at the limit where it homed, but the rig's travel ends at {end_mm} mm");
+        let end_mm = away_end_mm(usage);
+        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, end_mm, usage, reins).await?;
+        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        if (at_mm - end_mm).abs() > HOME_SHORT_MM {
+            self.homed[Axis::Z.index()] = false;
+            let told = format!(
+                "z reads {at_mm:.4} mm at the limit where it homed, instead of the {end_mm} mm that were set (3SH): check the \
+                 controller's SH"
+            );
             return Err(self.error("homing", DeviceProblem::Mismatch(told)));
         }
         Ok(true)
@@ -283,9 +317,9 @@ impl Stage for Esp301 {
     async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         self.home_z(usage, reins).await?;
         for axis in [Axis::X, Axis::Y] {
-            if !self.is_homed(axis).await? {
+            if !self.is_homed(axis, usage).await? {
                 self.clear_z(usage, reins).await?;
-                self.search(axis, 1, usage, reins).await?;
+                self.search(axis, 1, HOME_MARK_MM, usage, reins).await?;
             }
         }
         for axis in Axis::ALL {
@@ -393,13 +427,13 @@ impl Stage for Esp301 {
     }
 }
 
-/// Where z is farthest from the specimen.
+/// Position of z farthest from the specimen.
 fn away_end_mm(usage: &StageUse) -> f64 {
     let travel = usage.travel.along(Axis::Z);
     if usage.away > 0.0 { travel.max } else { travel.min }
 }
 
-/// What an order to axes under way is on the line (manual, pages ST and VA).
+/// Returns the line that sends an order to moving axes (manual, pages ST and VA).
 fn line_of(order: MotionOrder, axes: &[Axis]) -> String {
     match order {
         MotionOrder::Stop => STOP_ALL.to_owned(),
@@ -409,8 +443,8 @@ fn line_of(order: MotionOrder, axes: &[Axis]) -> String {
     }
 }
 
-/// An entry of the error queue: `code, ticks, TEXT` (manual, page TB), none of it where the queue is empty. The ticks wrap into
-/// negative numbers.
+/// Parses an entry of the error queue: `code, ticks, TEXT` (manual, page TB). The inner value is `None` if the queue is empty.
+/// The ticks wrap into negative numbers.
 fn complaint_in(answer: &str) -> Option<Option<String>> {
     let mut parts = answer.splitn(3, ',').map(str::trim);
     let (code, ticks, text) = (parts.next()?.parse::<u32>().ok()?, parts.next()?.parse::<i64>().ok(), parts.next()?);
@@ -418,24 +452,25 @@ fn complaint_in(answer: &str) -> Option<Option<String>> {
     Some((code != 0).then(|| format!("error {code}, {text}")))
 }
 
-/// A finite number in an answer.
+/// Parses a finite number in an answer.
 fn number_in(answer: &str) -> Option<f64> {
     answer.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// A place with its decimals, where the axis can be: the answer of MD that came twice isn't one.
+/// Parses a position with its decimals, inside the travel of the axis. An answer to MD that came twice is not accepted as a
+/// position.
 fn place_in(answer: &str, travel: Option<Range>) -> Option<f64> {
     let (_, decimals) = answer.split_once('.')?;
     number_in(answer)
         .filter(|place_mm| decimals.len() >= DECIMALS && travel.is_none_or(|travel| travel.contains(*place_mm)))
 }
 
-/// The controller's number of an axis.
+/// Controller's number of an axis.
 fn number(axis: Axis) -> usize {
     axis.index() + 1
 }
 
-/// A warning where the version text (`ESP301 Version 1.1.1 16/01/14`) names a firmware with known faults.
+/// Returns a warning if the version text (`ESP301 Version 1.1.1 16/01/14`) names a firmware with known faults.
 fn firmware_warning(version: &str) -> Option<String> {
     let text = version.split("Version").nth(1)?.split_whitespace().next()?;
     let numbers: Vec<u32> = text.split('.').map_while(|part| part.parse().ok()).collect();

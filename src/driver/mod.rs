@@ -15,5 +15,5 @@ pub use esp301::Esp301;
 
 use std::time::Duration;
 
-/// How much longer than expected a motion may take.
+/// Additional time that a motion may take beyond its expected time.
 const MOTION_MARGIN: Duration = Duration::from_secs(10);

@@ -12,7 +12,7 @@ use tokio::time::{Instant, sleep};
 /// instead of a wait.
 pub const CLIENTS_MOST: usize = 16;
 
-/// Rest after a client couldn't be let in: if the cause lasts, this keeps the loop from spinning.
+/// Rest after a client couldn't be accepted. If the cause persists, the rest keeps the loop from spinning.
 const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);
 
 /// Reason why an instrument can't be offered.

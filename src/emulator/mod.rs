@@ -47,46 +47,46 @@ pub const STAGE_TRAVEL_MM: f64 = 12.5;
 
 /// One emulated device: bytes in, bytes out, acting on a scene.
 pub trait Instrument: Send {
-    /// The role it plays in the scene, which decides how long it takes to answer.
+    /// Role of the instrument in the scene, which determines its response time.
     fn device(&self) -> Device;
 
-    /// Takes the next whole request off the front of the inbox, or none as long as it isn't whole. What can never become
-    /// a request may be thrown away; the inbox never grows beyond [`INBOX_MOST`].
+    /// Takes the next complete request from the front of the inbox. Returns `None` while the request is incomplete. Bytes that
+    /// can never become a request may be discarded. The inbox never grows beyond [`INBOX_MOST`].
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>>;
 
-    /// How long a silence on the line ends a frame; none where the bytes themselves say where one ends.
+    /// Duration of silence on the line that ends a frame. `None` if the bytes themselves show the end of a frame.
     fn silence(&self) -> Option<Duration> {
         None
     }
 
-    /// The line fell silent with these bytes left over: takes them as a request, or throws them away.
+    /// Handles the remaining bytes when the line becomes silent: takes them as a request, or discards them.
     fn fall_silent(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         inbox.clear();
         None
     }
 
-    /// Acts on a request at `now_s`; the bytes to send back, none for a silent command. Never called with a `now_s` that
-    /// lies before an earlier one.
+    /// Acts on a request at `now_s` and returns the answer's bytes, which are empty for a silent command. `now_s` never decreases
+    /// from call to call.
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8>;
 
-    /// Until when the device takes no request at all, s; a time that has passed: it listens.
+    /// Time until which the device accepts no requests, s. If this time has passed, the device listens.
     fn deaf_until_s(&self) -> f64 {
         0.0
     }
 
-    /// A link is opened: the instrument that stands for the device on this link, where the device keeps its links apart.
-    /// None: all links share this one.
+    /// Opens a link. Returns the instrument that represents the device on this link, if the device separates its links. `None` if
+    /// all links share this instrument.
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
         None
     }
 
-    /// What is rung when an answer that is [owed](Self::owed) may be due sooner than was said, or on another link. None: the
-    /// device never owes one, and isn't asked.
+    /// Notification that an [owed](Self::owed) answer may be due earlier than stated, or on another link. `None` if the device
+    /// never owes an answer and isn't asked.
     fn bell(&self) -> Option<Arc<Notify>> {
         None
     }
 
-    /// What the device owes this link at `now_s`; requests are taken meanwhile.
+    /// Returns what the device owes this link at `now_s`. Requests are still accepted.
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let _ = (scene, now_s);
         Owed::Nothing

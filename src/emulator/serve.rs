@@ -15,11 +15,11 @@ use tokio::time::{Instant, sleep_until, timeout};
 /// client that sends more at once waits. If the full inbox contains no request, it is discarded.
 pub const INBOX_MOST: usize = 1024;
 
-/// Least time from a request to its answer. A device that answered in no time would let a polling client spin for ever
-/// on a paused clock, and tokio's timers have this grain.
+/// Least time from a request to its answer. If a device answered in zero time, a polling client would spin for ever on a paused
+/// clock. Tokio's timers have this resolution.
 const LEAST_LATENCY: Duration = Duration::from_millis(1);
 
-/// Longest time after which an answer that is owed is asked for again.
+/// Longest time after which an owed answer is asked for again.
 const OWED_MOST: Duration = Duration::from_secs(3600);
 
 /// Serves one link until its far end is closed. Requests are answered one after another, each after the scene's latency for the
@@ -42,7 +42,7 @@ where
     }
 }
 
-/// An instrument on one link.
+/// Instrument on one link.
 struct Served<'a, I: ?Sized> {
     instrument: &'a Mutex<I>,
     scene: &'a Mutex<Scene>,
@@ -96,7 +96,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         send(stream, &self.answer(request)).await
     }
 
-    /// Waits for bytes, and how many came; what is owed is sent meanwhile.
+    /// Waits for bytes, and returns their number. Owed answers are sent during the wait.
     async fn hear<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: &mut S, chunk: &mut [u8]) -> io::Result<usize> {
         let Some(bell) = &self.bell else { return stream.read(chunk).await };
         loop {
@@ -112,7 +112,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         }
     }
 
-    /// Lets time pass; what is owed is sent meanwhile.
+    /// Waits until a time. Owed answers are sent during the wait.
     async fn pass<S: AsyncWrite + Unpin>(&self, stream: &mut S, until: Instant) -> io::Result<()> {
         let Some(bell) = &self.bell else {
             sleep_until(until).await;
@@ -130,7 +130,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         }
     }
 
-    /// Sends what is owed by now; when to ask again, none: not before the bell is rung.
+    /// Sends the answers that are owed now. Returns the time to ask again; `None` means not before the notification.
     async fn settle<S: AsyncWrite + Unpin>(&self, stream: &mut S) -> io::Result<Option<Instant>> {
         loop {
             match self.owed() {
@@ -160,7 +160,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         lock(self.instrument).fall_silent(inbox)
     }
 
-    /// None where the link is silent: the request, or the answer, is lost.
+    /// Latency of an answer. `None` if the link is silent: the request or the answer is lost.
     fn latency(&self, now: Instant) -> Option<Duration> {
         let device = lock(self.instrument).device();
         let now_s = (now - self.origin).as_secs_f64();
@@ -176,7 +176,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         self.with_both(|instrument, scene, now_s| instrument.owed(scene, now_s))
     }
 
-    /// The instrument is locked before the scene, here and nowhere else both at once.
+    /// Locks the instrument before the scene. Nowhere else are both locked at once.
     fn with_both<T>(&self, act: impl FnOnce(&mut I, &mut Scene, f64) -> T) -> T {
         let mut instrument = lock(self.instrument);
         let mut scene = lock(self.scene);

@@ -4,19 +4,19 @@
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-/// Where a table ends, depths; it is 0 from there on. The slowest fall, that of an incompressible layer, is as e^-0.74k:
-/// here it is at 1e-6 or less of the peak, and some 1e-6 of the load is left.
+/// End of a table, in depths; the function is 0 beyond. The slowest decay, of an incompressible layer, is like e^-0.74k. At the
+/// end it is at most 1e-6 of the peak, and some 1e-6 of the load remains.
 const FARTHEST: f64 = 20.0;
 const CELLS: usize = 400;
 const PER_CELL: f64 = FARTHEST / CELLS as f64;
 
-/// Where the integral ends: every transform falls as `h e^-h`, and `40^4 e^-40` is 1e-11.
+/// End of the integral. Every transform decays like `h e^-h`, and `40^4 e^-40` is 1e-11.
 const LONGEST: f64 = 40.0;
-/// Gauss' rule integrates waves up to a wave number of 2 `NODES` / `LONGEST`, less some: 24 (`FARTHEST` and both radii) need
-/// 480 nodes.
+/// Number of nodes. Gauss' rule integrates waves up to a wave number of slightly less than 2 `NODES` / `LONGEST`. A wave number
+/// of 24 (`FARTHEST` and both radii) needs 480 nodes.
 const NODES: usize = 560;
 
-/// A function of the distance in depths: twice continuously differentiable, even, 0 far out.
+/// Function of the distance in depths: twice continuously differentiable, even, and 0 far out.
 #[derive(Debug, PartialEq)]
 pub(super) struct Table {
     /// Coefficients of each cell's quintic, constant first; its variable is the fraction of the cell.
@@ -49,7 +49,7 @@ impl Table {
     }
 }
 
-/// The quintic that has a value, a slope and a curvature (per cell) at either end.
+/// Returns the quintic polynomial with a given value, slope and curvature (per cell) at each end.
 fn quintic([f0, d0, c0]: [f64; 3], [f1, d1, c1]: [f64; 3]) -> [f64; 6] {
     let (rise, turn, bend) = (f1 - f0 - d0 - c0 / 2.0, d1 - d0 - c0, c1 - c0);
     let cubic = 10.0 * rise - 4.0 * turn + bend / 2.0;
@@ -58,7 +58,7 @@ fn quintic([f0, d0, c0]: [f64; 3], [f1, d1, c1]: [f64; 3]) -> [f64; 6] {
     [f0, d0, c0 / 2.0, cubic, quartic, fifth]
 }
 
-/// What is the same for every transform: made once, some 20 ms.
+/// Data that are the same for every transform. They are computed once, in some 20 ms.
 static INVERSION: LazyLock<Inversion> = LazyLock::new(Inversion::new);
 
 struct Inversion {
@@ -92,8 +92,8 @@ impl Inversion {
     }
 }
 
-/// Abscissae in (-1, 1) and weights of Gauss' rule, by Newton's method on the Legendre polynomial of degree `n` from Tricomi's
-/// first guess, which is good to 1/n^3 of the interval.
+/// Returns abscissae in (-1, 1) and weights of Gauss' rule. It uses Newton's method on the Legendre polynomial of degree `n`. The
+/// start is Tricomi's first guess, which is accurate to 1/n^3 of the interval.
 fn gauss_legendre(n: usize) -> impl Iterator<Item = (f64, f64)> {
     const STEPS: usize = 6; // Newton's method doubles the digits: 3 would do
     (1..=n).map(move |root| {

@@ -17,21 +17,20 @@ pub enum Medium {
 pub const MOST_POISSON_RATIO: f64 = 0.4999;
 
 impl Medium {
-    /// What is left at depth H of a pressure that varies along the surface as J0(h r / H): the Hankel transform (order 0) of the
-    /// normal stress under a unit load. 1 at h = 0, since the whole load arrives.
+    /// Fraction that remains at depth H of a pressure that varies along the surface as J0(h r / H). It is the Hankel transform
+    /// (order 0) of the normal stress under a unit load. It is 1 at h = 0, because the complete load arrives.
     ///
-    /// Half-space: `(1 + h) e^-h`. Bonded layer: with `U` and `W` the transforms of the radial (order 1) and the normal
-    /// displacement and `s` the height over the base in units of H / h, Navier's equations have the solution that is at rest
-    /// at the base
+    /// Half-space: `(1 + h) e^-h`. Bonded layer: `U` and `W` are the transforms of the radial (order 1) and the normal
+    /// displacement, and `s` is the height over the base in units of H / h. Navier's equations then have this solution, which is
+    /// at rest at the base:
     ///
     /// ```text
     /// U =  s (A sinh s + B cosh s) + (3 - 4 nu) B sinh s
     /// W = -s (A cosh s + B sinh s) + (3 - 4 nu) A sinh s
     /// ```
     ///
-    /// No shear and unit pressure at the top (s = h) give A and B; the stress at the base is proportional to
-    /// 2 (1 - nu) A. (The classical way: Burmister 1945; Johnson, Contact Mechanics, 1985, chapter 5, for the plane
-    /// counterpart.)
+    /// Zero shear and unit pressure at the top (s = h) determine A and B; the stress at the base is proportional to 2 (1 - nu) A.
+    /// (This is the classical method: Burmister 1945; Johnson, Contact Mechanics, 1985, chapter 5, for the plane counterpart.)
     pub(super) fn transform(self, h: f64) -> f64 {
         match self {
             Medium::HalfSpace => (1.0 + h) * (-h).exp(),

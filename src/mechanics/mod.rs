@@ -23,8 +23,8 @@ pub(crate) mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    /// The normal stress in an elastic half-space under a normal point load, N/mm^2 = MPa, compression negative (paper
-    /// equation 1): `force_n` on the surface, `distance_mm` sideways and `depth_mm` below it.
+    /// Normal stress in an elastic half-space under a normal point load, N/mm^2 = MPa, compression negative (paper equation 1).
+    /// `force_n` acts on the surface; the point is `distance_mm` sideways and `depth_mm` below it.
     pub(crate) fn half_space_stress_mpa(force_n: f64, distance_mm: f64, depth_mm: f64) -> f64 {
         -3.0 * force_n / (2.0 * PI * depth_mm * depth_mm) * lambda(distance_mm / depth_mm)
     }

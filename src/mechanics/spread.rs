@@ -1,19 +1,19 @@
 //! Hankel transforms (order 0) of a pressure or an average over a disc, 1 at 0, for loads and taxels that aren't points. The
 //! response of a spread taxel to a spread load is the point response with both transforms multiplied in.
 
-/// A rigid flat punch of radius a that carries 1 N: `p = 1 / (2 pi a sqrt(a^2 - r^2))` (Johnson, Contact Mechanics, section
-/// 3.4), which is that on a half-space and holds on a layer while a is small beside its thickness. `x` is the wave number
-/// times a.
+/// Pressure under a rigid flat punch of radius a that carries 1 N: `p = 1 / (2 pi a sqrt(a^2 - r^2))` (Johnson, Contact
+/// Mechanics, section 3.4). This is the pressure on a half-space, and it holds on a layer while a is small compared with the
+/// layer's thickness. `x` is the wave number times a.
 pub(super) fn flat_punch(x: f64) -> f64 {
     if x < SMALL { 1.0 - x * x / 6.0 } else { x.sin() / x }
 }
 
-/// The mean over a disc of radius b. `x` is the wave number times b.
+/// Mean over a disc of radius b. `x` is the wave number times b.
 pub(super) fn disc(x: f64) -> f64 {
     if x < SMALL { 1.0 - x * x / 8.0 } else { 2.0 * libm::j1(x) / x }
 }
 
-/// Below this the first two terms of the series are exact to the last digit.
+/// Value below which the first two terms of the series are exact to the last digit.
 const SMALL: f64 = 1e-4;
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ pub fn stream(seed: u64, press: u64, device: &str) -> Stream {
     Stream::seed_from_u64(state)
 }
 
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): every input bit reaches every output bit.
+/// Finaliser of SplitMix64 (Steele, Lea and Flood 2014): every input bit affects every output bit.
 fn mix(value: u64) -> u64 {
     let mut z = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

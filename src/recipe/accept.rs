@@ -10,7 +10,7 @@ const LENGTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
 const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
 const SHARE: Bounds = Bounds::above(0.0, 1.0, "");
-/// Most channels of any array.
+/// Largest number of channels of an array.
 const CHANNELS_MAX: u64 = 4096;
 
 const DECISIONS: [(&str, Decision); 2] =
@@ -85,7 +85,7 @@ pub fn parse_rule(file: &str, text: &str) -> Result<Rule, Problems> {
     document::read(file, text, &accept::KEYS, read_rule)
 }
 
-/// The rule of a table.
+/// Returns the rule in a table.
 pub(super) fn read_rule(table: &Table) -> Option<Rule> {
     let decision = table.word(&accept::rule, &DECISIONS);
     let method = table.word(&accept::method, &CHOOSABLE.map(|name| (name, name)));

@@ -12,11 +12,11 @@ const UNITS_MAX: u64 = 4096;
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
 const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
-/// Shorter windows hold less than two conversions of a common load cell.
+/// Limits of a window. A shorter window contains fewer than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 
-/// The phases that a step may have.
+/// Possible phases of a step.
 pub(super) const PHASES: [(&str, Phase); 3] = [
     (Phase::Characterisation.name(), Phase::Characterisation),
     (Phase::Calibration.name(), Phase::Calibration),
@@ -31,7 +31,7 @@ pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
 ];
 pub(super) const ALL_UNITS: [(&str, ()); 1] = [("all", ())];
 
-/// Every solver's name, and the one that stands for whichever is best.
+/// Names of all solvers, and the name that selects the best solver.
 pub(super) const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
     let mut names = [BEST; SOLVERS.len() + 1];
     names.split_at_mut(1).1.copy_from_slice(&SOLVERS);

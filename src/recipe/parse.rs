@@ -5,7 +5,7 @@ use super::keys::{self, evaluate, grid, list, press, random, root, staircase, st
 use super::{KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::document::{self, Key, Problem, Problems, Table};
 
-/// Files of a run folder that an acceptance file would take the place of.
+/// Files of a run folder that an acceptance file would overwrite.
 const RUNS_OWN: [&str; 2] = ["recipe.toml", "rig.toml"];
 
 /// Largest departure from a whole number of spacings that counts as rounding.
@@ -60,7 +60,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
     })
 }
 
-/// The acceptance rule, where there is one; none if it is wrong.
+/// Reads the acceptance rule, if there is one. The outer value is `None` if the rule is invalid.
 fn read_accept(table: &Table) -> Option<Option<Accept>> {
     if !table.has(&root::accept) {
         return Some(None);
@@ -94,7 +94,7 @@ fn is_folder_name(name: &str) -> bool {
     !name.is_empty() && name.len() <= 100 && !name.starts_with('.') && name.chars().all(allowed)
 }
 
-/// How presses are made: `base`, but for what the table says. `[press]` and a step have the same keys for it.
+/// Reads how presses are made: `base`, changed by the table's keys. `[press]` and a step have the same keys for it.
 fn read_manner(table: &Table, base: Manner) -> Option<Manner> {
     let force_tolerance_n = table.number_or(&press::force_tolerance_n, base.force_tolerance_n);
     let hold_s = table.number_or(&press::hold_s, base.hold_s);
@@ -155,7 +155,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     Some(Step { phase: phase?, places: places?, load: load?, manner, places_span, load_span })
 }
 
-/// The one key that says where to press; a problem where there is none or more than one.
+/// Returns the single key that states where to press. Reports a problem if there is no such key, or more than one.
 fn places_key(table: &Table) -> Option<Key> {
     let keys = step::KEYS.cases.iter().flat_map(|case| case.keys);
     let there: Vec<Key> = keys.clone().copied().filter(|key| table.has(key)).collect();
@@ -200,18 +200,19 @@ fn read_grid(step: &Table) -> Option<Places> {
     Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm?, order: order? })
 }
 
-/// The most spaces along a side for which others are suggested, and how many numbers of spaces are tried either way.
+/// Largest number of spaces along a side for which other spacings are suggested. The second constant is the number of trials in
+/// each direction.
 const MOST_SPACES: f64 = 10_000.0;
 const SOUGHT: u64 = 1000;
 
-/// Whether a width is a whole number of spaces, to within rounding.
+/// Whether a width is an integer number of spaces, except for rounding.
 fn divides(spacing: f64, width: f64) -> bool {
     let spaces = width / spacing;
     // spaces without number are too many, which the plan reports
     spaces.is_infinite() || (spaces - spaces.round()).abs() <= WHOLE * spaces.max(1.0)
 }
 
-/// The next smaller and larger spacings that divide a width and can be written with four decimals.
+/// Returns the next smaller and the next larger spacing that divide a width and can be written with four decimals.
 fn nearest_spacings(spacing: f64, width: f64) -> String {
     let few = (width / spacing).clamp(1.0, MOST_SPACES) as u64;
     let written = |spaces: u64| (1e4 * width / spaces as f64).round() / 1e4;
@@ -276,7 +277,7 @@ fn read_staircase(step: &Table) -> Option<Load> {
 }
 
 impl Load {
-    /// The smallest force above zero that it asks for, N.
+    /// Smallest force above zero that the step requests, N.
     fn least_n(&self) -> f64 {
         match self {
             Load::Force(force_n) => *force_n,
@@ -285,7 +286,7 @@ impl Load {
         }
     }
 
-    /// How many entries it makes of a place.
+    /// Number of entries for each place.
     pub(super) fn repeats(&self) -> usize {
         match self {
             Load::Staircase { repeats, .. } => *repeats as usize,

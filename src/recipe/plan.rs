@@ -84,7 +84,7 @@ impl Plan {
 }
 
 impl Recipe {
-    /// It has more presses than are allowed, and this step is the first that is over.
+    /// Returns the problem of too many presses. This step is the first one above the limit.
     fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
         let told = format!("the plan has {presses} presses, but at most {} are allowed", self.presses_max);
@@ -112,12 +112,12 @@ impl Places {
 }
 
 impl Step {
-    /// How many presses it has.
+    /// Number of presses of the step.
     fn count(&self, layout: &ArrayLayout) -> usize {
         self.places.count(layout).saturating_mul(self.load.repeats())
     }
 
-    /// The step's places, each with where it stands in the text.
+    /// Returns the step's places, each with its position in the text.
     fn places(&self, layout: &ArrayLayout, seed: u64, index: usize, problems: &mut Vec<Problem>) -> Vec<(Place, Span)> {
         let here = |place: Place| (place, self.places_span.clone());
         match &self.places {
@@ -150,7 +150,7 @@ impl Step {
         }
     }
 
-    /// The step's entries in the order their places are visited; those of one place stay together.
+    /// Returns the step's entries in the order in which their places are visited. Entries of one place stay together.
     fn visited(&self, entries: Vec<Entry>) -> Vec<Entry> {
         match &self.places {
             Places::Grid { x_mm, y_mm, spacing_mm, order: Order::Interleaved } => {
@@ -162,7 +162,7 @@ impl Step {
         }
     }
 
-    /// The step's entries in the order of their numbers, which they don't have yet.
+    /// Returns the step's entries in the order of their numbers, which aren't assigned yet.
     fn entries(&self, places: &[(Place, Span)], seed: u64, index: usize) -> Vec<Entry> {
         let mut rng = stream(seed, index as u64, "plan forces");
         let mut entries = Vec::with_capacity(places.len() * self.load.repeats());
@@ -205,12 +205,12 @@ impl Step {
     }
 }
 
-/// How many points lie on an interval, both ends included.
+/// Number of points on an interval, including both ends.
 fn points(range: Range, spacing_mm: f64) -> usize {
     ((range.width() / spacing_mm).round() as usize).saturating_add(1)
 }
 
-/// Rounded to what the instruments can do, and still inside.
+/// Rounds to the resolution of the instruments, inside the range.
 fn to_grain(value: f64, grain: f64, range: &Range) -> f64 {
     ((value / grain).round() * grain).clamp(range.min, range.max)
 }

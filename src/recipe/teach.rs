@@ -19,18 +19,18 @@ pub struct Entry {
     pub rest_after_s: f64,
 }
 
-/// Most presses that teach: near the four corners and the centre of what is to be learned.
+/// Largest number of presses that teach. They are near the four corners and the centre of the area to be learned.
 pub(super) const TEACHES: usize = 5;
 
-/// Fewest presses that are worth teaching for.
+/// Least number of presses for which presses that teach are added.
 const WORTH: usize = 10;
 
-/// Largest share of the specimen's force limit that teaches: there is nothing to learn at the edge.
+/// Largest fraction of the specimen's force limit for a press that teaches. Pressing at the limit would teach nothing.
 const FORCE_SHARE: f64 = 0.9;
 
-/// Puts presses that teach in front of a plan's steps, numbered on from `next`, where enough entries are to find their force
-/// from what was learned. The force is the largest that these ask for, so that nothing has to be guessed beyond what was
-/// seen. A place that was just pressed to teach is measured as late as its step allows: its dent has had time to go.
+/// Adds presses that teach before a plan's steps, numbered from `next`. It adds them if enough entries find their force from
+/// learned data. Their force is the largest one that these entries request, so that no extrapolation is needed. A place that was
+/// just pressed to teach is measured as late as its step allows, so that its dent can recover.
 pub(super) fn teach(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits) {
     let mut pupils: Vec<&Entry> = steps.iter().flatten().filter(|entry| is_pupil(entry)).collect();
     if pupils.len() < WORTH {
@@ -58,13 +58,13 @@ pub(super) fn teach(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits) {
     steps.insert(0, lessons);
 }
 
-/// Whether an entry finds its force from what was learned. A staircase comes slowly anyway.
+/// Whether an entry finds its force from learned data. A staircase approaches slowly in any case.
 fn is_pupil(entry: &Entry) -> bool {
     let is_plain = matches!(entry.task.levels[..], [level] if level.branch == Branch::Loading);
     entry.task.strategy == Strategy::Map && is_plain
 }
 
-/// The entries nearest to the corners and the centre of the box around them all, each at a place of its own.
+/// Returns the entries nearest to the corners and the centre of the box around all entries, each at a different place.
 fn spread<'a>(entries: &[&'a Entry]) -> Vec<&'a Entry> {
     let ends = |along: fn(&Place) -> f64| {
         let all = entries.iter().map(|entry| along(&entry.place));

@@ -11,17 +11,17 @@ use std::collections::BTreeSet;
 pub const CITATION: &str = "Liu, W.; Gu, C.; Zeng, R.; Yu, P.; Fu, X. A Novel Inverse Solution of Contact Force Based on a \
      Sparse Tactile Sensor Array. Sensors 2018, 18(2), 351. doi:10.3390/s18020351";
 
-/// Units along each side of its array, and the distance from one to the next, mm.
+/// Array of the paper: units along each side, and distance from one to the next, mm.
 const SIDE: usize = 3;
 const PITCH_MM: f64 = 4.5;
-/// Half the side of the area that it calibrates, the spacing of the grid, mm, and the force on each point, N.
+/// Calibration of the paper: half the side of the area, mm; spacing of the grid, mm; and force on each point, N.
 const HALF_MM: f64 = 6.0;
 const SPACING_MM: f64 = 0.5;
 const CALIBRATION_N: f64 = 1.0;
-/// The forces that it tests, N.
+/// Least and largest test force of the paper, N.
 const LEAST_N: f64 = 0.1;
 const MOST_N: f64 = 1.0;
-/// Coordinates and forces nearer than this are the same, mm and N.
+/// Distance below which coordinates and forces are the same, mm and N.
 const SAME: f64 = 1e-6;
 
 /// Whether an array is the paper's and was calibrated and tested by its protocol. The array has 3 x 3 units 4.5 mm apart. The

@@ -45,7 +45,7 @@ pub struct Compared {
     calibrated: Vec<(Place, f64)>,
 }
 
-/// The least difference for which the colours of a unit's output reach to their ends, %: the least that is shown.
+/// Least difference at the ends of the colour scale for a unit's output, %. It is the least difference that is shown.
 const LEAST_PERCENT: f64 = 0.01;
 
 impl Compared {
@@ -94,35 +94,35 @@ impl Compared {
         self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 
-    /// Its place and its name.
+    /// Number and name of the run.
     fn numbered(&self, index: usize) -> Markup {
         words(format!("{}.\u{a0}{}", index + 1, self.name))
     }
 
-    /// The sensor, where somebody said which; else the run.
+    /// Name of the sensor if it was stated, otherwise name of the run.
     fn told(&self) -> &str {
         self.manifest.facts.labels.sensor.as_deref().unwrap_or(&self.name)
     }
 
-    /// When it began, as a person writes it; empty where it never did.
+    /// Start time of the run in readable form; empty if the run never began.
     fn began(&self) -> String {
         self.manifest.sessions.first().map(|session| clock(&session.started)).unwrap_or_default()
     }
 
-    /// What it is called beside a figure: the sensor, and below it the day and the minute.
+    /// Name of the run next to a figure: the sensor, and below it the day and the minute.
     fn in_figure(&self) -> String {
         let minute: String = self.began().chars().take("2026-01-01 00:00".len()).collect();
         format!("{}\n{minute}", self.told())
     }
 
-    /// Sensor, run and beginning, as every table of a figure's numbers begins with them.
+    /// Sensor, run and start time, with which every table of a figure's numbers begins.
     fn origin(&self) -> [Value; 3] {
         let sensor = self.manifest.facts.labels.sensor.as_deref().map_or(Value::None, Value::from);
         [sensor, Value::from(self.name.as_str()), Value::from(self.began().as_str())]
     }
 }
 
-/// Mean output of each unit over the calibration presses, a newton by the load cell.
+/// Returns the mean output per newton of each unit over the calibration presses, with forces from the load cell.
 fn gains(presses: &Presses) -> Vec<f64> {
     let sound: Vec<_> = presses.sound(Phase::Calibration).collect();
     let load_n: f64 = sound.iter().filter_map(|press| press.force_n).sum();
@@ -133,7 +133,7 @@ fn gains(presses: &Presses) -> Vec<f64> {
     (0..presses.channels).map(mean).collect()
 }
 
-/// Where a calibration pressed, and how hard, in an order that doesn't depend on that of the presses.
+/// Returns the places and forces of a calibration, in an order that doesn't depend on the order of the presses.
 fn calibrated(presses: &Presses) -> Vec<(Place, f64)> {
     let sound = presses.sound(Phase::Calibration);
     let mut all: Vec<(Place, f64)> =
@@ -158,7 +158,7 @@ pub fn comparison(runs: &[Compared], solver: &str) -> Page {
     Page::of(&counted(runs.len(), "run"), &header, sections.into_iter().flatten())
 }
 
-/// Two tables, since one would be too wide to print.
+/// Returns two tables, because one table would be too wide to print.
 fn numbers(runs: &[Compared], solver: &str) -> Markup {
     let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
     let unaccepted = runs.iter().filter_map(|run| Some((run, run.judgement.as_ref()?)));
@@ -173,7 +173,7 @@ fn numbers(runs: &[Compared], solver: &str) -> Markup {
     }
 }
 
-/// Why a run isn't accepted.
+/// Returns the reasons why a run isn't accepted.
 fn reasons(judgement: &Judgement) -> String {
     format!("{}; {}", judgement.verdict.told(), judgement.all_reasons().collect::<Vec<String>>().join("; "))
 }
@@ -229,28 +229,28 @@ fn origins_table(runs: &[Compared]) -> Markup {
 
 type Summary = fn(&[f64]) -> Option<f64>;
 
-/// None of none.
+/// Returns the mean; `None` if there are no values.
 fn mean(values: &[f64]) -> Option<f64> {
     ErrorSummary::of(values).map(|sum| sum.mean)
 }
 
-/// Standard deviation (n - 1); none of fewer than two.
+/// Returns the standard deviation (n - 1); `None` for fewer than two values.
 fn sd(values: &[f64]) -> Option<f64> {
     Some(values.std_dev()).filter(|sd| sd.is_finite())
 }
 
-/// Height of a run's row in a figure, px: its name and when it began.
+/// Height of a run's row in a figure, px. The row contains the run's name and start time.
 const ROW_PX: f64 = 36.0;
 
-/// A row a run, called by its sensor and when it began.
+/// Returns the axis with a row for each run, named by its sensor and start time, and its height.
 fn rows(runs: &[&Compared]) -> (ChartAxis, f64) {
     (ChartAxis::rows(runs.iter().map(|run| run.in_figure()).collect()), ROW_PX * runs.len() as f64)
 }
 
-/// What a table of a figure's numbers begins with.
+/// First columns of a table of a figure's numbers.
 const ORIGIN: [&str; 3] = ["sensor", "run", "began"];
 
-/// The errors of every run, a figure for each of the two.
+/// Returns two figures, one for each of the two errors, with all runs.
 fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
     let all: Vec<&Compared> = runs.iter().collect();
     let (y, height_px) = rows(&all);
@@ -303,7 +303,7 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
     .collect()
 }
 
-/// Each unit's mean output against that of the first run; none where fewer than two runs have the same units.
+/// Returns the figure of each unit's mean output relative to the first run. `None` if fewer than two runs have the same units.
 fn changes(runs: &[Compared]) -> Option<Drawn> {
     let first = runs.iter().find(|run| !run.gains.is_empty())?;
     let units = first.gains.len();

@@ -89,7 +89,7 @@ fn of_run(run: &Recorded) -> Markup {
     }
 }
 
-/// What an import was made from.
+/// Returns the origin of an import.
 fn imported_rows(imported: &Imported, presses: String) -> Vec<(&'static str, String)> {
     let mut rows = vec![("presses", format!("{presses}: imported, not measured by this program"))];
     let measured = imported.measured.as_deref().unwrap_or("not stated");

@@ -8,7 +8,8 @@ use std::fmt::Display;
 /// Mark in the head of every page of this program. A file with this mark may be replaced by another page.
 pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 
-/// Light and dark as the reader has it; on paper always light. No colour means anything that a shape or a word doesn't mean too.
+/// Style of a page. Light or dark follows the reader's setting; on paper it is always light. Every meaning of a colour is also
+/// shown by a shape or a word.
 const PAGE_STYLE: &str = include_str!("page.css");
 
 /// Returns a complete page.
@@ -140,7 +141,7 @@ impl Drawn {
     }
 }
 
-/// Small letters and digits, others as hyphens.
+/// Converts to lower-case letters and digits, with hyphens for other characters.
 fn kebab_case(words: &str) -> String {
     let letters = |letter: char| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { ' ' };
     words.chars().map(letters).collect::<String>().split_whitespace().collect::<Vec<_>>().join("-")

@@ -22,7 +22,7 @@ pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
 
 type Cell<'a> = &'a dyn Fn(&str, &Evaluation) -> Option<Markup>;
 
-/// The numbers of each method, after the paper's where they stand.
+/// Returns the numbers of each method, with the paper's numbers first where they are comparable.
 fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
     let name = |evaluation: &Evaluation| match evaluation.choice {
         Some(_) => format!("{BEST}: {}", evaluation.solver),
@@ -103,10 +103,11 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
 
 type Part = fn(&ErrorSummary) -> f64;
 
-/// The rows before that of the load cell: the number of presses, and four of each error.
+/// Number of rows before the load cell's row: the number of presses, and four rows for each error.
 const AFTER_FORCE_ERRORS: usize = 9;
 
-/// How often errors were no larger than stated: label, name in the evaluation, and value.
+/// Function that returns the fraction of errors within a stated half-width. The table below has the label, the name in the
+/// evaluation, and the function.
 type Share = fn(&Coverage) -> Option<f64>;
 const COVERAGES: [(&str, &str, Share); 4] = [
     ("location within the stated half-width of 68 %", "location_68", |c| c.location_68),
@@ -115,7 +116,8 @@ const COVERAGES: [(&str, &str, Share); 4] = [
     ("force within the stated half-width of 95 %", "force_95", |c| c.force_95),
 ];
 
-/// What is flagged is left out for all methods, what has no answer by one of them.
+/// Returns the note about excluded presses. Flagged presses are excluded for all methods; presses without an answer are excluded
+/// only for the method concerned.
 fn left_out_told(evaluations: &[Evaluation]) -> Markup {
     let LeftOut { calibration_flagged, test_flagged, .. } = evaluations.first().map(|e| e.left_out).unwrap_or_default();
     html! {

@@ -49,7 +49,7 @@ impl Judged {
     }
 }
 
-/// By both methods, and one that expects an error.
+/// Returns the evaluations by both methods, and the fitted method that states expected errors.
 fn evaluated(trial: &Trial<'_>, second: &str, subject: &Subject) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
     let judged = in_parallel(&[second, PAPERS], |solver| trial.evaluate_fitted(solver));
     let why_not = judged.iter().find_map(|judged| judged.as_ref().err().map(EvaluateError::told));

@@ -54,7 +54,7 @@ impl Numbers {
         Numbers { rows: rows.into_iter().map(whole).collect(), head }.without_constants(3)
     }
 
-    /// Without those of the first columns in which all rows say the same.
+    /// Removes those of the first columns in which all rows have the same value.
     fn without_constants(self, first: usize) -> Numbers {
         let differs = |column: usize| self.rows.iter().any(|row| row[column] != self.rows[0][column]);
         let kept: Vec<usize> = (0..self.head.len()).filter(|column| *column >= first || differs(*column)).collect();
@@ -92,7 +92,7 @@ fn quoted(words: &str) -> String {
     }
 }
 
-/// The table of a figure as it grows.
+/// Table of a figure's numbers, while it is being filled.
 struct Marks<'a> {
     figure: &'a Figure,
     head: Vec<String>,
@@ -158,7 +158,7 @@ impl Marks<'_> {
         self.rows.push(cells);
     }
 
-    /// What a series is called in the legend: that of its colour and marker, else that of its colour.
+    /// Name of a series in the legend: that with the same colour and marker, otherwise that with the same colour.
     fn series(&self, look: &Look) -> String {
         let mut entries = self.figure.legend.iter().flatten();
         let alike = entries.find(|(entry, _)| entry.hue == look.hue && entry.shape == look.shape);
@@ -171,7 +171,7 @@ impl Marks<'_> {
     }
 }
 
-/// The name of an axis' column: "location error, mm" and "_from" make `location_error_from_mm`.
+/// Name of the column for an axis: "location error, mm" and "_from" give `location_error_from_mm`.
 fn column(axis: &ChartAxis, part: &str) -> String {
     let (quantity, unit) = axis.label.rsplit_once(", ").unwrap_or((&axis.label, ""));
     let name = snake_case(quantity) + part;

@@ -8,7 +8,7 @@ use crate::recipe::Phase;
 use crate::solver::ErrorSummary;
 use maud::{Markup, html};
 
-/// What is shown of the force of one row: the press' number in its page, and errors in mN.
+/// Force errors of one row, mN, with the press' number in its page.
 struct Controlled {
     phase: Phase,
     press: f64,
@@ -17,14 +17,14 @@ struct Controlled {
     over_mn: Option<f64>,
 }
 
-/// The phases, how each is drawn, and name of the item.
+/// Phases, with the look of each and the name of the item.
 const PHASES: [(Phase, Hue, Shape); 3] = [
     (Phase::Characterisation, Hue::Green, Shape::Triangle),
     (Phase::Calibration, Hue::Blue, Shape::Circle),
     (Phase::Test, Hue::Orange, Shape::Square),
 ];
 
-/// The most points that are drawn of a phase: of more, one in so many.
+/// Largest number of points that are drawn for a phase. If there are more, every nth point is drawn.
 const MOST_POINTS: usize = 1000;
 
 /// Creates a row for each phase, and a row for every press.
@@ -111,7 +111,7 @@ fn held(runs: &[Recorded]) -> Vec<Controlled> {
     held
 }
 
-/// Phase, press, and how far the load cell's reading in air has moved since the run began, mN.
+/// Returns phase, press, and the move of the load cell's reading in air since the run began, mN.
 fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
     let mut drifts = Vec::new();
     let mut presses = presses(runs);
@@ -126,8 +126,8 @@ fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
     drifts
 }
 
-/// Phase, press, and time since the window before, s, where that was of the press before and of the same phase. Staircases rest
-/// between.
+/// Returns phase, press, and time since the previous window, s. The previous window must be that of the previous press and of the
+/// same phase. Staircases have a rest between them.
 fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
     let of = |contact: &Contact| match contact.levels.as_slice() {
         [press] => press.phase.zip(press.t_s),
@@ -142,7 +142,7 @@ fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
         .collect()
 }
 
-/// All contacts with the number they have in their page, from 1.
+/// Returns all contacts with their numbers in the page, from 1.
 fn presses(runs: &[Recorded]) -> impl Iterator<Item = (f64, &Contact)> {
     runs.iter().flat_map(|run| &run.contacts).enumerate().map(|(index, contact)| ((index + 1) as f64, contact))
 }
@@ -151,7 +151,7 @@ fn look(hue: Hue, shape: Shape) -> Look {
     Look { hue, shape: Some(shape), filled: false, line: Line::None }
 }
 
-/// One panel of points by press, a mark for each phase that has any; none without points.
+/// Returns one panel of points by press, with a mark for each phase that has points. `None` if there are no points.
 fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: bool) -> Option<Drawn> {
     let value = |(_, _, value): &(Phase, f64, f64)| *value;
     let largest = points.iter().map(value).reduce(f64::max)?;

@@ -95,7 +95,7 @@ pub enum ReportError {
     },
 }
 
-/// The phases that a page reports.
+/// Phases that a page reports.
 const PHASES: [Phase; 3] = [Phase::Characterisation, Phase::Calibration, Phase::Test];
 
 impl Subject {
@@ -146,7 +146,8 @@ impl Subject {
         all?.into_iter().reduce(f64::max)
     }
 
-    /// Whether a run is of the sensor that the runs before are of, as far as they say; `same_sensor` speaks for those that don't.
+    /// Checks that a run belongs to the same sensor as the runs before, if the runs state their sensor. For runs that don't,
+    /// `same_sensor` states that it is the same.
     fn check_sensor(&self, run: &Recorded, same_sensor: bool) -> Result<(), ReportError> {
         let labels = |run: &Recorded| {
             let Labels { sensor, design, batch, .. } = run.manifest.facts.labels.clone();
@@ -173,7 +174,7 @@ impl Subject {
         Ok(())
     }
 
-    /// Whether a run's array is that of the runs before.
+    /// Checks that a run's array is that of the runs before.
     fn check_array(&self, run: &Recorded, Bench { layout, unit, .. }: &Bench) -> Result<(), ReportError> {
         let (first, second) = (self.runs[0].name(), run.name());
         if self.layout() != layout {

@@ -8,14 +8,14 @@ use crate::paper;
 use crate::solver::ErrorSummary;
 use maud::{Markup, html};
 
-/// The definitions beside each other, and what each is called.
+/// Definitions of repeatability in the table, with their names.
 const DEFINITIONS: [(Repeatability, &str); 3] =
     [(Repeatability::ThreeSd, "3 sd"), (Repeatability::Range, "range"), (Repeatability::T95, "t95")];
 
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 type Interval = fn(&UnitCharacteristics) -> Option<(f64, f64)>;
 
-/// A column of ours: name of the item, of which units, the value and where the true one lies.
+/// Column with this program's values: name of the item, its units, the value, and the interval of the true value.
 struct Column<'a> {
     name: &'a str,
     units: &'a [UnitCharacteristics],
@@ -57,7 +57,8 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     Some(framed("Characteristics of each unit", &body))
 }
 
-/// One quantity of every unit that was measured, after the paper's where its column is named; their means last.
+/// Returns the table of one quantity for every measured unit. If a column of the paper is named, it comes first. The means are in
+/// the last row.
 fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
     let units = columns[0].units.len();
     let papers = papers.map(|column| move |unit: usize| Some(paper::TABLE_1_PERCENT.get(unit)?[column]));

@@ -7,10 +7,10 @@ use crate::dataset::Recorded;
 use crate::quantity::COVERAGE;
 use maud::{Markup, html};
 
-/// A part of the budget: its name, how it is known, and its value, N.
+/// Part of the budget: its name, its source, and its value, N.
 type Part = (&'static str, &'static str, fn(&Budget) -> Option<f64>);
 
-/// The parts in the order in which they are listed.
+/// Parts in the order in which they are listed.
 const PARTS: [Part; 5] = [
     ("load cell", "its certificate, or a check with a known weight", |budget| budget.cell_n),
     ("zero, interpolated between the air before and after", "scatter in air; drift, rectangular", |budget| {
@@ -63,7 +63,7 @@ pub fn section(subject: &Subject) -> Option<Markup> {
     Some(framed("Uncertainty of the force", &body))
 }
 
-/// The budgets of all levels that pressed.
+/// Returns the budgets of all levels with a force.
 fn pressed(run: &Recorded) -> impl Iterator<Item = Budget> {
     let levels = run.contacts.iter().flat_map(|contact| contact.levels.iter().zip(&contact.budgets));
     levels.filter(|(level, _)| level.force_set_n.is_some_and(|force_n| force_n > 0.0)).map(|(_, budget)| *budget)

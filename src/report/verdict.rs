@@ -78,7 +78,7 @@ fn by_rule(judgement: &Judgement) -> Markup {
     }
 }
 
-/// A value of a checked figure with its unit.
+/// Returns a value of a checked figure with its unit.
 fn value(check: &Check, value: Option<f64>) -> Markup {
     let unit = match check.kind.unit() {
         "" => String::new(),

@@ -45,7 +45,7 @@ impl LoadCell for AdjustedCell {
     }
 }
 
-/// What a person should know of the cell's gain.
+/// Returns a note for the user about the cell's gain.
 fn told(spec: &LoadCellSpec) -> Option<String> {
     match &spec.check {
         Some(check) if check.adjusted => {

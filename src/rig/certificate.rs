@@ -47,7 +47,7 @@ pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
     })
 }
 
-/// The one way in which a certificate states an error.
+/// Reads the error in the one form in which a certificate states it.
 fn read_stated(table: &Table) -> Option<StatedError> {
     let [u_n, u_percent, class_percent] =
         [certificate::u_n, certificate::u_percent, certificate::class_percent].map(|key| table.has(&key));
@@ -80,7 +80,7 @@ fn read_stated(table: &Table) -> Option<StatedError> {
     }
 }
 
-/// A certificate's number.
+/// Reads a certificate's number.
 fn read_number(table: &Table, key: &Key) -> Option<String> {
     let number = table.text(key)?;
     if (1..=NUMBER_MAX).contains(&number.chars().count()) && !number.contains(char::is_control) {

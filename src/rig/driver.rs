@@ -7,7 +7,7 @@ use crate::document::{Key, Problem, Table};
 use crate::wire::Link;
 use std::sync::Arc;
 
-/// The stage's `driver` and `link`.
+/// Reads the stage's `driver` and `link`.
 pub(super) fn read_stage_driver(table: &Table, beside: Beside) -> Option<(Arc<dyn StageDriver>, Link)> {
     if table.text_is(&stage::driver, "marlin") {
         let told = "Marlin can't control a force: it reports where a motion will end, not where the axes are, and can't \
@@ -19,17 +19,17 @@ pub(super) fn read_stage_driver(table: &Table, beside: Beside) -> Option<(Arc<dy
     read(table, [&stage::driver, &stage::link], |family| family.stage.as_ref(), beside)
 }
 
-/// The load cell's `driver` and `link`.
+/// Reads the load cell's `driver` and `link`.
 pub(super) fn read_load_cell_driver(table: &Table, beside: Beside) -> Option<(Arc<dyn LoadCellDriver>, Link)> {
     read(table, [&load_cell::driver, &load_cell::link], |family| family.load_cell.as_ref(), beside)
 }
 
-/// The array's `driver` and `link`.
+/// Reads the array's `driver` and `link`.
 pub(super) fn read_array_driver(table: &Table, beside: Beside) -> Option<(Arc<dyn ArrayDriver>, Link)> {
     read(table, [&array::driver, &array::link], |family| family.array.as_ref(), beside)
 }
 
-/// `driver = "WORD"` or `{ NAME = ..., ... }`, read by the family that it names, and `link`.
+/// Reads `driver = "WORD"` or `{ NAME = ..., ... }` with the family that it names, and `link`.
 fn read<D: Driver + ?Sized + 'static>(
     table: &Table,
     [key, link]: [&Key; 2],
@@ -64,7 +64,7 @@ fn read<D: Driver + ?Sized + 'static>(
     driver.zip(link)
 }
 
-/// `link = "..."` that the driver takes, or `sim`; `own` without it.
+/// Reads `link = "..."`, which must be a link that the driver accepts, or `sim`. Returns `own` if the key is missing.
 fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Option<Link> {
     let expected = match links {
         Links::Stream => "sim, serial://PORT?baud=RATE or tcp://HOST:PORT",

@@ -26,17 +26,17 @@ pub enum FarEnd {
 }
 
 impl EmulatedDevice {
-    /// An instrument on a serial line.
+    /// Returns the emulator of an instrument on a serial line.
     pub(super) fn serial<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
         EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol }
     }
 
-    /// An instrument on a network.
+    /// Returns the emulator of an instrument on a network.
     pub(super) fn network<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
         EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol }
     }
 
-    /// A program.
+    /// Returns the emulator of a program.
     pub(super) fn pipe<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
         EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol }
     }

@@ -11,18 +11,18 @@ const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const UNCERTAIN: Bounds = Bounds::above(0.0, 10.0, "mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
-/// A slower cell would be called stale between two of its readings.
+/// Limits of the conversion rate. A slower cell would count as stale between two of its readings.
 const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
 const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const AIR: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
-/// Forces in certificates and of weights.
+/// Limits of forces in certificates and of weights.
 const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
 const DATE: &str = "date, as year-month-day";
-/// Largest output of any array.
+/// Limits of the largest output of an array.
 const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 
-/// A stage with a small payload: servo lag and half of its jerk time.
+/// Settling time of a stage with a small payload, ms: servo lag and half of its jerk time.
 const SETTLE_MS: f64 = 10.0;
 
 pub(super) const DOWN: [(&str, Down); 2] = [("-z", Down::Minus), ("+z", Down::Plus)];
@@ -51,6 +51,8 @@ keys! {
         approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
             "largest approach speed before the first touch of the specimen", "0.5";
         settle_ms: Number(LATER), or(SETTLE_MS), "how long it still moves after its controller reports the end of a motion", "10.0";
+        homed: Flag, or_flag(false),
+            "ESP301: whether axes whose motors are on are homed; without it, z homes away from the specimen at each start", "true";
         certificate: Table(&stage_certificate::KEYS), Allowed, "its calibration certificate";
     }
 }
@@ -65,8 +67,8 @@ keys! {
     }
 }
 
-/// A driver says which kinds of links it takes.
-const LINK: &str = "address of the device, or \"sim\"; not used for a program";
+/// Description of `link`. Each driver states which kinds of links it accepts.
+const LINK: &str = "address of the device, or \"sim\"; omit it if the driver is a program";
 
 keys! {
     /// `[load_cell]`

@@ -13,7 +13,7 @@ use std::cell::OnceCell;
 use tokio::io::duplex;
 use tokio::time::Instant;
 
-/// Bytes that wait in a link in memory before its writer waits too.
+/// Number of bytes that can wait in a link in memory before its writer has to wait.
 const DUPLEX_BYTES: usize = 4096;
 
 /// A rig with its drivers connected to their links. Nothing has been sent yet.
@@ -101,11 +101,12 @@ impl RigSpec {
             speed_mm_s: self.stage.speed_mm_s,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
             home_speed_mm_s: self.stage.speed_mm_s,
+            homed: self.stage.homed,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
     }
 
-    /// Takes the real links for this program alone: each once, whichever roles share it.
+    /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.
     fn claims(&self) -> Result<Claims, DeviceError> {
         let mut claims = Claims::default();
         let roles: [(&dyn Driver, &Link, &str); 3] = [
@@ -124,7 +125,7 @@ impl RigSpec {
     }
 }
 
-/// Links in memory: each time one is opened an emulator begins to serve its far end.
+/// Returns links in memory. Each time a link is opened, an emulator begins to serve its other end.
 fn in_memory(device: EmulatedDevice, scene: Shared<Scene>, origin: Instant) -> impl Fn() -> Connector {
     move || match device.instrument() {
         Some(instrument) => dial(instrument.clone(), scene.clone(), origin),

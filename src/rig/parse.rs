@@ -74,6 +74,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let approach_mm_s = table.number(&stage::approach_mm_s);
     let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
     let certificate = or_wrong(table.table(&stage::certificate), read_stage_certificate);
+    let homed = table.flag(&stage::homed);
     let (driver, link) = driver?;
     Some(StageSpec {
         driver,
@@ -84,6 +85,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         approach_mm_s: approach_mm_s?,
         settle_s: settle_s?,
         certificate: certificate?,
+        homed: homed?,
     })
 }
 
@@ -99,7 +101,7 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, air_n, certificate, check })
 }
 
-/// What is read of a table that may be missing; none where it is there and wrong.
+/// Reads a table that may be missing. The outer value is `None` if the table is present and invalid.
 fn or_wrong<T>(table: Option<Table>, read: impl Fn(&Table) -> Option<T>) -> Option<Option<T>> {
     match table {
         None => Some(None),
@@ -126,7 +128,7 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     Some(ArraySpec { driver, link, layout, range_v, unit: unit?.to_owned() })
 }
 
-/// The keys of `[array]` that say where its outputs come from.
+/// Keys of `[array]` that state the origin of its outputs.
 const LAYOUT: LayoutKeys =
     LayoutKeys { grid: array::grid, places_mm: array::places_mm, channels_per_unit: array::channels_per_unit };
 
@@ -136,7 +138,7 @@ fn read_limits(table: &Table) -> Option<Limits> {
     Some(Limits { force_n: force_n?, depth_mm: depth_mm?, stiffness_n_mm: stiffness_n_mm? })
 }
 
-/// The least stiffness, where it is declared; none if it is wrong.
+/// Reads the least stiffness if it is declared. The outer value is `None` if it is invalid.
 fn read_least(table: &Table) -> Option<Option<f64>> {
     if !table.has(&limits::stiffness_least_n_mm) {
         return Some(None);
@@ -179,7 +181,7 @@ fn check_links(spec: &RigSpec, table: &Table) {
     }
 }
 
-/// Whether the drivers can work together.
+/// Checks that the drivers can work together.
 fn check_drivers(spec: &RigSpec, table: &Table) {
     let drivers: [&dyn Driver; 3] = [&*spec.stage.driver, &*spec.load_cell.driver, &*spec.array.driver];
     for misfit in drivers.into_iter().flat_map(|driver| driver.misfits(spec)) {
@@ -196,7 +198,7 @@ fn problem(span: Span, told: String, help: Option<&str>) -> Problem {
     }
 }
 
-/// Whether z reaches from clear of the surface to the deepest press.
+/// Checks that z can move from clearance height to the deepest press.
 fn check_room(spec: &RigSpec, table: &Table) {
     let frame = &spec.frame;
     let travel = spec.stage.travel.along(Axis::Z);

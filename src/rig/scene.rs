@@ -12,8 +12,8 @@ use crate::scene::{
     Stiffness, Wave,
 };
 
-/// The paper's rig's scene: what a rig without a `[scene]` is simulated with. An array of other than nine units goes through
-/// Table 1 again from its top.
+/// Returns the scene of the paper's rig, with which a rig without a `[scene]` is simulated. An array with another number than
+/// nine units repeats Table 1 from its top.
 pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
     let mut paper = document::read("rigs/sim.toml", SIM_RIG, &KEYS, |table| {
         table.table(&keys::root::scene).and_then(|table| read_scene(&table, None))
@@ -25,7 +25,7 @@ pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
     Ok(paper)
 }
 
-/// Reads `[scene]`: each term is there because it is named.
+/// Reads `[scene]`. Each term exists only if it is named.
 pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpec> {
     let skin = read_skin(table, units);
     let contact = table.table(&scene::contact).and_then(|table| {
@@ -75,7 +75,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
     })
 }
 
-/// The plane's tilt, mm, and what is over the plane.
+/// Reads the plane's tilt, mm, and the deviations from the plane.
 fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
     let tilt_mm = table.number(&surface::tilt_mm);
     let bumps_mm = table.number(&surface::bumps_mm);
@@ -109,7 +109,7 @@ fn read_fault(table: &Table) -> Option<Fault> {
     Some(Fault { kind: kind?, from_s: from_s?, value })
 }
 
-/// What the devices take to answer, each as its key says unless the scene does.
+/// Returns a wave; `None` if the amplitude is 0.
 fn wave(amplitude: f64, period_s: f64) -> Option<Wave> {
     (amplitude > 0.0).then_some(Wave { amplitude, period_s })
 }

@@ -16,12 +16,12 @@ const OFFSET: Bounds = Bounds::within(-100.0, 100.0, "N");
 const LAG: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const LATENCY: Bounds = Bounds::within(0.0, 10_000.0, "ms");
 const PERCENT: Bounds = Bounds::within(0.0, 100.0, "%");
-/// Reading units: 1 is the reading for 1 N straight above.
+/// Limits of reading units: 1 is the reading for 1 N directly above.
 const READING: Bounds = Bounds::within(-1000.0, 1000.0, "");
 
 pub(super) const NOISE_OF: [(&str, NoiseOf); 2] = [("full-scale", NoiseOf::FullScale), ("reading", NoiseOf::Reading)];
 
-/// How a unit's fault is named, before it is known how much of it there is.
+/// Kind of a unit's fault as named in the text, without its size.
 #[derive(Clone, Copy)]
 pub(super) enum Taxel {
     Dead,

@@ -12,10 +12,10 @@ use tokio::time::Instant;
 /// Half the side of the loading area (PAPER S8), mm.
 const LOADING_HALF_MM: f64 = 6.0;
 
-/// How far from the specimen the axes stand when an emulated controller is switched on, mm.
+/// Distance of the axes from the specimen when an emulated controller is switched on, mm.
 const POWER_ON_MM: f64 = 5.0;
 
-/// Why an array has no emulator whose units have more channels than a scene's.
+/// Reason why an array has no emulator if its units have more channels than a scene supports.
 pub(super) const TOO_MANY_CHANNELS: &str =
     "a simulated unit has at most 3 channels: the stress, and its slopes along x and y";
 
@@ -31,7 +31,7 @@ pub struct SimulatedRig {
     pub array: EmulatedDevice,
 }
 
-/// How long after it is asked for a simulated person puts a weight on or takes it off, s.
+/// Time in which a simulated person puts a weight on or takes it off after the request, s.
 const PERSON_S: f64 = 2.0;
 
 /// Access of a run to a simulated scene: names the presses, reads the truth, and requests actions of a person.
@@ -88,7 +88,7 @@ impl RigSpec {
     }
 }
 
-/// Why a device of a rig can't be simulated.
+/// Returns the error of a rig's device that can't be simulated.
 fn not_simulated(device: Device, why: String) -> DeviceError {
     let (device, doing) = (device.name().to_owned(), "opening it".to_owned());
     DeviceError { device, doing, problem: DeviceProblem::Mismatch(why) }

@@ -7,7 +7,7 @@ use crate::document::{self, Key, Problem, Table};
 use crate::mechanics::{MOST_RADIUS_DEPTHS, Medium};
 use crate::scene::{Converter, Elastomer, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
 
-/// Reads what the scene says of its taxels; `units` is how many the rig's array has, if that is known.
+/// Reads the scene's description of its taxels. `units` is the number of units in the rig's array, if known.
 pub(super) fn read_skin(table: &Table, units: Option<usize>) -> Option<SkinSpec> {
     let elastomer = table.table(&scene::elastomer).and_then(|table| read_elastomer(&table));
     let under = |key: &Key| {
@@ -61,7 +61,7 @@ fn read_taxels(table: &Table, elastomer: Option<Elastomer>) -> Option<Taxels> {
     })
 }
 
-/// The radius of an indenter or a taxel, mm.
+/// Reads the radius of an indenter or a taxel, mm.
 fn read_radius(table: &Table, key: &Key, elastomer: Option<Elastomer>) -> Option<f64> {
     let radius_mm = table.number(key)?;
     if let Some(Elastomer { depth_mm, .. }) = elastomer
@@ -98,7 +98,7 @@ fn read_fault(table: &Table, units: Option<usize>) -> Option<TaxelFault> {
     Some(TaxelFault { unit: unit?, kind: kind? })
 }
 
-/// One percentage a unit.
+/// Reads one percentage for each unit.
 fn read_percents(table: &Table, key: &Key, units: Option<usize>) -> Option<Vec<f64>> {
     let percents = table.per_unit(key)?;
     if let Some(units) = units

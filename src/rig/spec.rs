@@ -20,10 +20,10 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use tokio::time::Instant;
 
-/// Clearance above the highest the surface may be, in which the indenter travels before the surface is learned, mm.
+/// Clearance above the highest possible surface at which the indenter travels before the surface is learned, mm.
 const CLEARANCE_MM: f64 = 0.3;
 
-/// How far from the end of its travel the stage waits, mm: not on a switch.
+/// Distance of the waiting stage from the end of its travel, mm, so that it isn't on a switch.
 const TOP_MM: f64 = 0.1;
 
 /// A parsed rig file.
@@ -73,6 +73,8 @@ pub struct StageSpec {
     pub settle_s: f64,
     /// Calibration certificate of the stage.
     pub certificate: Option<StageCertificate>,
+    /// Whether axes whose motors are on are homed; only for controllers that don't report it.
+    pub homed: bool,
 }
 
 /// Load cell section of a rig file.
@@ -140,7 +142,7 @@ impl LoadCellSpec {
     }
 }
 
-/// The trip of a gain that is off.
+/// Returns the trip for a gain with too large an error.
 fn gain_off(check: &WeightCheck, certificate: Option<&Certificate>) -> Trip {
     let most = if check.adjusted { GAIN_OFF_MOST } else { check.explained(certificate).min(GAIN_OFF_MOST) };
     Trip::new(Rule::GainOff, 100.0 * (check.gain - 1.0), 100.0 * most, "%")
@@ -155,7 +157,7 @@ impl RigSpec {
         Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
     }
 
-    /// Returns the same rig with this program's emulators in place of its links.
+    /// Returns the same rig with this program's emulators instead of its links.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {
         self.stage.link = Link::Sim;
@@ -235,25 +237,25 @@ impl RigSpec {
 
 /// A driver as described by a rig, in any role.
 pub trait Driver: Any + Debug + Send + Sync {
-    /// The link that it has by itself; none: the rig names it.
+    /// Returns the driver's own link. `None` if the rig has to name the link.
     fn own_link(&self) -> Option<Link> {
         None
     }
 
-    /// The register map that it goes by, if it has one.
+    /// Returns the register map that the driver uses, if it has one.
     fn map(&self) -> Option<&MappedDevice> {
         None
     }
 
-    /// Takes its real link for this program alone.
+    /// Claims the driver's real link exclusively for this program.
     ///
     /// # Errors
-    /// Another program has it.
+    /// Returns an error if another program uses the link.
     fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
         claims.take(link)
     }
 
-    /// What keeps it from working with the rest of the rig.
+    /// Returns the reasons why the driver can't work with the rest of the rig.
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
         let _ = rig;
         Vec::new()
@@ -273,49 +275,49 @@ pub struct Misfit {
 
 /// Driver of a stage.
 pub trait StageDriver: Driver {
-    /// The driver on its link, which `dial` opens; nothing is sent.
+    /// Returns the driver on its link, which `dial` opens. Nothing is sent.
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage;
 
-    /// The emulator that answers it in a simulated rig.
+    /// Returns the emulator that answers the driver in a simulated rig.
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
 }
 
 /// Driver of a load cell.
 pub trait LoadCellDriver: Driver {
-    /// The driver on its link, which `dial` opens; nothing is sent.
+    /// Returns the driver on its link, which `dial` opens. Nothing is sent.
     ///
     /// # Errors
-    /// It can't play this role, or needs a library that isn't there.
+    /// Returns an error if the driver can't play this role, or needs a library that is missing.
     fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError>;
 
-    /// The emulator that answers it in a simulated rig, whose stage is `stage`.
+    /// Returns the emulator that answers the driver in a simulated rig with the stage `stage`.
     ///
     /// # Errors
-    /// There is none.
+    /// Returns an error if there is no emulator.
     fn emulated(&self, rig: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError>;
 }
 
 /// Driver of an array.
 pub trait ArrayDriver: Driver {
-    /// The driver on its link, which `dial` opens; nothing is sent.
+    /// Returns the driver on its link, which `dial` opens. Nothing is sent.
     ///
     /// # Errors
-    /// It can't play this role, or needs a library that isn't there.
+    /// Returns an error if the driver can't play this role, or needs a library that is missing.
     fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError>;
 
-    /// The emulator that answers it in a simulated rig.
+    /// Returns the emulator that answers the driver in a simulated rig.
     ///
     /// # Errors
-    /// There is none.
+    /// Returns an error if there is no emulator.
     fn emulated(&self, rig: &RigSpec) -> Result<EmulatedDevice, DeviceError>;
 
-    /// What keeps it from reading all outputs of a layout, and what to do about it.
+    /// Returns the reason why the driver can't read all outputs of a layout, and advice.
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let _ = layout;
         None
     }
 
-    /// The largest output that it can give, where it knows, V.
+    /// Returns the largest possible output of the driver, if known, V.
     fn range_v(&self) -> Option<f64> {
         None
     }
@@ -330,9 +332,9 @@ pub struct Wiring<'a> {
     pub rig: &'a RigSpec,
     /// Start of the rig's time, from which readings are timed.
     pub origin: Instant,
-    /// The scene behind a simulated rig.
+    /// Scene of a simulated rig.
     pub(super) scene: Option<Shared<Scene>>,
-    /// The task that samples all NI inputs, once it is made.
+    /// Task that samples all NI inputs, after it was created.
     pub(super) acquisition: OnceCell<SharedAcquisition>,
 }
 

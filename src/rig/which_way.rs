@@ -6,23 +6,24 @@ use std::fmt::Debug;
 
 /// Source that knows whether a stage really moves z away from the specimen when commanded to.
 pub trait WhichWay: Debug + Send + Sync {
-    /// Whether somebody saw it before, with this stage on this link.
+    /// Whether a person has already confirmed the direction, with this stage on this link.
     fn is_known(&self, stage: &Identity, down: Down) -> bool;
 
-    /// Says that z is about to move by this distance, mm.
+    /// Announces that z is about to move by this distance, mm.
     ///
     /// # Errors
-    /// There is nobody to see it, and what to do about that; nothing has moved.
+    /// Returns an error with advice if there is nobody to watch. Nothing has moved.
     fn announce(&self, stage: &Identity, way_mm: f64) -> Result<(), String>;
 
-    /// Asks whether z went away from the specimen, and remembers it if it did. `is_cancelled` says that a person wants a stop instead.
+    /// Asks whether z moved away from the specimen, and remembers it if so. `is_cancelled` returns whether the person wants a
+    /// stop instead.
     ///
     /// # Errors
-    /// It didn't, or nobody says so.
+    /// Returns an error if z didn't move away, or nobody confirms it.
     fn confirm(&self, stage: &Identity, down: Down, is_cancelled: &dyn Fn() -> bool) -> Result<(), String>;
 }
 
-/// Nobody: a rig that isn't simulated stays where it is.
+/// Absence of a person. A rig that isn't simulated doesn't move.
 #[derive(Debug)]
 pub(super) struct Nobody;
 

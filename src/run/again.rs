@@ -9,20 +9,21 @@ use crate::dataset::{Air, Ledger, Record, Retouch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
 
-/// How far a surface that was touched before may have moved, mm: half of what the indenter travels above it.
+/// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
 const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
 
-/// The force with which a place is touched again, as a share of the specimen's limit, where it bore more before.
+/// Force with which a place is touched again if it carried more before, as a fraction of the specimen's limit.
 const TOUCH_SHARE: f64 = 0.25;
 
-/// Tolerance of that force, as a share of it, and how long it is sampled, s: what counts is where contact began.
+/// Tolerance of that force, as a fraction of the force. The second constant is the sampling time, s. Only the start of the
+/// contact matters.
 const TOUCH_TOLERANCE: f64 = 0.2;
 const TOUCH_SAMPLE_S: f64 = 0.05;
 
-/// The number of the first contact that no plan counts, far above those that one does.
+/// Number of the first contact outside the plan. It is far above the numbers of planned contacts.
 const UNCOUNTED: u64 = 1 << 62;
 
-/// Two looks at the same air differ by no more than so many standard deviations.
+/// Largest difference between two looks at the same air, in standard deviations.
 const SAME_SIGMAS: f64 = 5.0;
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {

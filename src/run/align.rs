@@ -11,20 +11,20 @@ use crate::solver::{
     Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, place_array, plane_through,
 };
 
-/// Presses along either edge of the array.
+/// Number of presses along each edge of the array.
 const PRESSES_A_SIDE: usize = 5;
 
-/// How hard, as a share of the specimen's force limit: what units err by is a share of their full scale, so that a light press is
-/// heard badly.
+/// Force of the presses, as a fraction of the specimen's force limit. Errors of units are a fraction of their full scale, so a
+/// light press would give poor results.
 const FORCE_SHARE: f64 = 0.5;
 
 /// Least half of the pressed area's side, mm.
 const HALF_LEAST_MM: f64 = 1.0;
 
-/// How much farther than the units the specimen is pressed later, as a share of their extent (PAPER S8: 6 mm beyond 4.5).
+/// Ratio of the area that is pressed later to the extent of the units (PAPER S8: 6 mm for 4.5).
 const LATER_SHARE: f64 = 4.0 / 3.0;
 
-/// What the surface is given for its scatter about the plane, sd, and for what isn't known of it, mm.
+/// Allowance for the scatter of the surface about the plane, sd, and for its unknown part, mm.
 const SURFACE_SIGMAS: f64 = 5.0;
 const SURFACE_LEAST_MM: f64 = 0.02;
 

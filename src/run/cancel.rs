@@ -11,7 +11,7 @@ pub struct Cancel {
     sender: watch::Sender<Word>,
 }
 
-/// What a person said last.
+/// Last command of the operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Word {
     #[default]
@@ -40,12 +40,12 @@ impl Cancel {
         self.exchange(Word::GoOn, Word::Pause)
     }
 
-    /// The rig is made ready: until it is, no press is under way that a pause could wait for.
+    /// Marks that the rig is being prepared. Until it is prepared, there is no press whose end a pause could wait for.
     pub(super) fn preparing(&self) {
         self.exchange(Word::GoOn, Word::Preparing);
     }
 
-    /// It is.
+    /// Marks that the rig is prepared.
     pub(super) fn prepared(&self) {
         self.exchange(Word::Preparing, Word::GoOn);
     }
@@ -61,7 +61,7 @@ impl Cancel {
     }
 
     /// # Errors
-    /// A stop was asked for.
+    /// Returns a halt if a stop was requested.
     pub(super) fn check(&self) -> Result<(), Halt> {
         if self.asked() { Err(Halt::Cancelled) } else { Ok(()) }
     }

@@ -16,23 +16,24 @@ pub const WEIGHT_TIMES: u32 = 3;
 /// Longest wait until the weight is put on or removed, and rests.
 pub const WEIGHT_WAIT: Duration = Duration::from_secs(60);
 
-/// A mean that moved by more than this share of the weight has the weight on: so little that a cell in wrong units shows it too.
+/// Least move of the mean that shows that the weight is on, as a fraction of the weight. It is small enough for a cell in wrong
+/// units too.
 const MOVED_SHARE: f64 = 0.05;
-/// Off again: no more than this share of what the weight read is left.
+/// Largest rest of the weight's reading after the weight is removed, as a fraction of the reading.
 const LEFT_SHARE: f64 = 0.25;
-/// Two means in a row show rest if they differ by no more than so many sd, and this share of the weight.
+/// Largest difference of two successive means at rest, in sd. The second constant is an allowance, as a fraction of the weight.
 const REST_SIGMAS: f64 = 4.0;
 const REST_SHARE: f64 = 0.001;
-/// How long a look takes, at least, s, and how many readings it has, at least.
+/// Least duration of a look, s, and least number of its readings.
 const LOOK_S: f64 = 0.25;
 const LOOK_READINGS: usize = 4;
-/// How long the window of a weight at rest takes, at least, s, and how many readings each half has, at least.
+/// Least duration of the window of a weight at rest, s, and least number of readings in each half.
 const WINDOW_S: f64 = 1.0;
 const HALF_READINGS: usize = 10;
-/// The zero in air: readings and time, at least, s.
+/// Least number of readings and least time for the zero in air, s.
 const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 1.0;
-/// Largest standard deviation of the gain from time to time.
+/// Largest standard deviation of the gain over time.
 const UNSTEADY: f64 = 0.01;
 
 /// A weight that a load cell is checked with.
@@ -104,11 +105,11 @@ impl Weighed {
     }
 }
 
-/// Has the weight put on and taken off, and reads it each time between two readings of air. The cell's own readings count, for any
-/// the rig adjusts for.
+/// Asks the operator to put the weight on and take it off. Reads the weight each time between two readings of air. It uses the
+/// cell's own readings, without the rig's adjustment.
 ///
 /// # Errors
-/// A person's word to stop, a cell that fails, a weight that doesn't come, doesn't go or doesn't repeat.
+/// Returns a halt if the operator stops the check, the cell fails, or the weight isn't put on, isn't taken off or doesn't repeat.
 pub(super) async fn weigh<C: LoadCell>(
     gauge: &mut Gauge<'_, C>,
     probe: Option<&SceneProbe>,
@@ -146,21 +147,21 @@ pub(super) async fn weigh<C: LoadCell>(
     Ok(weighed)
 }
 
-/// What is waited for.
+/// Event that is awaited.
 #[derive(Clone, Copy)]
 enum Waits {
     On,
     Off { read_n: f64 },
 }
 
-/// The cell as a balance.
+/// Load cell used as a balance.
 struct Scale {
     zero: Zero,
     weight_n: f64,
 }
 
 impl Scale {
-    /// The mean of a weight that is on, or off, and rests.
+    /// Returns the mean of a weight that is on or off, and at rest.
     async fn wait<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, air_n: f64, waits: Waits) -> Result<Mean, Halt> {
         let began = Instant::now();
         let mut last: Option<Mean> = None;
@@ -205,7 +206,7 @@ impl Scale {
         Trip::new(rule, moved_n, self.threshold_n(readings, waits), "N")
     }
 
-    /// The mean of a window, and whether its halves agree.
+    /// Returns the mean of a window, and whether its halves agree.
     async fn window<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>) -> Result<(Mean, bool), Halt> {
         let first = self.look(gauge, WINDOW_S / 2.0, HALF_READINGS).await?;
         let second = self.look(gauge, WINDOW_S / 2.0, HALF_READINGS).await?;
@@ -217,7 +218,7 @@ impl Scale {
         Ok((both, self.agree(&first, &second)))
     }
 
-    /// The mean of some readings, over whole periods of the hum, N as the cell reads.
+    /// Returns the mean of some readings over complete periods of the hum, N as the cell reads.
     async fn look<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, least_s: f64, least: usize) -> Result<Mean, Halt> {
         let least_s = self.zero.mean_s(least_s);
         let mut read: Vec<(f64, f64)> = Vec::new();
@@ -259,7 +260,8 @@ pub enum Verdict {
     Fault(Option<&'static str>),
 }
 
-/// Ratios of a reading to the weight that show a wrong unit, and how near a gain must be to one, as a share of it.
+/// Ratios of a reading to the weight that indicate a wrong unit. The second constant is the largest distance of a gain from a
+/// ratio, as a fraction of the ratio.
 const UNITS: [(f64, &str); 6] = [
     (1.0 / GRAVITY_M_S2, "the cell's unit is the kilogram-force (9.80665 N), or its range is ten times too large"),
     (GRAVITY_M_S2, "the weight was given in kilograms-force (9.80665 N), or the cell's range is ten times too small"),

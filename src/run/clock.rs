@@ -2,7 +2,7 @@
 
 use tokio::time::Instant;
 
-/// Time since the run's start: a run that continues counts from where it was.
+/// Clock of the time since the run's start. A continued run counts from the time that it had reached.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RunClock {
     began: Instant,

@@ -4,8 +4,8 @@ use crate::control::{MotionProfile, Strategy, TOUCH_MOST_N, safe_speed_mm_s};
 use crate::recipe::Entry;
 use crate::rig::RigSpec;
 
-/// What a press takes beyond its travel, dwell and window on a stage that answers in some 12 ms: the look at the air, the
-/// approach, the steps and the withdrawal, s.
+/// Time of a press beyond its travel, dwell and window, s, on a stage that answers in some 12 ms. It covers the look at the air,
+/// the approach, the steps and the withdrawal.
 fn press_s(strategy: Strategy) -> f64 {
     match strategy {
         Strategy::Guarded => 1.1,
@@ -14,10 +14,10 @@ fn press_s(strategy: Strategy) -> f64 {
     }
 }
 
-/// What each further level of a staircase takes beyond its dwell and window, s.
+/// Time of each further level of a staircase beyond its dwell and window, s.
 const LEVEL_S: f64 = 0.4;
 
-/// What a look at the force between two steps of the first descent takes, s, and how late the rig reacts meanwhile, s.
+/// Time of a look at the force between two steps of the first descent, s, and the rig's reaction delay during that time, s.
 const LOOK_S: f64 = 0.1;
 const REACTION_S: f64 = 0.05;
 

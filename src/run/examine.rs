@@ -11,10 +11,10 @@ use crate::quantity::Axis;
 use crate::rig::RigSpec;
 use tokio::time::Instant;
 
-/// Exchanges with each device that are timed.
+/// Number of timed exchanges with each device.
 const TIMED: usize = 200;
 
-/// Readings in air that make the zero, at least, and how long they take, at least, s.
+/// Least number of readings in air for the zero, and least time for them, s.
 const ZERO_READINGS: usize = 200;
 const ZERO_S: f64 = 1.0;
 
@@ -136,7 +136,7 @@ async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
     }))
 }
 
-/// The largest spread of any unit's output, V.
+/// Returns the largest spread of any unit's output, V.
 async fn spread_v<A: SensorArray>(array: &mut A) -> Result<f64, DeviceError> {
     let mut rows = Vec::with_capacity(TIMED);
     for _ in 0..TIMED {

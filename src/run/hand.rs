@@ -14,30 +14,31 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
-/// How long readings in air are kept, s, and how many at most: what is older, the zero has moved away from.
+/// Time for which readings in air are kept, s, and largest number of kept readings. The zero may have moved since older readings.
 const AIR_S: f64 = 0.3;
 const AIR_MAX: usize = 4096;
-/// The least time that air is read for, s, so that its mean is not much worse than a window's.
+/// Least time for reading the air, s, so that its mean is almost as good as a window's.
 const AIR_LEAST_S: f64 = 0.05;
-/// How far an output may move from one look of the first descent to the next: so many sd of a reading, and what a converter's
-/// steps and a slow drift may make of it, as a share of the array's range, or of the output where no range is known.
+/// Largest change of an output between two looks of the first descent, in sd of a reading. The other constants allow for a
+/// converter's steps and a slow drift, as fractions of the array's range, or of the output if the range is unknown.
 const OUTPUT_SIGMAS: f64 = 10.0;
 const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
-/// Readings in a row that must say so.
+/// Number of successive readings that must show such a change.
 const OUTPUT_LOOKS: usize = 3;
-/// Readings of the force that show a light touch, and how far above none their mean must be, sd.
+/// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 const LIGHT_SIGMAS: f64 = 4.0;
-/// Readings of the outputs that make their air at least, and at most on the way from place to place: as many as a window has.
+/// Least number of output readings in air, and largest number on the way from place to place. The largest number is that of a
+/// window.
 const OUTPUTS_IN_AIR: u32 = 10;
 pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
-/// Readings in a row that must show a rise of the force before it stops a withdrawal.
+/// Number of successive readings that must show a rise of the force before the rise stops a withdrawal.
 const RISE_READINGS: usize = 5;
-/// Longest wait for the reading under way when a withdrawal is over.
+/// Longest wait for the reading in progress at the end of a withdrawal.
 const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
 
-/// The instruments in use: what carries out the commands of a press.
+/// Instruments in use, which carry out the commands of a press.
 pub(super) struct Hand<'a, S, C, A> {
     pub stage: S,
     pub cell: Gauge<'a, C>,
@@ -59,7 +60,7 @@ pub(super) struct Hand<'a, S, C, A> {
     _claims: Claims,
 }
 
-/// The load cell under its watch, read no faster than it converts.
+/// Load cell with its watch, read no faster than it converts.
 pub(super) struct Gauge<'a, C> {
     pub cell: C,
     pub watch: Watch,
@@ -74,7 +75,7 @@ pub(super) struct Gauge<'a, C> {
     air: ForcesInAir,
 }
 
-/// The newest readings of the cell in air, as they come.
+/// Newest readings of the cell in air, collected as they arrive.
 #[derive(Debug, Default)]
 struct ForcesInAir {
     /// Whether the current readings are readings in air.
@@ -304,7 +305,7 @@ impl ForcesInAir {
         ends.map_or(0.0, |((first, _), (last, _))| (*last - *first).as_secs_f64())
     }
 
-    /// Noise of one reading, from what two in a row differ by: a force that comes or a zero that drifts isn't noise.
+    /// Noise of one reading, from the differences of successive readings. An increasing force or a drifting zero isn't noise.
     fn sigma_n(&self) -> f64 {
         let following = self.readings.iter().skip(1);
         let squares: f64 = self.readings.iter().zip(following).map(|((_, a), (_, b))| (b - a).powi(2)).sum();
@@ -412,7 +413,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 }
 
-/// The first output that moved by more than it may, and how far that is; none where all are what they were.
+/// Returns the first output that changed by more than allowed, and its change. Returns `None` if no output changed.
 fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
     // few readings know one output's noise badly: none counts as quieter than all together
     let common = (sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / sigmas.len().max(1) as f64).sqrt();

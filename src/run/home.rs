@@ -13,37 +13,38 @@ use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
-/// Readings before anything moves, at least, and how long they take, at least, s.
+/// Least number of readings before anything moves, and least time for them, s.
 const STILL_READINGS: usize = 20;
 const STILL_S: f64 = 0.1;
 
-/// Readings of the cell that are timed before the stage moves.
+/// Number of the cell's readings that are timed before the stage moves.
 const TIMED: usize = 5;
 
-/// What an exchange with the stage may take, as long as none was timed, s: an ESP301 takes up to 80 ms.
+/// Assumed time of an exchange with the stage before any is timed, s. An ESP301 takes up to 80 ms.
 const STAGE_EXCHANGE_S: f64 = 0.1;
 
-/// The share of the force limit that homing into something may use up: the indenter may have been in contact before.
+/// Fraction of the force limit that homing into an obstacle may use up, because the indenter may already be in contact.
 const HOMING_SHARE: f64 = 0.5;
 
-/// Slowest search for home, mm/s: with a specimen so stiff that nothing stops in time, it would take hours.
+/// Slowest search for home, mm/s. With a specimen too stiff to stop in time, a safe search would take hours.
 const HOMING_LEAST_MM_S: f64 = 0.5;
 
-/// How far z goes for a person to see which way that is, mm.
+/// Distance that z moves to show its direction to the operator, mm.
 const NUDGE_MM: f64 = 1.0;
 
-/// Longest wait for a stage that was stopped while it is homed, and for the stop to be sent once more.
+/// Longest wait for a stage that was stopped during homing, and for the stop to be sent again.
 const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 
-/// A rig whose stage is home, z at the top; or as it is where the stage or the load cell can't be used: nothing moves unread.
+/// Rig whose stage is home, with z at the top. If the stage or the load cell can't be used, nothing moves, because the force
+/// couldn't be read.
 pub(super) struct AtHome<'a, S, C, A> {
     pub hand: Hand<'a, S, C, A>,
     pub stage: Result<Identity, DeviceError>,
     pub load_cell: Result<Identity, DeviceError>,
 }
 
-/// Identifies load cell and stage, brings the stage to rest, homes what isn't homed (z first, away) and takes z to the top, the cell
-/// read meanwhile.
+/// Identifies load cell and stage, brings the stage to rest, homes the axes that aren't homed (z first, away) and moves z to the
+/// top. The cell is read during the motions.
 pub(super) async fn at_home<'a>(
     rig: OpenRig,
     spec: &RigSpec,
@@ -120,7 +121,7 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
 }
 
-/// Why the stage didn't do what it was to.
+/// Reason why the stage didn't move as ordered.
 enum Unmoved {
     /// The stage reported an error.
     Stage(DeviceError),
@@ -143,7 +144,7 @@ impl From<Unmoved> for Halt {
     }
 }
 
-/// How the load cell is read while the stage moves.
+/// Way in which the load cell is read while the stage moves.
 #[derive(Clone, Copy, Debug)]
 enum Reading {
     /// Every reading passes the watch. A cell that falls silent stops the stage.
@@ -161,7 +162,8 @@ pub struct Withdrawn {
     pub load_cell: Option<String>,
 }
 
-/// What a device says of itself. One that hangs isn't waited for when a person says stop: nothing more is asked of it.
+/// Returns the device's description of itself. If the operator requests a stop, it doesn't wait for a device that hangs, and
+/// sends no more questions.
 pub(super) async fn unless_stopped(
     cancel: &Cancel,
     identified: impl Future<Output = Result<Identity, DeviceError>>,
@@ -174,8 +176,8 @@ pub(super) async fn unless_stopped(
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Times the load cell, and sets the speed at which a search for home that runs into the declared specimen stops within the
-    /// force limit.
+    /// Times the load cell and sets the speed of the search for home. At this speed, a search that runs into the declared
+    /// specimen stops within the force limit.
     async fn set_home_speed(&mut self, spec: &RigSpec) -> Result<Reaction, Halt> {
         let mut load_cell_s = 0.0f64;
         for _ in 0..TIMED {
@@ -192,7 +194,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(reaction)
     }
 
-    /// Homes the stage and takes z to the top.
+    /// Homes the stage and moves z to the top.
     async fn come_home(&mut self, spec: &RigSpec, identity: &Identity, reaction: &Reaction) -> Result<(), Unmoved> {
         self.watch_from_rest(spec).await?;
         self.confirm_away(spec, identity).await?;
@@ -214,20 +216,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await
     }
 
-    /// Whether z went a little way away from the specimen.
+    /// Moves z slightly away from the specimen. Returns whether z moved.
     async fn nudge_away(&mut self, reading: Reading) -> Result<bool, Unmoved> {
         self.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await
     }
 
-    /// From here on the force is not to rise above what it is now, at rest.
+    /// Starts the watch: from now on the force mustn't rise above its present value at rest.
     async fn watch_from_rest(&mut self, spec: &RigSpec) -> Result<(), Halt> {
         let still = self.at_rest().await?;
         self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
         Ok(())
     }
 
-    /// The first time that this stage is driven along z this way, a person sees that it is away from the specimen: no measurement
-    /// in air shows it.
+    /// Asks the operator to confirm that z moves away from the specimen, when this stage is first moved along z in this
+    /// direction. No measurement in air shows the direction.
     async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
         let down = spec.frame.down;
         let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
@@ -245,7 +247,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Moves the stage while the cell is read, and leaves it alone some time after a person's word to stop, in any state.
+    /// Moves the stage while the cell is read. Some time after the operator's stop request it leaves the stage alone, in any
+    /// state.
     async fn moves<T>(
         &mut self,
         reading: Reading,
@@ -284,8 +287,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
     }
 
-    /// Takes z to the top if it is deeper, and checks that what the cell says there is air: that it stays where z is a little
-    /// farther away, or nearer if it can't go farther.
+    /// Moves z to the top if z is deeper, and checks that the cell is in air there. Its reading must stay the same slightly
+    /// farther away, or slightly nearer if z can't go farther.
     async fn come_to_the_top(&mut self, spec: &RigSpec, reaction: &Reaction) -> Result<(), Halt> {
         self.find_itself().await?;
         let top_mm = spec.top_mm();
@@ -320,7 +323,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.move_z(back, None).await
     }
 
-    /// What the cell reads of a stage at rest.
+    /// Returns the cell's reading while the stage is at rest.
     async fn at_rest(&mut self) -> Result<Zero, Halt> {
         let readings = self.cell.sound_readings(STILL_READINGS, STILL_S).await?;
         Ok(Zero::of(&readings, self.cell.cell.conversion().as_secs_f64()))

@@ -11,32 +11,34 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
-/// How far a read-back may be from where the axis was sent, mm.
+/// Largest distance of a read-back from the axis' target, mm.
 const IN_POSITION_MM: f64 = 0.003;
 
-/// An axis that is up to so far from its target, without an error, is on a coarse stage; farther off, something holds it.
+/// Largest distance from the target, mm, without an error, that a coarse stage explains. At a larger distance something blocks
+/// the axis.
 const COARSE_MM: f64 = 0.05;
 
-/// Readings averaged before x and y move from rest: nothing moves sideways in contact.
+/// Number of readings averaged before x and y move from rest. Nothing moves sideways in contact.
 const SIDEWAYS_READINGS: u32 = 2;
 
-/// How long after it should have ended a motion may go unanswered, s.
+/// Longest time without an answer after a motion should have ended, s.
 const SILENT_S: f64 = 0.5;
 
-/// Conversions after which a cell has shown a contact that is over: two make a force, and one was under way.
+/// Number of conversions after which a cell has shown a contact that ended. Two conversions make a force, and one was in
+/// progress.
 const CONVERSIONS_HEARD: f64 = 4.0;
 
-/// How often z is looked at on its way out of a contact.
+/// Interval between looks at z during the withdrawal from a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// How often a withdrawal is tried: a link that stutters mostly answers the second time, a guard that a program before left
-/// behind fires once, and a third try costs nothing but seconds.
+/// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
+/// triggers once. A third attempt costs only seconds.
 const WITHDRAW_TRIES: usize = 3;
 
-/// The axes that move the indenter from place to place.
+/// Axes that move the indenter from place to place.
 const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
 
-/// A motion that has ended.
+/// Motion that has ended.
 struct Driven {
     /// Positions of the axes, in the given order.
     places_mm: Vec<f64>,
@@ -185,8 +187,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(driven.places_mm.first().copied(), target_mm).await
     }
 
-    /// Withdraws with any force and whether or not the load cell answers: for parking, when that may be what failed. A
-    /// force that rises on the way stops the stage.
+    /// Withdraws at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
+    /// A force that rises during the motion stops the stage.
     async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.read_back_z().await?;
         if self.z_mm <= z_mm {
@@ -220,8 +222,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         withdrawn
     }
 
-    /// An axis that still brakes takes no target: it is at rest before it is sent away. Repeating this is safe: where the
-    /// axis is, is asked each time, and the target is the same place in the clear.
+    /// Stops the stage and withdraws z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
+    /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
     async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.stage.stop().await?;
         // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
@@ -238,7 +240,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.read_back_z().await
     }
 
-    /// Axes toward targets over a way, every force watched and passed to `steer`, until they have come to rest.
+    /// Moves axes toward targets until they are at rest. Every force is watched and passed to `steer`.
     async fn drive(
         &mut self,
         targets: &[(Axis, f64)],
@@ -265,12 +267,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(Driven { places_mm, stopped })
     }
 
-    /// A force while x and y moved: nothing is dragged along.
+    /// Returns the halt for a force that appeared while x and y moved, so that nothing is dragged along.
     fn touched_on_the_way(&self, touch_n: f64) -> Halt {
         self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into()
     }
 
-    /// x and y are where they were sent.
+    /// Checks that x and y are at their targets.
     async fn arrived_at(&mut self, place: Place, targets: [(Axis, f64); 2], at_mm: &[f64]) -> Result<(), Halt> {
         for ((axis, target_mm), at_mm) in targets.into_iter().zip(at_mm) {
             self.check_arrival(axis, *at_mm, target_mm).await?;
@@ -279,14 +281,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// z is where it was sent: the read-back may still be short of it by what the stage has to settle.
+    /// Checks that z is at its target. The read-back may still be short by the stage's settling distance.
     async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
         self.check_arrival(Axis::Z, at_mm.unwrap_or(f64::NAN), target_mm).await?;
         self.z_mm = self.frame.z_from_stage(target_mm);
         Ok(())
     }
 
-    /// Reads z back in contact: the force is read meanwhile.
+    /// Reads z back in contact while the force is read.
     async fn watch_z(&mut self) -> Result<(), Halt> {
         let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now())));
         let stage = &mut self.stage;
@@ -301,7 +303,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// A controller that refused a motion shows it here, and says why in its error queue.
+    /// Checks that an axis arrived. A controller that refused a motion is detected here, and its error queue states the reason.
     async fn check_arrival(&mut self, axis: Axis, position_mm: f64, target_mm: f64) -> Result<(), Halt> {
         if (position_mm - target_mm).abs() <= IN_POSITION_MM {
             return Ok(());
@@ -314,8 +316,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 }
 
-/// Runs a motion to its end while every force is watched. Both run to their end, so that no exchange is ever dropped half-way.
-/// A motion that isn't reported done long after it was due trips.
+/// Runs a motion to its end while every force is watched. Both always run to their end, so that no exchange is dropped half-way.
+/// A motion that isn't reported done long after its due time trips.
 pub(super) async fn watched<C: LoadCell, T>(
     gauge: &mut Gauge<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
@@ -371,7 +373,7 @@ pub(super) async fn watched<C: LoadCell, T>(
     moved
 }
 
-/// Runs a motion away from the specimen to its end, or to where the force rises. A cell that doesn't answer holds up nothing.
+/// Runs a motion away from the specimen until it ends or the force rises. A cell that doesn't answer doesn't delay the motion.
 pub(super) async fn unless_it_rises<C: LoadCell, T>(
     gauge: &mut Gauge<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
@@ -388,7 +390,7 @@ pub(super) async fn unless_it_rises<C: LoadCell, T>(
     moved
 }
 
-/// Runs a motion to its end and averages the outputs meanwhile, once z is clear of the specimen.
+/// Runs a motion to its end. Averages the outputs during the motion, once z is clear of the specimen.
 async fn with_outputs<A: SensorArray, T>(
     motion: impl Future<Output = Result<T, Halt>>,
     clear: &Cell<bool>,
@@ -408,7 +410,7 @@ async fn with_outputs<A: SensorArray, T>(
     read.map(|()| moved)
 }
 
-/// Consumes the permission.
+/// Starts a motion of x and y. Consumes the permission.
 async fn begin_sideways<S: Stage>(
     stage: &mut S,
     _leave: Sideways,
@@ -419,12 +421,12 @@ async fn begin_sideways<S: Stage>(
     stage.begin(targets, speed_mm_s, reins).await
 }
 
-/// The longer of the two ways, mm.
+/// Longer of the distances in x and y, mm.
 fn way_mm(from: Place, to: Place) -> f64 {
     (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
 }
 
-/// Why an axis isn't where it was sent: a small way off without an error is what a coarse stage shows.
+/// Returns why an axis isn't at its target. A small distance without an error indicates a coarse stage.
 fn missed(axis: Axis, position_mm: f64, target_mm: f64, complaints: &[String]) -> DeviceProblem {
     let (off_mm, name) = ((position_mm - target_mm).abs(), axis.name());
     let told = format!("{name} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm");

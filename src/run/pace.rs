@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant as WallInstant};
 use tokio::time::{Instant, sleep};
 
-/// How often virtual time is compared with the wall clock.
+/// Interval at which virtual time is compared with the wall clock.
 const GRAIN: Duration = Duration::from_millis(10);
 
 /// Slows a run on the paused clock down to `pace` times real time; never ends.

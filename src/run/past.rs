@@ -7,10 +7,10 @@ use crate::device::{DeviceError, DeviceProblem, Identity};
 use crate::quantity::Place;
 use crate::recipe::Plan;
 
-/// Most places that are remembered to be touched again.
+/// Largest number of places that are remembered for another touch.
 const KNOWN_MAX: usize = 4096;
 
-/// What a run knows of itself when it continues, out of its records: all that a press rests on besides its rig.
+/// Knowledge of a continued run from its own records: everything except the rig that a press depends on.
 pub(super) struct Past {
     /// Knowledge from the presses so far.
     pub map: Map,
@@ -26,7 +26,7 @@ pub(super) struct Past {
     known: Vec<TouchedPlace>,
 }
 
-/// A place that was touched.
+/// Place that was touched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TouchedPlace {
     pub place: Place,

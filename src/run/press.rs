@@ -12,22 +12,24 @@ use crate::quantity::Place;
 use crate::recipe::Entry;
 use tokio::time::Instant;
 
-/// Clearance above the learned surface in which the indenter travels from place to place, mm.
+/// Clearance above the learned surface at which the indenter travels from place to place, mm.
 pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 
-/// Noise of one reading that the controller's guard leaves room for: it looks at each by itself, thousands a press.
+/// Margin of the controller's guard for noise, in sd of one reading. The guard checks each reading separately, thousands in each
+/// press.
 const GUARD_SIGMAS: f64 = 8.0;
 
-/// A cell that reads less after a press than before, by more than that and its noise, N and sd of a mean, may stick to the
-/// specimen; how much farther away it is read again, mm.
+/// Least decrease of the air reading after a press, N, and margin in sd of a mean, that indicates a cell that sticks to the
+/// specimen. The third constant is the additional distance at which the cell is read again, mm.
 const STICKS_N: f64 = 0.010;
 const STICKS_SIGMAS: f64 = 5.0;
 const FARTHER_MM: f64 = 0.5;
 
-/// How old the air may be while the first descent continues, s: the zero of a cell that drifts by 30 mN/min has moved by 0.5 mN.
+/// Largest age of the air reading while the first descent continues, s. In this time the zero of a cell that drifts by 30 mN/min
+/// moves by 0.5 mN.
 const AIR_FRESH_S: f64 = 1.0;
 
-/// A contact that is over.
+/// Contact that has ended.
 pub(super) struct Pressed {
     levels: Vec<Held>,
     air: Air,
@@ -37,14 +39,14 @@ pub(super) struct Pressed {
     lesson: Option<Lesson>,
 }
 
-/// One level as it was held.
+/// One level that was held.
 struct Held {
     window: Window,
     z_mm: f64,
     truth: Option<PressTruth>,
 }
 
-/// How the load cell's zero moved from the air before a press to that after it, by the press' clock.
+/// Move of the load cell's zero from the air before a press to the air after it, by the press' clock.
 struct ZeroMoved {
     from_s: f64,
     to_s: f64,
@@ -52,12 +54,12 @@ struct ZeroMoved {
 }
 
 impl ZeroMoved {
-    /// How far by then, N: evenly with the time.
+    /// Move of the zero up to a time, N, proportional to the time.
     fn at_n(&self, at_s: f64) -> f64 {
         self.by_n * self.share(at_s)
     }
 
-    /// Which part of the time has passed by then.
+    /// Fraction of the time that has passed at `at_s`.
     fn share(&self, at_s: f64) -> f64 {
         ((at_s - self.from_s) / (self.to_s - self.from_s)).clamp(0.0, 1.0)
     }
@@ -93,7 +95,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(Contact { press: entry.press, levels, budgets, truth, lesson, air_before: before, air_after: after, left })
     }
 
-    /// How well the force of a level is known.
+    /// Returns the uncertainty budget of a level's force.
     fn budget(&self, held: &Held, airs: [&Air; 2], moved: &ZeroMoved) -> Budget {
         let Window { force_n, middle_s, forces, seconds, .. } = held.window;
         let share = moved.share(middle_s);
@@ -102,7 +104,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Budget::of(&averaged, self.hand.cell.watch.zero(), cell_n)
     }
 
-    /// The air after a press. A cell that is pulled at may stick to the specimen: it is read again from farther away.
+    /// Reads the air after a press. If the specimen seems to pull at the cell, the cell may stick to it, so the air is read again
+    /// from farther away.
     async fn air_after(&mut self, before: &Air) -> Result<Air, Halt> {
         let air = self.hand.close_air().await?;
         let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(air.force.readings);
@@ -178,8 +181,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(Pressed { levels, air, air_s, touched_mm: press.touched_mm(), lesson: press.lesson() })
     }
 
-    /// Before the first touch the air is read again on the way, or a zero that drifts would look like a touch. What moved by more
-    /// than a drift may be one: then the older air counts.
+    /// Reads the air again during the descent before the first touch. Without this, a drifting zero would look like a touch. A
+    /// move larger than a drift may be a touch, so in that case the older air remains valid.
     async fn freshen(&mut self, air: &mut Air, air_s: &mut f64) -> Result<(), Halt> {
         let age_s = self.hand.cell.now_s() - *air_s;
         if age_s < AIR_FRESH_S {
@@ -203,7 +206,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.hand.travel(place, &self.permit, first_mm).await
     }
 
-    /// What was read in the clear: on the way here, or now.
+    /// Returns the air readings from clearance height: those from the way here, or new ones.
     async fn air(&mut self) -> Result<Air, Halt> {
         match self.standby.take().and_then(|standby| standby.air) {
             Some(air) => Ok(air),
@@ -215,7 +218,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// The reading at which the controller's own guard ends a motion: a little over what the watch trips at, N.
+    /// Reading at which the controller's own guard ends a motion, N: slightly above the force at which the watch trips.
     fn guard_n(&self) -> f64 {
         let zero = self.hand.cell.watch.zero();
         let reading_n = zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
@@ -244,7 +247,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// The earliest z at which there can be contact at either of two places, mm.
+    /// Earliest z at which contact is possible at either of two places, mm.
     fn first_mm(&self, here: Place, there: Place) -> f64 {
         self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
     }
@@ -271,7 +274,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// What is wrong with a level that was held.
+    /// Returns the problems of a level that was held.
     fn flags(&mut self, entry: &Entry, level: usize, held: &Held) -> Vec<Flag> {
         let (window, force_set_n) = (&held.window, entry.task.levels[level].force_set_n);
         let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;

@@ -11,17 +11,17 @@ use crate::quantity::{Axis, Range};
 use crate::rig::{OpenRig, RigSpec};
 use tokio::time::Instant;
 
-/// Exchanges that are timed to know how fast the rig reacts.
+/// Number of exchanges that are timed to measure the rig's reaction time.
 const TIMED: usize = 10;
-/// Readings in air that make the zero, at least, and how long they take, at least, s.
+/// Least number of readings in air for the zero, and least time for them, s.
 const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a fraction of the force limit. With more noise, contact can't be detected in time.
 pub const NOISE_SHARE: f64 = 0.02;
-/// How far the zero may be from the first one of the run, as a share of the force limit.
+/// Largest distance of the zero from the run's first zero, as a fraction of the force limit.
 const DRIFT_SHARE: f64 = 0.2;
 
-/// A rig whose instruments are identified, homed, in the clear, timed and zeroed.
+/// Rig whose instruments are identified, homed, at clearance height, timed and zeroed.
 pub(super) struct Ready<'a, S, C, A> {
     pub hand: Hand<'a, S, C, A>,
     pub devices: Vec<Identity>,
@@ -29,7 +29,7 @@ pub(super) struct Ready<'a, S, C, A> {
     pub zero: Record,
 }
 
-/// What a rig is made ready with, besides itself.
+/// Conditions for preparing a rig, in addition to the rig itself.
 pub(super) struct Conditions<'a> {
     pub spec: &'a RigSpec,
     pub cancel: &'a Cancel,
@@ -39,7 +39,8 @@ pub(super) struct Conditions<'a> {
     pub first_zero_n: Option<f64>,
 }
 
-/// Identifies each device, homes what isn't homed (z first, away), goes to the clear, times the links and takes the zero.
+/// Identifies each device, homes the axes that aren't homed (z first, away), goes to clearance height, times the links and takes
+/// the zero.
 pub(super) async fn make_ready<'a>(
     rig: OpenRig,
     conditions: &Conditions<'a>,
@@ -73,7 +74,7 @@ async fn time<S: Stage, C: LoadCell, A: SensorArray>(
     Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s, lag_s })
 }
 
-/// The zero, in air.
+/// Takes the zero, in air.
 pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     hand: &mut Hand<'_, S, C, A>,
     conditions: &Conditions<'_>,
@@ -99,7 +100,7 @@ pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
     Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, hum: zero.hum, outputs })
 }
 
-/// Whether the zero is one that the cell may have in air.
+/// Checks whether the cell may have this zero in air.
 pub(super) fn check_air(zero: &Zero, spec: &RigSpec) -> Result<(), Trip> {
     let Range { min, max } = spec.air_n();
     let outside = |bound_n| Err(Trip::new(Rule::ZeroOutside, zero.offset_n, bound_n, "N"));

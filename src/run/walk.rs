@@ -16,8 +16,8 @@ use std::pin::Pin;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How far the zero may have drifted since it was last taken in full, as a share of the force limit, before that is done again:
-/// so that noise and hum are known as they are now.
+/// Drift of the zero since it was last completely determined, as a fraction of the force limit, above which it is determined
+/// again. Then noise and hum are up to date too.
 const NEW_ZERO_SHARE: f64 = 0.05;
 
 /// Task of a walk: a plan on a rig, recorded in a ledger.
@@ -47,18 +47,18 @@ pub struct Ending {
 
 /// Receiver of information about events.
 pub trait Listener {
-    /// The instruments are ready: what they said they are.
+    /// Reports that the instruments are ready, with their identities.
     fn ready(&mut self, _devices: &[Identity]) {}
-    /// A place that was touched before was touched again, before the run continues.
+    /// Reports that a place was touched again before the run continues.
     fn retouched(&mut self, _retouch: &Retouch) {}
-    /// An entry of the plan begins.
+    /// Reports that an entry of the plan begins.
     fn begins(&mut self, _entry: &Entry) {}
-    /// A contact is on disk.
+    /// Reports that a contact is on disk.
     fn recorded(&mut self, _contact: &Contact) {}
-    /// The indenter rests in air for so long, s.
+    /// Reports that the indenter rests in air for this time, s.
     fn rests(&mut self, _seconds: f64) {}
-    /// The stage is parked between two presses, since a person asked for a pause. Whether somebody is there to end it: without,
-    /// the run ends here.
+    /// Reports that the stage is parked between two presses, because the operator requested a pause. Returns whether someone can
+    /// end the pause; if not, the run ends here.
     fn paused(&mut self) -> bool {
         false
     }
@@ -150,7 +150,7 @@ impl Ending {
     }
 }
 
-/// A trip is recorded. A record that can't be kept any more doesn't hide it.
+/// Records a trip. If the record can't be stored any more, the trip is still reported.
 fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks: Option<Peaks>, t_s: f64) {
     if let Some(Halt::Tripped(trip)) = &ending.halt {
         let _ = ledger.jot(&Record::Trip { t_s, press, trip: trip.clone(), peaks });
@@ -161,7 +161,7 @@ fn permit<S, C, A>(hand: &Hand<'_, S, C, A>, spec: &RigSpec, reaction: &Reaction
     Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero())
 }
 
-/// Where the indenter waits for the next press.
+/// Position where the indenter waits for the next press.
 pub(super) struct Standby {
     /// Position in the clear above the next place, specimen frame, mm.
     pub z_mm: f64,
@@ -169,7 +169,7 @@ pub(super) struct Standby {
     pub air: Option<Air>,
 }
 
-/// Who goes from press to press.
+/// Driver of the run, which goes from press to press.
 pub(super) struct Walker<'a, S, C, A> {
     pub hand: Hand<'a, S, C, A>,
     pub permit: Permit,
@@ -189,7 +189,7 @@ pub(super) struct Walker<'a, S, C, A> {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    /// Records what the rig is, looks whether it is still the one that a run began on, and walks the plan.
+    /// Records the rig's devices, checks that they are those with which the run began, and executes the plan.
     async fn begin(
         &mut self,
         plan: &Plan,
@@ -219,7 +219,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.presses(left, ledger, listener).await
     }
 
-    /// Where the stage is parked: away from the specimen, wherever that is until it was touched.
+    /// Position where the stage is parked: at clearance height, or at the top before the specimen was touched.
     fn park_mm(&self) -> f64 {
         let spec = self.conditions.spec;
         if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
@@ -252,7 +252,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         Ok(())
     }
 
-    /// Parked until a person continues; then a new zero, and back to where the last contact was left.
+    /// Parks the stage until the operator continues. Then takes a new zero and goes back to where the last contact ended.
     async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
         if !listener.paused() {
@@ -263,7 +263,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.zero_again(next, ledger).await
     }
 
-    /// Takes a new zero, away from the specimen, and goes back to where the last contact was left.
+    /// Takes a new zero, away from the specimen, and goes back to where the last contact ended.
     async fn zero_again(&mut self, next: Place, ledger: &mut dyn Ledger) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
         let zero = take_zero(&mut self.hand, &self.conditions).await?;
@@ -276,7 +276,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    /// Rests in air for so long, and pauses where a person asks for it: the rest continues meanwhile, and is not cut short.
+    /// Rests in air for this time, and pauses if the operator requests it. The rest continues during a pause and isn't shortened.
     async fn rest(
         &mut self,
         seconds: f64,

@@ -8,15 +8,15 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep_until};
 
-/// Fewest readings in a window, however short it is.
+/// Least number of readings in a window of any duration.
 const READINGS_LEAST: u32 = 2;
-/// The outputs are read no more often than that: what taxels do in a window is slower.
+/// Least interval between readings of the outputs. Changes of taxels within a window are slower.
 const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
 
-/// An output this near to the end of its range may be beyond it, as a share of the range.
+/// Fraction of the range from which an output may be beyond the end of the range.
 const FULL_SCALE: f64 = 0.999;
 
-/// Outputs averaged as they are read.
+/// Means of the outputs, updated as the outputs are read.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OutputMeans {
     pub means: Vec<f64>,
@@ -72,7 +72,7 @@ impl OutputMeans {
     }
 }
 
-/// What a window came to.
+/// Result of a window.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
     /// Time when the window began.
@@ -155,7 +155,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 }
 
-/// Whether any output stands at the end of the range.
+/// Whether any output is at the end of the range.
 fn is_saturated(outputs: &[f64], range_v: Option<f64>) -> Result<bool, DeviceError> {
     if let Some((unit, output)) = (1..).zip(outputs).find(|(_, output)| !output.is_finite()) {
         let (answer, expected) = (format!("{output} from unit {unit}"), "a number from every unit".to_owned());

@@ -3,8 +3,8 @@
 use super::spec::{ContactLaw, RelaxationBranch};
 use super::surface::Depth;
 
-/// Longest stretch of moving contact that one quadrature spans, s. It is far below the shortest time constant of a
-/// relaxation, so five nodes are exact to rounding; and the peak force is looked at as often.
+/// Longest stretch of moving contact that one quadrature covers, s. It is far below the shortest relaxation time constant, so
+/// five nodes are exact except for rounding. The peak force is checked at the same interval.
 const STRETCH_S: f64 = 0.002;
 
 /// Nodes and weights of five-point Gauss-Legendre quadrature on [0, 1].
@@ -16,14 +16,14 @@ const GAUSS: [(f64, f64); 5] = [
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
 
-/// Most tries to find how far what carries the tip yields, and the error that is left, mm.
+/// Largest number of iterations to find the deflection of the tip's support. The second constant is the allowed error, mm.
 const YIELDS_MAX: usize = 6;
 const YIELDED_MM: f64 = 1e-9;
 
-/// What is left of the force when the tip has slipped.
+/// Fraction of the force that remains after the tip has slipped.
 const SLIPPED: f64 = 0.35;
 
-/// The contact: relaxed curve plus Zener branches, each following q' = share F_el' - q / time.
+/// State of the contact: relaxed curve plus Zener branches, each following q' = share F_el' - q / time.
 #[derive(Clone)]
 pub(super) struct ContactState {
     curve: ContactLaw,
@@ -44,7 +44,7 @@ pub(super) struct ContactState {
     gone: bool,
 }
 
-/// What a branch keeps until the end of a piece: from its beginning, and from each node.
+/// Fractions that a branch keeps until the end of a piece: of its value at the beginning, and of the change at each node.
 #[derive(Clone, Copy, Default)]
 struct Fade {
     for_s: f64,
@@ -128,7 +128,8 @@ impl ContactState {
         }
     }
 
-    /// The tip is behind what carries it by the force over the stiffness between: found by secants, a short stretch at a time.
+    /// Advances the contact of a tip on an elastic support. The tip lags behind its support by the force divided by the support's
+    /// stiffness. The lag is found with secants, in short pieces.
     fn yield_to(&mut self, series_n_mm: f64, depth: &Depth, dt_s: f64) {
         let pieces = (dt_s / STRETCH_S).ceil().max(1.0);
         let piece_s = dt_s / pieces;
@@ -225,7 +226,7 @@ impl ContactState {
 }
 
 impl ContactLaw {
-    /// The curve with `factor` times the force everywhere.
+    /// Returns the curve with its force multiplied by `factor`.
     pub(super) fn times(self, factor: f64) -> ContactLaw {
         let ContactLaw { linear_n_mm, quadratic_n_mm2, toe_mm } = self;
         ContactLaw { linear_n_mm: factor * linear_n_mm, quadratic_n_mm2: factor * quadratic_n_mm2, toe_mm }
@@ -251,7 +252,7 @@ impl ContactLaw {
         if depth_mm <= 0.0 { 0.0 } else { bearing_share * (self.linear_n_mm + 2.0 * self.quadratic_n_mm2 * s) }
     }
 
-    /// The depth that bears: a parabola over the toe, then the depth less half the toe, with no kink between.
+    /// Effective depth for the force: a parabola over the toe, then the depth minus half the toe, with no kink between.
     fn bearing_mm(&self, depth_mm: f64) -> f64 {
         if depth_mm <= 0.0 {
             0.0

@@ -8,15 +8,15 @@ use rand_distr::StandardNormal;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-/// Longest stretch over which the low-pass takes the force for a ramp, s. Within it a contact's force bends by some 0.1 mN at
-/// 10 mm/s, and where the tip touches by a few mN that the low-pass forgets in its time constant.
+/// Longest stretch over which the low-pass approximates the force by a ramp, s. Within it the contact force deviates from a ramp
+/// by some 0.1 mN at 10 mm/s. At first touch it deviates by a few mN, which the low-pass forgets within its time constant.
 const STRETCH_S: f64 = 0.002;
 
-/// What happened so many time constants ago a low-pass has forgotten to 2e-9.
+/// Number of time constants after which a low-pass has forgotten an event, to 2e-9.
 const MEMORY: f64 = 20.0;
 
-/// The load cell: the low-passed force at its conversions, those that can't be read yet waiting, and noise that is one draw a
-/// conversion.
+/// State of the load cell: the low-passed force at its conversions, the conversions that can't be read yet, and the noise. The
+/// noise is one draw for each conversion.
 #[derive(Clone)]
 pub(super) struct LoadCellState {
     spec: Option<LoadCell>,
@@ -134,14 +134,14 @@ impl LoadCellState {
         }
     }
 
-    /// What a conversion has of its own without a force, N, less the white noise.
+    /// Reading of a conversion without a force, N, minus the white noise.
     fn in_air_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
         let at_s = self.began_s + conversion as f64 / self.conversions_hz;
         let waves_n: f64 = cell.wander.iter().chain(&cell.hum).map(|wave| wave.at(at_s)).sum();
         cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
     }
 
-    /// The noise that was there ahead of the low-pass: neighbouring conversions have some of it in common.
+    /// Noise that enters before the low-pass, so that neighbouring conversions share part of it.
     fn filtered_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
         if cell.noise_ahead_n == 0.0 {
             return 0.0;
@@ -176,7 +176,8 @@ impl LoadCellState {
         self.held.back().map_or(0, |(conversion, _)| *conversion)
     }
 
-    /// The small shift keeps an instant that was computed as n / hz from falling to conversion n - 1 by rounding.
+    /// Number of the conversion at a time. A small shift prevents a time computed as n / hz from being rounded down to conversion
+    /// n - 1.
     fn conversion_at(&self, at_s: f64) -> u64 {
         ((at_s - self.began_s) * self.conversions_hz + 1e-6) as u64
     }

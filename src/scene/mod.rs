@@ -43,11 +43,11 @@ use weight::Weight;
 /// Wavelengths of the smooth part of a stiffness map, mm.
 const STIFFNESS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
 
-/// What is added before rounding down to a step of the stage. The little over a half is more than a number's own rounding: a target
-/// just between two steps always goes to the same side, and equal ways are equally many steps.
+/// Value added before rounding down to a step of the stage. The excess over one half is larger than the rounding of numbers. So a
+/// target midway between two steps always goes to the same side, and equal distances give equal numbers of steps.
 const HALF: f64 = 0.5 + 1e-6;
 
-/// The least that a stiffness map leaves of the contact curve: a normal draw knows no bound.
+/// Least factor of a stiffness map for the contact curve, because a normal draw has no bound.
 const SOFTEST: f64 = 0.1;
 
 /// A simulated specimen under a simulated indenter, at one moment. A copy continues independently.
@@ -77,7 +77,7 @@ pub struct Scene {
     witness: Witness,
 }
 
-/// The contact curve, and how its force differs from it from place to place (1 = twice as much).
+/// Contact curve, and the relative change of its force from place to place (1 = twice as much).
 #[derive(Clone)]
 struct CurveAt {
     nominal: ContactLaw,
@@ -264,7 +264,7 @@ impl Scene {
         self.taxels.reseed(stream(self.seed, press, "taxel noise"));
     }
 
-    /// Moves the physics on to `to_s`, stopping at every instant at which something changes its law.
+    /// Advances the physics to `to_s`. Stops at every instant at which something changes the laws of motion or contact.
     fn advance(&mut self, to_s: f64) {
         while self.now_s < to_s {
             let until_s = self.next_knot(to_s);
@@ -276,8 +276,8 @@ impl Scene {
         }
     }
 
-    /// The next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window must know the
-    /// force; at the latest `to_s`.
+    /// Returns the next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window needs
+    /// the force. It is at most `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
         let z = &self.axes[Axis::Z.index()];
         let engages_s = self.play.as_ref().map_or(f64::INFINITY, |play| play.engages_in_s(z.state(self.now_s)));
@@ -292,8 +292,8 @@ impl Scene {
         knots.filter(|&knot_s| knot_s > self.now_s).fold(to_s, f64::min)
     }
 
-    /// One stretch in which all axes keep their accelerations: the depth is a quadratic in time. What the specimen has from
-    /// spot to spot is that of the place at its beginning; x and y move in air.
+    /// Advances over one stretch in which all axes keep their accelerations, so the depth is a quadratic function of time. Local
+    /// properties of the specimen are those at the place where the stretch begins; x and y move in air.
     fn advance_smooth(&mut self, until_s: f64) {
         let dt_s = until_s - self.now_s;
         let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
@@ -329,7 +329,7 @@ impl Scene {
         }
     }
 
-    /// The tip is in air: what it will meet is what lies under it.
+    /// Sets the contact law for the place under the tip. The tip is in air, and will meet this place.
     fn lay_under_the_tip(&mut self, place: Place) {
         if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
             self.contact.will_meet(ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
@@ -338,7 +338,7 @@ impl Scene {
         }
     }
 
-    /// Lets the faults that begin after one instant and by another act on the contact.
+    /// Applies to the contact the faults that begin after `after_s` and at most at `now_s`.
     fn strike(&mut self, after_s: f64, now_s: f64) {
         for kind in self.faults.beginning(after_s, now_s) {
             let before_n = self.contact.force_n();

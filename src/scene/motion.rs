@@ -1,7 +1,7 @@
 //! Motion of an axis: trajectories in closed form.
 
-/// To what the time since a motion began is rounded, s: finer than anything here is timed, and far coarser than what a float
-/// loses of the time of day. So a motion is the same to the last bit whenever it is made.
+/// Step to which the time since a motion began is rounded, s. It is finer than any time used here, and far coarser than the
+/// rounding error of a float for the time of day. So a motion is bit-identical at any start time.
 const GRAIN_S: f64 = 1e-9;
 
 /// Motion of one axis: intervals of constant acceleration, then rest. It is a trapezoid of speed, as a controller plans it.
@@ -12,7 +12,7 @@ pub struct Trajectory {
     end_mm: f64,
 }
 
-/// An instant by the motion it belongs to: so long after that began.
+/// Instant in a motion, given as the start of the motion and the time after the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct At {
     began_s: f64,
@@ -70,8 +70,8 @@ impl Trajectory {
         self
     }
 
-    /// What a stage that is `lag_s` late makes of a new profile at `now_s`: it continues as it was for so long, then is where
-    /// the profile was that long before.
+    /// Returns the trajectory of a stage that follows a new profile from `now_s` with a lag of `lag_s`. The stage first continues
+    /// its old motion for the lag time. Then it is at the position of the profile `lag_s` earlier.
     pub(super) fn followed_by(&self, profile: &Trajectory, now_s: f64, lag_s: f64) -> Trajectory {
         if lag_s == 0.0 {
             return profile.clone();
@@ -125,7 +125,7 @@ impl Trajectory {
         (s.position_mm + dt * (s.speed_mm_s + dt * a / 2.0), s.speed_mm_s + a * dt, a)
     }
 
-    /// The next instant after `now_s` at which the acceleration changes.
+    /// Returns the next instant after `now_s` at which the acceleration changes.
     pub(super) fn next_knot(&self, now_s: f64) -> Option<f64> {
         if self.end.is_past(now_s) {
             return None;
@@ -144,12 +144,12 @@ impl At {
         self.began_s + self.after_s
     }
 
-    /// How long ago it was, s.
+    /// Time since this instant, s.
     fn since_s(self, now_s: f64) -> f64 {
         ((now_s - self.began_s) / GRAIN_S).round() * GRAIN_S - self.after_s
     }
 
-    /// What lies far back needs no rounding: most of the time axes rest.
+    /// Whether the instant has passed. An instant long ago needs no rounding, which is the usual case, because axes mostly rest.
     fn is_past(self, now_s: f64) -> bool {
         now_s - self.s() > 1000.0 * GRAIN_S || self.since_s(now_s) >= -GRAIN_S
     }
@@ -188,7 +188,7 @@ impl Planner {
         self.speed_mm_s = speed_mm_s;
     }
 
-    /// Toward a target with a speed that is zero or points there and leaves room to brake.
+    /// Moves toward a target. The initial speed is zero or points to the target, and leaves enough distance to brake.
     fn run_to(&mut self, target_mm: f64, cruise_mm_s: f64, a: f64) {
         let way_mm = target_mm - self.position_mm;
         let heading = way_mm.signum();

@@ -1,6 +1,6 @@
 //! Play of an axis: after a reversal, the controller's motion takes up the play before the indenter moves.
 
-/// The play of an axis and where the indenter stands in it.
+/// Mechanical play of an axis, and the position of the indenter in it.
 #[derive(Clone)]
 pub(super) struct Play {
     half_mm: f64,
@@ -50,7 +50,7 @@ impl Play {
     }
 }
 
-/// Which way an axis moves, or begins to: 1, -1, or 0 at rest.
+/// Direction in which an axis moves or starts to move: 1, -1, or 0 at rest.
 fn heading((_, speed, acceleration): State) -> f64 {
     let leading = if speed == 0.0 { acceleration } else { speed };
     if leading == 0.0 { 0.0 } else { leading.signum() }

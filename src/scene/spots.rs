@@ -6,10 +6,10 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 
-/// Cosines of a smooth part.
+/// Number of cosines in a smooth part.
 const WAVES: usize = 4;
 
-/// A property of the specimen that differs from place to place: a smooth part and one that each spot of 1 um has for itself.
+/// Property of the specimen that varies from place to place. It has a smooth part, and a separate value for each spot of 1 um.
 /// The seed alone determines both.
 #[derive(Clone)]
 pub(super) struct SpotMap {

@@ -3,7 +3,7 @@
 use crate::quantity::{Frame, stream};
 use rand::RngExt;
 
-/// The plane of the specimen's true surface, near the nominal one.
+/// Plane of the specimen's true surface, near the nominal plane.
 #[derive(Clone)]
 pub(super) struct Surface {
     frame: Frame,
@@ -11,7 +11,7 @@ pub(super) struct Surface {
     plane: [f64; 3],
 }
 
-/// How deep the indenter is below the true surface, as a quadratic of the time from now: mm, mm/s, mm/s^2.
+/// Depth of the indenter below the true surface, as a quadratic function of the time from now: mm, mm/s, mm/s^2.
 #[derive(Clone, Copy)]
 pub(super) struct Depth {
     pub mm: f64,

@@ -3,11 +3,11 @@
 use super::skin::Skin;
 use crate::quantity::{Place, Stream, stream};
 
-/// Force reversal over which a taxel goes from its loading to its unloading branch, N. The crossing is smooth at both ends, so
-/// that the relaxation of a hold (some 2 % of the load) leaves the branch where it is.
+/// Force reversal over which a taxel changes from its loading branch to its unloading branch, N. The transition is smooth at both
+/// ends. So the relaxation of a hold (some 2 % of the load) doesn't leave the branch.
 const CROSSING_N: f64 = 0.5;
 
-/// The taxels in a running scene: a skin, whose noise is one draw per unit and contact and whose hysteresis is a state.
+/// State of the taxels in a running scene: a skin with noise and hysteresis. The noise is one draw for each unit and contact.
 #[derive(Clone)]
 pub(super) struct TaxelState {
     skin: Skin,

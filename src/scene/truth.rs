@@ -1,6 +1,7 @@
 //! True events of a press.
 
-/// Longest stretch of a window that is taken for a trapezoid, s: what relaxes bends by some 1 uN within it.
+/// Longest stretch of a window that is approximated by a trapezoid, s. Relaxation deviates from a straight line by some 1 uN
+/// within it.
 const STRETCH_S: f64 = 0.005;
 
 /// True events of a press, which no instrument of the rig can measure.
@@ -16,7 +17,7 @@ pub struct Truth {
     pub slid_mm: f64,
 }
 
-/// Follows the true force for a window's mean, and the way slid.
+/// Records the true force for a window's mean, and the distance slid.
 #[derive(Clone, Default)]
 pub(super) struct Witness {
     window: Option<Window>,

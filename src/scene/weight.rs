@@ -3,7 +3,7 @@
 use crate::quantity::stream;
 use rand::RngExt;
 
-/// What the weight does: a force that acts, and the next change.
+/// State of the weight: the acting force and the next change.
 #[derive(Clone, Default)]
 pub(super) struct Weight {
     acts_n: f64,
@@ -34,7 +34,8 @@ impl Weight {
     }
 }
 
-/// What a weight of this nominal force really weighs, N: as likely anywhere within `u_n` of it, and the same for each seed.
+/// Real force of a weight with this nominal force, N. It is uniformly distributed within `u_n` of the nominal force, and the same
+/// for each seed.
 pub(super) fn true_force_n(nominal_n: f64, u_n: f64, seed: u64) -> f64 {
     nominal_n + u_n * stream(seed, 0, "check weight").random_range(-1.0..=1.0)
 }

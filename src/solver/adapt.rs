@@ -15,18 +15,18 @@ pub struct Change {
     pub moved: Vec<Place>,
 }
 
-/// Standard deviations of what all units have in common, and then of what each has for itself: of the gain, and of the place over the
-/// longer side of the area. 0 is no change at all.
+/// Standard deviations that are tried, first for the change common to all units, then for each unit's own change. The first list
+/// is for the gain, the second for the place as a fraction of the area's longer side. 0 means no change.
 const GAINS: [f64; 6] = [0.0, 0.01, 0.03, 0.1, 0.3, 1.0];
 const MOVES: [f64; 6] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1];
 
-/// Variances of the new presses about the map, over what the old ones have, that are tried: powers of two.
+/// Number of tried ratios of the new presses' variance about the map to the old presses' variance: powers of two.
 const STRAYS: i32 = 14;
 
-/// Rounds in which a map that bends is made straight.
+/// Number of rounds in which a nonlinear map is linearised.
 const ROUNDS: usize = 4;
 
-/// A unit, or all of them: relative gain, and move in x and in y, mm.
+/// Change of one unit or of all units: relative gain, and displacement in x and in y, mm.
 type Moved = Vector3<f64>;
 
 /// Properties of an array that are assumed to have changed.
@@ -95,14 +95,14 @@ impl<'a> Older<'a> {
     }
 }
 
-/// New presses, and the map that they are compared with.
+/// New presses, and the map with which they are compared.
 struct Fit<'a> {
     response: &'a Response,
     new: &'a Calibration,
     forces_are_known: bool,
 }
 
-/// An output: what a change of gain and place makes of it, what is left of it, and the variance of that.
+/// One output: its derivatives with respect to a change of gain and place, its residual, and the residual's variance.
 struct Row {
     slopes: Vector3<f64>,
     left: f64,
@@ -110,7 +110,7 @@ struct Row {
 }
 
 impl Fit<'_> {
-    /// The changes of groups of units about a change that is known.
+    /// Returns the most likely changes of groups of units, relative to a known change.
     fn likeliest(&self, groups: &[Vec<usize>], about: Moved, gains: &[f64], places: &[f64]) -> Vec<Moved> {
         let mut moved = vec![about; groups.len()];
         let sds = gains.iter().flat_map(|&gain| places.iter().map(move |&place| Vector3::new(gain, place, place)));
@@ -134,7 +134,7 @@ impl Fit<'_> {
         moved
     }
 
-    /// The outputs of some units, as straight functions of a change about `about`, straightened at `at`.
+    /// Returns the outputs of some units as linear functions of a change relative to `about`, linearised at `at`.
     fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
         let response = self.response;
         let mut leverage = vec![0.0; self.new.units()];
@@ -154,7 +154,7 @@ impl Fit<'_> {
         rows
     }
 
-    /// The force that the map makes of a press whose force isn't known.
+    /// Returns the force that the map gives for a press of unknown force.
     fn force_n(&self, point: &CalibrationPoint<'_>, at: &Moved) -> f64 {
         let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);
         for (unit, output) in point.outputs.iter().enumerate() {
@@ -167,8 +167,8 @@ impl Fit<'_> {
     }
 }
 
-/// What a unit reads of a newton at a place once it moved the other way, and how that changes along x and y. Beyond the area the map is
-/// continued straight.
+/// Returns the response of a displaced unit to 1 N at a place, and its derivatives along x and y. Outside the area the map is
+/// continued linearly.
 fn felt(response: &Response, unit: usize, place: Place, moved: &Moved) -> [f64; 3] {
     let there = Place::new(place.x_mm + moved[1], place.y_mm + moved[2]);
     let known = response.field.area().clamp(there);
@@ -177,7 +177,7 @@ fn felt(response: &Response, unit: usize, place: Place, moved: &Moved) -> [f64; 
     [value + along_x * dx + along_y * dy, along_x, along_y]
 }
 
-/// What some rows say of the change behind them.
+/// Change that follows from some rows, and its likelihood.
 struct Posterior {
     moved: Moved,
     /// Logarithm of the marginal likelihood.
@@ -185,7 +185,7 @@ struct Posterior {
 }
 
 impl Posterior {
-    /// Of changes with these standard deviations about 0, and of `times` the rows' variance.
+    /// Returns the posterior of changes with these standard deviations about 0. The rows' variance is multiplied by `times`.
     fn of(rows: &[Row], sd: Vector3<f64>, times: f64) -> Self {
         let (mut normal, mut right) = (Matrix3::identity(), Vector3::zeros());
         let (mut squares, mut logs) = (0.0, 0.0);

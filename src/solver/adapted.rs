@@ -64,10 +64,11 @@ pub enum AdaptError {
 /// Smallest number of new presses.
 pub const FEWEST_PRESSES: usize = 5;
 
-/// A larger change is taken where chance alone would make it lead so on held-out presses in this share of cases (Student's t test).
+/// Largest probability, by Student's t test, that chance alone gives a larger change its advantage on held-out presses. Above it
+/// the larger change isn't used.
 const BY_CHANCE: f64 = 0.1;
 
-/// In how many parts the new presses are held out at most, a part at a time.
+/// Largest number of parts into which the new presses are divided. One part at a time is held out.
 const MOST_PARTS: usize = 5;
 
 impl Adapted {
@@ -97,7 +98,7 @@ impl Adapted {
     }
 }
 
-/// A method, tried on new presses.
+/// Method that is tested on new presses.
 struct Trials<'a> {
     older: Older<'a>,
     new: &'a Calibration,
@@ -110,7 +111,7 @@ struct Trials<'a> {
     parts: usize,
 }
 
-/// The error of each new press; none where there was no answer.
+/// Error of each new press; `None` if there was no answer.
 type Errors = Vec<Option<MeanErrors>>;
 
 impl<'a> Trials<'a> {
@@ -126,12 +127,12 @@ impl<'a> Trials<'a> {
         Ok(Trials { older: Older::new(old)?, new, setting, unchanged, part_of, parts })
     }
 
-    /// The presses of some parts.
+    /// Returns the presses of the selected parts.
     fn presses(&self, is_of: impl Fn(usize) -> bool) -> Vec<usize> {
         (0..self.new.len()).filter(|&press| is_of(self.part_of[press])).collect()
     }
 
-    /// The errors of each extent, each press held out of the change.
+    /// Returns the errors of each extent. Each press is held out of the change.
     fn held_out(&self) -> Result<Vec<Errors>, FitError> {
         let jobs: Vec<(Extent, usize)> =
             Extent::ALL.into_iter().flat_map(|extent| (0..self.parts).map(move |part| (extent, part))).collect();
@@ -144,7 +145,7 @@ impl<'a> Trials<'a> {
         Ok(held_out)
     }
 
-    /// The errors of the presses of a part, held out of the change.
+    /// Returns the errors of the presses of a part, which is held out of the change.
     fn without(&self, extent: Extent, part: usize) -> Result<Errors, FitError> {
         let [held, others] = [self.presses(|of| of == part), self.presses(|of| of != part)];
         // all at one place: nothing is left to learn from
@@ -162,7 +163,8 @@ impl<'a> Trials<'a> {
     }
 }
 
-/// The extent that errs least of those that err less than a common gain does, if any do.
+/// Returns the extent with the smallest error among the extents that have significantly smaller errors than a common gain. If
+/// there is none, returns the common gain.
 fn chosen(held_out: &[Errors]) -> Extent {
     let errors = |extent: Extent| &held_out[extent as usize];
     let leading = [Extent::Gains, Extent::GainsAndPlaces].into_iter();
@@ -171,7 +173,8 @@ fn chosen(held_out: &[Errors]) -> Extent {
     leading.min_by(|a, b| location_mm(a).total_cmp(&location_mm(b))).unwrap_or(Extent::CommonGain)
 }
 
-/// How far off a method is on some of the new presses, their outputs made smaller by a gain; none where it has no answer.
+/// Returns the errors of a method on some of the new presses, whose outputs are first divided by a gain. `None` where the method
+/// has no answer.
 fn errors(fitted: &Fitted, new: &Calibration, presses: &[usize], gain: f64) -> Errors {
     let mut workspace = Workspace::default();
     let error = |&press: &usize| {
@@ -184,7 +187,7 @@ fn errors(fitted: &Fitted, new: &Calibration, presses: &[usize], gain: f64) -> E
     presses.iter().map(error).collect()
 }
 
-/// Whether location errors are smaller than others on the same presses, by more than chance.
+/// Whether the location errors are smaller than the other errors on the same presses, by more than chance.
 fn leads(errors: &Errors, others: &Errors) -> bool {
     let pairs = errors.iter().zip(others).filter_map(|(error, other)| error.as_ref().zip(other.as_ref()));
     let leads: Vec<f64> = pairs.map(|(error, other)| other.location_mm - error.location_mm).collect();
@@ -196,8 +199,8 @@ fn leads(errors: &Errors, others: &Errors) -> bool {
     mean > sigmas * (variance / count).sqrt()
 }
 
-/// By what the 68 % half-widths of a model must be multiplied to contain 68 % of such errors on the new presses, of location and of
-/// force; 1 at least.
+/// Returns the factors for a model's 68 % half-widths of location and of force, each at least 1. With these factors the
+/// half-widths contain 68 % of the given errors on the new presses.
 fn beyond(model: &Model, new: &Calibration, errors: &[Option<MeanErrors>]) -> [f64; 2] {
     let mut workspace = Workspace::default();
     let (mut location, mut force) = (Vec::new(), Vec::new());

@@ -9,14 +9,14 @@ use super::widths::{FEWEST_TRIALS, Widths};
 use super::{Covariance, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 use serde::{Deserialize, Serialize};
 
-/// A method that only locates, with its errors on presses held out of its calibration.
+/// Method that gives only location and force, with its errors on presses held out of its calibration.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Appraised {
     method: Method,
     experience: Option<Experience>,
 }
 
-/// How far a method was off on presses that it hadn't seen, by their force F.
+/// Errors of a method on presses that weren't in its calibration, as a function of their force F.
 #[derive(Serialize, Deserialize)]
 struct Experience {
     /// Variance of x and of y, mm^2: a constant part, and a part that grows with 1 / F^2.
@@ -107,7 +107,7 @@ impl Experience {
         Some(Experience { widths, ..experience })
     }
 
-    /// The variance of x and of y, mm^2, and of the force, N^2.
+    /// Variances of x and of y, mm^2, and of the force, N^2.
     fn variances(&self, located: &Located) -> (f64, f64) {
         let location = located.scale_mm.powi(2) * self.location.variance(0, 1.0 / located.force_n);
         (location, located.scale_n.powi(2) * self.force.variance(0, located.force_n))

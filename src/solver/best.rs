@@ -4,7 +4,7 @@ use super::fitted::Candidate;
 use super::heldout::HeldPress;
 use std::collections::BTreeMap;
 
-/// A method and its trials.
+/// Method and its trials.
 pub(super) struct Tried {
     /// Name of the method.
     pub solver: &'static str,
@@ -12,14 +12,15 @@ pub(super) struct Tried {
     pub trials: Vec<HeldPress>,
 }
 
-/// A method is tried no further if its mean error on the first part of the places is larger than the least by this factor, and by so
-/// many standard errors of the difference.
+/// Ratio of a method's mean error on the first part of the places to the least mean error above which the method isn't tried
+/// further. The second constant is the number of standard errors by which the difference must also exceed zero.
 const HOPELESS: f64 = 1.3;
 const HOPELESS_SIGMAS: f64 = 3.0;
-/// The factor between two mean force errors that counts as a gain, and by what factor the location error may be larger for it.
+/// Largest ratio of two mean force errors that counts as an improvement. The second constant is the allowed factor for the
+/// location error.
 const FORCE_GAIN: f64 = 0.5;
 const LOCATION_COST: f64 = 1.1;
-/// The fewest places that show it.
+/// Least number of places from which this can be decided.
 const FEWEST_PLACES: usize = 30;
 
 impl Tried {
@@ -44,7 +45,7 @@ impl Tried {
         self.errors(|trial| Some(trial.answer.as_ref().ok()?.place.distance_mm(trial.place)))
     }
 
-    /// The error of each trial inside the area; none at all where no trial has an answer.
+    /// Returns the error of each trial inside the area. Returns an empty list if no trial has an answer.
     fn errors(&self, error: impl Fn(&HeldPress) -> Option<f64>) -> Vec<f64> {
         let errors: Vec<Option<f64>> = self.inside().map(error).collect();
         let Some(largest) = errors.iter().flatten().copied().reduce(f64::max) else { return Vec::new() };
@@ -55,7 +56,7 @@ impl Tried {
         self.trials.iter().filter(|trial| trial.is_inside)
     }
 
-    /// The mean at each place of values, one a trial inside the area.
+    /// Returns the mean of the values at each place. There is one value for each trial inside the area.
     fn by_place(&self, values: impl IntoIterator<Item = f64>) -> Vec<f64> {
         let mut places: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
         for (trial, value) in self.inside().zip(values) {
@@ -85,8 +86,8 @@ impl Tried {
     }
 }
 
-/// Ranks methods by location error: first those that were tried on all parts of the places, then those that were given up, last those
-/// without an error, in the order given.
+/// Ranks methods by location error. First come the methods that were tried on all parts of the places, then those that were given
+/// up. Methods without an error come last, in the given order.
 pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
     let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
     let key = |tried: &Tried| match mean(&tried.location_errors()) {
@@ -98,8 +99,8 @@ pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
     ranked.into_iter().map(|(_, tried)| tried).collect()
 }
 
-/// Which of the ranked methods to choose, by its rank. `may_lead` says of a rank whether it may be chosen for its location error. A
-/// later one is chosen if it halves the force error of that one and its location error is nearly as small.
+/// Returns the rank of the method to choose. `may_lead` states whether the method at a rank may be chosen for its location error.
+/// Another method is chosen if it has at most half the first method's force error and nearly as small a location error.
 pub(super) fn leader(ranked: &[&Tried], may_lead: impl FnMut(&usize) -> bool) -> usize {
     let first = (0..ranked.len()).find(may_lead).unwrap_or(0);
     let is_near = |rank: &usize| ranked[*rank].lead(ranked[first]) >= 1.0 / LOCATION_COST;
@@ -107,8 +108,8 @@ pub(super) fn leader(ranked: &[&Tried], may_lead: impl FnMut(&usize) -> bool) ->
     (0..ranked.len()).find(|rank| *rank != first && is_near(rank) && halves(rank)).unwrap_or(first)
 }
 
-/// Whether each method is worth trying on the other parts of the places, by its trials on the first. `counts` says of a method whether
-/// others are compared with it.
+/// Returns for each method whether it should be tried on the other parts of the places, according to its trials on the first
+/// part. `counts` states whether others are compared with a method.
 pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
     let ranked = tried.iter().filter(|tried| counts(tried));
     let ranked = ranked.filter_map(|tried| Some((tried, mean(&tried.location_errors())?)));

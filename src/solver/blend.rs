@@ -6,17 +6,18 @@ use super::{Locate, Located, SolveError, Workspace};
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// The weighed mean of two methods that err in different ways: each weight is one over the expected square error, after what the
-/// method says of this reading and what held-out presses say of the method. Where the two answers are too far apart to be
-/// two views of one contact, the surer one counts alone. A reading is unlike one contact where both members find it so.
+/// Weighted mean of two methods that have different kinds of errors. Each weight is the inverse of the expected square error. The
+/// expected error combines the method's own statement for this reading and the method's results on held-out presses. If the two
+/// answers are too far apart to belong to one contact, only the more certain answer counts. A reading is unlike one contact if
+/// both members find it so.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Blend {
     members: Box<[Method; 2]>,
     errors: [MemberErrors; 2],
 }
 
-/// What held-out presses say of a member: mean error of location and of force over what the member says they are in proportion to, and
-/// its mean residue.
+/// Results of a member on held-out presses. Location and force errors are stored as ratios of their mean to the mean of the
+/// member's own scale. The mean residue is stored too.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct MemberErrors {
     location: f64,
@@ -24,7 +25,7 @@ pub(super) struct MemberErrors {
     residue: f64,
 }
 
-/// The distance of two answers, over what their errors make likely, from which on they aren't averaged.
+/// Distance of two answers, as a multiple of their expected distance, above which they aren't averaged.
 const APART: f64 = 4.0;
 
 impl Blend {
@@ -75,7 +76,8 @@ impl Locate for Blend {
     }
 }
 
-/// The mean of two answers. Its scales are standard deviations: what is expected of the mean, and what the two differ by.
+/// Returns the mean of two answers. Its scales are standard deviations, which include the mean's expected error and the
+/// difference of the two answers.
 fn mean(answers: [&Located; 2], errors: &[MemberErrors; 2]) -> Located {
     let [one, other] = answers;
     let of = |of_member: fn(&MemberErrors) -> f64, scale: fn(&Located) -> f64, apart: f64| {
@@ -97,14 +99,15 @@ fn mean(answers: [&Located; 2], errors: &[MemberErrors; 2]) -> Located {
     }
 }
 
-/// The weight of the first of two values, and the standard deviation of their mean.
+/// Weight of the first of two values, and the standard deviation of their weighted mean.
 struct Weighed {
     first: f64,
     sd: f64,
 }
 
 impl Weighed {
-    /// Of values with these standard deviations, so far apart. One that isn't known has no weight.
+    /// Returns the weights for two values with these standard deviations and this difference. A value whose standard deviation is
+    /// unknown has no weight.
     fn of(sds: [f64; 2], apart: f64) -> Self {
         let [one, other] = sds.map(|sd| if sd > 0.0 { sd * sd } else { f64::INFINITY });
         let first = match (one.is_finite(), other.is_finite()) {

@@ -37,15 +37,15 @@ impl Fault {
     }
 }
 
-/// The share of presses with one unit's largest value from which it is taken to be clipped. A peak of a converter's coarsest
-/// step is far smaller.
+/// Fraction of presses at one unit's largest value from which the unit counts as clipped. A peak caused by a converter's coarsest
+/// step is much smaller.
 const CLIPPED_SHARE: f64 = 0.05;
-/// The fewest such presses.
+/// Least number of such presses.
 const FEWEST_CLIPPED: usize = 4;
-/// The fewest places at which a unit that lives reads different values.
+/// Least number of places at which a working unit reads different values.
 const FEWEST_PLACES: usize = 4;
 
-/// The units of a calibration that are dead or saturated.
+/// Returns the units of a calibration that are dead or saturated.
 pub(super) fn broken(calibration: &Calibration) -> Vec<Broken> {
     if calibration.by_place().len() < FEWEST_PLACES {
         return Vec::new();

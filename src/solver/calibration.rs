@@ -16,7 +16,8 @@ pub struct Calibration {
     outputs: Vec<f64>,
 }
 
-/// Forces within this factor count as one: a loop keeps within 5 % of what it is asked, careless presses within 20 %.
+/// Largest ratio of forces that count as one force. A loop is within 5 % of the requested force, careless presses are within 20
+/// %.
 const ONE_FORCE: f64 = 1.5;
 
 /// One press of a calibration.
@@ -89,7 +90,7 @@ impl Calibration {
         CalibrationPoint { place: self.places[index], force_n: self.force_n[index], outputs }
     }
 
-    /// Some of the points; at least one.
+    /// Returns a calibration of some of the points; at least one.
     pub(crate) fn subset(&self, points: &[usize]) -> Calibration {
         Calibration {
             units: self.units,
@@ -100,18 +101,18 @@ impl Calibration {
         }
     }
 
-    /// The same presses with other outputs, row-major points x units.
+    /// Returns a calibration of the same presses with other outputs, row-major points x units.
     pub(super) fn with_outputs(&self, outputs: Vec<f64>) -> Calibration {
         Calibration { outputs, ..self.clone() }
     }
 
-    /// Some of the units, in this order.
+    /// Returns a calibration of some of the units, in this order.
     pub(super) fn of_units(&self, units: &[usize]) -> Calibration {
         let row = |point: usize| units.iter().map(move |&unit| self.outputs[point * self.units + unit]);
         Calibration { units: units.len(), outputs: (0..self.len()).flat_map(row).collect(), ..self.clone() }
     }
 
-    /// The points that share a place, to the micrometre, in the order in which each place comes first.
+    /// Returns the points grouped by place, to the micrometre, in the order in which each place first occurs.
     pub(super) fn by_place(&self) -> Vec<Vec<usize>> {
         let mut spots: Vec<Vec<usize>> = Vec::new();
         let mut known = HashMap::new();
@@ -131,13 +132,13 @@ impl Calibration {
         self.forces_known
     }
 
-    /// Whether it is known to be pressed with several forces.
+    /// Whether the forces are known and there are several forces.
     pub(super) fn has_several_forces(&self) -> bool {
         let (least, most) = self.force_n.iter().fold((f64::MAX, 0.0f64), |(l, m), f| (l.min(*f), m.max(*f)));
         self.forces_known && most >= ONE_FORCE * least
     }
 
-    /// The force that the points are pressed with, root mean square, N.
+    /// Typical force of the points, root mean square, N.
     pub(super) fn typical_force_n(&self) -> f64 {
         (self.force_n.iter().map(|force_n| force_n * force_n).sum::<f64>() / self.len() as f64).sqrt()
     }

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-/// Values less the mean of their column, where a process is about that.
+/// Values minus the mean of their column, if the process varies about the mean.
 pub(super) struct Centred<'a> {
     values: &'a [f64],
     pub mean: Vec<f64>,
@@ -25,14 +25,14 @@ impl<'a> Centred<'a> {
     }
 }
 
-/// Multiplies each row by the root of its count, if they count.
+/// Multiplies each row by the square root of its count, if there are counts.
 pub(super) fn scale_rows(matrix: &mut Mat<f64>, counts: Option<&[f64]>) {
     for column in matrix.col_iter_mut().filter(|_| counts.is_some()) {
         column.iter_mut().zip(counts.into_iter().flatten()).for_each(|(value, count)| *value *= count.sqrt());
     }
 }
 
-/// The same for each row and each column.
+/// Multiplies each row and each column by the square root of its count, if there are counts.
 pub(super) fn scale_both(matrix: &mut Mat<f64>, counts: Option<&[f64]>) {
     scale_rows(matrix, counts);
     for (column, count) in matrix.col_iter_mut().zip(counts.into_iter().flatten()) {
@@ -45,7 +45,7 @@ pub(super) fn column_means(values: &[f64], columns: usize) -> Vec<f64> {
     (0..columns).map(|column| values[column..].iter().step_by(columns).sum::<f64>() / rows).collect()
 }
 
-/// Which columns hold one value throughout, but for rounding.
+/// Returns for each column whether all its values are equal, except for rounding.
 fn flat_columns(values: &[f64], columns: usize) -> Vec<bool> {
     let is_flat = |column: usize| {
         let of_column = || values[column..].iter().step_by(columns);

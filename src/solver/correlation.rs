@@ -3,7 +3,7 @@
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 
-/// How alike the outputs at two places are.
+/// Similarity of the outputs at two places.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Correlation {
     smoothness: Smoothness,
@@ -11,7 +11,7 @@ pub(super) struct Correlation {
     length: f64,
 }
 
-/// How smooth the outputs are.
+/// Smoothness of the outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Smoothness {
     /// Continuous: Matérn 1/2.
@@ -77,16 +77,17 @@ impl Correlation {
     }
 }
 
-/// How many lengths are tried of each smoothness, evenly by their logarithm, from the spacing of the places to [`LONGEST`].
+/// Number of lengths that are tried for each smoothness, evenly spaced on a logarithmic scale from the spacing of the places to
+/// [`LONGEST`].
 const LENGTHS: usize = 6;
 
-/// The longest length that is tried, over the places' extent.
+/// Longest length that is tried, as a multiple of the places' extent.
 const LONGEST: f64 = 4.0;
 
-/// How often the step between lengths is halved around the best.
+/// Number of times that the step between lengths is halved around the best length.
 const HALVINGS: usize = 3;
 
-/// The correlation of the largest likelihood, and that, of places that are so far [apart](distances).
+/// Returns the correlation with the largest likelihood, and this likelihood, for places with these distances [apart](distances).
 pub(super) fn likeliest(
     apart: &Mat<f64>,
     smoothnesses: &[Smoothness],
@@ -125,7 +126,8 @@ pub(super) fn likeliest(
     smoothnesses.iter().map(|&smoothness| best_of(smoothness)).fold(none, better)
 }
 
-/// Up to `count` rows that lie far apart, each the farthest from those before it, the first row first.
+/// Returns up to `count` rows that are far apart. The first row comes first; each further row is the farthest from all rows
+/// before it.
 pub(super) fn farthest_apart(places: &[f64], dimensions: usize, count: usize) -> Vec<usize> {
     let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
     if rows.len() <= count {
@@ -144,7 +146,7 @@ pub(super) fn farthest_apart(places: &[f64], dimensions: usize, count: usize) ->
     chosen
 }
 
-/// How far each place is from each (row-major, places x dimensions): the lower triangle.
+/// Returns the distances between all places (row-major, places x dimensions) as the lower triangle.
 pub(super) fn distances(places: &[f64], dimensions: usize) -> Mat<f64> {
     let rows: Vec<&[f64]> = places.chunks_exact(dimensions).collect();
     Mat::from_fn(rows.len(), rows.len(), |i, j| if i > j { distance(rows[i], rows[j]) } else { 0.0 })

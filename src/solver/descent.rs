@@ -6,8 +6,8 @@ use super::response::Response;
 use super::workspace::{Buffers, Workspace};
 use crate::quantity::Place;
 
-/// Finds where a [`Response`] fits a reading best, from a start close by: Gauss and Newton's steps in the place, the force, in
-/// which the response is linear, eliminated after each. Places stay in the response's area.
+/// Finds where a [`Response`] fits a reading best, from a start near the best place. It uses Gauss-Newton steps in the place.
+/// After each step it eliminates the force, in which the response is linear. Places stay in the response's area.
 pub(super) struct Descent<'a> {
     pub response: &'a Response,
     pub load: ForceKnown,
@@ -19,7 +19,7 @@ pub(super) struct Descent<'a> {
     pub without: Option<usize>,
 }
 
-/// The best fit.
+/// Best fit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Estimate {
     pub place: Place,
@@ -34,13 +34,13 @@ pub(super) struct Estimate {
     pub leverage: f64,
 }
 
-/// The most steps from a start; two to four do.
+/// Largest number of steps from a start. Two to four are usually enough.
 const MOST_STEPS: usize = 12;
-/// The longest step, as a share of the area's longer side.
+/// Longest step, as a fraction of the area's longer side.
 const LONGEST_STEP: f64 = 0.1;
-/// How often a step that doesn't improve the fit is halved.
+/// Number of times that a step without improvement is halved.
 const MOST_HALVINGS: usize = 4;
-/// A step that promises to lower the sum of squares by less is the last: it is a thirtieth of the error that noise leaves.
+/// Expected decrease of the sum of squares below which a step is the last. Its effect is a thirtieth of the error from noise.
 const LAST_GAIN: f64 = 1e-3;
 
 impl Descent<'_> {
@@ -107,7 +107,7 @@ impl Descent<'_> {
         }
     }
 
-    /// The force that fits best by the weights.
+    /// Force that fits best with the weights.
     fn force_n(&self, b: &Buffers) -> f64 {
         if self.load == ForceKnown::Constant {
             return self.response.force_n;
@@ -122,7 +122,7 @@ impl Descent<'_> {
         if length > 0.0 { projected / length } else { 0.0 }
     }
 
-    /// The weighted mean of a column, which an offset that all units share takes away; 0 where there is none.
+    /// Weighted mean of a column, which an offset common to all units removes; 0 if there is no such offset.
     fn offset(&self, column: &[f64], b: &Buffers) -> f64 {
         if !self.common_offset {
             return 0.0;
@@ -152,7 +152,7 @@ impl Descent<'_> {
         (normal, chi2)
     }
 
-    /// The step, or where it would leave the area the best one along the border.
+    /// Returns the step, or the best step along the border if the free step would leave the area.
     fn inside(&self, normal: &Normal, place: Place, freely: [f64; 3]) -> [f64; 3] {
         let area = self.response.field.area();
         let leaves =

@@ -298,7 +298,7 @@ impl Verdicts {
     }
 }
 
-/// Errors over the standard deviations stated for them.
+/// Errors divided by their stated standard deviations.
 #[derive(Default)]
 struct Stated {
     xy: Vec<f64>,

@@ -9,12 +9,12 @@ use crate::quantity::{Place, Stream, stream};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-/// Extremely randomised trees (Geurts, Ernst and Wehenkel 2006): each splits the presses by one coordinate after another at
-/// thresholds drawn at random, and answers with the press that the reading ends beside; the answer is the mean of all trees. A
-/// press that is out of line spoils what is close to it and nothing else, and it doesn't matter how the outputs are scaled.
+/// Extremely randomised trees (Geurts, Ernst and Wehenkel 2006). Each tree splits the presses by one coordinate after another, at
+/// random thresholds. A tree's answer is the press at which the reading ends, and the result is the mean over all trees. A wrong
+/// press affects only readings near it, and the scale of the outputs has no effect.
 ///
-/// The coordinates are the reading over its length; where the amplitude may count, its outputs and the logarithm of its
-/// length too.
+/// The coordinates are the reading divided by its length. If the amplitude may be used, the outputs and the logarithm of the
+/// length are added.
 #[derive(Serialize, Deserialize)]
 pub(super) struct ExtraTrees {
     trees: Vec<Tree>,
@@ -25,7 +25,7 @@ pub(super) struct ExtraTrees {
     force_n: f64,
 }
 
-/// A tree's nodes, the root first.
+/// Nodes of a tree, the root first.
 #[derive(Serialize, Deserialize)]
 struct Tree {
     nodes: Vec<Node>,
@@ -43,19 +43,21 @@ enum Node {
     Leaf(Answer),
 }
 
-/// x, y, mm, and the logarithm of the force, over what is proportional to the reading where only that is seen.
+/// Answer: x and y, mm, and the logarithm of the force. If only the reading's direction is seen, the force is divided by a
+/// quantity proportional to the reading.
 type Answer = [f64; ANSWERS];
 const ANSWERS: usize = 3;
 
 const TREES: usize = 50;
 
-/// The most presses that a tree is grown from; of more, some at random.
+/// Largest number of presses from which a tree is grown. If there are more, some are chosen at random.
 const MOST_PRESSES: usize = 5000;
 
-/// So many coordinates are tried at each split, all of fewer; of very many, twice the square root of their number.
+/// Number of coordinates that are tried at each split. If there are fewer, all are tried. If there are very many, twice the
+/// square root of their number is tried.
 const TRIED_COORDINATES: usize = 10;
 
-/// The least spread of the trees that counts, mm.
+/// Least spread of the trees that counts, mm.
 const LEAST_SPREAD_MM: f64 = 1e-4;
 
 impl ExtraTrees {
@@ -143,7 +145,7 @@ impl Tree {
     }
 }
 
-/// What trees are grown from.
+/// Data from which trees are grown.
 struct Grown {
     /// Columns, one for each coordinate.
     coordinates: Vec<Vec<f64>>,
@@ -153,7 +155,7 @@ struct Grown {
 }
 
 impl Grown {
-    /// One over the spread of the places, and of the forces.
+    /// Returns the inverse of the spread of the places, and of the forces.
     fn scales(&self) -> Answer {
         let count = self.answers.len() as f64;
         let variance = |i: usize| {
@@ -194,8 +196,8 @@ impl Grown {
         Tree { nodes }
     }
 
-    /// Of thresholds drawn at random, one each of some coordinates, that which leaves the least variance; none for rows that are
-    /// alike.
+    /// Returns the random threshold with the least remaining variance, from one threshold for each of some coordinates. Returns
+    /// `None` if the rows are equal.
     fn split(&self, rows: &[u32], scaled: &[Answer], order: &mut [u32], rng: &mut Stream) -> Option<(u32, f64)> {
         let is_alike = rows.iter().all(|&row| scaled[row as usize] == scaled[rows[0] as usize]);
         if rows.len() < 2 || is_alike {

@@ -3,8 +3,8 @@
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// Smooth functions of the place, one a channel, tabulated over an area: uniform cubic B-splines in x and y. A value and its
-/// gradient cost sixteen rows of the table, however they were made.
+/// Smooth functions of the place, one for each channel, tabulated over an area: uniform cubic B-splines in x and y. A value and
+/// its gradient need sixteen rows of the table, for any origin of the functions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Field {
     area: Area,
@@ -15,7 +15,7 @@ pub(super) struct Field {
     coefficients: Vec<f64>,
 }
 
-/// The rectangle that calibration points span, mm.
+/// Rectangle that contains the calibration points, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Area {
     /// Lower left corner.
@@ -60,11 +60,11 @@ impl Area {
     }
 }
 
-/// Places nearer than this are the same, mm.
+/// Distance below which two places are the same, mm.
 const SAME_MM: f64 = 1e-3;
-/// The most cells along one axis: a table of 100 channels then still holds under 5 MB.
+/// Largest number of cells along one axis. A table of 100 channels then takes less than 5 MB.
 const MOST_CELLS: usize = 64;
-/// The fewest.
+/// Least number of cells along one axis.
 const FEWEST_CELLS: usize = 4;
 
 impl Field {
@@ -151,7 +151,7 @@ struct Axis {
     cells: usize,
 }
 
-/// The four coefficients that count at a value: their weights, and how these change.
+/// Four coefficients that affect a value: their weights, and the derivatives of the weights.
 struct Stencil {
     first: usize,
     weights: [f64; 4],
@@ -172,7 +172,7 @@ impl Axis {
         self.cells + 3
     }
 
-    /// Where a sample is taken; the third stands at the axis' least value.
+    /// Position of a sample. The third sample is at the axis' least value.
     fn node(&self, index: usize) -> f64 {
         self.least + (index as f64 - 2.0) * self.step
     }
@@ -195,8 +195,8 @@ impl Axis {
     }
 }
 
-/// Coefficients of cubic B-splines from samples along the middle of three dimensions: (-f- + 8 f - f+) / 6, which is exact for
-/// cubics (de Boor and Fix 1973). Two fewer come out than go in.
+/// Returns coefficients of cubic B-splines from samples along the middle one of three dimensions: (-f- + 8 f - f+) / 6, which is
+/// exact for cubics (de Boor and Fix 1973). The result has two values fewer than the input.
 fn quasi_interpolated(samples: &[f64], outer: usize, count: usize, inner: usize) -> Vec<f64> {
     let mut coefficients = Vec::with_capacity(outer * (count - 2) * inner);
     for block in samples.chunks_exact(count * inner) {

@@ -20,7 +20,7 @@ pub struct Fitted {
     widened: [f64; 2],
 }
 
-/// A method that says how sure its answers are: by its own map, or by what held-out presses showed.
+/// Method that states the uncertainty of its answers, from its own map or from held-out presses.
 #[derive(Serialize, Deserialize)]
 pub(super) enum Answering {
     Forward(Box<Forward>),
@@ -55,12 +55,12 @@ pub struct Candidate {
 }
 
 impl Fitted {
-    /// A method for all of so many units.
+    /// Returns a method for an array of `units`, all of which are used.
     pub(super) fn new(solver: Answering, units: usize) -> Self {
         Fitted { solver, units, kept: None, broken: Vec::new(), choice: None, widened: [1.0; 2] }
     }
 
-    /// The same for an array of `units` of which some are left out.
+    /// Returns the same method for an array of `units`, of which some are left out.
     pub(super) fn without(self, broken: Vec<Broken>, units: usize) -> Self {
         let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
         let kept = (!broken.is_empty()).then(|| (0..units).filter(is_kept).collect());
@@ -71,18 +71,18 @@ impl Fitted {
         Fitted { choice: Some(choice), ..self }
     }
 
-    /// Multiplies what is stated of the errors of location and of force, beside what it is multiplied by already.
+    /// Multiplies the stated errors of location and of force, in addition to earlier factors.
     pub(super) fn widen(&mut self, location: f64, force: f64) {
         self.widened = [self.widened[0] * location, self.widened[1] * force];
     }
 
-    /// The same, with what is stated of the errors multiplied as another fit's is.
+    /// Returns the same fit with another fit's factors for the stated errors.
     pub(super) fn widened_as(self, other: &Fitted) -> Self {
         Fitted { widened: other.widened, ..self }
     }
 
-    /// What is stated of the errors, widened. Numbers beyond all bounds end here: a reading out of all proportion has no answer, an error
-    /// that isn't a number isn't stated.
+    /// Returns the solution with the stated errors widened. Numbers that aren't finite end here: a reading with such a solution
+    /// has no answer, and such an error isn't stated.
     fn stated(&self, solution: Solution) -> Result<Solution, SolveError> {
         let Solution { place, force_n, covariance, half_widths, misfit, .. } = solution;
         if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {

@@ -14,10 +14,10 @@ use super::{
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// Inverts a [`Response`]: the place and the force under which the array would read what was read.
+/// Inverts a [`Response`]: finds the place and the force for which the array would give this reading.
 ///
-/// The best of a grid of places is refined by [`Descent`]; each unit counts by its variance, which is the noise of this reading and
-/// the map's own error. What the fit leaves shows whether one contact can have caused the reading.
+/// The best place of a grid is refined by [`Descent`]. Each unit is weighted by its variance, which contains this reading's noise
+/// and the map's own error. The residual of the fit shows whether one contact can have caused the reading.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Forward {
     kind: MapKind,
@@ -31,7 +31,7 @@ pub(super) struct Forward {
     widths: Option<Widths>,
 }
 
-/// How a map was made.
+/// Kind of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum MapKind {
     /// By regression.
@@ -49,7 +49,7 @@ impl MapKind {
     }
 }
 
-/// Sums of squares that as few readings exceed as the false-alarm rate says.
+/// Limits of sums of squares that are exceeded at the false-alarm rate.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Limits {
     /// Limit for the residue of one contact.
@@ -69,13 +69,14 @@ struct Limits {
     is_noise: bool,
 }
 
-/// Readings that no contact explains look broken where they are this many sd from silence, or over the loudest.
+/// Distance in sd for the broken-unit test of unexplained readings. A unit looks broken if its reading is this close to silence,
+/// or this far above the loudest reading.
 const BROKEN_SD: f64 = 3.0;
 
-/// Another place is nearly as likely where its sum of squares is larger by no more than this: odds of one to twenty.
+/// Largest excess of the sum of squares at which another place counts as nearly as likely: odds of one to twenty.
 const NEARLY_AS_LIKELY: f64 = 6.0;
 
-/// The largest standard deviation of a place that is still given, over the area's diagonal.
+/// Largest standard deviation of a place that is stated, as a multiple of the area's diagonal.
 const MOST_SD_AREAS: f64 = 1000.0;
 
 impl Forward {
@@ -141,7 +142,7 @@ impl Forward {
         self
     }
 
-    /// The best fit, and another place that fits nearly as well.
+    /// Returns the best fit, and another place that fits nearly as well.
     fn estimate(
         &self,
         outputs: &[f64],
@@ -174,7 +175,7 @@ impl Forward {
         Some((best, other.filter(is_as_likely).map(|other| other.place)))
     }
 
-    /// The best fit without a unit that reads as a broken one does, if that leaves nothing unexplained.
+    /// Returns the best fit without a unit that looks broken, if this fit explains the reading.
     fn without_a_unit(&self, outputs: &[f64], force_n: f64, workspace: &mut Workspace) -> Option<(usize, Estimate)> {
         let looks_broken = |&unit: &usize| {
             let sd = self.response.noise.variance(unit, 0.0).sqrt();
@@ -185,8 +186,8 @@ impl Forward {
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
-    /// The errors by an information about x, y and force; none where a place isn't known at all: a calibration along a line shows
-    /// nothing across it.
+    /// Returns the errors that follow from an information matrix for x, y and force. `None` if the place is unknown in a
+    /// direction, for example across a calibration along a line.
     fn covariance(&self, information: &[[f64; 3]; 3]) -> Option<Covariance> {
         let area = self.response.field.area();
         let most_mm = MOST_SD_AREAS * area.least.distance_mm(area.most);
@@ -262,7 +263,7 @@ impl Locate for Forward {
     }
 }
 
-/// What errors of location, mm, and force, N, are in proportion to; NaN where they aren't known.
+/// Scales of the errors of location, mm, and of force, N; NaN if they are unknown.
 fn scales(covariance: Option<Covariance>) -> (f64, f64) {
     covariance.map_or((f64::NAN, f64::NAN), |sd| (sd.x_mm().hypot(sd.y_mm()), sd.force_n()))
 }

@@ -10,13 +10,12 @@ use crate::quantity::{Place, stream};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-/// The regression that a user would otherwise reach for: a Gaussian process straight from what was read to where it was pressed, and
-/// how hard.
+/// Standard regression for comparison: a Gaussian process directly from readings to places and forces.
 ///
-/// Its coordinates are the reading scaled to length 1, so that the force doesn't count. Where the calibration was pressed with
-/// several forces, or the load is constant, the amplitude may count: what is seen of a reading is then the likeliest of several
-/// [views](View). Nothing is assumed of how the pattern moves with the contact, which makes it the method for skins
-/// whose pattern changes with the depth.
+/// Its coordinates are the reading scaled to length 1, so the force has no effect. If the calibration has several forces, or the
+/// load is constant, the amplitude may be used. Then the most likely of several [views](View) of a reading is used. The process
+/// makes no assumption about how the pattern moves with the contact. So it is suitable for skins whose pattern changes with
+/// depth.
 #[derive(Serialize, Deserialize)]
 pub(super) struct GaussianProcess {
     process: Process,
@@ -28,38 +27,39 @@ pub(super) struct GaussianProcess {
     force_n: f64,
 }
 
-/// What the process answers: x, y, logarithm of the force over what is proportional to the reading.
+/// Number of answers of the process: x, y, and the logarithm of the force divided by a quantity proportional to the reading.
 const ANSWERS: usize = 3;
 
-/// Those of them that are a place.
+/// Number of answers that are coordinates of the place.
 const COORDINATES: usize = 2;
 
-/// The correlation decides, so it is sought with most of the places that there are.
+/// Regression of the process. The correlation is decisive, so it is searched for with most of the available places.
 const MANNER: Regression = Regression { about_mean: true, most_to_seek_with: MOST_TO_SEEK_WITH, of: &Smoothness::ALL };
 const MOST_TO_SEEK_WITH: usize = 320;
 
-/// The smoothness with which views are compared.
+/// Regression with which views are compared: one smoothness only.
 const OF_VIEWS: Regression = Regression { of: &[Smoothness::Smooth], ..MANNER };
 
-/// The most coordinates that are stretched one by one.
+/// Largest number of coordinates that are stretched separately.
 const MOST_STRETCHED: usize = 32;
 
-/// The fewest places that show how far.
+/// Least number of places from which stretches can be determined.
 const FEWEST_TO_STRETCH: usize = 50;
 
-/// Steps of the logarithm of a stretch, one round each.
+/// Steps of a stretch's logarithm, one for each round.
 const STRETCHES: [f64; 6] = [0.5, 0.5, 0.5, 0.25, 0.25, 0.25];
 
-/// Standard deviation of the logarithms of the stretches that are expected.
+/// Expected standard deviation of the stretches' logarithms.
 const STRETCHED_ALIKE: f64 = 0.5;
 
-/// The most presses that are regressed; of more, some at random. The cost grows with the cube.
+/// Largest number of presses in the regression. If there are more, some are chosen at random. The cost grows with the cube of
+/// this number.
 const MOST_PRESSES: usize = 2000;
 
-/// The least error that counts, over the mean error: one press may be right by chance.
+/// Least error that counts, as a fraction of the mean error. One press may be right by chance.
 const LEAST_ERROR: f64 = 0.1;
 
-/// The view and the correlation that make a calibration likeliest.
+/// View and correlation that make a calibration most likely.
 pub(super) type Likeliest = (View, Sought);
 
 impl GaussianProcess {
@@ -102,7 +102,7 @@ impl GaussianProcess {
     }
 }
 
-/// Stretches each coordinate of what is seen, and changes the noise of the place, as long as that makes the places likelier.
+/// Stretches each coordinate of the view, and changes the noise of the place, as long as the places become more likely.
 fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
     // one press a place: several are easy to explain by each other, without regard to what is between the places
     let few = calibration.by_place().len().min(MOST_TO_SEEK_WITH);
@@ -146,7 +146,7 @@ fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
     view.stretch(chosen[..dimensions].iter().map(|log| (log + chosen[dimensions + 1]).exp()));
 }
 
-/// What a calibration looks like to the process.
+/// Calibration as the process sees it.
 struct Seen {
     /// Inputs, row-major, presses x dimensions.
     inputs: Vec<f64>,
@@ -155,7 +155,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// Of very many presses some, in random order. None where no press reads anything.
+    /// Returns the calibration in a view. Of very many presses it uses some, in random order. `None` if no press has a reading.
     fn of(calibration: &Calibration, view: &View, most: usize) -> Option<Self> {
         let presses = places_in_turn(calibration);
         let (mut inputs, mut answers) = (Vec::new(), Vec::new());
@@ -171,7 +171,8 @@ impl Seen {
     }
 }
 
-/// The presses of a calibration in random order: one of each place, then another one of each place that has one, and so on.
+/// Returns the presses of a calibration in random order: first one press of each place, then a second press of each place that
+/// has two, and so on.
 pub(super) fn places_in_turn(calibration: &Calibration) -> Vec<usize> {
     let mut rng = stream(0, 0, "regressed presses");
     let mut shuffle = |list: &mut [usize]| {

@@ -9,7 +9,7 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::ops::Range;
 
-/// A calibration press, made as if of another force, solved by a method that was fitted without its place.
+/// Calibration press, scaled to another force, and solved by a method that was fitted without this press' place.
 #[derive(Clone)]
 pub(super) struct HeldPress {
     /// Place of the press.
@@ -25,7 +25,7 @@ pub(super) struct HeldPress {
     pub answer: Result<Located, SolveError>,
 }
 
-/// The places of a calibration in parts, one of which at a time is held out of a fit.
+/// Parts into which the places of a calibration are divided. One part at a time is held out of a fit.
 pub(super) struct Folds<'a> {
     calibration: &'a Calibration,
     /// Response that readings are compared with. Its noise is added to readings that are scaled down.
@@ -37,16 +37,16 @@ pub(super) struct Folds<'a> {
     area: Option<Area>,
 }
 
-/// In how many parts the places of a calibration are held out, one part at a time.
+/// Number of parts into which the places of a calibration are divided. One part at a time is held out.
 pub(super) const FOLDS: usize = 5;
 
-/// The fewest places of which some can be held out.
+/// Least number of places for which some can be held out.
 const FEWEST_PLACES: usize = 9;
 
-/// How many forces each press stands for.
+/// Number of forces that each press represents.
 const FORCES_A_PRESS: usize = 2;
 
-/// The most trials that are made; of more presses, some.
+/// Largest number of trials. If there are more presses, some are used.
 const MOST_TRIALS: usize = 2000;
 
 impl<'a> Folds<'a> {
@@ -111,10 +111,10 @@ impl<'a> Folds<'a> {
     }
 }
 
-/// The golden section: its multiples fill the unit interval evenly, however many there are.
+/// Golden section. Any number of its multiples is evenly distributed over the unit interval.
 pub(super) const GOLDEN_SHARE: f64 = 0.618_033_988_749_894_9;
 
-/// Brings a list into random order (Fisher and Yates).
+/// Shuffles a list (Fisher and Yates).
 fn shuffle<T>(list: &mut [T], rng: &mut impl rand::Rng) {
     for last in (1..list.len()).rev() {
         let other = (rng.next_u64() % (last as u64 + 1)) as usize;

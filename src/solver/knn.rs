@@ -46,8 +46,8 @@ impl PearsonKnn {
         Ok(PearsonKnn { units, places, per_newton, scan: Scan::new(units, directions) })
     }
 
-    /// The weight of a neighbour among its like. No distance is taken for less than what r is rounded by, so that a
-    /// point that is met exactly outweighs the others and two such points share.
+    /// Returns the weight of a neighbour among the neighbours. A distance below the rounding of r counts as this rounding. So an
+    /// exactly matched point outweighs the others, and two such points have equal weights.
     fn weight(&self, neighbour: &Hit) -> f64 {
         let rounding = self.units as f64 * f64::EPSILON;
         1.0 / (1.0 - neighbour.score).max(rounding)

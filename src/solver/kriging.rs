@@ -6,11 +6,11 @@ use super::process::Process;
 use super::sought::{Regression, Sought, likeliest_noise};
 use faer::{Mat, MatRef, Side};
 
-/// Smooth functions of a place, one an output, regressed from what was measured at some places: a Gaussian process with the
-/// likeliest of four covariances, also known as kriging (Rasmussen and Williams 2006, equations 2.25, 4.17 and 5.8).
+/// Smooth functions of a place, one for each output, regressed from measurements at some places: a Gaussian process with the most
+/// likely of four covariances, also called kriging (Rasmussen and Williams 2006, equations 2.25, 4.17 and 5.8).
 ///
-/// A place has any number of coordinates. All outputs share one correlation length, since what smooths them is the same
-/// cover; each has its own scale and noise. Length, scales and noises are those of the largest marginal likelihood.
+/// A place has any number of coordinates. All outputs share one correlation length, because the same cover smooths them. Each
+/// output has its own scale and noise. Length, scales and noises are those with the largest marginal likelihood.
 #[derive(Clone)]
 pub(super) struct Kriging {
     dimensions: usize,
@@ -24,7 +24,7 @@ pub(super) struct Kriging {
     eigen: Eigen,
 }
 
-/// What a process regressed without one of its places says there.
+/// Prediction at a place by a process that was regressed without this place.
 pub(super) struct HeldOut {
     /// Measured minus predicted values, row-major places x outputs.
     pub residuals: Vec<f64>,
@@ -32,7 +32,8 @@ pub(super) struct HeldOut {
     pub leverage: Vec<f64>,
 }
 
-/// The most places a process is regressed from; of more, those farthest apart are taken. The cost grows with the cube.
+/// Largest number of places for a regression. If there are more, those farthest apart are used. The cost grows with the cube of
+/// this number.
 pub(super) const MOST_PLACES: usize = 1200;
 
 impl Kriging {
@@ -143,21 +144,21 @@ impl Kriging {
         HeldOut { residuals, leverage }
     }
 
-    /// Correlations of the known places with others, known x others.
+    /// Returns the correlations of the known places with others, known x others.
     fn correlations(&self, places: &[f64]) -> Mat<f64> {
         let own: Vec<&[f64]> = self.process.inputs.chunks_exact(self.dimensions).collect();
         let others: Vec<&[f64]> = places.chunks_exact(self.dimensions).collect();
         Mat::from_fn(own.len(), others.len(), |i, j| self.process.correlation.at(distance(own[i], others[j])))
     }
 
-    /// One over eigenvalue plus noise ratio, eigenvalues x outputs.
+    /// Returns the inverse of the eigenvalue plus the noise ratio, eigenvalues x outputs.
     fn precisions(&self) -> Mat<f64> {
         let value = |i: usize, output: usize| 1.0 / (self.eigen.values[i] + self.noise_ratio[output]);
         Mat::from_fn(self.eigen.values.len(), self.outputs, value)
     }
 }
 
-/// A matrix' values, row by row.
+/// Returns a matrix' values, row by row.
 fn rows(matrix: &Mat<f64>) -> impl Iterator<Item = f64> {
     (0..matrix.nrows()).flat_map(move |i| (0..matrix.ncols()).map(move |j| matrix[(i, j)]))
 }
@@ -177,7 +178,8 @@ struct Eigen {
 }
 
 impl Eigen {
-    /// Each row and each column is multiplied by the root of its count, if they count: the noise is then the same everywhere.
+    /// Returns the eigenvalues and eigenvectors. If there are counts, each row and each column is multiplied by the square root
+    /// of its count. The noise is then the same everywhere.
     fn of(places: &[f64], dimensions: usize, correlation: Correlation, counts: Option<&[f64]>) -> Self {
         let mut correlations = correlation.of_lower(&distances(places, dimensions));
         scale_both(&mut correlations, counts);
@@ -193,8 +195,8 @@ impl Eigen {
             },
         }
     }
-    /// The logarithm of the determinant of the correlations with `ridge` added to their diagonal, and for each column of values in the
-    /// eigenvectors' frame the sum of squares that its inverse measures.
+    /// Returns the logarithm of the determinant of the correlations with `ridge` added to their diagonal. For each column of
+    /// values in the eigenvectors' frame, it also returns the quadratic form with the inverse matrix.
     fn with_ridge(&self, ridge: f64, turned: &Mat<f64>) -> (f64, Vec<f64>) {
         let precisions: Vec<f64> = self.values.iter().map(|value| 1.0 / (value + ridge)).collect();
         let square = |output: usize| {

@@ -8,7 +8,7 @@ use super::pattern_map::PatternMap;
 use super::{Locate, Located, Pearson, PearsonKnn, SolveError, Whitened, Workspace};
 use serde::{Deserialize, Serialize};
 
-/// A fitted method. A sensor file holds one, so the variants keep their order, and a new one goes last.
+/// Fitted method. A sensor file contains one, so the order of the variants is fixed, and a new variant is added last.
 #[derive(Serialize, Deserialize)]
 pub(super) enum Method {
     Pearson(Pearson),
@@ -21,7 +21,7 @@ pub(super) enum Method {
     ExtraTrees(ExtraTrees),
 }
 
-/// The names of the methods to which a fit comes in more ways than one.
+/// Names of the methods that can be fitted in several ways.
 pub(super) const SURROGATE: &str = "surrogate";
 pub(super) const PHYSICS: &str = "physics";
 pub(super) const PROCESS: &str = "gaussian-process";

@@ -118,24 +118,26 @@ pub trait Solver: Send + Sync {
     /// The name it goes by in [`SOLVERS`].
     fn name(&self) -> &'static str;
 
-    /// The contact behind one reading: `outputs` holds one value a unit, in the units and the order of the calibration.
+    /// Returns the contact that caused one reading. `outputs` holds one value for each unit, in the units and the order of the
+    /// calibration.
     ///
-    /// Nothing is allocated once the workspace has been used with this solver.
+    /// After the workspace was first used with this solver, no more memory is allocated.
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError>;
 
-    /// The error it is expected to have at a place, specimen frame, under a force, N: the bound of Cramer and Rao on the map it
-    /// inverts, whose own error is in it. None without such a map, or where the units don't determine it.
+    /// Returns the expected error at a place, specimen frame, under a force in N. It is the Cramer-Rao bound on the map that the
+    /// solver inverts, including the map's own error. `None` if there is no such map, or if the units don't determine the
+    /// contact.
     fn expected(&self, _place: Place, _force_n: f64) -> Option<Covariance> {
         None
     }
 }
 
-/// A method that answers where and how hard, and leaves to [`Appraised`] how sure that is.
+/// Method that returns place and force. [`Appraised`] adds the uncertainty.
 trait Locate: Send + Sync {
     /// The name it goes by in [`SOLVERS`].
     fn name(&self) -> &'static str;
 
-    /// The contact behind one reading.
+    /// Returns the contact that caused one reading.
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError>;
 }
 
@@ -157,7 +159,7 @@ struct Located {
 }
 
 impl Located {
-    /// Of a method that gives no more than place, force and residue.
+    /// Default values for a method that gives only place, force and residue.
     const PLAIN: Located = Located {
         place: Place { x_mm: 0.0, y_mm: 0.0 },
         force_n: 0.0,

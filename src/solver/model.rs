@@ -109,7 +109,7 @@ impl Model {
         Ok(postcard::from_bytes(bytes)?)
     }
 
-    /// The same method, fitted without these units beside those that are left out already; none without the calibration.
+    /// Returns the same method, fitted without these units and the units already left out. `None` without the calibration.
     pub(super) fn fit_without(&self, units: &[usize], fault: Fault) -> Option<Result<Fitted, FitError>> {
         let calibration = self.calibration.clone()?;
         let mut broken = self.fitted.broken().to_vec();
@@ -119,12 +119,12 @@ impl Model {
         Some(fitted.map(|fitted| fitted.widened_as(&self.fitted)))
     }
 
-    /// Multiplies what is stated of the errors of location and of force.
+    /// Multiplies the stated errors of location and of force.
     pub(super) fn widen(&mut self, location: f64, force: f64) {
         self.fitted.widen(location, force);
     }
 
-    /// Puts another fit in the place of the one that there is.
+    /// Replaces the present fit.
     pub(super) fn replace(&mut self, fitted: Fitted) {
         self.fitted = fitted;
     }

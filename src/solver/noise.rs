@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How far a unit's output strays from what its contact calls for, unit by unit: an additive part and one proportional to the
-/// output, variance a^2 + (b y)^2.
+/// Deviation of a unit's output from the output that the contact should cause, for each unit. It has an additive part and a part
+/// proportional to the output, variance a^2 + (b y)^2.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Noise {
     /// a^2, in the square of the outputs' unit.
@@ -12,7 +12,7 @@ pub(super) struct Noise {
     proportional: Vec<f64>,
 }
 
-/// One output compared with its prediction.
+/// One output with its prediction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Residual {
     /// Predicted value.
@@ -23,13 +23,13 @@ pub(super) struct Residual {
     pub leverage: f64,
 }
 
-/// Rounds of reweighting in which the two parts are found; they settle in some ten.
+/// Number of reweighting rounds to find the two parts; some ten are enough.
 const ROUNDS: usize = 30;
 
-/// The leverage up to which a residual shows more of the noise than of the map.
+/// Largest leverage at which a residual shows more of the noise than of the map.
 const SURE: f64 = 0.3;
 
-/// The least that noise can be, as a share of the largest output: what is known better than that is not a measurement.
+/// Least noise, as a fraction of the largest output. No measurement is more accurate.
 const LEAST_SHARE: f64 = 1e-6;
 
 impl Noise {
@@ -46,8 +46,8 @@ impl Noise {
     }
 }
 
-/// a^2 and b^2 of one unit: the squares of its residuals are regressed on 1 and y^2, each weighted by what its variance was
-/// found to be the round before.
+/// Returns a^2 and b^2 of one unit. The squares of its residuals are regressed on 1 and y^2. Each square is weighted by the
+/// variance found in the previous round.
 fn parts(residuals: &[Residual]) -> (f64, f64) {
     let largest = residuals.iter().map(|r| r.predicted.abs()).fold(0.0, f64::max);
     let least = (LEAST_SHARE * largest).powi(2).max(f64::MIN_POSITIVE);

@@ -9,7 +9,7 @@ pub(super) struct Normal {
     pub slope: [f64; 3],
 }
 
-/// A pivot of which rounding leaves less than this share shows nothing.
+/// Fraction of a pivot that must remain. Below it only rounding errors are left.
 const LEAST_PIVOT: f64 = 1e-12;
 
 impl Normal {
@@ -53,7 +53,7 @@ impl Normal {
     }
 }
 
-/// The inverse of a positive definite matrix; none of another.
+/// Returns the inverse of a matrix, or `None` if the matrix isn't positive definite.
 pub(super) fn inverse(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     let l = cholesky(a)?;
     let column = |i: usize| {

@@ -11,13 +11,12 @@ use crate::quantity::Place;
 use faer::{Mat, MatRef, Side};
 use serde::{Deserialize, Serialize};
 
-/// The pattern of a contact, from place to place, and how the readings of presses that were held out stray about it: not each unit
-/// for itself, but all together. What a drift, another depth or the map's own error does to one unit it does to others
-/// too, and a deviation of that kind then counts little. The place is the one at which the reading's deviation is shortest
-/// in that measure (Mahalanobis 1936).
+/// Map of the contact's pattern, from place to place, and the common deviations of held-out presses from it. A drift, another
+/// depth or the map's own error affects several units together, so a deviation of this kind then has little weight. The solution
+/// is the place with the smallest deviation of the reading in this measure (Mahalanobis 1936).
 ///
-/// The pattern is the reading over its length; under a constant load, the reading itself. Where the calibration has readings of
-/// several lengths at one place, the pattern changes with the logarithm of the length too, in proportion.
+/// The pattern is the reading divided by its length; under a constant load, it is the reading itself. If the calibration has
+/// readings of several lengths at one place, the pattern also changes linearly with the logarithm of the length.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct PatternMap {
     load: ForceKnown,
@@ -41,34 +40,35 @@ pub(super) struct PatternMap {
 
 const MANNER: Regression = Regression { about_mean: true, most_to_seek_with: 144, of: &Smoothness::WITH_SLOPES };
 
-/// Cells of the pattern's table along the distance over which it looks smooth.
+/// Number of cells of the pattern's table in the distance over which the pattern is smooth.
 const CELLS_A_GRAIN: f64 = 6.0;
 
-/// Places along each side of the area from which the search may start.
+/// Number of places along each side of the area at which the search may start.
 const STARTS_A_SIDE: usize = 25;
 
-/// How many of them it does start from.
+/// Number of these places at which the search does start.
 const TRIED_STARTS: usize = 3;
 
-/// The spread of the lengths at a place, standard deviation of their logarithm, from which they show how the pattern changes with it.
+/// Least spread of the lengths at a place (standard deviation of their logarithm) that shows how the pattern changes with the
+/// length.
 const LEAST_SPREAD: f64 = 0.1;
 
-/// The fewest places that must show it.
+/// Least number of places that must show this change.
 const FEWEST_SLOPES: usize = 9;
 
-/// The most steps from a start.
+/// Largest number of steps from a start.
 const MOST_STEPS: usize = 12;
 
-/// A step shorter than this, as a share of the area's longer side, is the last.
+/// Length of the last step: the search ends after a shorter step. Fraction of the area's longer side.
 const LAST_STEP: f64 = 1e-6;
 
-/// The longest step, as a share of that.
+/// Longest step, as a fraction of the same side.
 const LONGEST_STEP: f64 = 0.1;
 
-/// The least variance of a whitened unit, over the mean of all.
+/// Least variance of a whitened unit, as a fraction of the mean over all units.
 const LEAST_VARIANCE: f64 = 1e-9;
 
-/// The likeliest correlations of a pattern map.
+/// Most likely correlations of a pattern map.
 #[derive(Default)]
 pub(super) struct Correlations {
     pattern: Option<Sought>,
@@ -125,8 +125,9 @@ impl PatternMap {
         Ok((map, correlations))
     }
 
-    /// The best fit to the whitened reading near a place: where, its sum of squares, and its standard error in the measure of the
-    /// calibration's deviations. `longer` is the logarithm of its length over the typical one.
+    /// Returns the best fit to the whitened reading near a place: the place, the sum of squares, and the standard error in the
+    /// measure of the calibration's deviations. `longer` is the logarithm of the ratio of the reading's length to the typical
+    /// length.
     fn descend(&self, start: Place, longer: f64, workspace: &mut Workspace) -> (Place, f64, f64) {
         let Workspace { pattern: reading, buffers, .. } = workspace;
         let area = self.field.area();
@@ -216,14 +217,14 @@ impl Locate for PatternMap {
     }
 }
 
-/// Regresses values on places, with a correlation that is known or the likeliest.
+/// Regresses values on places, with a known correlation or the most likely one.
 fn kriging(places: &[Place], values: &[f64], outputs: usize, known: &Option<Sought>) -> (Kriging, Sought) {
     let places = coordinates(places.iter().copied());
     let sought = known.clone().unwrap_or_else(|| Sought::of(&places, 2, values, outputs, MANNER));
     (Kriging::fit_with(&places, 2, values, outputs, MANNER, &sought), sought)
 }
 
-/// Presses by their place.
+/// Presses grouped by place.
 struct Presses {
     spots: Vec<Spot>,
 }
@@ -235,7 +236,7 @@ struct Spot {
 }
 
 impl Presses {
-    /// Without those that no unit felt.
+    /// Returns the presses without those that no unit felt.
     fn of(calibration: &Calibration, load: ForceKnown) -> Self {
         let press = |&index: &usize| {
             let point = calibration.point(index);
@@ -255,15 +256,15 @@ impl Presses {
         self.spots.iter().map(|spot| spot.place).collect()
     }
 
-    /// Logarithm of the length of all presses: mean, least and most.
+    /// Logarithms of the lengths of all presses: mean, least and largest.
     fn log_lengths(&self) -> [f64; 3] {
         let all = || self.spots.iter().flat_map(|spot| &spot.presses).map(|press| press.1);
         let mean = all().sum::<f64>() / all().count().max(1) as f64;
         [mean, all().fold(mean, f64::min), all().fold(mean, f64::max)]
     }
 
-    /// How the pattern changes with the logarithm of the length, from place to place, which is taken from each press: what is left is
-    /// the pattern at the typical length.
+    /// Determines the change of the pattern with the logarithm of the length, from place to place, and subtracts it from each
+    /// press. The rest is the pattern at the typical length.
     fn take_slopes(&mut self, units: usize, typical: f64, known: &Option<Sought>) -> Option<(Kriging, Sought)> {
         let (mut places, mut slopes) = (Vec::new(), Vec::new());
         for Spot { place, presses } in &self.spots {
@@ -291,7 +292,7 @@ impl Presses {
         Some((kriging, sought))
     }
 
-    /// The mean pattern at each place, row-major places x units.
+    /// Returns the mean pattern at each place, row-major places x units.
     fn means(&self, units: usize) -> Vec<f64> {
         let mean = |spot: &Spot, unit: usize| {
             spot.presses.iter().map(|press| press.0[unit]).sum::<f64>() / spot.presses.len() as f64
@@ -299,8 +300,8 @@ impl Presses {
         self.spots.iter().flat_map(|spot| (0..units).map(move |unit| mean(spot, unit))).collect()
     }
 
-    /// Each press' pattern less what a map says that was made without its place, row-major presses x units; `residuals` is the
-    /// same of the places' means.
+    /// Returns each press' pattern minus the prediction of a map made without its place, row-major presses x units. `residuals`
+    /// is the same difference for the places' means.
     fn held_out(&self, means: &[f64], residuals: &[f64], units: usize) -> Vec<f64> {
         let rows = residuals.chunks_exact(units).zip(means.chunks_exact(units));
         let of_spot = |(spot, (residuals, mean)): (&'_ Spot, (&'_ [f64], &'_ [f64]))| -> Vec<f64> {
@@ -310,7 +311,7 @@ impl Presses {
         self.spots.iter().zip(rows).flat_map(of_spot).collect()
     }
 
-    /// By what power the force grows with the length of the reading, from the presses that share their place.
+    /// Exponent with which the force grows with the reading's length, from presses that share their place.
     fn power(&self) -> f64 {
         let (mut squares, mut products) = (0.0, 0.0);
         for Spot { presses, .. } in &self.spots {
@@ -324,7 +325,7 @@ impl Presses {
         if power.is_finite() && power > 0.0 { power } else { 1.0 }
     }
 
-    /// Logarithm of the force that would read with length 1 at each place.
+    /// Logarithm of the force that would give a reading of length 1 at each place.
     fn log_forces(&self, power: f64) -> Vec<f64> {
         let of = |spot: &Spot| {
             let sum: f64 = spot.presses.iter().map(|(_, length, force)| force - power * length).sum();
@@ -334,11 +335,11 @@ impl Presses {
     }
 }
 
-/// What makes deviations (row-major, presses x units) uncorrelated and of variance 1: the inverse of the Cholesky factor of
-/// their covariance.
+/// Returns the matrix that makes deviations (row-major, presses x units) uncorrelated with variance 1. It is the inverse of the
+/// Cholesky factor of their covariance.
 ///
-/// The correlations are shrunk towards 0 by as much as their own errors call for (Schäfer and Strimmer 2005, equation 10), as if
-/// there was one press a place: presses at one place share the error that the map has there.
+/// The correlations are shrunk towards 0 according to their own errors (Schäfer and Strimmer 2005, equation 10). The shrinking
+/// assumes one press for each place, because presses at one place share the map's error there.
 fn whitening(deviations: &[f64], units: usize, places: usize) -> Vec<f64> {
     let presses = deviations.len() / units;
     let deviations = MatRef::from_row_major_slice(deviations, presses, units);
@@ -382,10 +383,10 @@ fn whitening(deviations: &[f64], units: usize, places: usize) -> Vec<f64> {
     whitening
 }
 
-/// The least by which correlations are shrunk, for patterns of length 1 don't fill their space.
+/// Least shrinking of the correlations. It is needed because patterns of length 1 don't fill their space.
 const LEAST_SHRINKING: f64 = 1e-3;
 
-/// What a reading is multiplied by to give its pattern.
+/// Factor that gives a reading's pattern.
 fn scale(load: ForceKnown, length: f64) -> f64 {
     match load {
         ForceKnown::Unknown => 1.0 / length,

@@ -113,7 +113,7 @@ impl Locate for Pearson {
     }
 }
 
-/// A calibration point that can be an answer.
+/// Calibration point that can be an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Candidate {
     place: Place,
@@ -122,9 +122,10 @@ struct Candidate {
     closest: usize,
 }
 
-/// The output that gives the force: of the unit closest to a point, of those that read anything there, as a silent one can't
-/// scale a force (x_i = 0 in equation 6); of its channels the one that reads most. Without a layout, the output that reads
-/// most, in magnitude, as some sensors read negative. Of equals the first.
+/// Returns the output that gives the force: that of the unit closest to a point. Only units with a reading at the point count,
+/// because a silent unit can't scale a force (x_i = 0 in equation 6). Of a unit's channels, the largest reading counts. Without a
+/// layout, it is the output with the largest magnitude, because some sensors have negative readings. Of equal outputs the first
+/// counts.
 fn closest_unit(point: &CalibrationPoint<'_>, layout: Option<&ArrayLayout>) -> usize {
     let heard = (0..point.outputs.len()).filter(|&output| point.outputs[output] != 0.0);
     let loudest = |a: &usize, b: &usize| point.outputs[*b].abs().total_cmp(&point.outputs[*a].abs());
@@ -134,7 +135,7 @@ fn closest_unit(point: &CalibrationPoint<'_>, layout: Option<&ArrayLayout>) -> u
     heard.filter(|&output| layout.unit(output) == layout.unit(closest)).min_by(loudest).unwrap_or(0)
 }
 
-/// Whether a reading is one of this array, every output finite.
+/// Checks that a reading belongs to this array and that every output is finite.
 pub(super) fn check(outputs: &[f64], units: usize) -> Result<(), SolveError> {
     if outputs.len() != units {
         return Err(SolveError::Channels { expected: units, found: outputs.len() });
@@ -147,7 +148,7 @@ pub(super) fn check(outputs: &[f64], units: usize) -> Result<(), SolveError> {
     Err(SolveError::NotFinite { unit })
 }
 
-/// A row less its mean, scaled to length 1; none where nothing is left, or a value is not finite.
+/// Returns a row minus its mean, scaled to length 1. `None` if the difference is zero, or a value isn't finite.
 pub(super) fn direction<'a>(row: &[f64], room: &'a mut Vec<f64>) -> Option<&'a [f64]> {
     // Brought to the order of 1 first: no reading, however large or small, overflows or vanishes when squared, and
     // equal values become exactly 1, so that nothing is left of them but 0.

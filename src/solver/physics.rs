@@ -10,9 +10,9 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DVector, Dyn, Matrix4, OMatrix, U4, Vector4};
 
-/// The response by elasticity: each unit has a gain, a place and a depth under a cover which is a half-space (paper equation 1)
-/// or a layer bonded to a rigid base, whichever fits the calibration better. Four parameters a unit need few presses, as long as
-/// the cover is of one of these kinds.
+/// Returns the response by elasticity. Each unit has a gain, a place and a depth under a cover. The cover is a half-space (paper
+/// equation 1) or a layer bonded to a rigid base, whichever fits the calibration better. Four parameters for each unit need few
+/// presses, as long as the cover is of one of these kinds.
 pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Response, FitError> {
     let spots = Spots::of(calibration);
     if spots.places().count() < FEWEST_PLACES {
@@ -42,9 +42,9 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
     Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration).known_everywhere())
 }
 
-/// Where each unit of an array is by its own outputs, as [`physics`] finds them, each by itself; it is looked for from where the
-/// layout has it. A unit of several channels is where that one of them puts it which fits best: those that read a slope have no
-/// peak above the unit.
+/// Returns the place of each unit according to its own outputs, as [`physics`] finds it. Each unit is fitted separately, starting
+/// from its place in the layout. For a unit of several channels, the channel with the best fit gives the place. Channels that
+/// read a slope have no peak above the unit.
 pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Result<Vec<Place>, FitError> {
     let spots = Spots::of(calibration);
     let places: Vec<Place> = spots.places().collect();
@@ -65,7 +65,7 @@ pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Re
     Ok(layout.units().map(of_unit).collect())
 }
 
-/// The units under the cover that fits better.
+/// Returns the units under the cover that fits better.
 fn fitted_taxels(
     places: &[Place],
     per_newton: &[f64],
@@ -87,18 +87,18 @@ fn fitted_taxels(
     if misfit(&layer) < misfit(&half_space) { layer } else { half_space }
 }
 
-/// The fewest places that four parameters a unit can be fitted to, with something left to estimate the noise.
+/// Least number of places for a fit of four parameters for each unit, so that data remain to estimate the noise.
 const FEWEST_PLACES: usize = 6;
 /// Poisson's ratio of a rubber-like cover.
 const RUBBER: f64 = 0.49;
-/// Cells of the response's table along a depth.
+/// Number of cells of the response's table in the length of one depth.
 const CELLS_A_DEPTH: f64 = 12.0;
-/// Depths from which a fit starts, as shares of the area's longer side; the best end counts.
+/// Depths at which a fit starts, as fractions of the area's longer side. The best result counts.
 const STARTS: [f64; 3] = [0.15, 0.35, 0.8];
-/// The share of a measurement that its own prediction may be at most; 1 would leave nothing to be held out.
+/// Largest contribution of a measurement to its own prediction. With 1, nothing could be held out.
 const MOST_LEVERAGE: f64 = 0.95;
 
-/// Gain, x, y and the logarithm of the depth.
+/// Indices of the parameters: gain, x, y and the logarithm of the depth.
 const GAIN: usize = 0;
 const X: usize = 1;
 const Y: usize = 2;
@@ -116,7 +116,7 @@ struct Taxel {
 }
 
 impl Taxel {
-    /// The likeliest parameters, given one output a newton for each place.
+    /// Returns the most likely parameters, from one output per newton for each place.
     fn fit(shape: &Shape, places: &[Place], outputs: &[f64], start: Option<Place>, side: f64) -> Self {
         let loudest = (0..outputs.len()).max_by(|&a, &b| outputs[a].abs().total_cmp(&outputs[b].abs())).unwrap_or(0);
         let at = start.unwrap_or(places[loudest]);
@@ -132,7 +132,7 @@ impl Taxel {
         others.into_iter().fold(first, |best, next| if next.left < best.left { next } else { best })
     }
 
-    /// The output a newton at a place, and how it changes with each parameter.
+    /// Returns the output per newton at a place, and its derivatives with respect to each parameter.
     fn at(&self, place: Place) -> (f64, Vector4<f64>) {
         let p = &self.parameters;
         let depth_mm = p[DEPTH].exp();
@@ -145,7 +145,7 @@ impl Taxel {
         (p[GAIN] * value, Vector4::new(value, along * dx, along * dy, -p[GAIN] * slope * k))
     }
 
-    /// The variance of the prediction at a place over that of one measurement.
+    /// Ratio of the prediction's variance at a place to the variance of one measurement.
     fn leverage(&self, place: Place) -> f64 {
         let jacobian = self.at(place).1;
         self.spread.map_or(0.0, |spread| (jacobian.transpose() * spread * jacobian)[0].max(0.0))

@@ -5,11 +5,11 @@ use super::{Calibration, FitError};
 use crate::quantity::{ArrayLayout, Place};
 use nalgebra::{DMatrix, DVector};
 
-/// How far units may be from where the array as a whole has them, as a share of the distance between neighbours (root mean
-/// square): a swapped channel, a dead unit or a wrong pitch is well beyond it.
+/// Largest deviation of units from their places in the fitted array, as a fraction of the distance between neighbours (root mean
+/// square). A swapped channel, a dead unit or a wrong pitch exceeds it clearly.
 const MISFIT_SHARE: f64 = 0.15;
 
-/// Largest uncertainty of the place, as a share of the same distance.
+/// Largest uncertainty of the place, as a fraction of the same distance.
 const UNCERTAIN_SHARE: f64 = 0.1;
 
 /// Position of an array relative to its assumed position.
@@ -137,7 +137,7 @@ pub fn plane_through(heights: &[(Place, f64)]) -> Option<([f64; 3], f64)> {
     Some(([plane[0], plane[1], plane[2]], sigma))
 }
 
-/// The mean distance of a unit to its nearest neighbour, mm; none where two share a place.
+/// Returns the mean distance of a unit to its nearest neighbour, mm; `None` if two units share a place.
 fn neighbours_mm(layout: &ArrayLayout) -> Option<f64> {
     let places = layout.places();
     let nearest = |(n, place): (usize, &Place)| {

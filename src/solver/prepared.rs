@@ -44,30 +44,30 @@ pub struct Prepared<'a> {
     trials: [Trials; SOLVERS.len()],
 }
 
-/// A method's trials on the first part of the presses, and on the others.
+/// Trials of a method on the first part of the presses, and on the other parts.
 #[derive(Default)]
 struct Trials {
     first: OnceLock<Result<Vec<HeldPress>, FitError>>,
     others: OnceLock<Result<Vec<HeldPress>, FitError>>,
 }
 
-/// The lead over the next method, standard deviations, from which `blend` is worth the work of two.
+/// Least advantage over the next method, in standard deviations, that justifies `blend`, which runs two methods.
 const WORTH_TWO_SIGMAS: f64 = 2.0;
 
 /// Methods that learn the place, or the pattern, from the readings alone, at many times the cost of the smooth map.
 const REGRESSIONS: [&str; 3] = [PROCESS, PATTERN_MAP, EXTRA_TREES];
 
-/// The mean error of location that is little, over the longer side of the area.
+/// Largest mean location error that counts as small, as a fraction of the area's longer side.
 const LITTLE_OF_AREA: f64 = 0.05;
 
-/// The places a unit from which the correlations of all units can be learned.
+/// Least number of places for each unit from which the correlations of all units can be learned.
 const PLACES_A_UNIT: usize = 10;
 
-/// What `physics` may leave unexplained, over what the smooth map leaves: standard deviations, geometric mean of all units.
+/// Largest ratio of the residual of `physics` to that of the smooth map: standard deviations, geometric mean of all units.
 const UNEXPLAINED: f64 = 1.15;
 
-/// By what factor `physics` must be nearer than the next method to lead although it leaves more unexplained: with very few places no
-/// smooth map is any good, and what it leaves unexplained shows nothing.
+/// Ratio of the next method's error to that of `physics` from which `physics` leads although its residual is larger. With very
+/// few places the smooth map is poor, and its residual shows nothing.
 const FAR_AHEAD: f64 = 3.0;
 
 impl<'a> Prepared<'a> {
@@ -83,7 +83,7 @@ impl<'a> Prepared<'a> {
         Prepared::without(calibration, setting, broken)
     }
 
-    /// The same with the units to leave out.
+    /// Returns the same calibration with the units to leave out.
     pub(super) fn without(
         calibration: Calibration,
         setting: &Setting<'a>,
@@ -137,9 +137,9 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// The method that errs least on places that are held out, in location; and in force, where the location errors are nearly the
-    /// same. Where the smooth map explains the calibration, no other regression is
-    /// tried. After the first part of the places, methods that are far behind are tried no further.
+    /// Returns the method with the least location error on held-out places. If the location errors are nearly equal, the force
+    /// error decides. If the smooth map explains the calibration, no other regression is tried. After the first part of the
+    /// places, methods with much larger errors aren't tried further.
     fn best(&self) -> Result<Fitted, FitError> {
         let is_explained = self.is_explained()?;
         let is_tried = |name: &&str| self.is_candidate(name) && !(is_explained && REGRESSIONS.contains(name));
@@ -161,8 +161,8 @@ impl<'a> Prepared<'a> {
         Ok(self.answering(chosen.solver, &chosen.trials)?.chosen(Choice { candidates }))
     }
 
-    /// Whether the method before another one in the ranking may be chosen: `blend` takes the work of two, and `physics` assumes what
-    /// may be wrong of this skin.
+    /// Whether the method ranked before another one may be chosen. `blend` runs two methods, and the assumptions of `physics` may
+    /// be wrong for this skin.
     fn may_lead(&self, first: &Tried, next: Option<&Tried>) -> bool {
         match first.solver {
             BLEND => next.is_none_or(|next| first.lead_sigmas(next) >= WORTH_TWO_SIGMAS),
@@ -171,8 +171,8 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Whether a method is one for `best` to choose: what is assumed of the cover needs to know where the units are, and how all units
-    /// stray together takes many places a unit to learn.
+    /// Whether a method is a candidate for `best`. `physics` needs the units' positions, and learning the common deviations of
+    /// all units takes many places for each unit.
     fn is_candidate(&self, name: &str) -> bool {
         match name {
             PHYSICS => self.setting().layout.is_some(),
@@ -183,8 +183,9 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Whether the smooth map leaves nothing but noise of the calibration, and that noise moves a place by little: no regression can
-    /// then be nearer by much. Under a noise that moves it by more, one that stays near the mean of all places can.
+    /// Whether the smooth map leaves only noise of the calibration, and this noise changes a place only slightly. Then no
+    /// regression can be much more accurate. With a larger noise, a regression that stays near the mean of all places can be more
+    /// accurate.
     fn is_explained(&self) -> Result<bool, FitError> {
         let (response, setting) = (self.response()?, self.setting());
         if !Unexplained::of(response, &self.calibration, &setting).is_noise() {
@@ -195,12 +196,12 @@ impl<'a> Prepared<'a> {
         Ok(tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm))
     }
 
-    /// The methods that are blended: a regression and a map.
+    /// Names of the methods that are blended: a regression and a map.
     fn members(&self) -> [&'static str; 2] {
         [PROCESS, if self.is_candidate(PATTERN_MAP) { PATTERN_MAP } else { SURROGATE }]
     }
 
-    /// Adds `blend` to the methods that were tried, if its members were tried to the end.
+    /// Adds `blend` to the tried methods, if its members were tried on all parts.
     fn add_blend(&self, tried: &mut Vec<Tried>) {
         let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
         let of = |name| tried.iter().find(|tried| tried.solver == name && tried.trials.len() == most);
@@ -209,8 +210,9 @@ impl<'a> Prepared<'a> {
         tried.push(Tried { solver: BLEND, trials });
     }
 
-    /// Whether `physics` explains the calibration as well as the smooth map does: what it leaves unexplained is no more than noise. If
-    /// not, it is wrong of this skin, and leads only where places are so few that the smooth map suffers more from holding some out.
+    /// Whether `physics` explains the calibration as well as the smooth map does, so that its residual is only noise. If not,
+    /// `physics` is wrong for this skin. It then leads only with very few places, where holding some out harms the smooth map
+    /// more.
     fn is_elastic(&self) -> bool {
         let Ok(physics) = physics(&self.calibration, self.setting().layout) else { return false };
         let Ok(smooth) = self.response() else { return false };
@@ -219,7 +221,7 @@ impl<'a> Prepared<'a> {
         logs.iter().sum::<f64>() / logs.len() as f64 <= UNEXPLAINED.ln()
     }
 
-    /// A method, tried on all presses, each held out of its calibration.
+    /// Returns the trials of a method on all presses, each held out of the calibration.
     fn tried(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
         if name == BLEND {
             let [one, other] = self.members();
@@ -231,7 +233,7 @@ impl<'a> Prepared<'a> {
         Ok(trials)
     }
 
-    /// The same on the first part of the presses.
+    /// Returns the trials on the first part of the presses.
     fn first_trials(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
         self.trials_of(name)?.first.get_or_init(|| self.try_on(0..1, name)).clone()
     }
@@ -248,19 +250,19 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// What the Gaussian process sees of a reading, and its correlation.
+    /// Returns the Gaussian process' view of a reading, and its correlation.
     fn process(&self) -> Result<&Likeliest, FitError> {
         let seek = || GaussianProcess::seek(&self.calibration, self.setting.load);
         self.process.get_or_init(seek).as_ref().map_err(Clone::clone)
     }
 
-    /// The pattern map of the calibration, and its correlations.
+    /// Returns the pattern map of the calibration, and its correlations.
     fn pattern(&self) -> Result<&(PatternMap, Correlations), FitError> {
         let fit = || PatternMap::fit(&self.calibration, self.setting.load, &Correlations::default());
         self.pattern.get_or_init(fit).as_ref().map_err(Clone::clone)
     }
 
-    /// A method that has learned from its trials how sure its answers are.
+    /// Returns a method that has learned the uncertainty of its answers from its trials.
     fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Fitted, FitError> {
         let setting = self.setting();
         Ok(self.fitted(match self.method(name)? {
@@ -273,7 +275,7 @@ impl<'a> Prepared<'a> {
         Fitted::new(answering, self.calibration.units())
     }
 
-    /// A method, fitted to all presses.
+    /// Returns a method that is fitted to all presses.
     fn method(&self, name: &str) -> Result<Method, FitError> {
         match name {
             SURROGATE => Ok(self.forward(MapKind::Smooth, self.response()?.clone(), &self.calibration)),
@@ -287,8 +289,8 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// A method, fitted to some of the presses. Correlations are those of all presses: a fifth of these more or less changes them
-    /// little, and finding them is most of a fit.
+    /// Returns a method that is fitted to some of the presses. The correlations are those of all presses. A change of a fifth in
+    /// the presses has little effect on them, and finding them takes most of a fit's time.
     fn fit_to(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
         let setting = self.setting();
         Ok(match name {

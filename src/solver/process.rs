@@ -7,8 +7,8 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 use serde::{Deserialize, Serialize};
 
-/// A Gaussian process of which correlation and noise are known: what it predicts, by a Cholesky factor (Rasmussen and Williams 2006,
-/// algorithm 2.1).
+/// Gaussian process with known correlation and noise. It predicts with a Cholesky factor (Rasmussen and Williams 2006, algorithm
+/// 2.1).
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Process {
     /// Inputs, row-major, rows x dimensions.
@@ -70,8 +70,8 @@ impl Process {
     }
 }
 
-/// How likely values (row-major, rows x outputs) are under a correlation and a noise ratio that all outputs share: the logarithm of
-/// the marginal likelihood. None where the matrix isn't positive definite.
+/// Returns the logarithm of the marginal likelihood of values (row-major, rows x outputs) under a correlation and a noise ratio.
+/// All outputs share both. `None` if the matrix isn't positive definite.
 pub(super) fn likelihood(
     inputs: &[f64],
     dimensions: usize,
@@ -97,7 +97,7 @@ pub(super) fn likelihood(
     Some((0..outputs).map(of).sum())
 }
 
-/// Correlations of all rows with each other, by the product of the rows.
+/// Returns the correlations of all rows with each other, from the product of the rows.
 fn correlations(inputs: &[f64], dimensions: usize, correlation: Correlation) -> Mat<f64> {
     let count = inputs.len() / dimensions;
     let rows = MatRef::from_row_major_slice(inputs, count, dimensions);
@@ -112,7 +112,7 @@ fn correlations(inputs: &[f64], dimensions: usize, correlation: Correlation) -> 
     products
 }
 
-/// The diagonal of the inverse of a matrix, from its Cholesky factor.
+/// Returns the diagonal of a matrix' inverse, from the matrix' Cholesky factor.
 fn inverse_diagonal(factor: MatRef<'_, f64>) -> Vec<f64> {
     let mut inverse = Mat::<f64>::identity(factor.nrows(), factor.nrows());
     factor.solve_lower_triangular_in_place(inverse.as_mut());

@@ -7,8 +7,8 @@ use super::sought::Sought;
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// What the array reads under one contact, from place to place, and how far that can be trusted: the forward map that a
-/// forward solver inverts.
+/// Readings of the array under one contact, from place to place, and their uncertainty. This is the forward map that a forward
+/// solver inverts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Response {
     /// Output of each unit per newton.
@@ -30,7 +30,7 @@ pub(super) struct Response {
     pub sought: Option<Sought>,
 }
 
-/// A calibration press against a map made without it.
+/// Calibration press, compared with a map made without it.
 #[derive(Clone, Debug)]
 pub(super) struct Held {
     /// Place of the press.
@@ -41,7 +41,7 @@ pub(super) struct Held {
     pub residuals: Vec<Residual>,
 }
 
-/// Cells along each side of the table that holds the map's own error.
+/// Number of cells along each side of the table with the map's own error.
 const LEVERAGE_CELLS: f64 = 12.0;
 
 impl Response {

@@ -3,10 +3,10 @@
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
-/// A table of rows of length 1, and the search for those with the largest dot product with a direction.
+/// Table of rows of length 1, and the search for the rows with the largest dot product with a direction.
 ///
-/// The search runs in single precision, many rows at a time; what comes so close to the best that rounding may have
-/// put it behind is scored again in double precision. So its answer is that of a plain search in double precision.
+/// The search uses single precision, for many rows at a time. Rows so close to the best that rounding may have changed their
+/// order are scored again in double precision. So the result is the same as for a simple search in double precision.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(into = "Rows", from = "Rows")]
 pub(super) struct Scan {
@@ -20,7 +20,7 @@ pub(super) struct Scan {
     panels: Vec<Panel>,
 }
 
-/// What a table is made from.
+/// Source data of a table.
 #[derive(Serialize, Deserialize)]
 struct Rows {
     units: usize,
@@ -39,7 +39,7 @@ impl From<Scan> for Rows {
     }
 }
 
-/// A row that was found.
+/// Row that was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
     /// Index of the row, from 0.
@@ -48,7 +48,7 @@ pub(super) struct Hit {
     pub score: f64,
 }
 
-/// Room for a search, kept from one to the next so that none of them allocates.
+/// Buffers for a search. They are kept between searches, so that no search allocates memory.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     direction: Vec<f32>,
@@ -63,16 +63,17 @@ impl Scratch {
     }
 }
 
-/// Rows that are multiplied together: [`SUMS`] of the widest registers there are, 16 numbers each.
+/// Number of rows that are multiplied together: [`SUMS`] of the widest existing registers, 16 numbers each.
 const PANEL: usize = 128;
-/// Sums that grow together: a multiply-add takes four cycles and two begin in each, so eight keep the processor busy.
+/// Number of sums that are computed together. A multiply-add takes four cycles and two begin in each cycle, so eight keep the
+/// processor busy.
 const SUMS: usize = 8;
-/// Maxima that grow together, for the same reason.
+/// Number of maxima that are computed together, for the same reason.
 const PEAKS: usize = 4;
-/// Scores that are looked at together: a cache line of them.
+/// Number of scores that are checked together: one cache line.
 const LINE: usize = 16;
 
-/// One number for each of [`PANEL`] rows; aligned, as to load across two cache lines costs twice.
+/// One number for each of [`PANEL`] rows. The panel is aligned, because a load across two cache lines costs twice as much.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 struct Panel([f32; PANEL]);
@@ -101,13 +102,13 @@ impl Scan {
         &scratch.hits
     }
 
-    /// How far a score in single precision can be off.
+    /// Largest error of a score in single precision.
     ///
-    /// Rounding a row and a direction of n units, multiplying and adding leaves an error below (n + 2) u / (1 - (n + 2)
-    /// u) times the sum of |row| |direction| (Higham 2002, Accuracy and Stability of Numerical Algorithms, section
-    /// 3.1), and that sum is at most 1 (Cauchy-Schwarz). The unit roundoff u is half an epsilon. The other half makes
-    /// room for the denominator, for lengths that are 1 but for rounding, for numbers too small to be held in full, and
-    /// for the comparison with this bound, itself in single precision.
+    /// Rounding a row and a direction of n units, multiplying and adding leaves an error below (n + 2) u / (1 - (n + 2) u) times
+    /// the sum of |row| |direction| (Higham 2002, Accuracy and Stability of Numerical Algorithms, section 3.1). This sum is at
+    /// most 1 (Cauchy-Schwarz). The unit roundoff u is half an epsilon. The other half allows for the denominator, for lengths
+    /// that are 1 except for rounding, and for numbers too small for full precision. It also allows for the comparison with this
+    /// bound, which is in single precision.
     fn rounding(&self) -> f32 {
         (self.units + 2) as f32 * f32::EPSILON
     }
@@ -155,7 +156,7 @@ impl WithSimd for Search<'_> {
     }
 }
 
-/// The dot product of every row with the direction.
+/// Computes the dot product of every row with the direction.
 #[inline(always)]
 fn multiply<S: Simd>(simd: S, panels: &[Panel], direction: &[f32], scores: &mut [Panel]) {
     for (panel, scores) in panels.chunks_exact(direction.len()).zip(scores) {
@@ -179,9 +180,9 @@ fn multiply<S: Simd>(simd: S, panels: &[Panel], direction: &[f32], scores: &mut 
     }
 }
 
-/// What the `count` best scores reach at least.
+/// Returns a score that the `count` best scores reach or exceed.
 ///
-/// A lane keeps the largest of the scores that pass through it, so what the lanes hold are scores of different rows.
+/// Each lane keeps the largest of its scores, so the lanes hold scores of different rows.
 #[inline(always)]
 fn floor<S: Simd>(simd: S, scores: &[Panel], count: usize) -> f32 {
     let nothing = simd.splat_f32s(f32::NEG_INFINITY);
@@ -208,7 +209,7 @@ fn floor<S: Simd>(simd: S, scores: &[Panel], count: usize) -> f32 {
     floor
 }
 
-/// The rows that score the floor or more, in order.
+/// Returns the rows with a score of at least the floor, in order.
 #[inline(always)]
 fn gather(scores: &[Panel], floor: f32, mut found: impl FnMut(usize)) {
     for (panel, scores) in scores.iter().enumerate().filter(|(_, scores)| any_reaches(floor, &scores.0)) {
@@ -222,13 +223,13 @@ fn gather(scores: &[Panel], floor: f32, mut found: impl FnMut(usize)) {
     }
 }
 
-/// Whether it is worth looking closer: most scores come nowhere near.
+/// Whether any of the scores reaches the floor. Most scores are far below it.
 #[inline(always)]
 fn any_reaches(floor: f32, scores: &[f32]) -> bool {
     scores.iter().fold(false, |any, &score| any | (score >= floor))
 }
 
-/// Puts a row among the `count` best of those offered so far, if it belongs there.
+/// Inserts a row among the `count` best rows so far, if it belongs there.
 fn offer(scan: &Scan, direction: &[f64], count: usize, row: usize, hits: &mut Vec<Hit>) {
     // With few rows the floor lies so low that what is no row comes up too.
     let Some(values) = scan.rows.chunks_exact(scan.units).nth(row) else { return };
@@ -244,9 +245,9 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Scales a row to length 1 and returns the length it had; none where that is 0, or a value is not finite.
+/// Scales a row to length 1 and returns its original length. `None` if the length is 0, or a value isn't finite.
 ///
-/// The values must be of the order of 1, so that none overflows or vanishes when squared.
+/// The values must be of the order of 1, so that no square overflows or vanishes.
 pub(super) fn to_length_one(row: &mut [f64]) -> Option<f64> {
     let length = dot(row, row).sqrt();
     // NaN, from a value that is not finite, isn't above 0 either.
@@ -256,8 +257,8 @@ pub(super) fn to_length_one(row: &mut [f64]) -> Option<f64> {
     })
 }
 
-/// Copies a row, brought to the order of 1: its largest magnitude becomes exactly 1. Returns that magnitude; where it
-/// is 0, or a value is not finite, not every number copied is one.
+/// Copies a row, scaled so that its largest magnitude becomes exactly 1. Returns the original magnitude. If the magnitude is 0,
+/// or a value isn't finite, the copied values may not be numbers.
 pub(super) fn to_order_one(row: &[f64], scaled: &mut Vec<f64>) -> f64 {
     let scale = row.iter().fold(0.0, |most, value| if value.abs() > most { value.abs() } else { most });
     scaled.clear();

@@ -21,7 +21,7 @@ pub struct Session {
     workspace: Workspace,
 }
 
-/// A fit without some units beside the broken ones.
+/// Fit without some units, in addition to the broken ones.
 struct Partial {
     /// Missing units, in order.
     missing: Vec<usize>,
@@ -50,13 +50,13 @@ pub enum Unanswered {
 
 /// Largest number of fits that are kept for readings with missing outputs. Each set of missing units requires one.
 pub const MOST_PARTIAL: usize = 16;
-/// The share of contacts in which a broken unit is named.
+/// Assumed fraction of contacts in which a broken unit is named.
 const NAMED_IF_BROKEN: f64 = 0.5;
-/// The share of contacts in which a good unit is named.
+/// Assumed fraction of contacts in which a good unit is named.
 const NAMED_IF_GOOD: f64 = 0.02;
-/// The evidence that is enough: a million to one.
+/// Sufficient evidence (natural logarithm): a million to one.
 const ENOUGH: f64 = 13.8;
-/// How many sd two contacts are apart that aren't the same.
+/// Least distance of two different contacts, in sd.
 const APART_SD: f64 = 3.0;
 
 impl Session {
@@ -104,7 +104,7 @@ impl Session {
         Ok(solution)
     }
 
-    /// Where the fit without these units is; it is made where there is none yet.
+    /// Returns the index of the fit without these units. Makes this fit if it doesn't exist yet.
     fn partial(&mut self, missing: &[usize]) -> Result<usize, Unanswered> {
         if let Some(index) = self.partial.iter().position(|partial| partial.missing == missing) {
             return Ok(index);
@@ -120,7 +120,7 @@ impl Session {
         Ok(self.partial.len() - 1)
     }
 
-    /// Counts the solution as evidence for or against each unit, and leaves out one against which there is enough.
+    /// Counts the solution as evidence for or against each unit. Leaves out a unit if the evidence against it is sufficient.
     fn weigh(&mut self, solution: &Solution, missing: &[usize]) {
         let says_nothing = solution.verdict == Verdict::WeakSignal;
         if says_nothing || self.witness.is_some_and(|last| is_same(&last, solution)) {
@@ -149,7 +149,7 @@ impl Session {
     }
 }
 
-/// Whether two solutions may be of one contact.
+/// Whether two solutions may belong to one contact.
 fn is_same(a: &Solution, b: &Solution) -> bool {
     let (Some(sd_a), Some(sd_b)) = (a.covariance, b.covariance) else { return false };
     let location_sd_mm = sd_a.x_mm().hypot(sd_a.y_mm()).hypot(sd_b.x_mm()).hypot(sd_b.y_mm());

@@ -35,10 +35,11 @@ pub enum ForceKnown {
 }
 
 impl ForceKnown {
-    /// The force of a contact, N: the calibration's where the load is constant, else the one whose logarithm was solved.
+    /// Returns the force of a contact, N. If the load is constant, it is the calibration's force. Otherwise it follows from the
+    /// solved logarithm.
     ///
     /// # Errors
-    /// It isn't finite.
+    /// Returns an error if the force isn't finite.
     pub(super) fn force_n(self, calibrated_n: f64, log_solved: f64) -> Result<f64, SolveError> {
         let force_n = match self {
             ForceKnown::Unknown => log_solved.exp(),
@@ -48,7 +49,7 @@ impl ForceKnown {
     }
 }
 
-/// The least expected force over the calibration's, unless it is given: the paper tests at a tenth.
+/// Least expected force as a fraction of the calibration's force, unless it is given. The paper tests at a tenth.
 const LEAST_FORCE_SHARE: f64 = 0.1;
 
 impl Default for Setting<'_> {
@@ -70,8 +71,8 @@ impl<'a> Setting<'a> {
         Setting { layout, ..Setting::default() }
     }
 
-    /// By what presses of a calibration are scaled, least and most, to represent the expected forces. Presses of several forces, or
-    /// of unknown ones, stand for themselves.
+    /// Returns the least and the largest factor by which calibration presses are scaled to represent the expected forces. Presses
+    /// of several forces, or of unknown forces, aren't scaled.
     pub(super) fn shares(&self, calibration: &Calibration) -> (f64, f64) {
         let stands_for_itself = !calibration.forces_are_known() || calibration.has_several_forces();
         match (self.load, self.forces_n) {
@@ -85,7 +86,7 @@ impl<'a> Setting<'a> {
         }
     }
 
-    /// How many unknowns a reading is solved for.
+    /// Number of unknowns for which a reading is solved.
     pub(super) fn unknowns(&self) -> usize {
         let of_contact = match self.load {
             ForceKnown::Unknown => 3,

@@ -25,7 +25,7 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// A place and a force of whose errors nothing is known.
+    /// Returns a solution of a place and a force whose errors are unknown.
     pub(super) fn plain(place: Place, force_n: f64, verdict: Verdict) -> Self {
         Solution { place, force_n, covariance: None, half_widths: None, other: None, misfit: None, verdict }
     }
@@ -36,7 +36,7 @@ impl Solution {
 pub struct Covariance(pub [[f64; 3]; 3]);
 
 impl Covariance {
-    /// The same with the standard deviations of x, y and force multiplied.
+    /// Returns the same covariance with the standard deviations of x, y and force multiplied.
     pub(super) fn widened(self, by: [f64; 3]) -> Self {
         let Covariance(mut covariance) = self;
         for (i, row) in covariance.iter_mut().enumerate() {
@@ -92,8 +92,8 @@ pub enum Verdict {
     ChannelFault(usize),
 }
 
-/// The complete elliptic integral of the second kind of a parameter m, 0 to 1, by the arithmetic-geometric mean (Abramowitz and
-/// Stegun 1964, 17.6.4).
+/// Returns the complete elliptic integral of the second kind of a parameter m, 0 to 1. It uses the arithmetic-geometric mean
+/// (Abramowitz and Stegun 1964, 17.6.4).
 fn elliptic_e(m: f64) -> f64 {
     if m >= 1.0 {
         return 1.0;

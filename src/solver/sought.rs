@@ -5,7 +5,7 @@ use super::correlation::{Correlation, Smoothness, distances, farthest_apart, lik
 use super::tridiagonal::Tridiagonal;
 use faer::Mat;
 
-/// The likeliest correlation of some values.
+/// Most likely correlation of some values.
 #[derive(Clone, Debug)]
 pub(super) struct Sought {
     pub correlation: Correlation,
@@ -17,7 +17,7 @@ pub(super) struct Sought {
     pub is_weighted: bool,
 }
 
-/// How a process is regressed.
+/// Settings of a process' regression.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Regression {
     /// Whether each output varies about its mean; otherwise it varies about 0.
@@ -28,16 +28,17 @@ pub(super) struct Regression {
     pub of: &'static [Smoothness],
 }
 
-/// Places whose counts are within this factor count alike: forces within 1.5 count as one.
+/// Largest ratio of the counts of places that are treated as equal. It corresponds to forces within a factor of 1.5, which count
+/// as one.
 const ALIKE: f64 = 2.25;
 
-/// Noise ratios that are tried: 10^(-8 + i / 4).
+/// Number of noise ratios that are tried: 10^(-8 + i / 4).
 const NOISE_RATIOS: i32 = 36;
 
-/// Standard deviation of the logarithm of the noise ratios of one array's units: a factor of 4.5.
+/// Standard deviation of the logarithm of the noise ratios within one array: a factor of 4.5.
 const NOISE_ALIKE: f64 = 1.5;
 
-/// Rounds in which the noise ratios and their mean find each other.
+/// Number of rounds in which the noise ratios and their mean are found alternately.
 const ROUNDS_OF_NOISE: usize = 5;
 
 impl Sought {
@@ -67,7 +68,7 @@ impl Sought {
         if weighted.likelihood > alike.likelihood { weighted } else { alike }
     }
 
-    /// The same, where they do count so.
+    /// Returns the most likely correlation, with the given counts if there are any.
     pub(super) fn counting(
         places: &[f64],
         dimensions: usize,
@@ -100,7 +101,7 @@ impl Sought {
     }
 }
 
-/// A noise ratio, and how likely an output's values are under it.
+/// Noise ratio, and the likelihood of an output's values under it.
 #[derive(Clone, Copy)]
 pub(super) struct NoiseRatio {
     /// Noise variance divided by the process' variance.
@@ -109,11 +110,11 @@ pub(super) struct NoiseRatio {
     likelihood: f64,
 }
 
-/// The likeliest noise ratio of each output, a column of `values` each. `with` gives of a ratio the logarithm of the determinant of
-/// correlations and noise, and the sum of squares that its inverse measures of each column.
+/// Returns the most likely noise ratio of each output; each column of `values` is one output. For a ratio, `with` returns the
+/// logarithm of the determinant of correlations plus noise, and each column's quadratic form with the inverse matrix.
 ///
-/// Of few places the likelihood alone can take the smoothest noise for signal. The units of one array are alike, though: their
-/// ratios have one log-normal distribution, whose mean is found with them.
+/// With few places, the likelihood alone can mistake the smoothest noise for signal. But the units of one array are similar, so
+/// their ratios share one log-normal distribution. Its mean is found together with the ratios.
 pub(super) fn likeliest_noise(values: &Mat<f64>, with: impl Fn(f64) -> (f64, Vec<f64>)) -> Vec<NoiseRatio> {
     let ratios: Vec<f64> = (0..NOISE_RATIOS).map(|i| 10f64.powf(-8.0 + f64::from(i) / 4.0)).collect();
     let measured: Vec<(f64, Vec<f64>)> = ratios.iter().map(|ratio| with(*ratio)).collect();

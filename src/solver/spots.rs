@@ -5,7 +5,7 @@ use super::response::Held;
 use super::{Calibration, correlation::farthest_apart, kriging::MOST_PLACES};
 use crate::quantity::Place;
 
-/// The places of a calibration, all presses at one place taken as one measurement.
+/// Places of a calibration. All presses at one place count as one measurement.
 pub(super) struct Spots {
     spots: Vec<Spot>,
     units: usize,
@@ -99,7 +99,7 @@ impl Spot {
     }
 }
 
-/// The presses at each place of a calibration; of very many places, those farthest apart.
+/// Returns the presses at each place of a calibration. If there are very many places, only those farthest apart are used.
 pub(super) fn by_spread_place(calibration: &Calibration) -> Vec<Vec<usize>> {
     let mut spots = calibration.by_place();
     if spots.len() > MOST_PLACES {

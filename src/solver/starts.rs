@@ -6,7 +6,7 @@ use super::workspace::Workspace;
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
-/// A grid of places, and the direction in which the array reads a contact at each.
+/// Grid of places, and the direction of the array's reading for a contact at each place.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Starts {
     pub places: Vec<Place>,
@@ -17,10 +17,10 @@ pub(super) struct Starts {
     directions: Scan,
 }
 
-/// Places along each side of the area.
+/// Number of places along each side of the area.
 const STARTS_A_SIDE: usize = 25;
 
-/// The most places from which the best fit is sought.
+/// Largest number of places from which the best fit is searched for.
 const MOST_STARTS: usize = 6;
 
 impl Starts {
@@ -76,7 +76,8 @@ impl Starts {
         (last.x_mm - first.x_mm).max(last.y_mm - first.y_mm) / (STARTS_A_SIDE - 1) as f64
     }
 
-    /// The same for rows that lost a unit and aren't of length 1 any more; rare, so one by one.
+    /// Returns the nearest place for rows without a unit, which no longer have length 1. This case is rare, so the rows are
+    /// compared one by one.
     fn nearest_without(&self, direction: &[f64], unit: usize) -> Option<Place> {
         let cosine = |row: &[f64]| {
             let along: f64 = direction.iter().zip(row).map(|(a, b)| a * b).sum();
@@ -87,7 +88,7 @@ impl Starts {
     }
 }
 
-/// Whether no neighbour on the grid scores more than a place, which itself scores more than 0.
+/// Whether a place scores more than 0, and no neighbour on the grid scores more than the place.
 fn is_peak(row: usize, score: impl Fn(usize) -> f32) -> bool {
     let own = score(row);
     if own <= 0.0 {
@@ -98,7 +99,7 @@ fn is_peak(row: usize, score: impl Fn(usize) -> f32) -> bool {
     around(line).all(|line| around(column).all(|column| score(line * STARTS_A_SIDE + column) <= own))
 }
 
-/// Takes from a row of outputs over their sd what an offset common to all of them could have caused.
+/// Removes from a row of outputs, in units of their sd, the part that a common offset could have caused.
 fn project_out(row: &mut [f64], sd: &[f64]) {
     let length: f64 = sd.iter().map(|sd| 1.0 / (sd * sd)).sum();
     let share = row.iter().zip(sd).map(|(value, sd)| value / sd).sum::<f64>() / length;

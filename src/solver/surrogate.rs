@@ -9,15 +9,16 @@ use super::spots::{Spots, coordinates};
 use super::{Calibration, FitError};
 use crate::quantity::Place;
 
-/// Cells of the response's table along the distance over which it looks smooth: the spline then strays from the process by less
-/// than a ten-thousandth of the output, below any noise.
+/// Number of cells of the response's table in the distance over which the response is smooth. The spline then deviates from the
+/// process by less than a ten-thousandth of the output, below any noise.
 const CELLS_A_GRAIN: f64 = 6.0;
 
-/// Outputs fall to 0 far away. Places to seek with: the correlation then costs a fifth of the fit.
+/// Regression of the outputs, which fall to 0 far away. With this number of places, the search for the correlation takes a fifth
+/// of the fit's time.
 const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 144, of: &Smoothness::WITH_SLOPES };
 
-/// The response as the calibration has it, free of any idea of what is under the cover: each unit's output a newton, smoothed
-/// over the places by kriging.
+/// Returns the response as measured by the calibration, without assumptions about the material under the cover. Each unit's
+/// output per newton is smoothed over the places by kriging.
 pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError> {
     let (spots, units) = (Spots::of(calibration), calibration.units());
     let places = coordinates(spots.places());
@@ -25,7 +26,7 @@ pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError>
     map(calibration, &spots, &sought)
 }
 
-/// The same with the correlation of a larger calibration.
+/// Returns the same response with the correlation of a larger calibration.
 pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<&Sought>) -> Result<Response, FitError> {
     match sought {
         Some(sought) => map(calibration, &Spots::of(calibration), sought),

@@ -9,15 +9,16 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Gamma};
 
-/// The part of the false alarms that calibration presses may have as weak signals, and as contacts outside the area: most are left to
-/// what no single contact explains.
+/// Fraction of the false alarms that calibration presses may cause as weak signals, and as contacts outside the area. Most false
+/// alarms are reserved for readings that no single contact explains.
 pub(super) const WEAK_SHARE: f64 = 0.25;
 
-/// How many forces each held press is rescaled to.
+/// Number of forces to which each held-out press is scaled.
 const FORCES_A_PRESS: usize = 4;
 
-/// What single contacts leave unexplained: the sum of squares of a contact's residuals over their noise, learned from the calibration's
-/// own presses, each compared with a map made without it and rescaled over the expected forces.
+/// Residuals that remain if one contact is assumed: the sum of squares of a contact's residuals divided by their noise. They are
+/// learned from the calibration's own presses. Each press is compared with a map made without it, and scaled over the expected
+/// forces.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unexplained {
     mean: f64,
@@ -28,10 +29,11 @@ pub(super) struct Unexplained {
     places: usize,
 }
 
-/// A map explains a calibration where mean and variance of what it leaves are those of noise alone, to within these shares.
+/// Largest relative deviation of the residuals' mean from that of noise alone, for a map that explains a calibration. The second
+/// constant is the limit for the variance.
 const MEAN_OF_NOISE: f64 = 0.15;
 const VARIANCE_OF_NOISE: f64 = 0.35;
-/// The fewest places that show it.
+/// Least number of places from which this can be decided.
 const FEWEST_TO_TELL: usize = 100;
 
 impl Unexplained {
@@ -90,12 +92,12 @@ impl Unexplained {
     }
 }
 
-/// What a chi-squared variable of so many degrees of freedom exceeds with that probability.
+/// Returns the value that a chi-squared variable with `degrees` degrees of freedom exceeds with this probability.
 pub(super) fn chi2_quantile(degrees: usize, probability: f64) -> f64 {
     ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |chi2| chi2.inverse_cdf(1.0 - probability))
 }
 
-/// What so small a share of values exceeds; none of few values.
+/// Returns the value that the fraction `share` of the values exceeds; `None` if there are few values.
 pub(super) fn upper(mut values: Vec<f64>, share: f64) -> Option<f64> {
     values.retain(|value| !value.is_nan());
     if values.len() < FEWEST_TRIALS {
@@ -105,8 +107,8 @@ pub(super) fn upper(mut values: Vec<f64>, share: f64) -> Option<f64> {
     Some(values[((1.0 - share) * (values.len() - 1) as f64).round() as usize])
 }
 
-/// What remains of a weighted sum of squares once some unknowns have been fitted, to first order: the columns of the Jacobian (x, y,
-/// force, common offset) that count are projected out one after another. Rows are residual, weight and Jacobian.
+/// Returns the rest of a weighted sum of squares after some unknowns have been fitted, to first order. The selected columns of
+/// the Jacobian (x, y, force, common offset) are projected out one after another. Rows are residual, weight and Jacobian.
 fn left_over(rows: impl Iterator<Item = (f64, f64, [f64; 4])>, columns: [bool; 4]) -> f64 {
     let mut rows: Vec<[f64; 5]> = rows
         .map(|(residual, weight, [x, y, force, offset])| [x, y, force, offset, residual].map(|v| v * weight.sqrt()))

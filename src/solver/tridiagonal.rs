@@ -9,9 +9,9 @@ use faer::linalg::householder::{
 use faer::linalg::qr::no_pivoting::factor::recommended_block_size;
 use faer::{Conj, Mat, Par};
 
-/// A symmetric matrix in the frame in which it is tridiagonal (Golub and Van Loan 2013, section 8.3.1).
+/// Symmetric matrix in the frame in which it is tridiagonal (Golub and Van Loan 2013, section 8.3.1).
 ///
-/// It takes a third of the time of its eigenvectors, and does as well where only sums of squares and determinants are asked for.
+/// It takes a third of the time of the eigenvectors, and is sufficient if only sums of squares and determinants are needed.
 pub(super) struct Tridiagonal {
     diagonal: Vec<f64>,
     /// Values below the diagonal, one value fewer.

@@ -3,7 +3,7 @@
 use super::{Calibration, ForceKnown};
 use serde::{Deserialize, Serialize};
 
-/// What a regression from readings to places sees of a reading: its coordinates.
+/// Coordinates of a reading that a regression from readings to places uses.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct View {
     kind: Kind,
@@ -24,14 +24,14 @@ enum Kind {
     Logarithms,
 }
 
-/// Weights of the length that are tried: a direction's coordinates are some tenths apart, so are these.
+/// Weights of the length that are tried. They are some tenths, like the distances between coordinates of directions.
 const WEIGHTS: [f64; 3] = [0.03, 0.1, 0.3];
 
-/// What an output is multiplied by, over its root mean square, before its inverse hyperbolic sine is taken: a tenth of the typical
-/// output is where the logarithm begins.
+/// Factor of an output, divided by the output's root mean square, before the inverse hyperbolic sine is taken. The logarithm
+/// begins at a tenth of the typical output.
 const LOGARITHMIC_FROM: f64 = 10.0;
 
-/// The spread of the lengths at one place, a standard deviation of their logarithm, from which they are more than noise.
+/// Least spread of the lengths at one place (standard deviation of their logarithm) that is more than noise.
 const SEVERAL_LENGTHS: f64 = 0.2;
 
 impl View {
@@ -105,7 +105,7 @@ impl View {
     }
 }
 
-/// The root mean square of a calibration's outputs: of one unit, or of all.
+/// Root mean square of a calibration's outputs, for one unit or for all.
 fn root_mean_square(calibration: &Calibration, unit: Option<usize>) -> f64 {
     let squares = |outputs: &[f64]| match unit {
         Some(unit) => outputs[unit] * outputs[unit],
@@ -114,7 +114,8 @@ fn root_mean_square(calibration: &Calibration, unit: Option<usize>) -> f64 {
     (calibration.points().map(|point| squares(point.outputs)).sum::<f64>() / calibration.len() as f64).sqrt()
 }
 
-/// Whether readings at one place are of several lengths, in the mean of all places, so that the length alone doesn't determine the place.
+/// Whether readings at one place have several lengths, in the mean of all places. Then the length alone doesn't determine the
+/// place.
 pub(super) fn has_several_lengths(calibration: &Calibration) -> bool {
     let (mut squares, mut free) = (0.0, 0usize);
     for presses in calibration.by_place() {

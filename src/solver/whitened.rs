@@ -23,7 +23,7 @@ pub struct Whitened {
     scan: Scan,
 }
 
-/// A calibration point that can be an answer.
+/// Calibration point that can be an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Candidate {
     place: Place,
@@ -62,7 +62,8 @@ impl Locate for Whitened {
         "whitened"
     }
 
-    /// The residue is what the contact leaves unexplained, in units of the noise: the sum of ((y - F g) / sd)^2.
+    /// Locates the contact. The residue is the part of the reading that the contact doesn't explain, in units of the noise: the
+    /// sum of ((y - F g) / sd)^2.
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
         check(outputs, self.weights.len())?;
         let Workspace { row, scratch, .. } = workspace;
@@ -81,7 +82,7 @@ impl Locate for Whitened {
     }
 }
 
-/// A row times the weights, scaled to length 1; returns the length it had, none where nothing is left.
+/// Scales a row times the weights to length 1, and returns its original length. `None` if the length is zero.
 fn whiten(outputs: &[f64], weights: &[f64], row: &mut Vec<f64>) -> Option<f64> {
     let scale = to_order_one(outputs, row);
     row.iter_mut().zip(weights).for_each(|(value, weight)| *value *= weight);

@@ -19,13 +19,13 @@ pub struct HalfWidths {
 }
 
 impl HalfWidths {
-    /// The same where a reading fits worse than one contact does: by how much, as a misfit says.
+    /// Returns the same half-widths, increased according to the misfit of a reading that fits worse than one contact.
     pub(super) fn widened(self, misfit: f64) -> Self {
         let by = misfit.sqrt().max(1.0);
         self.times(by, by)
     }
 
-    /// The same, multiplied: of location, and of force.
+    /// Returns the same half-widths, multiplied by one factor for location and one for force.
     pub(super) fn times(self, location: f64, force: f64) -> Self {
         let HalfWidths { half68_mm, half95_mm, half68_n, half95_n } = self;
         HalfWidths {
@@ -42,21 +42,21 @@ impl HalfWidths {
     }
 }
 
-/// By what a method's own scale of its errors is multiplied to give half-widths (split conformal prediction with a scaled score,
-/// Lei et al. 2018, section 5.2).
+/// Factors that convert a method's own error scale to half-widths (split conformal prediction with a scaled score, Lei et al.
+/// 2018, section 5.2).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Widths {
     location: [f64; 2],
     force: [f64; 2],
 }
 
-/// The shares of errors that the half-widths contain.
+/// Fractions of errors that the half-widths contain.
 const SHARES: [f64; 2] = [0.68, 0.95];
 
-/// The distance that 68 % of normal errors keep to, over the root of the sum of the variances of x and y.
+/// Distance that contains 68 % of normal errors, divided by the square root of the sum of the variances of x and y.
 const NORMAL_68: f64 = 1.0675;
 
-/// The fewest presses from which something can be learned.
+/// Least number of presses from which the factors can be learned.
 pub(super) const FEWEST_TRIALS: usize = 20;
 
 impl Widths {
@@ -90,13 +90,14 @@ impl Widths {
     }
 }
 
-/// The scores that [`SHARES`] of a further score stay below; none of few.
+/// Returns the scores below which a further score is with the probabilities [`SHARES`]; `None` if there are few scores.
 fn quantiles(scores: Vec<f64>) -> Option<[f64; 2]> {
     let scores = sorted(scores);
     (scores.len() >= FEWEST_TRIALS).then(|| SHARES.map(|share| ranked(&scores, share)))
 }
 
-/// The score that 68 % of a further score stay below, of however few; none of none.
+/// Returns the score below which a further score is with a probability of 68 %, from any number of scores; `None` if there are no
+/// scores.
 pub(super) fn rank_68(scores: Vec<f64>) -> Option<f64> {
     let scores = sorted(scores);
     (!scores.is_empty()).then(|| ranked(&scores, SHARES[0]))
@@ -108,7 +109,7 @@ fn sorted(mut scores: Vec<f64>) -> Vec<f64> {
     scores
 }
 
-/// Of n sorted scores the one of rank (n + 1) p, rounded up.
+/// Returns the score of rank (n + 1) p, rounded up, among n sorted scores.
 fn ranked(scores: &[f64], share: f64) -> f64 {
     let n = scores.len();
     scores[(((n + 1) as f64 * share).ceil() as usize).clamp(1, n) - 1]

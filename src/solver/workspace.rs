@@ -6,23 +6,23 @@ use crate::quantity::Place;
 /// Working memory of a solver, kept from one reading to the next so that no reading allocates.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
-    /// A row of the reading's length.
+    /// Row with the reading's length.
     pub(super) row: Vec<f64>,
-    /// What is read of the units that count.
+    /// Outputs of the units that count.
     pub(super) kept: Vec<f64>,
-    /// Room to fit a response.
+    /// Buffers for fitting a response.
     pub(super) buffers: Buffers,
-    /// What is expected there.
+    /// Expected pattern at the place.
     pub(super) pattern: Vec<f64>,
-    /// The same, centred.
+    /// Expected pattern, centred.
     pub(super) centred: Vec<f64>,
-    /// How alike a reading is to the response at places from which the best fit is sought, and these.
+    /// Starting places for the best fit, each with the similarity of the reading to the response there.
     pub(super) starts: Vec<(f32, Place)>,
-    /// Room for the search of a table.
+    /// Buffers for the search of a table.
     pub(super) scratch: scan::Scratch,
 }
 
-/// One value a unit each.
+/// Buffers with one value for each unit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Buffers {
     pub value: Vec<f64>,

@@ -2,11 +2,11 @@
 
 use crate::rig::RigSpec;
 
-/// How much longer a motion takes than its trapezoid, since its jerk is limited, s.
+/// Additional time of a motion compared with its trapezoid, because its jerk is limited, s.
 const JERK_S: f64 = 0.005;
-/// From the end of a motion to a stage that rests, s.
+/// Time from the end of a motion until the stage is at rest, s.
 const SETTLE_S: f64 = 0.008;
-/// The clearance above the surface from which x and y may move, mm.
+/// Clearance above the surface from which x and y may move, mm.
 const CLEAR_MM: f64 = 0.030;
 
 /// Returns the shortest time from one press to the next, s, as the study of the loop computes it. z rises from `depth_mm`, turns
@@ -30,7 +30,7 @@ pub fn least_on_s(spec: &RigSpec, force_n: f64, way_mm: f64, window_s: f64) -> f
     least_s(spec.scene.contact.depth_mm(force_n), way_mm, spec.stage.acceleration_mm_s2, window_s)
 }
 
-/// Depth and clearance together, mm, of which z spends `clear_s` above the least clearance on its way up and down.
+/// Sum of depth and clearance, mm, for which z spends `clear_s` above the least clearance on its way up and down.
 fn turning_way_mm(depth_mm: f64, clear_s: f64, a: f64) -> f64 {
     // where z already brakes when it gets clear, it falls back as it rose
     let braking_mm = CLEAR_MM + a * clear_s * clear_s / 8.0 + depth_mm;

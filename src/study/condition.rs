@@ -13,7 +13,7 @@ use crate::run::{Ending, Halt};
 use crate::solver::{ErrorSummary, Evaluation, SOLVERS};
 use serde::Serialize;
 
-/// From one place to the next, mm, and the window, s: those of the paper's calibration.
+/// Distance between places, mm. The second constant is the window, s. Both are those of the paper's calibration.
 const PITCH_MM: f64 = 0.5;
 pub(super) const WINDOW_S: f64 = 0.1;
 
@@ -201,17 +201,17 @@ impl Condition {
     }
 }
 
-/// What a press was made for.
+/// Purpose of a press.
 pub(super) fn phase(contact: &Contact) -> Option<Phase> {
     contact.levels.first().and_then(|press| press.phase)
 }
 
-/// Rounded to what is worth telling: 0.1 ms, 0.1 uN.
+/// Rounds to the reported precision: 0.1 ms, 0.1 uN.
 fn grain(value: f64) -> f64 {
     round(value, 4)
 }
 
-/// What the paper's solver makes of the test presses, calibrated on the square.
+/// Results of the paper's solver for the test presses, calibrated on the square.
 fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
     Trial::of_run(&Presses::of_contacts("the study", contacts), Some(layout)).ok()?.answers(SOLVERS[0]).ok()
 }
@@ -221,13 +221,13 @@ fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
     contact.levels.iter().zip(&contact.truth).filter_map(of)
 }
 
-/// Times from one press of the square to the next, s. What follows or precedes a press that teaches isn't one.
+/// Times from one press of the square to the next, s. Times before and after a press that teaches are excluded.
 fn intervals_s(contacts: &[Contact]) -> Vec<f64> {
     let begun = |contact: &Contact| contact.levels.first().filter(|press| press.is_of(Phase::Calibration))?.t_s;
     contacts.windows(2).filter_map(|pair| Some(begun(&pair[1])? - begun(&pair[0])?)).collect()
 }
 
-/// When the last window of some presses ended, s from the run's start.
+/// Time at which the last window of some presses ended, s from the run's start.
 pub(super) fn last_s(made: &[&Contact]) -> Option<f64> {
     made.iter().flat_map(|contact| &contact.levels).filter_map(|press| Some(press.t_s? + WINDOW_S)).reduce(f64::max)
 }

@@ -17,7 +17,7 @@ pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
 pub const SLOW_N_MM: f64 = 100.0;
 /// Number of places along a side of this smaller square.
 pub const SLOW_SIDE: usize = 5;
-/// The tolerance of all conditions but those about it, N.
+/// Tolerance of all conditions except those that vary it, N.
 const TOLERANCE_N: f64 = 0.010;
 
 /// Number of places pressed along a side of the square.
@@ -81,7 +81,7 @@ pub fn control(size: LoopSize, seed: u64, told: Told<'_>) -> Result<LoopFindings
     Ok(LoopFindings { size, outcomes, onsets: stability() })
 }
 
-/// Every strategy under every condition.
+/// Returns all strategies under all conditions.
 fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
     let mut conditions = Vec::new();
     let nominal = |bench: Bench, strategy| -> Result<Condition, StudyError> {
@@ -146,7 +146,8 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
     Ok(conditions)
 }
 
-/// Presses that go in micrometres take most of a minute each: a few will do.
+/// Number of presses along a side for slow conditions. Presses in steps of micrometres take most of a minute each, so a few are
+/// enough.
 fn slow_side(spec: &RigSpec, side: usize) -> usize {
     if spec.limits.stiffness_n_mm < SLOW_N_MM { side } else { side.min(SLOW_SIDE) }
 }

@@ -9,10 +9,10 @@ use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shap
 use crate::control::{GAIN_TIMES_DEAD_TIME, Strategy};
 use crate::paper;
 
-/// The paper's own mean location error, mm.
+/// Mean location error in the paper, mm.
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
-/// One number of an outcome, where it has it.
+/// One number of an outcome, if the outcome has it.
 type Value = fn(&ConditionOutcome) -> Option<f64>;
 
 /// Returns every figure: a file's name and the SVG.
@@ -27,7 +27,7 @@ pub fn figures(findings: &LoopFindings) -> Vec<(String, String)> {
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
 }
 
-/// Time per press against force error, each strategy on each bench.
+/// Figure of time per press against force error, for each strategy on each bench.
 fn time_and_error(findings: &LoopFindings) -> Figure {
     let whole = || findings.of(Part::Tolerance).filter(|outcome| outcome.rule.is_none());
     let point = |outcome: &ConditionOutcome| Some((outcome.median_s?, outcome.error_p95_mn?));
@@ -67,7 +67,7 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
     }
 }
 
-/// What gain the velocity loop bears, and what a wrong stiffness does on the wire.
+/// Figure of the gains at which the velocity loop is stable, and of the effect of a wrong stiffness on the real links.
 fn stability_map(findings: &LoopFindings) -> Figure {
     let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
     let dot = |hue, shape, filled| Look { hue, shape: Some(shape), filled, line: Line::None };
@@ -141,7 +141,7 @@ fn stability_map(findings: &LoopFindings) -> Figure {
     }
 }
 
-/// Error and peak of each strategy in each scene, on the fast bench.
+/// Figure of error and peak of each strategy in each scene, on the fast bench.
 fn scenes(findings: &LoopFindings) -> Figure {
     let rows = || ChartAxis::rows(SCENES.iter().map(|scene| scene.name.to_owned()).collect());
     let markers = |strategy| Look { line: Line::None, ..look(strategy, Bench::XpsLike) };
@@ -183,7 +183,7 @@ fn scenes(findings: &LoopFindings) -> Figure {
     }
 }
 
-/// Time per press against the stiffness that is declared, the specimen staying the same.
+/// Figure of time per press against the declared stiffness, for the same specimen.
 fn caution(findings: &LoopFindings) -> Figure {
     let whole = || findings.of(Part::Caution).filter(|outcome| outcome.rule.is_none());
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
@@ -211,7 +211,7 @@ fn caution(findings: &LoopFindings) -> Figure {
     }
 }
 
-/// What a calibration takes and how well it locates, against the tolerance.
+/// Figure of a calibration's time and location error against the tolerance.
 fn calibration(findings: &LoopFindings) -> Figure {
     let strategies = [Strategy::Guarded, Strategy::Map];
     let panel = |label: &str, value: Value, level: Option<Mark>| {
@@ -249,12 +249,12 @@ fn calibration(findings: &LoopFindings) -> Figure {
     }
 }
 
-/// A strategy's look on the fast bench, and its name.
+/// Look of a strategy on the fast bench, and its name.
 fn named(strategy: Strategy) -> (Look, String) {
     (look(strategy, Bench::XpsLike), strategy.name().to_owned())
 }
 
-/// A strategy by colour and shape, a bench by fill and line.
+/// Look of a strategy on a bench: colour and shape show the strategy, fill and line show the bench.
 fn look(strategy: Strategy, bench: Bench) -> Look {
     let (hue, shape) = match strategy {
         Strategy::Guarded => (Hue::Blue, Shape::Square),
@@ -268,7 +268,7 @@ fn look(strategy: Strategy, bench: Bench) -> Look {
     Look { hue, shape: Some(shape), filled, line }
 }
 
-/// Points that are one to the eye, each with its tolerances in mN.
+/// Merges points that look like one point. Each merged point has its tolerances in mN.
 fn alike(
     outcomes: &[&ConditionOutcome],
     point: impl Fn(&ConditionOutcome) -> Option<(f64, f64)>,

@@ -40,7 +40,7 @@ use thiserror::Error;
 /// Callback with the number of finished parts of a study and the total number.
 pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// What comes of each job, in order, worked on by all processors; `told` hears of each that is done.
+/// Returns the result of each job, in order. All processors work on the jobs, and `told` is informed about each finished job.
 fn carried_out<J: Sync, O: Send>(
     jobs: &[J],
     told: Told<'_>,
@@ -55,8 +55,8 @@ fn carried_out<J: Sync, O: Send>(
     outcomes.into_iter().collect()
 }
 
-/// Which of some tries no other of its kind beats: one that is no slower and no farther off, and better in one of the two. A try
-/// without both numbers has no part in it.
+/// Returns for each try whether no other try of its kind beats it. A try beats another if it is neither slower nor less accurate,
+/// and better in one of the two. A try without both numbers isn't compared.
 fn pareto<K: PartialEq>(tries: &[(K, Option<(f64, f64)>)]) -> Vec<bool> {
     let is_best = |(kind, mark): &(K, Option<(f64, f64)>)| {
         let Some((time, error)) = *mark else { return false };

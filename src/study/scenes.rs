@@ -14,10 +14,10 @@ pub struct BenchChange {
     change: fn(&mut RigSpec),
 }
 
-/// A spring in series with bare steel, N/mm, and what the two make together.
+/// Stiffness of a spring in series with bare steel, N/mm. The second constant is the stiffness of the steel, N/mm.
 const SPRING_N_MM: f64 = 20.0;
 const STEEL_N_MM: f64 = 500.0;
-/// How many time constants of a low-pass count as its lag.
+/// Number of time constants of a low-pass that count as its lag.
 const TIME_CONSTANTS: f64 = 2.5;
 
 /// The unchanged benches.
@@ -88,12 +88,12 @@ impl BenchChange {
     }
 }
 
-/// A specimen that doesn't stiffen with depth.
+/// Contact law of a specimen that doesn't stiffen with depth.
 pub(super) fn line(linear_n_mm: f64, toe_mm: f64) -> ContactLaw {
     ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm }
 }
 
-/// Bare metal: it bears at once and doesn't relax.
+/// Makes the specimen bare metal: it carries force at once and doesn't relax.
 fn steel(spec: &mut RigSpec, linear_n_mm: f64) {
     spec.scene.contact = line(linear_n_mm, 0.0);
     spec.scene.relaxation.clear();

@@ -13,14 +13,14 @@ pub const OVERSHOOTS_AT: f64 = 1.0 / E;
 /// Gain times dead time from which the continuous loop never settles, see [`OVERSHOOTS_AT`].
 pub const UNSTABLE_AT: f64 = FRAC_PI_2;
 
-/// Step of the simulation, s, and the time from one order to the next.
+/// Step of the simulation, s. The second constant is the time from one order to the next, in steps.
 const STEP_S: f64 = 0.001;
 const PERIOD_STEPS: usize = 10;
-/// How many dead times are simulated.
+/// Number of dead times that are simulated.
 const LENGTH: f64 = 60.0;
-/// What counts as overshoot, as a share of the force.
+/// Least overshoot that counts, as a fraction of the force.
 const OVERSHOOT: f64 = 1e-4;
-/// Halvings of the interval in which a gain is sought.
+/// Number of halvings of the interval in which a gain is searched for.
 const HALVINGS: usize = 30;
 
 /// Gains at which the behaviour of the loop changes.
@@ -50,7 +50,7 @@ pub fn stability() -> Vec<Onset> {
     DEAD_TIMES_S.iter().flat_map(|dead_time_s| MISMATCHES.map(|mismatch| of(*dead_time_s, mismatch))).collect()
 }
 
-/// The least gain times dead time that does something, by bisection of the logarithm.
+/// Returns the least product of gain and dead time at which `does` is true, by bisection of the logarithm.
 fn least_gain(does: impl Fn(f64) -> bool) -> f64 {
     let (mut below, mut above) = (0.01, 100.0);
     for _ in 0..HALVINGS {
@@ -65,7 +65,7 @@ pub fn peak(gain: f64, dead_time_s: f64) -> f64 {
     forces(gain, dead_time_s).fold(0.0, f64::max)
 }
 
-/// Whether the force is further off in the last fifth of the time than in the fifth before it.
+/// Whether the force error is larger in the last fifth of the time than in the fifth before it.
 fn grows(gain: f64, dead_time_s: f64) -> bool {
     let missing: Vec<f64> = forces(gain, dead_time_s).map(|force| (1.0 - force).abs()).collect();
     let most = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
@@ -75,9 +75,9 @@ fn grows(gain: f64, dead_time_s: f64) -> bool {
     most(last) > most(before).max(OVERSHOOT) || most(last) > 1.0
 }
 
-/// The force from 0 toward 1, a step at a time: F' = k v, and every period v = gain / dead time * (1 - mean F) / k, as the
-/// press reckons it. The mean looks half a period back and the order holds for another half; the rest of the dead time lies
-/// between a force and its reading.
+/// Returns the force from 0 toward 1, step by step. F' = k v, and in every period v = gain / dead time * (1 - mean F) / k, as the
+/// press calculates it. The mean is on average half a period old, and the order holds for another half. The rest of the dead time
+/// is the delay between a force and its reading.
 fn forces(gain: f64, dead_time_s: f64) -> impl Iterator<Item = f64> {
     let late = ((dead_time_s / STEP_S) as usize).saturating_sub(PERIOD_STEPS);
     let steps = (LENGTH * dead_time_s / STEP_S) as usize;

@@ -10,10 +10,10 @@ use std::io::{self, Read, Seek, Write};
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-/// How often a lock file is opened again that was removed or exchanged meanwhile, as those who clean temporary folders do.
+/// Number of attempts to open a lock file that was removed or replaced, for example by a cleaner of temporary folders.
 const TRIES: usize = 10;
 
-/// No process number is longer, in bytes.
+/// Largest length of a process number, in bytes.
 const NUMBER_MOST: u64 = 10;
 
 /// Real links that a rig uses exclusively, until this value is dropped. It is dropped after the drivers, and waits until their
@@ -46,7 +46,7 @@ pub enum ClaimError {
     },
 }
 
-/// One link.
+/// Claim of one link.
 #[derive(Debug)]
 struct Claim {
     identity: String,
@@ -98,7 +98,8 @@ impl Drop for Claims {
     }
 }
 
-/// What is one for every name of one link; none for a link that isn't real, or that isn't what programs contend for.
+/// Returns a text that is the same for all names of one link. `None` if the link isn't real, or if programs don't compete for
+/// links of this kind.
 fn identity(link: &Link) -> Option<String> {
     match link {
         Link::Sim | Link::Daqmx(_) => None,
@@ -125,7 +126,7 @@ fn serial_identity(port: &str) -> String {
     }
 }
 
-/// The file behind all links to it.
+/// Returns the file to which all links of a path lead.
 fn real_path(path: &str) -> Option<String> {
     Some(fs::canonicalize(path).ok()?.to_string_lossy().into_owned())
 }
@@ -137,7 +138,7 @@ fn ni_devices(physical: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// A link as a person knows it: how fast it is has no part in whose it is.
+/// Text of a link for messages, without its speed. The speed doesn't affect who owns the link.
 fn told(link: &Link) -> String {
     let text = link.to_string();
     text.split_once('?').map_or(text.clone(), |(place, _)| place.to_owned())
@@ -147,7 +148,7 @@ fn of_process(process: Option<u32>) -> String {
     process.map(|number| format!(" (process {number})")).unwrap_or_default()
 }
 
-/// What became of a lock.
+/// Result of an attempt to lock.
 #[derive(Debug)]
 enum Lock {
     Taken(File),
@@ -172,8 +173,9 @@ fn lock(path: &Path) -> io::Result<Lock> {
     Err(io::Error::other("it is replaced repeatedly"))
 }
 
-/// Opens a lock file, or makes it; none if somebody else made or removed it meanwhile. Temporary folders are everyone's: an
-/// existing file isn't opened as one to be made, which Linux refuses for a file of another user's, and nothing is followed.
+/// Opens a lock file, or creates it. Returns `None` if another program created or removed it at the same time. Every user can
+/// write in temporary folders. So an existing file isn't opened in create mode, which Linux refuses for another user's file, and
+/// links aren't followed.
 fn open(path: &Path) -> io::Result<Option<File>> {
     let opened = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => make(path),
@@ -193,7 +195,7 @@ fn open(path: &Path) -> io::Result<Option<File>> {
     }
 }
 
-/// Makes a lock file that every user may open, with any permissions of this one's files.
+/// Creates a lock file that every user may open, for any default permissions of this user's files.
 fn make(path: &Path) -> io::Result<File> {
     let file = OpenOptions::new().read(true).write(true).create_new(true).open(path)?;
     #[cfg(unix)]
@@ -204,8 +206,8 @@ fn make(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Whether the file that was opened is the one that is there: not removed since, and neither a link to another file nor
-/// another name of one, which would be written into.
+/// Checks that the opened file is the file at the path. It mustn't have been removed since, and mustn't be a link to another file
+/// or a hard link, because the program would write into that file.
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt;
@@ -217,7 +219,7 @@ fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     Ok(fs::symlink_metadata(path).is_ok_and(is_it))
 }
 
-/// An open file can't be removed here.
+/// Returns `true`: on this system an open file can't be removed.
 #[cfg(not(unix))]
 fn is_at(_: &File, _: &Path) -> io::Result<bool> {
     Ok(true)
@@ -229,7 +231,8 @@ fn sign(file: &mut File) -> io::Result<()> {
     file.write_all(std::process::id().to_string().as_bytes())
 }
 
-/// Who signed; none where nobody has yet, or where a locked file can't be read.
+/// Returns the number of the process that signed the file. `None` if no process has signed it yet, or if the locked file can't be
+/// read.
 fn signed(file: &mut File) -> Option<u32> {
     let mut text = String::new();
     file.take(NUMBER_MOST).read_to_string(&mut text).ok()?;

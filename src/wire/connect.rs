@@ -8,7 +8,7 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_serial::{SerialPortBuilderExt, StopBits};
 
-/// Longest wait for a TCP server to accept.
+/// Longest wait until a TCP server accepts.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
 
 /// Anything that bytes can be written to and read from.

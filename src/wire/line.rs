@@ -6,13 +6,13 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// Longest answer line that is taken for one, bytes; the longest real one is an error text of some 60.
+/// Longest accepted answer line, bytes. The longest real line is an error text of some 60.
 const LINE_MAX_BYTES: usize = 1024;
 
-/// Silence after which a link that fell out of step is taken to be quiet.
+/// Silence after which a link that lost synchronisation counts as quiet.
 const QUIET: Duration = Duration::from_millis(100);
 
-/// Most answers that are thrown away while a link is brought back into step.
+/// Largest number of answers that are discarded while a link is synchronised again.
 const STRAY_LINES_MAX: usize = 64;
 
 /// Urgent line that a waiting exchange sends at once on request, before its answer has come. The line has no answer itself.
@@ -34,7 +34,7 @@ pub struct LineExchange {
     out_of_step: bool,
 }
 
-/// A harmless question whose answer can't be mistaken for another's.
+/// Harmless question whose answer can't be confused with another answer.
 #[derive(Clone, Copy, Debug)]
 struct Marker {
     question: &'static str,
@@ -146,7 +146,7 @@ impl LineExchange {
         Err(self.silent(question))
     }
 
-    /// The next line that comes until then, or none. What is urgent is sent at once, during any wait.
+    /// Returns the next line before the deadline, or `None`. An urgent line is sent at once, during any wait.
     async fn line_by(&mut self, until: Instant, urgent: Option<&Urgent<'_>>) -> Result<Option<String>, WireError> {
         loop {
             let line = match urgent {

@@ -1,6 +1,6 @@
 //! Links in the form that a person writes.
 
-/// Fastest line rate that is taken for a typing error and refused, baud.
+/// Fastest accepted line rate, baud. A faster rate is refused as a typing error.
 const BAUD_MAX: u32 = 12_000_000;
 
 /// Link of an instrument.

@@ -13,26 +13,27 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::process::{ChildStdin, ChildStdout};
 use tokio::time::{Sleep, sleep};
 
-/// How long a program has from the end of its input to its own end (docs/process.md): its device is brought to rest meanwhile.
+/// Time from the end of a program's input to the program's own end (docs/process.md). During this time the program brings its
+/// device to rest.
 const INPUT_ENDED_DEADLINE: Duration = Duration::from_secs(2);
 
-/// How long it has from the signal that asks it to end to the one that it can't ignore.
+/// Time from the signal that asks a program to end to the signal that it can't ignore.
 #[cfg(unix)]
 const TERMINATED_DEADLINE: Duration = Duration::from_secs(1);
 
-/// Longest wait for the end of what was killed: the system may hold it up.
+/// Longest wait for the end of a killed program, which the system may delay.
 const KILLED_DEADLINE: Duration = Duration::from_secs(1);
 
-/// The most looks at a program that closed its output or input: its exit status is there a moment after.
+/// Largest number of looks at a program that closed its output or input. Its exit status is available a moment later.
 const STATUS_LOOKS: u32 = 40;
 
-/// How often it is looked whether a program has ended.
+/// Interval between checks whether a program has ended.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// Threads that see programs to their end.
+/// Threads that wait for the programs to end.
 static ENDING: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
-/// A program's input and output. Dropped, the program has the end of its input, and is seen to its end.
+/// Input and output of a program. When this value is dropped, the program's input ends, and a thread waits for the program's end.
 #[derive(Debug)]
 struct Program {
     input: ChildStdin,
@@ -40,7 +41,7 @@ struct Program {
     running: Option<Running>,
 }
 
-/// A program from its start to its end.
+/// Running program, from its start to its end.
 #[derive(Debug)]
 struct Running {
     child: Child,
@@ -52,7 +53,7 @@ struct Running {
     next_look: Option<Pin<Box<Sleep>>>,
 }
 
-/// Starts a program; the link is its standard input and output.
+/// Starts a program. The link is the program's standard input and output.
 pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
     let (program, arguments) = command.split_first().ok_or(io::ErrorKind::InvalidInput)?;
     let mut command = Command::new(program);
@@ -72,7 +73,7 @@ pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
     }
 }
 
-/// Why a program can't be started.
+/// Returns the reason why a program can't be started.
 fn not_started(program: &str, error: &io::Error) -> io::Error {
     let told = match error.kind() {
         io::ErrorKind::NotFound => format!("the program `{program}` wasn't found"),
@@ -81,7 +82,7 @@ fn not_started(program: &str, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), told)
 }
 
-/// Waits until every program whose link was dropped has ended, or could not be ended.
+/// Waits until every program whose link was dropped has ended or couldn't be ended.
 pub(super) fn wait_for_ends() {
     let ending = std::mem::take(&mut *ENDING.lock().unwrap_or_else(PoisonError::into_inner));
     for thread in ending {
@@ -100,7 +101,8 @@ impl Drop for Program {
 }
 
 impl Running {
-    /// That it has ended, with its exit status where that comes soon: it closed its output or input.
+    /// Returns the error for a program that closed its output or input. It contains the exit status if the status is available
+    /// soon.
     fn poll_ended(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
         loop {
             if let Some(look) = &mut self.next_look
@@ -150,7 +152,7 @@ impl Running {
         true
     }
 
-    /// Whether it has, and on Unix all that it started in its group.
+    /// Whether the program has ended, and on Unix also all processes that it started in its group.
     fn has_ended(&mut self) -> bool {
         // what can't be asked for has ended
         let has_ended = !matches!(self.child.try_wait(), Ok(None));
@@ -160,8 +162,8 @@ impl Running {
     }
 }
 
-/// The process group that a program leads. Its number is that of the program, and is given to no other as long as one of the
-/// group is there.
+/// Process group that a program leads. The group has the program's number. The system doesn't reuse this number while a process
+/// of the group exists.
 #[cfg(unix)]
 mod group {
     use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};

@@ -125,8 +125,8 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
         ("run r.toml --pace nan", ["'nan'", "expected a number above 0"]),
-        ("resume none", ["none", "journal.log"]),
-        ("evaluate none", ["none", "journal.log"]),
+        ("resume none", ["none doesn't exist", "palpate run"]),
+        ("evaluate none", ["none doesn't exist", "palpate run"]),
         ("emulate none.toml", ["none.toml", "give an existing file"]),
     ] {
         assert_refused(&bench, words, &parts);

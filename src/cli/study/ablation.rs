@@ -17,7 +17,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     begun.end(Vec::new(), found.ndjson(), |out| summary(&found, out))
 }
 
-/// What was found, in at most 80 columns.
+/// Returns a summary of the results in at most 80 columns.
 fn summary(found: &AblationFindings, out: &Path) -> String {
     let AblationSize { seeds, side, tests, presses } = found.size;
     let mut text = format!(
@@ -40,7 +40,7 @@ fn summary(found: &AblationFindings, out: &Path) -> String {
     text + &needs(found) + &format!("\nrows, and what each term is: {}\n", out.display())
 }
 
-/// A line a term that can touch any of the questions, or costs anything there.
+/// Returns a table with a line for each term that can affect a question, or that has a cost there.
 fn effects(found: &AblationFindings, questions: &[Question], heads: &[&str], cost: Option<(&str, &str)>) -> String {
     let cells = |told: &dyn Fn(&Question) -> String| -> String {
         questions.iter().map(|question| format!("{:>1$}", told(question), width(question))).collect()
@@ -98,7 +98,7 @@ fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {
     found.row(term, question).map_or(String::new(), told)
 }
 
-/// Forces of methods in mN, as there isn't room for more digits.
+/// Formats a value. Force errors of methods are in mN, because there isn't room for more digits.
 fn shown(value: f64, question: &Question) -> String {
     match question.unit {
         "N" => format!("{:.1}", 1000.0 * value),
@@ -108,7 +108,7 @@ fn shown(value: f64, question: &Question) -> String {
     }
 }
 
-/// Which term is needed for what, and which for nothing.
+/// Describes which term is needed for which question, and which terms aren't needed.
 fn needs(found: &AblationFindings) -> String {
     let mut text = format!(
         "\na term is needed if the difference is significant and exceeds {:.0} % of the base's\n\

@@ -10,7 +10,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// The arguments of every study that draws at random.
+/// Arguments of every study that uses random numbers.
 #[derive(Debug, clap::Args)]
 pub(super) struct Common {
     #[command(flatten)]
@@ -23,7 +23,7 @@ pub(super) struct Common {
     pub(super) seed: u64,
 }
 
-/// Where what was found goes.
+/// Destination of the results.
 #[derive(Debug, clap::Args)]
 pub(super) struct Output {
     /// Output folder for figures and rows [default: study-NAME]
@@ -34,7 +34,7 @@ pub(super) struct Output {
     pub(super) json: bool,
 }
 
-/// A study on its way.
+/// Study in progress.
 pub(super) struct Begun {
     pub(super) out: PathBuf,
     pub(super) json: bool,
@@ -42,7 +42,7 @@ pub(super) struct Begun {
 }
 
 impl Begun {
-    /// Looks whether the folder is free, before anything is computed.
+    /// Checks that the folder is free, before anything is computed.
     pub(super) fn new(args: &Output, name: &str) -> Result<Begun, Failure> {
         let out = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
         if out.symlink_metadata().is_ok() {
@@ -51,7 +51,7 @@ impl Begun {
         Ok(Begun { out, json: args.json, bar: bar() })
     }
 
-    /// Hears how far it is.
+    /// Returns the function that is informed about the progress.
     pub(super) fn told(&self) -> impl Fn(usize, usize) + Sync + '_ {
         |done, of| {
             self.bar.set_length(of as u64);
@@ -59,7 +59,7 @@ impl Begun {
         }
     }
 
-    /// What was found, or the exit code that says why nothing was.
+    /// Returns the results, or the exit code that states why there are none.
     pub(super) fn carried<T>(&self, found: Result<T, StudyError>) -> Result<T, Failure> {
         self.bar.finish_and_clear();
         found.map_err(failure)
@@ -79,7 +79,7 @@ impl Begun {
     }
 }
 
-/// Where the files are, as the last line of a summary.
+/// Returns the location of the files, as the last line of a summary.
 pub(super) fn ended(out: &Path) -> String {
     format!("figures and rows: {}\n", out.display())
 }
@@ -88,7 +88,7 @@ pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-/// How far the study is, for a person who watches.
+/// Returns the progress bar of the study, for a person who watches.
 fn bar() -> ProgressBar {
     let is_watched = std::io::stderr().is_terminal();
     let target = if is_watched { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
@@ -99,7 +99,7 @@ fn bar() -> ProgressBar {
     }
 }
 
-/// Makes the folder with its files.
+/// Creates the folder with its files.
 fn write<'a>(folder: &Path, files: impl Iterator<Item = (&'a str, &'a str)>) -> Result<(), DatasetError> {
     let io = |doing, path: &Path| DatasetError::io(doing, path.to_owned());
     if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {

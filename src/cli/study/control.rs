@@ -14,7 +14,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     begun.end(figures(&findings), findings.ndjson(), |out| summary(&findings, out))
 }
 
-/// What was found, in at most 80 columns.
+/// Returns a summary of the results in at most 80 columns.
 fn summary(findings: &LoopFindings, out: &Path) -> String {
     let size = findings.size;
     let mut text =

@@ -21,7 +21,7 @@ Examples:
   palpate study curves --rig rigs/sim.toml
   palpate study curves --rig mine.toml --depth-mm 4 --area-mm -5 5 -5 5
 
-Without a rig: the paper's lines of units, and its claims compared with computed values.
+Without a rig: the paper's rows of units; the paper's claims are compared with computed values.
 With a rig: its array and elastomer; nothing is moved or opened.";
 
 #[derive(Debug, clap::Args)]
@@ -41,9 +41,9 @@ pub struct CurvesArgs {
     output: Output,
 }
 
-/// Width of the first column of what is printed.
+/// Width of the first printed column.
 const FIRST: usize = 20;
-/// Largest depth and coordinate, mm: those of a rig file.
+/// Largest depth and coordinate, mm, the same as in a rig file.
 const DEPTH_MAX_MM: f64 = 1000.0;
 const COORDINATE_MAX_MM: f64 = 10_000.0;
 
@@ -100,7 +100,7 @@ fn coordinate(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(within).ok_or_else(|| format!("expected a number in mm, up to {COORDINATE_MAX_MM}"))
 }
 
-/// What became of each claim.
+/// Returns the verdict on each claim.
 fn summary(found: &Curves) -> String {
     let mut text = "the paper's numerical study; distances in depths H unless in mm\n\n".to_owned();
     for Claim { told, verdict, found, .. } in &found.claims {
@@ -110,7 +110,7 @@ fn summary(found: &Curves) -> String {
     text + "\n"
 }
 
-/// What was found of an array.
+/// Returns a summary of the results for an array.
 fn design_summary(found: &DesignFindings) -> String {
     let DesignFindings { passage, area, survey, .. } = found;
     let mut text = String::new();
@@ -180,7 +180,7 @@ fn design_summary(found: &DesignFindings) -> String {
     text + "\n"
 }
 
-/// What the units lie under, and what presses and reads.
+/// Describes the cover of the units, and the sizes of indenter and taxel.
 fn under(passage: &Passage) -> String {
     let Passage { medium, depth_mm, indenter_radius_mm, taxel_radius_mm } = passage;
     let mut text = match medium {

@@ -51,7 +51,7 @@ pub struct Budget {
     common: Common,
 }
 
-/// What was recorded, if it isn't to be simulated.
+/// Recorded data, if the study isn't simulated.
 #[derive(Debug, clap::Args)]
 struct Source {
     /// A run folder with calibration and test presses
@@ -67,7 +67,7 @@ struct Source {
 }
 
 impl Source {
-    /// The trial that was recorded; none where nothing was named.
+    /// Returns the recorded trial; `None` if nothing was named.
     fn trial(&self) -> Result<Option<MethodTrial>, Failure> {
         match (&self.run, &self.calibration, &self.test) {
             (Some(run), ..) => trial_of(run).map(Some),
@@ -81,7 +81,7 @@ impl Source {
     }
 }
 
-/// Simulated: presses along a side of the calibration, and test contacts.
+/// Size of a simulated study: presses along a side of the calibration, and test contacts.
 const SIMULATED: (usize, usize) = (25, 10_000);
 const QUICK: (usize, usize) = (7, 100);
 
@@ -175,7 +175,7 @@ fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow
     text + &refusals + "\n"
 }
 
-/// A line a method, a column a number of presses; minutes and bound where they are known.
+/// Returns a table with a line for each method and a column for each number of presses. Minutes and bound are included if known.
 fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
     let of = |solver: &str| -> Vec<&MethodRow> {
         found.iter().filter(|row| row.scene == scene && row.solver == solver).collect()
@@ -199,7 +199,7 @@ fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
     text + "\n"
 }
 
-/// At which value of each condition a method's mean error exceeds the paper's reference.
+/// Describes the value of each condition at which a method's mean error exceeds the paper's reference.
 fn breaks(noise: NoiseReference, found: &[MethodRow]) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
         let rows: Vec<&MethodRow> = methods::rows_of(found, noise.name(), solver, harm.name).collect();
@@ -213,7 +213,7 @@ fn breaks(noise: NoiseReference, found: &[MethodRow]) -> String {
     format!("{}\nfirst value with a mean error over 1 mm or 0.1 N (-: no value)\n", noise.told()) + &table(&cell)
 }
 
-/// The largest share of a method's answers that are wrong and not flagged.
+/// Describes the largest fraction of a method's answers that are wrong and not flagged.
 fn silent(noise: NoiseReference, found: &[MethodRow]) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
         let shares = methods::rows_of(found, noise.name(), solver, harm.name).filter_map(|row| row.wrong_unflagged);
@@ -222,7 +222,7 @@ fn silent(noise: NoiseReference, found: &[MethodRow]) -> String {
     "wrong and not flagged, at the worst value, %\n".to_owned() + &table(&cell)
 }
 
-/// The least share of truths within the wider interval that a method states.
+/// Describes the least fraction of true values within the wider interval that a method states.
 fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
     let cell = |solver: &str, harm: &methods::Harm| {
         let rows = methods::rows_of(found, noise.name(), solver, harm.name);
@@ -233,10 +233,10 @@ fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
     format!("location errors within the stated {stated} % half-width, at the worst value, %\n") + &table(&cell)
 }
 
-/// The most letters of a cell: all methods then fit a terminal.
+/// Largest number of characters in a cell, so that all methods fit on a terminal.
 const MOST_LETTERS: usize = 5;
 
-/// A line a condition, a column a method.
+/// Returns a table with a line for each condition and a column for each method.
 fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
     let line = |first: &str, cell: &dyn Fn(&'static str) -> String| {
         let cells: String =

@@ -19,7 +19,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     })
 }
 
-/// The ways of a family that no other beats, the soonest done first, and what rules ended.
+/// Returns the ways of a family that no other way beats, the fastest first, and the ways that rules ended.
 fn table(family: Family, found: &[MinutesRow]) -> String {
     let mut text = format!(
         "{}\nno other way is both faster and more exact\n\n{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}\n",

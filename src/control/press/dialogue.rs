@@ -89,7 +89,7 @@ pub enum Event {
 
 impl Event {
     /// # Errors
-    /// A trip for what isn't a number.
+    /// Returns a trip if a value isn't a finite number.
     pub(super) fn check_finite(&self) -> Result<(), Trip> {
         let (number, unit) = match *self {
             Event::Begin { z_mm, air } => (z_mm + air.mean_n + air.sigma_n, "mm"),

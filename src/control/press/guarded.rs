@@ -5,39 +5,42 @@ use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_S
 use super::{Branch, Command, Rule, Strategy, Trip};
 use crate::control::surface::Expected;
 
-/// Share of the first force that an approach may use up when contact comes.
+/// Fraction of the first force that an approach may add before it stops at contact.
 const TOUCH_SHARE: f64 = 0.6;
 /// Largest force that the touch may use, N.
 pub const TOUCH_MOST_N: f64 = 0.2;
-/// How far above the earliest contact the fast descent ends, mm.
+/// Height above the earliest contact at which the fast descent ends, mm.
 const STANDOFF_MM: f64 = 0.02;
-/// A gap to the standoff that isn't worth a motion of its own, mm.
+/// Largest gap to the standoff that doesn't need a separate motion, mm.
 const SHORT_DESCENT_MM: f64 = 0.10;
-/// Share of the set force from which a gap is closed with the declared stiffness, and a step teaches the real one.
+/// Fraction of the set force that separates small steps from large ones. Up to it a gap is closed with the declared stiffness; a
+/// larger step teaches the real stiffness.
 pub(super) const LEARN_SHARE: f64 = 0.25;
-/// What a learned stiffness is multiplied with: the specimen stiffens with depth, and stiffens more the faster it is pressed.
+/// Factor for a learned stiffness. The specimen stiffens with depth, and stiffens more if it is pressed faster.
 const STIFFENING: f64 = 1.15;
-/// A path that rises by so much shows its own slope, N, however hard the first touch was.
+/// Rise of a path, N, from which the path shows its slope after a first touch of any force.
 const LINE_LEAST_N: f64 = 0.2;
-/// What the way back from the first point of a loading path to no force may be wrong by: so many sd of a mean, and a share of it,
-/// by a line and by a parabola.
+/// Possible error of the extrapolation from the first point of a loading path back to zero force. It is given in sd of a mean,
+/// and as fractions of the extrapolated distance for a line and for a parabola.
 const ROOT_SIGMAS: f64 = 12.0;
 const LINE_MISSES: f64 = 1.0;
 const PARABOLA_MISSES: f64 = 0.2;
-/// The way back from which a share that is missed grows, by force: the first of it over the rest.
+/// Ratio of the path's first force to the rise after it. Above this ratio the fractional error of the extrapolation grows.
 const BACK: f64 = 0.3;
-/// How many sd of a mean the aim stays below a loading level, so that the true force does.
+/// Distance of the aim below a loading level, in sd of a mean, so that the true force stays below the level too.
 const BELOW_SIGMAS: f64 = 4.0;
-/// Share of the tolerance within which a level counts as reached; the rest is for what the force does until it is sampled.
+/// Fraction of the tolerance within which a level counts as reached. The rest is reserved for the change of the force until it is
+/// sampled.
 const REACHED_SHARE: f64 = 0.1;
-/// Share of the tolerance within which a level counts as reached after so many steps; the share grows with each.
+/// Fraction of the tolerance within which a level counts as reached after many steps. The fraction grows with each step.
 const LET_OFF_SHARE: f64 = 0.5;
 const LET_OFF_STEPS: f64 = 60.0;
-/// Share of the expected answer that a way into the specimen must have at least.
+/// Least change of the force over a distance into the specimen, as a fraction of the expected change.
 pub(super) const RESPONSE_SHARE: f64 = 0.1;
-/// Share of the force from which an expected answer stands out from relaxation.
+/// Fraction of the force from which an expected change can be distinguished from relaxation.
 const TELL_SHARE: f64 = 0.3;
-/// Most looks for contact: on steel each may go a few micrometres only, and before the first touch all the way from home.
+/// Largest number of looks for contact. On steel each look may advance only a few micrometres, and the first descent goes all the
+/// way from home.
 const LOOKS_MAX: u32 = 2000;
 const FIRST_LOOKS_MAX: u32 = 20_000;
 /// Fastest approach, mm/s. A higher speed loses its gain in braking.
@@ -48,7 +51,7 @@ pub const APPROACH_MOST_MM_S: f64 = 2.0;
 pub const FIRST_APPROACH_MM_S: f64 = 0.4;
 
 impl ForceLoop {
-    /// Fast to just above the earliest contact, if that is worth a motion of its own.
+    /// Descends fast to just above the earliest contact, if the distance is long enough for a separate motion.
     pub(super) fn descend(&mut self) -> Result<Command, Trip> {
         let standoff_mm = self.first_mm - STANDOFF_MM;
         if !self.context.expected.touched || standoff_mm - self.z_mm < SHORT_DESCENT_MM {
@@ -57,7 +60,7 @@ impl ForceLoop {
         self.advance(State::Descending, standoff_mm, self.context.speed_mm_s)
     }
 
-    /// Slowly, until the force says contact: the motion ends on a safe point even if nobody stops it.
+    /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
     pub(super) fn approach(&mut self) -> Result<Command, Trip> {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
         let target_mm = self.context.permit.deepest_mm(&self.standing()).min(search_mm);
@@ -93,8 +96,8 @@ impl ForceLoop {
         if steps { self.pursue() } else { self.push() }
     }
 
-    /// Whether the force answers the way that is made: a cell that always says the same is held by nothing else. Ways that are too
-    /// short to show, among noise and relaxation, add up until they do.
+    /// Checks that the force changes as z advances. No other rule detects a cell that always returns the same value. Distances
+    /// too short to show a change among noise and relaxation are added up until they are long enough.
     pub(super) fn check_answer(&mut self) -> Result<(), Trip> {
         let (z_mm, force_n) = self.answered;
         let way_mm = self.z_mm - z_mm;
@@ -115,7 +118,8 @@ impl ForceLoop {
         Ok(())
     }
 
-    /// A large step teaches the stiffness; a small one reads too soft, because the specimen relaxes meanwhile.
+    /// Learns the stiffness from a large step. A small step would show too low a stiffness, because the specimen relaxes
+    /// meanwhile.
     pub(super) fn learn(&mut self) {
         let Some((_, level)) = self.level() else { return };
         self.note_path();
@@ -130,7 +134,7 @@ impl ForceLoop {
         }
     }
 
-    /// Closer to the level from its own side, or on to the dwell and the window if it is reached.
+    /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.
     pub(super) fn pursue(&mut self) -> Result<Command, Trip> {
         let Some((_, level)) = self.level() else { return self.depart() };
         let limit_n = self.context.limits.force_n;
@@ -165,7 +169,7 @@ impl ForceLoop {
         self.step_to(State::Stepping, self.z_mm + step_mm)
     }
 
-    /// Deeper, as far as it is permitted. Where no more is permitted, within the tolerance that will do.
+    /// Moves deeper as far as permitted. If no further motion is permitted, a force within the tolerance is accepted.
     pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
         let deepest_mm = self.context.permit.deepest_mm(&self.standing());
         if deepest_mm - self.z_mm < STEP_LEAST_MM {
@@ -179,8 +183,8 @@ impl ForceLoop {
     }
 }
 
-/// Where a loading path has no force: the parabola through its first, a middle and its last point, or the line through two, or
-/// a guess from the declared stiffness with one.
+/// Returns the position at which a loading path has zero force. It uses the parabola through the first, a middle and the last
+/// point, or the line through two points. With one point it estimates the position from the declared stiffness.
 pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
     let &(z0, f0) = path.first()?;
     let guess = z0 - f0 / (declared_n_mm / 2.0);
@@ -191,7 +195,7 @@ pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
     Some(parabola_root_mm(path).unwrap_or(line_mm).clamp(guess.min(line_mm), z0))
 }
 
-/// The parabola through a path's first, a middle and its last point, where it has no force.
+/// Returns the position of zero force on the parabola through a path's first, a middle and its last point.
 fn parabola_root_mm(path: &[(f64, f64)]) -> Option<f64> {
     let (&(z0, f0), (z1, f1), &(z2, f2)) = (path.first()?, middle_of(path)?, path.last()?);
     let curvature = ((f2 - f1) / (z2 - z1) - (f1 - f0) / (z1 - z0)) / (z2 - z0);
@@ -201,8 +205,8 @@ fn parabola_root_mm(path: &[(f64, f64)]) -> Option<f64> {
     Some(z0 - 2.0 * f0 / (slope + discriminant.max(0.0).sqrt()))
 }
 
-/// The earliest that contact may have begun, mm, by a path with this noise of a point: what [`root_of`] leaves out to be near
-/// counts here, which is that the way back may be longer than a line or a parabola has it.
+/// Returns the earliest possible position of contact, mm, for a path with this noise of a point. Unlike [`root_of`], it includes
+/// the possibility that contact began farther back than a line or a parabola shows.
 fn earliest_mm(path: &[(f64, f64)], sigma_n: f64) -> Option<f64> {
     let (&(z0, f0), &(z2, f2)) = (path.first()?, path.last().filter(|_| path.len() > 1)?);
     let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
@@ -216,7 +220,7 @@ fn earliest_mm(path: &[(f64, f64)], sigma_n: f64) -> Option<f64> {
     Some(root_mm - noise_mm - missed * (back / BACK).powi(2).max(1.0) * (z0 - root_mm))
 }
 
-/// The first point of a path that is well apart from both its ends.
+/// Returns the first point of a path that is well separated from both ends of the path.
 fn middle_of(path: &[(f64, f64)]) -> Option<(f64, f64)> {
     let (&(_, f0), &(_, f2)) = (path.first()?, path.last()?);
     path.iter().copied().find(|&(_, f)| f > f0 * 1.5 && f < f2 - 0.25 * (f2 - f0))

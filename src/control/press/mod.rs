@@ -23,22 +23,22 @@ use state::{Motion, Push, SEARCH_MM, STEP_LEAST_MM, State, TELL_SIGMAS};
 
 /// Number of air readings that are checked before a press.
 pub const AIR_READINGS: u32 = 8;
-/// Fewest readings averaged between two motions, and where the force is near the limit.
+/// Fewest readings averaged between two motions. The second constant holds where the force is near the limit.
 const READINGS_LEAST: u32 = 4;
 const LIMIT_READINGS: u32 = 16;
-/// Share of the limit from which it counts as near.
+/// Fraction of the limit from which a force counts as near the limit.
 const NEAR_LIMIT: f64 = 0.85;
-/// What a mean is to be known to, as a share of the tolerance, as far as that can be read in so long, s.
+/// Wanted sd of a mean, as a fraction of the tolerance. The second constant is the longest time that is spent to reach it, s.
 const MEAN_SHARE: f64 = 0.02;
 const READ_S: f64 = 0.020;
-/// What it must be known to, if that can be read in so long, s.
+/// Required sd of a mean, as a fraction of the tolerance. The second constant is the longest time that is spent to reach it, s.
 const MEAN_SHARE_MOST: f64 = 0.15;
 const READ_MOST_S: f64 = 0.200;
 /// Distance that a depth limit must leave for that search beyond the surface's uncertainty, mm.
 pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
-/// Share of a force that must still be there at the next look, nothing having been withdrawn.
+/// Fraction of a force that must remain at the next look if nothing was withdrawn.
 const LEFT_SHARE: f64 = 0.5;
-/// Most points of a loading path that are kept.
+/// Largest number of stored points of a loading path.
 const PATH_MAX: usize = 12;
 
 impl ForceLoop {
@@ -172,7 +172,7 @@ impl ForceLoop {
         }
     }
 
-    /// Forces count from the newest air, if the permit takes it for air.
+    /// Takes the newest air reading as the zero of the forces, if the permit accepts it as air.
     fn begin(&mut self, air: AirReadings) -> Result<Command, Trip> {
         let noise_n = self.context.zero.noise_most_n();
         // asked for what must hold, so that a NaN is refused
@@ -189,8 +189,8 @@ impl ForceLoop {
         self.next_level()
     }
 
-    /// The earliest z at which there can be contact for a motion from here, mm. Before the first touch of a specimen that is
-    /// anywhere below what was measured to be free.
+    /// Returns the earliest z at which a motion from here can meet the specimen, mm. Before the first touch, contact is possible
+    /// anywhere below the heights that were measured to be free.
     fn earliest_mm(&self, from_mm: f64) -> f64 {
         if self.context.expected.touched || self.in_contact { self.first_mm } else { self.first_mm.min(from_mm) }
     }
@@ -211,7 +211,7 @@ impl ForceLoop {
         }
     }
 
-    /// A mean after a step: has the force answered, has it fallen by itself; then on.
+    /// Evaluates a mean after a step. It checks that the force responded and didn't fall by itself, and then continues.
     fn read(&mut self, force_n: f64) -> Result<Command, Trip> {
         self.check_hardness(force_n)?;
         self.check_fall(force_n)?;
@@ -225,7 +225,7 @@ impl ForceLoop {
         self.pursue()
     }
 
-    /// A force that is gone although nothing was withdrawn: the specimen slipped, or the cell doesn't measure any more.
+    /// Checks for a force that disappeared although nothing was withdrawn. The specimen slipped, or the cell no longer measures.
     fn check_fall(&self, force_n: f64) -> Result<(), Trip> {
         let withdrawn = self.before_mm > self.z_mm + STEP_LEAST_MM;
         let least_n = LEFT_SHARE * self.force_n - TELL_SIGMAS * self.sigma_n;
@@ -246,7 +246,7 @@ impl ForceLoop {
         self.sample()
     }
 
-    /// How long the first level's window has still to wait, s: all are sampled at one time after contact.
+    /// Time that remains until the first level's window, s. All presses are sampled at the same time after contact.
     fn wait_s(&self) -> Option<f64> {
         let shot = self.landing.and(self.context.shot);
         let (level, contact_s) = (self.level()?.1, self.contact_s?);
@@ -284,7 +284,7 @@ impl ForceLoop {
         self.go(State::Departing, Command::Depart(granted))
     }
 
-    /// Out of contact, as the force must show; then the next level, in air.
+    /// Checks that the force shows no contact any more. Then the next level follows, in air.
     fn left(&mut self, force_n: f64) -> Result<Command, Trip> {
         let most_n = self.context.zero.detect_n();
         if force_n.abs() >= most_n {
@@ -304,13 +304,14 @@ impl ForceLoop {
         self.go(state, Command::Move(granted))
     }
 
-    /// No contact may push harder than the rig's declared stiffness lets it at the deepest the stage can be by now (E+).
+    /// Returns a trip if a contact is harder than declared. The limit comes from the declared stiffness and the deepest position
+    /// that the stage can have reached (E+).
     fn harder_than_declared(&self, force_n: f64, now_s: f64) -> Option<Trip> {
         let Motion { from_mm, began_s, profile, .. } = self.motion?;
         self.harder_at(force_n, from_mm + profile.at_mm(now_s - began_s), self.earliest_mm(from_mm))
     }
 
-    /// The same at rest, where the motion ended: what was met while it was being stopped.
+    /// Checks the hardness at rest after a motion. This covers contact that was met while the motion was being stopped.
     fn check_hardness(&self, force_n: f64) -> Result<(), Trip> {
         self.harder_at(force_n, self.z_mm, self.first_mm).map_or(Ok(()), Err)
     }
@@ -321,7 +322,7 @@ impl ForceLoop {
         (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
     }
 
-    /// Away from the specimen, which no rule on the force has to bound.
+    /// Withdraws from the specimen. No force rule has to limit this motion.
     fn withdraw_to(&mut self, z_mm: f64) -> Result<Permitted, Trip> {
         self.motion = None;
         self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)
@@ -338,7 +339,7 @@ impl ForceLoop {
         self.go(state, Command::Average(readings))
     }
 
-    /// How many readings the next look at the force takes: what the tolerance asks for, as far as there is time.
+    /// Number of readings for the next look at the force. It depends on the tolerance and on the available time.
     fn readings(&self) -> u32 {
         let most_n = self.force_n.max(self.level().map_or(0.0, |(_, level)| level.force_set_n));
         let least = if most_n > NEAR_LIMIT * self.context.limits.force_n { LIMIT_READINGS } else { READINGS_LEAST };
@@ -354,7 +355,7 @@ impl ForceLoop {
         self.task.levels.iter().position(|level| level.force_set_n > 0.0).unwrap_or(0)
     }
 
-    /// A point of the loading path to the first level.
+    /// Adds a point to the loading path of the first level.
     fn note_path(&mut self) {
         let is_deeper = self.path.last().is_none_or(|last| self.z_mm > last.0);
         if self.level == self.first_loaded() && is_deeper && self.path.len() < PATH_MAX {

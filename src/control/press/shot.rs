@@ -8,31 +8,32 @@ use crate::control::map::{Lesson, Shot};
 use crate::control::profile::MotionProfile;
 use crate::quantity::Place;
 
-/// How far below the set force a correction ends that isn't the last: at least this share of the force, and of its own way.
+/// Distance below the set force at which a correction before the last one ends. It is at least this fraction of the force, and of
+/// the gap to be closed.
 const SHORT_OF_FORCE: f64 = 0.01;
 const SHORT_OF_GAP: f64 = 0.05;
-/// A gap of so many tolerances is closed by the last trim: the stiffness is known to a twentieth.
+/// Largest gap that the last trim closes, in tolerances. The stiffness is known to a twentieth.
 const TRIM_TOLERANCES: f64 = 3.0;
-/// The way of the trim that time is kept for, as a share of the set force.
+/// Assumed rise of the trim for which time is reserved, as a fraction of the set force.
 const TRIM_SHARE: f64 = 0.03;
-/// The way of a correction before it, the same.
+/// Assumed rise of the correction before the trim, as a fraction of the set force.
 const CORRECTION_SHARE: f64 = 0.1;
-/// A wait for the last trim that isn't worth another look at the force, s.
+/// Wait before the last trim that is too short for another look at the force, s.
 const SHORT_WAIT_S: f64 = 0.005;
-/// The clearance that a shot is assumed to start from, mm.
+/// Clearance from which a shot is assumed to start, mm.
 const START_MM: f64 = 0.1;
-/// What the time from contact to the window is rounded up to, s.
+/// Step to which the time from contact to the window is rounded up, s.
 const GRAIN_S: f64 = 0.01;
-/// How often the longest exchange that was seen is assumed for a motion: it is begun, and heard to have ended.
+/// Number of exchanges assumed for a motion, each as long as the longest exchange seen. They start the motion and report its end.
 const EXCHANGES: f64 = 1.2;
-/// A force that is so far above the set one stops a motion under way, as a share of it.
+/// Excess over the set force that stops a motion in progress, as a fraction of the set force.
 const OVER_SHARE: f64 = 0.02;
-/// The least that a shot must meet of what was expected, and what is allowed beyond, N (E-).
+/// Least fraction of the expected force that a shot must meet, and additional allowance, N (E-).
 const MET_SHARE: f64 = 0.4;
 const MET_N: f64 = 0.05;
 
 impl Landing {
-    /// The window of the first level is over.
+    /// Records the end of the first level's window.
     pub(super) fn sampled(&mut self, force_n: f64, force_set_n: f64) {
         self.faded.get_or_insert((self.left_n - force_n) / force_set_n);
     }
@@ -44,7 +45,8 @@ impl Landing {
 }
 
 impl ForceLoop {
-    /// To where the aim will be met, or as far as it is permitted; guarded if that isn't into the specimen.
+    /// Moves to the position where the aim will be met, or as far as permitted. If this position isn't inside the specimen, the
+    /// press continues guarded.
     pub(super) fn shoot(&mut self, shot: Shot, level: Level) -> Result<Command, Trip> {
         let wanted_mm = shot.z_mm(shot.aim_n(level.force_set_n));
         let target_mm = wanted_mm.min(self.context.permit.deepest_mm(&self.standing()));
@@ -54,7 +56,7 @@ impl ForceLoop {
         self.advance(State::Shooting, target_mm, self.context.speed_mm_s)
     }
 
-    /// The first look after the shot.
+    /// Evaluates the first look at the force after the shot.
     pub(super) fn landed(&mut self, force_n: f64) -> Result<Command, Trip> {
         let Some(shot) = self.context.shot else { return self.descend() };
         self.check_hardness(force_n)?;
@@ -75,7 +77,7 @@ impl ForceLoop {
         self.correct()
     }
 
-    /// Closer to the force from below; the last trim goes beyond it by what the force will fade.
+    /// Moves closer to the force from below. The last trim goes above the set force by the amount that the force will fade.
     pub(super) fn correct(&mut self) -> Result<Command, Trip> {
         let (Some(landing), Some(shot), Some((_, level))) = (self.landing, self.context.shot, self.level()) else {
             return self.pursue();
@@ -118,7 +120,7 @@ impl ForceLoop {
         Ok(command)
     }
 
-    /// A shot or a step that meets more than it should is stopped.
+    /// Stops a shot or a step that meets more force than it should.
     pub(super) fn hold_below(&self, force_n: f64) -> Steer {
         let Some((_, level)) = self.level().filter(|(_, level)| level.branch == Branch::Loading) else {
             return Steer::On; // from above a level the force is higher
@@ -127,8 +129,8 @@ impl ForceLoop {
         if force_n > level.force_set_n + over_n { Steer::Stop } else { Steer::On }
     }
 
-    /// The time from contact to the window of a press that begins with a shot, s: the same for every place, so that each is
-    /// sampled as relaxed as the others. From the curve and the rig's timing, not from the press.
+    /// Returns the time from contact to the window for a press that begins with a shot, s. It depends on the curve and the rig's
+    /// timing, not on the press. So every place is sampled after the same relaxation.
     pub(super) fn after_shot_s(&self, shot: Shot, force_set_n: f64) -> f64 {
         let (depth_mm, stiffness) = shot.on_curve(force_set_n);
         let timing = &self.context.timing;
@@ -142,14 +144,14 @@ impl ForceLoop {
         (total_s / GRAIN_S).ceil() * GRAIN_S
     }
 
-    /// How long a trim takes, to a stage at rest, s.
+    /// Duration of a trim until the stage is at rest, s.
     fn trim_s(&self, way_mm: f64) -> f64 {
         let timing = &self.context.timing;
         let way = MotionProfile::new(way_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
         EXCHANGES * timing.exchange_s + way.duration_s() + timing.settle_s
     }
 
-    /// How long a look at the force takes, s: whole periods of the hum, where there is any.
+    /// Duration of a look at the force, s. If there is hum, it is a whole number of hum periods.
     fn reading_s(&self) -> f64 {
         self.context.zero.mean_s(f64::from(self.readings()) * self.context.timing.conversion_s)
     }

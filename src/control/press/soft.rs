@@ -5,15 +5,15 @@ use super::state::{ForceLoop, TELL_SIGMAS};
 use super::{Rule, Trip};
 use crate::control::taught::Taught;
 
-/// Share of the declared least stiffness, and of what the presses around have taught, below which a press is too soft. Free edges of a
-/// specimen are softer than its middle by 40 %, and the force relaxes while it is reached.
+/// Fractions below which a press counts as too soft: of the declared least stiffness, and of the stiffness that the presses
+/// around have taught. Free edges of a specimen are softer than its middle by 40 %, and the force relaxes while it is reached.
 const DECLARED_SHARE: f64 = 0.9;
 const TAUGHT_SHARE: f64 = 0.55;
-/// The rise that the declared stiffness must have made by then, as a share of the set force.
+/// Rise that the declared stiffness must have produced before the check, as a fraction of the set force.
 const SHOWN_SHARE: f64 = 0.25;
-/// How often the force at the first look must be there again before a rise is compared.
+/// Ratio of the present force to the force at the first look from which a rise is compared.
 const ROSE: f64 = 2.0;
-/// What a way may be off by itself, mm: the read-back and a contact that isn't flat.
+/// Possible error of a measured distance, mm, from the read-back and a contact that isn't flat.
 const WAY_MM: f64 = 0.010;
 
 /// Lowest stiffness that a press may have.
@@ -26,12 +26,13 @@ pub struct Softest {
 }
 
 impl ForceLoop {
-    /// Whether this is the first press of a specimen whose least stiffness is declared: it goes in steps, with any strategy.
+    /// Whether this is the first press of a specimen whose least stiffness is declared. Such a press goes in steps, with any
+    /// strategy.
     pub(super) fn must_show_stiffness(&self) -> bool {
         !self.context.expected.touched && self.context.softest.declared_n_mm.is_some()
     }
 
-    /// Compares the rise from the first look in contact to here with what was declared and taught.
+    /// Compares the rise since the first look in contact with the declared and the learned stiffness.
     pub(super) fn check_softness(&self) -> Result<(), Trip> {
         let Some(&(from_mm, from_n)) = self.path.first() else { return Ok(()) };
         if self.level != self.first_loaded() || self.dwelt {
@@ -41,12 +42,12 @@ impl ForceLoop {
         self.check_taught(from_mm, from_n)
     }
 
-    /// The same for a shot, from the latest that the surface can be.
+    /// Compares the rise of a shot in the same way, from the lowest possible surface.
     pub(super) fn check_shot_softness(&self) -> Result<(), Trip> {
         self.check_taught(self.context.expected.last_mm, 0.0)
     }
 
-    /// At the first press only: what comes after it is compared with what it taught.
+    /// Checks the declared stiffness at the first press only. Later presses are compared with what the first press taught.
     fn check_declared(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
         let (Some(least_n_mm), Some((_, level))) = (self.context.softest.declared_n_mm, self.level()) else {
             return Ok(());

@@ -5,16 +5,17 @@ use crate::control::profile::MotionProfile;
 use crate::control::task::Task;
 use crate::control::trip::Trip;
 
-/// How far beyond the latest contact the search continues before there is none, mm: a soft surface yields before it is felt.
+/// Distance beyond the latest expected contact over which the search continues before it reports no contact, mm. A soft surface
+/// yields before it is felt.
 pub(super) const SEARCH_MM: f64 = 0.20;
 
-/// How many sd of a mean a rule on its fall or its answer leaves.
+/// Margin that a rule on a fall or a change of a mean leaves, in sd of the mean.
 pub(super) const TELL_SIGMAS: f64 = 6.0;
 
-/// Smallest step worth commanding, mm.
+/// Smallest step that is commanded, mm.
 pub(super) const STEP_LEAST_MM: f64 = 0.000_1;
 
-/// Most steps to one level: where much more stiffness is declared than there is, each may go a few micrometres only.
+/// Largest number of steps to one level. If the declared stiffness is much too high, each step may go only a few micrometres.
 pub(super) const STEPS_MAX: u32 = 1000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,30 +50,30 @@ pub struct ForceLoop {
     pub(super) force_n: f64,
     pub(super) sigma_n: f64,
     pub(super) moment: Moment,
-    /// The earliest surface, expected or, once touched, touched.
+    /// Earliest position of the surface: expected before the touch, touched after it.
     pub(super) first_mm: f64,
     pub(super) in_contact: bool,
     pub(super) dwelt: bool,
     pub(super) steps: u32,
     pub(super) motion: Option<Motion>,
-    /// A rule that a reading broke while a motion was under way.
+    /// Rule that a reading broke during a motion.
     pub(super) broken: Option<Trip>,
-    /// When contact was first felt, s.
+    /// Time at which contact was first felt, s.
     pub(super) contact_s: Option<f64>,
-    /// Where stiffness is measured from: z and force.
+    /// Reference point from which the stiffness is measured: z and force.
     pub(super) anchor: (f64, f64),
-    /// Up to where the force has answered: z and force.
+    /// Last point up to which the force has responded: z and force.
     pub(super) answered: (f64, f64),
-    /// Where the last motion ended before this one, mm.
+    /// Position where the previous motion ended, mm.
     pub(super) before_mm: f64,
     pub(super) stiffness_n_mm: Option<f64>,
-    /// The loading path: z and force at rest, from the touch to the first level.
+    /// Loading path: z and force at rest, from the touch to the first level.
     pub(super) path: Vec<(f64, f64)>,
     pub(super) push: Push,
     pub(super) landing: Option<Landing>,
 }
 
-/// The motion under way: where it began, when at the earliest, and how it goes.
+/// Motion in progress: its start position, its earliest start time and its course.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
     pub(super) from_mm: f64,
@@ -91,14 +92,14 @@ pub(super) struct Push {
     pub(super) count: f64,
 }
 
-/// A first motion as it ended, and what came of it.
+/// Result of a first motion: its end and the force that it met.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Landing {
     pub(super) z_mm: f64,
     pub(super) force_n: f64,
     pub(super) expected_n: f64,
-    /// The force that the last correction should have left, N.
+    /// Force that the last correction should have reached, N.
     pub(super) left_n: f64,
-    /// What of it was gone in the window, as a share of the set force.
+    /// Part of this force that was lost by the window, as a fraction of the set force.
     pub(super) faded: Option<f64>,
 }

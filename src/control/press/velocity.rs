@@ -7,18 +7,18 @@ use super::{Command, Steer, Trip};
 /// Gain times dead time. There is no overshoot up to 1/e; this value leaves room for a dead time longer than measured (CONTROL
 /// 3.1).
 pub const GAIN_TIMES_DEAD_TIME: f64 = 0.30;
-/// Slowest speed that is asked for, mm/s: below it steps are quicker.
+/// Slowest speed that is ordered, mm/s. Below it, steps are quicker.
 const SLOWEST_MM_S: f64 = 0.05;
-/// The shortest time between two orders, s, and how many of the longest exchanges it spans.
+/// Shortest time between two orders, s. The second constant is the least number of longest exchanges that it spans.
 const PERIOD_LEAST_S: f64 = 0.010;
 const PERIOD_EXCHANGES: f64 = 2.0;
-/// A speed is ordered that is this share below the last.
+/// Ratio of a speed to the last ordered speed at or below which a new order is sent.
 const SLOWER: f64 = 0.9;
-/// How many sd of a mean the goal stays below the set force.
+/// Distance of the target below the set force, in sd of a mean.
 const BELOW_SIGMAS: f64 = 4.0;
 
 impl ForceLoop {
-    /// Toward the force, at a speed that is safe for the dead time of the rig.
+    /// Moves toward the force, at a speed that is safe for the dead time of the rig.
     pub(super) fn push(&mut self) -> Result<Command, Trip> {
         let Some((_, level)) = self.level() else { return self.depart() };
         let goal_n = level.force_set_n.min(self.context.limits.force_n) - BELOW_SIGMAS * self.sigma_n;
@@ -31,7 +31,7 @@ impl ForceLoop {
         self.advance(State::Pushing, target_mm, speed_mm_s)
     }
 
-    /// What becomes of the motion after a reading.
+    /// Decides how the motion continues after a reading.
     pub(super) fn steer(&mut self, force_n: f64, now_s: f64) -> Steer {
         self.push.sum_n += force_n;
         self.push.count += 1.0;
@@ -51,7 +51,8 @@ impl ForceLoop {
         Steer::Speed(speed_mm_s)
     }
 
-    /// The stiffness is the declared one, which the specimen never exceeds: the loop is at most as fast as it may be.
+    /// Returns the speed for a missing force. It uses the declared stiffness, which the specimen never exceeds, so the loop is
+    /// never faster than allowed.
     fn speed_for(&self, missing_n: f64) -> f64 {
         let dead_time_s = self.context.timing.reaction_s + self.period_s() / 2.0;
         GAIN_TIMES_DEAD_TIME / dead_time_s * missing_n.max(0.0) / self.context.limits.stiffness_n_mm

@@ -15,7 +15,7 @@ pub struct Known {
     pub upper: f64,
 }
 
-/// A mean of repeats; how well it is known needs two.
+/// Mean of repeats. Its uncertainty requires at least two repeats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Estimate {
     pub value: f64,

@@ -13,7 +13,7 @@ pub mod terms;
 
 pub use estimate::Known;
 pub use repeatability::Repeatability;
-pub use staircases::{HeldLevel, Level, Staircases, by_series};
+pub use staircases::{HeldLevel, Level, Staircases, by_series, repeats};
 
 use crate::control::Branch;
 use estimate::Estimate;
@@ -144,7 +144,7 @@ fn characterise_channel(series: &[Series], full_scale: f64, repeatability: Repea
     }
 }
 
-/// Magnitude of the mean loading output at the largest set force, at the place where it is largest; none where it is 0.
+/// Magnitude of the mean loading output at the largest set force, at the place where this output is largest; `None` if it is 0.
 fn full_scale(series: &[Series]) -> Option<f64> {
     let (top, _) = series.iter().map(Series::top).max_by_key(|(top, _)| *top)?;
     let at_top = series.iter().map(Series::top).filter(|(level, _)| *level == top);

@@ -23,18 +23,19 @@ pub enum Repeatability {
     WorstLevel,
 }
 
-/// A repeatability in units of the output, and the interval in which the true one lies with 95 %.
+/// Repeatability in units of the output, and the interval that contains the true value with 95 % probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Repeated {
     pub value: f64,
     pub interval: Option<(f64, f64)>,
 }
 
-/// The repeats of each level of a series.
+/// Repeats of each level of a series.
 pub(super) type Levels = Vec<Vec<f64>>;
 
 impl Repeatability {
-    /// Over the corrected outputs of each series; levels held less than twice show nothing. None without any other.
+    /// Returns the repeatability from the corrected outputs of each series. Levels held less than twice are ignored. `None` if no
+    /// other levels exist.
     pub(super) fn of(self, series: &[Levels]) -> Option<Repeated> {
         let series: Vec<Vec<&[f64]>> = series.iter().map(|levels| repeated(levels)).collect();
         let levels = series.concat();
@@ -61,12 +62,12 @@ impl Repeatability {
     }
 }
 
-/// The levels that were held more than once.
+/// Returns the levels that were held more than once.
 fn repeated(levels: &Levels) -> Vec<&[f64]> {
     levels.iter().map(Vec::as_slice).filter(|level| level.len() > 1).collect()
 }
 
-/// The standard deviation common to all levels: their variances weighted by n - 1.
+/// Standard deviation common to all levels: their variances weighted by n - 1.
 fn pooled_sd(levels: &[&[f64]]) -> f64 {
     (squares(levels) / freedom(levels)).sqrt()
 }
@@ -82,10 +83,10 @@ fn freedom(levels: &[&[f64]]) -> f64 {
 
 /// Effective degrees of freedom of the pooled variance.
 ///
-/// The levels of a staircase share its contact, and so its error: a series of n staircases has n - 1 of them, however many
-/// levels it has (where levels are missing, as many as a level has on average). That is exact where all of the error is the
-/// contact's and too few, so that the interval is too wide, where levels have errors of their own. Series are independent; their
-/// sums of squares add up by Welch and Satterthwaite (JCGM 100, G.4.1).
+/// The levels of a staircase share its contact, and so share the contact's error. So a series of n staircases has n - 1 degrees
+/// of freedom for any number of levels. If levels are missing, n is the average number of repeats for a level. This is exact if
+/// the contact causes the complete error. If levels have their own errors, the number is too small, so the interval is too wide.
+/// Series are independent; their sums of squares add up by Welch and Satterthwaite (JCGM 100, G.4.1).
 fn degrees_of_freedom(series: &[Vec<&[f64]>]) -> f64 {
     let parts = series.iter().filter(|levels| !levels.is_empty());
     let parts = parts.map(|levels| (squares(levels), freedom(levels) / levels.len() as f64));
@@ -98,7 +99,7 @@ fn degrees_of_freedom(series: &[Vec<&[f64]>]) -> f64 {
     if spread > 0.0 { sum * sum / spread } else { all }
 }
 
-/// The mean of standard deviations as a share of the true one.
+/// Ratio of the mean of standard deviations to the true standard deviation.
 fn c4(degrees_of_freedom: f64) -> f64 {
     let half = degrees_of_freedom / 2.0;
     (ln_gamma(half + 0.5) - ln_gamma(half)).exp() / half.sqrt()

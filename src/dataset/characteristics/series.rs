@@ -19,7 +19,7 @@ pub struct Series {
     at_top: f64,
 }
 
-/// A straight line through loading outputs against the load cell.
+/// Straight line through loading outputs as a function of the load cell's force.
 #[derive(Clone, Copy)]
 struct Line {
     /// Slope of the line, output units per N.
@@ -89,7 +89,7 @@ impl Series {
 }
 
 impl Line {
-    /// By least squares over all loading readings, with the intercept free; none where the force doesn't vary.
+    /// Returns the least-squares line through all loading readings, with a free intercept; `None` if the force doesn't vary.
     fn through(readings: &[HeldLevel]) -> Option<Line> {
         let loading = || readings.iter().filter(|reading| reading.branch == Branch::Loading);
         let mean_force = mean(&loading().map(|reading| reading.force_n).collect::<Vec<f64>>());

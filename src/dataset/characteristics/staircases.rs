@@ -34,6 +34,11 @@ pub struct Staircases {
     pub left_out: usize,
 }
 
+/// Returns the number of staircases among the readings of an output: each holds its largest force once.
+pub fn repeats(readings: &[HeldLevel]) -> usize {
+    readings.iter().filter(|held| held.branch == Branch::Loading && held.level() == micro(held.top_n)).count()
+}
+
 /// A set force as a level, in integer uN, so that 3 x 0.5 and 1.5 are the same level.
 pub type Level = i64;
 
@@ -71,7 +76,7 @@ impl Staircases {
         staircases.some()
     }
 
-    /// None yet, for the units of an array.
+    /// Returns an empty collection for the units of an array.
     pub(in crate::dataset) fn none(layout: &ArrayLayout) -> Self {
         Staircases {
             readings: vec![Vec::new(); layout.len()],
@@ -80,18 +85,18 @@ impl Staircases {
         }
     }
 
-    /// These; none where there is not a row.
+    /// Returns this collection; `None` if it has no rows.
     pub(in crate::dataset) fn some(self) -> Option<Self> {
         (self.left_out > 0 || self.readings.iter().any(|readings| !readings.is_empty())).then_some(self)
     }
 
-    /// Adds the levels of a contact, if it is a characterisation's.
+    /// Adds the levels of a contact, if it belongs to a characterisation.
     pub(in crate::dataset) fn add_contact(&mut self, contact: &Contact, layout: &ArrayLayout) {
         let levels = contact.levels.iter().filter(|press| press.is_of(Phase::Characterisation));
         self.add(&levels.collect::<Vec<_>>(), layout);
     }
 
-    /// Adds the levels of one press, in the order they were held.
+    /// Adds the levels of one press, in the order in which they were held.
     fn add(&mut self, levels: &[&Press], layout: &ArrayLayout) {
         let top_n = levels.iter().filter_map(|press| press.force_set_n).fold(f64::MIN, f64::max);
         let top = levels.iter().position(|press| press.force_set_n == Some(top_n)).unwrap_or(0);

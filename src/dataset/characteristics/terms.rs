@@ -11,35 +11,35 @@ pub struct Term {
     pub definition: &'static str,
 }
 
-/// What every percentage but the hysteresis of the reading is a part of.
+/// Term for the reference of every percentage except the hysteresis of the reading.
 const FULL_SCALE: Term = Term {
     name: "full scale",
     definition: "the mean loading output at the largest set force; of several places, where that is largest; of a unit with several \
         channels, of the channel where it is largest",
 };
 
-/// How outputs are made comparable.
+/// Term for the correction that makes outputs comparable.
 const CORRECTION: Term = Term {
     name: "correction",
     definition: "each output above 0 N is first brought to the set force: the slope of the line of linearity times (set \
         force - load cell) is added",
 };
 
-/// How far unloading runs from loading.
+/// Term for the difference between unloading and loading.
 const HYSTERESIS: Term = Term {
     name: "hysteresis",
     definition: "|mean unloading - mean loading output| at a level between zero and top force, the largest over levels and \
         places, in % of full scale (as hysteresis in IEC 61298-2)",
 };
 
-/// The same beside what is read there.
+/// Term for the same difference, relative to the reading at that force.
 const HYSTERESIS_OF_READING: Term = Term {
     name: "hysteresis, % of reading",
     definition: "the same difference in % of the mean of both outputs at its level, the largest over levels and places (as \
         reversibility in ISO 376)",
 };
 
-/// How far the outputs are from a straight line.
+/// Term for the deviation of the outputs from a straight line.
 const LINEARITY: Term = Term {
     name: "linearity",
     definition: "the largest |mean loading output of a level - straight line|, over levels and places, in % of full scale. \
@@ -48,14 +48,14 @@ const LINEARITY: Term = Term {
         least, is no larger)",
 };
 
-/// What is left of a load.
+/// Term for the output that remains after a load.
 const ZERO_RETURN: Term = Term {
     name: "zero return",
     definition: "the mean output at the level of 0 N, in air, after the staircases less that before them, as read, in % of \
         full scale; of several places the largest in magnitude (as zero error in ISO 376)",
 };
 
-/// How well a repeatability is known.
+/// Term for the uncertainty of a repeatability.
 const INTERVAL: Term = Term {
     name: "95 % interval",
     definition: "where the true repeatability lies, by chi-squared; it assumes normal errors. The levels of a staircase share \

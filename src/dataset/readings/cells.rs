@@ -12,7 +12,7 @@ use std::io::{self, Read};
 
 const HELP: &str = "required: out_1, out_2, ... without a gap; a file of numbers only needs no header";
 
-/// Takes CSV lines apart.
+/// Parser of CSV lines.
 pub(super) struct Cells {
     reader: csv::Reader<Feed>,
     cells: ByteRecord,
@@ -22,7 +22,7 @@ pub(super) struct Cells {
     dialect: Option<Dialect>,
 }
 
-/// Where a line has what.
+/// Positions of the columns in a line.
 struct Columns {
     /// Names of the columns; `None` if the first line was numbers.
     names: Option<StringRecord>,
@@ -36,15 +36,15 @@ impl Cells {
         Cells { reader: reader(b','), cells: ByteRecord::new(), columns: None, mapping, dialect: None }
     }
 
-    /// Whether no line was read yet.
+    /// Whether no line has been read yet.
     pub(super) fn awaits_header(&self) -> bool {
         self.columns.is_none()
     }
 
-    /// Reads the line into the reading, whose line is known.
+    /// Reads the line into the reading. The reading already has its line number.
     ///
     /// # Errors
-    /// A header that can't be used.
+    /// Returns an error for an invalid header.
     pub(super) fn read(
         &mut self,
         file: &str,
@@ -91,7 +91,7 @@ impl Cells {
         })
     }
 
-    /// Takes a line apart, and says whether a quotation mark in it isn't closed.
+    /// Splits a line, and returns whether a quotation mark in it isn't closed.
     fn split(&mut self, line: &[u8], separator: u8) -> Result<bool, csv::Error> {
         self.reader.get_mut().set(line);
         self.reader.read_byte_record(&mut self.cells)?;
@@ -102,7 +102,7 @@ impl Cells {
         Ok(is_open)
     }
 
-    /// Writes decimal commas as points, where commas don't separate the cells.
+    /// Replaces decimal commas with points, if commas don't separate the cells.
     fn write_points(&mut self, file: &str, line: u64, dialect: &mut Dialect) -> Result<(), TableError> {
         if dialect.separator() != b',' && self.cells.as_slice().contains(&b',') {
             let mut record = StringRecord::from_byte_record_lossy(self.cells.clone());
@@ -117,7 +117,8 @@ fn reader(separator: u8) -> csv::Reader<Feed> {
     csv::ReaderBuilder::new().delimiter(separator).has_headers(false).flexible(true).from_reader(Feed::default())
 }
 
-/// Whether a first line is a reading and no header: each cell is an output, or one is a number and none is called `out_N`.
+/// Whether a first line is a reading instead of a header. Either each cell is an output, or one cell is a number and no cell is
+/// called `out_N`.
 fn is_reading(cells: &ByteRecord, mapping: &Mapping) -> bool {
     let is_number = |cell: &[u8]| output_in(cell).is_some_and(f64::is_finite);
     let first = mapping.first_output();
@@ -126,7 +127,7 @@ fn is_reading(cells: &ByteRecord, mapping: &Mapping) -> bool {
 }
 
 impl Columns {
-    /// Those of a table without a header.
+    /// Returns the columns of a table without a header.
     fn in_order(units: usize) -> Self {
         Columns { names: None, outputs: (0..units).collect(), id: None, t_s: None }
     }
@@ -149,7 +150,7 @@ impl Columns {
         Ok(Columns { names: Some(names), outputs, id, t_s })
     }
 
-    /// Reads a row into a reading; its labels first, so that a row with a bad output keeps them.
+    /// Reads a row into a reading. The labels are read first, so that a row with an invalid output keeps them.
     fn fill(&self, file: &str, cells: &ByteRecord, reading: &mut Reading) -> Result<(), ReadingError> {
         self.check_length(file, reading.line, cells)?;
         let label = |column: Option<usize>| column.and_then(|column| cells.get(column)).map(label);
@@ -193,7 +194,7 @@ impl Columns {
     }
 }
 
-/// An output; NaN where the cell is empty.
+/// Reads an output; NaN if the cell is empty.
 fn output_in(cell: &[u8]) -> Option<f64> {
     match cell.trim_ascii() {
         b"" => Some(f64::NAN),
@@ -201,7 +202,7 @@ fn output_in(cell: &[u8]) -> Option<f64> {
     }
 }
 
-/// A cell as JSON has it: a number if it is one, else a text.
+/// Returns a cell as a JSON value: a number if possible, otherwise a string.
 fn label(cell: &[u8]) -> Value {
     let text = String::from_utf8_lossy(cell.trim_ascii());
     match serde_json::from_str(&text) {
@@ -211,7 +212,7 @@ fn label(cell: &[u8]) -> Value {
     }
 }
 
-/// One line at a time for the csv reader, which so never holds more than that.
+/// Source of one line at a time for the csv reader, so that the reader never holds more than one line.
 #[derive(Default)]
 struct Feed {
     line: Vec<u8>,

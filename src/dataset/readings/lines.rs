@@ -3,7 +3,7 @@
 use super::{MAX_LINE_BYTES, ReadingError};
 use std::io::{self, BufRead, BufReader, Read};
 
-/// How much is read at once, bytes.
+/// Number of bytes that are read at once.
 const BUFFER_BYTES: usize = 64 << 10;
 
 /// Takes one line after another from a stream; stores one at a time.
@@ -40,7 +40,7 @@ impl<R: Read> Lines<R> {
         self.is_cut || !self.input.buffer().contains(&b'\n')
     }
 
-    /// How many bytes of the next line are taken.
+    /// Returns the number of bytes taken from the next line.
     fn take(&mut self) -> io::Result<usize> {
         if self.is_cut {
             self.input.skip_until(b'\n')?;

@@ -5,9 +5,9 @@ use crate::dataset::table_error::start_of;
 use serde::Deserialize;
 use serde_json::Value;
 
-/// As much of what is said of a JSON line as a message repeats, characters: it quotes the line.
+/// Largest number of characters of a JSON error in a message, because the error quotes the line.
 const REASON: usize = 120;
-/// A missing number as Python writes it, and as JSON does.
+/// Missing number as written by Python, and as written in JSON.
 const NAN: (&[u8], &[u8]) = (b"NaN", b"null");
 
 #[derive(Deserialize)]
@@ -17,7 +17,7 @@ struct Object {
     t_s: Option<Value>,
 }
 
-/// Reads the line into the reading, whose line is known.
+/// Reads the line into the reading. The reading already has its line number.
 pub(super) fn read(file: &str, line: &[u8], units: usize, reading: &mut Reading) -> Result<(), ReadingError> {
     let number = reading.line;
     let wrong = |column, reason| ReadingError::Json { file: file.to_owned(), line: number, column, reason };
@@ -59,7 +59,8 @@ fn object(text: &[u8]) -> Result<Object, serde_json::Error> {
     }
 }
 
-/// The text with `null` for each `NaN` outside of quotation marks, and where each stood; none without any.
+/// Returns the text with `null` for each `NaN` outside of quotation marks, and the positions of the replaced words; `None` if
+/// there is no `NaN`.
 fn with_null(text: &[u8]) -> Option<(Vec<u8>, Vec<usize>)> {
     let (mut replaced, mut at) = (Vec::new(), Vec::new());
     let (mut is_quoted, mut is_escaped, mut index) = (false, false, 0);

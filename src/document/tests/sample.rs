@@ -10,7 +10,7 @@ thread_local! {
     static DEPTH: Cell<usize> = const { Cell::new(0) };
 }
 
-/// A text that is being read: one that is read for its sake isn't noted.
+/// Text that is being read. A text that is read only as part of this reading isn't noted.
 pub(in crate::document) struct Reading;
 
 impl Reading {
@@ -26,7 +26,7 @@ impl Drop for Reading {
     }
 }
 
-/// Notes that a key of the table at `path` is asked for.
+/// Notes that a key of the table at `path` is requested.
 pub(in crate::document) fn note(path: &str, name: &str) {
     let key = if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
     if DEPTH.get() == 1 {
@@ -34,8 +34,8 @@ pub(in crate::document) fn note(path: &str, name: &str) {
     }
 }
 
-/// Checks that a reader asks for the keys of a list, each in its table, and for no others, and that the list's examples and
-/// defaults are values that it takes itself.
+/// Checks that a reader requests the keys of a list, each in its table, and no others. Also checks that the reader accepts the
+/// list's examples and defaults.
 pub(crate) fn assert_read_is_listed(keys: &'static Keys, read: impl Fn(&str)) {
     ASKED.take();
     (0..=most_cases(keys)).for_each(|case| read(&sample(keys, case)));
@@ -51,8 +51,8 @@ pub(crate) fn assert_read_is_listed(keys: &'static Keys, read: impl Fn(&str)) {
     }
 }
 
-/// A text with an example of every key that has a meaning when each table is in its case of this number; all of a table's cases
-/// come up as the number grows to [`most_cases`].
+/// Returns a text with an example of every key that applies when each table is in its case number `case`. All cases of every
+/// table occur as the number grows to [`most_cases`].
 pub(crate) fn sample(keys: &Keys, case: usize) -> String {
     let mut text = String::new();
     for key in keys.always.iter().chain(keys.cases.get(case % keys.cases.len().max(1)).into_iter().flat_map(|c| c.keys))
@@ -67,13 +67,13 @@ pub(crate) fn sample(keys: &Keys, case: usize) -> String {
     text
 }
 
-/// How many cases the table has that has most.
+/// Returns the number of cases of the table with the most cases.
 pub(crate) fn most_cases(keys: &Keys) -> usize {
     let inner = keys.walk().into_iter().filter_map(|listed| listed.key.inner()).map(|keys| keys.cases.len());
     inner.chain([keys.cases.len()]).max().unwrap_or_default()
 }
 
-/// An example of a key's value; one that may be a table is one but for case 0.
+/// Returns an example of a key's value. A value that may be a table is a table except in case 0.
 fn value(key: &Key, case: usize) -> String {
     let table = |keys: &Keys| format!("{{ {} }}", sample(keys, case).trim_end().replace('\n', ", "));
     match (key.kind, key.inner()) {
@@ -84,7 +84,7 @@ fn value(key: &Key, case: usize) -> String {
     }
 }
 
-/// Checks that a value fits the kind that its key has.
+/// Checks that a value fits the kind of its key.
 fn assert_takes(key: &Key, value: &str) {
     let keys: &'static [Key] = Vec::leak(vec![*key]);
     let keys: &'static Keys = Box::leak(Box::new(Keys::of(keys)));

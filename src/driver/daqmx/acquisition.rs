@@ -5,19 +5,21 @@ use crate::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DI
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// How much the library may hold that nobody has read yet, s. Nobody reads while the indenter rests in air.
+/// Amount of unread data that the library may hold, s. Nothing is read while the indenter rests in air.
 const BUFFER_S: f64 = 10.0;
 
-/// What has waited longer than this is thrown away with the task and sampling starts again, well before it would run over.
+/// Largest age of unread data. Older data are discarded together with the task, and sampling starts again, well before the buffer
+/// overflows.
 const REST: Duration = Duration::from_secs(1);
 
-/// Room to fetch into, s: what has waited as long as it may, and some more. Less than there is would be an error.
+/// Size of the fetch buffer, s: data of the largest allowed age, and a margin. A buffer smaller than the available data would be
+/// an error.
 const FETCH_S: f64 = 2.0;
 
-/// Longest wait for a scan beyond its own time: what a USB device holds back, and a busy computer.
+/// Longest wait for a scan beyond the scan's own time. It allows for delays in a USB device and a busy computer.
 const SCAN_DEADLINE: Duration = Duration::from_millis(500);
 
-/// No input of such a device reads more than that, V: its largest range is +-10 V, and a little is read beyond.
+/// Largest possible reading of an input of such a device, V. Its largest range is +-10 V, and it reads slightly beyond.
 const MOST_V: f64 = 10.5;
 
 /// Wiring of an input.
@@ -127,7 +129,7 @@ impl Acquisition {
         self.inputs.iter().map(|inputs| inputs.physical.as_str()).collect::<Vec<_>>().join(", ")
     }
 
-    /// Fetches what is there; nothing is no error.
+    /// Fetches the available data. No data isn't an error.
     async fn fetch(&mut self) -> Result<(), DeviceError> {
         let doing = "reading its inputs";
         let Some(task) = self.task else {
@@ -168,7 +170,7 @@ impl Acquisition {
         Err(self.error(doing, DeviceProblem::Misfit { answer: format!("{:?}", self.newest), expected }))
     }
 
-    /// Throws away what nobody read.
+    /// Discards the unread data and starts again.
     async fn begin_anew(&mut self) -> Result<(), DeviceError> {
         let Some(task) = self.task else { return Ok(()) };
         let restarted = self.functions.call(move |ni| {
@@ -203,7 +205,7 @@ impl Drop for Acquisition {
     }
 }
 
-/// Makes and starts a task; one that can't be started isn't left behind.
+/// Creates and starts a task. A task that can't be started is removed.
 fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<TaskHandle, String> {
     let mut task = 0;
     check(ni, ni.create_task("", &mut task))?;
@@ -222,7 +224,7 @@ fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<TaskHandle,
     started.map(|()| task)
 }
 
-/// Below 0 is an error, reported in NI's words.
+/// Returns an error if the status is below 0, in NI's words.
 fn check(ni: &dyn NiDaqmx, status: i32) -> Result<(), String> {
     if status >= 0 {
         return Ok(());

@@ -11,7 +11,7 @@ use tokio::time::Instant;
 /// One task that a load cell and an array read from.
 pub type SharedAcquisition = Arc<Mutex<Acquisition>>;
 
-/// A reading this near to the end of an input's range may be beyond it, as a share of the range.
+/// Fraction of an input's range from which a reading may be beyond the end of the range.
 const FULL_SCALE: f64 = 0.999;
 
 /// A load cell on an input of a task.

@@ -12,7 +12,7 @@ fn stage(script: Script) -> (Esp301, JoinHandle<()>) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
+async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on_where_the_rig_says_so() {
     let (mut stage, device) = stage(&[
         (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
         (b"ST\r", b""),
@@ -34,7 +34,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
         (b"3MO?\r", b"0\r\n"),
         (b"3MO\r", b""),
-        (b"3OH2.0000;3OR3\r", b""),
+        (b"3OH2.0000;3SH12.5000;3OR3\r", b""),
         (b"3MD?;3TP;TB?\r", b"0\r\n11.9000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"3MD?;3TP;TB?\r", b"1\r\n12.5000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
@@ -46,7 +46,8 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
         (b"3SL-12.5000;3SR12.5000\r", b""),
         (b"TB?\r", b"0, 12, NO ERROR DETECTED\r\n"),
     ]);
-    let identity = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap();
+    let usage = StageUse { homed: true, ..usage() };
+    let identity = made_ready(&mut stage, &usage, &Reins::default()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
     assert!(identity.warnings.is_empty());
     drop(stage);
@@ -57,16 +58,15 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on() {
 async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
     let (mut stage, device) = stage(&[
         (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
-        (b"3MO?\r", b"0\r\n"),
         (b"3MO\r", b""),
-        (b"3OH2.0000;3OR3\r", b""),
+        (b"3OH2.0000;3SH12.5000;3OR3\r", b""),
         (b"3MD?;3TP;TB?\r", b"1\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"0.0000\r\n"),
     ]);
     let error = stage.home_z(&usage(), &Reins::default()).await.unwrap_err().to_string();
     assert!(
-        error.contains("z reads 0.0000 mm at the limit where it homed, but the rig's travel ends at 12.5 mm"),
+        error.contains("z reads 0.0000 mm at the limit where it homed, instead of the 12.5 mm that were set (3SH)"),
         "{error}"
     );
     drop(stage);
@@ -77,9 +77,8 @@ async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_m
 async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
     let (mut stage, device) = stage(&[
         (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
-        (b"3MO?\r", b"0\r\n"),
         (b"3MO\r", b""),
-        (b"3OH2.0000;3OR3\r", b""),
+        (b"3OH2.0000;3SH12.5000;3OR3\r", b""),
         (b"3MD?;3TP;TB?\r", b""),
         (b"ST\r", b"1\r\n0.0000\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"TB?\r", b"320, 11, AXIS-3 HOMING ABORTED\r\n"),

@@ -7,29 +7,29 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Longest wait for an answer. GRBL answers a line when there is room for its motion, and a `?` within 20 ms.
+/// Longest wait for an answer. GRBL answers a line as soon as there is room for its motion, and a `?` within 20 ms.
 pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(1);
 
-/// How often a question without side effects is asked.
+/// Number of times that a question without side effects is asked.
 const QUESTION_TRIES: usize = 3;
 
-/// Silence after which a line that fell out of step is taken to be quiet.
+/// Silence after which a line that lost synchronisation counts as quiet.
 const QUIET: Duration = Duration::from_millis(100);
 
-/// Longest line (interface document: 80 characters and less).
+/// Longest line (interface document: at most 80 characters).
 const LINE_MAX_BYTES: usize = 256;
 
-/// Most lines that are read for one answer: `$$` has some 35.
+/// Largest number of lines that are read for one answer. The answer to `$$` has some 35.
 const LINES_MAX: usize = 128;
 
-/// Complaints that are kept.
+/// Largest number of stored error messages.
 const COMPLAINTS_MAX: usize = 16;
 
-/// Asks for a status; acts at once and has no line end.
+/// Request for a status. It acts at once and has no line end.
 const STATUS: &[u8] = b"?";
-/// Ends a jog.
+/// Command that ends a jog.
 pub(super) const JOG_CANCEL: &[u8] = &[0x85];
-/// Resets the controller; in motion its position is lost.
+/// Command that resets the controller. During a motion the position is lost.
 pub(super) const SOFT_RESET: &[u8] = &[0x18];
 
 /// The controller's serial line.
@@ -124,7 +124,7 @@ impl GrblPort {
         DeviceError { device: format!("stage (GRBL at {})", self.link), doing: doing.to_owned(), problem }
     }
 
-    /// The next whole report until then; damaged lines are passed over. What the reins ask for is sent at once.
+    /// Returns the next complete report before the deadline. Damaged lines are ignored. Requests of the reins are sent at once.
     async fn next(
         &mut self,
         doing: &str,

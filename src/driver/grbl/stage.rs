@@ -12,16 +12,16 @@ use tokio::time::{Instant, sleep_until};
 /// Longest search for home.
 const HOME_DEADLINE: Duration = Duration::from_secs(120);
 
-/// How often the status is asked while a motion is late (interface document: 5 to 10 times a second).
+/// Interval of status questions while a motion is late (interface document: 5 to 10 times per second).
 const STATUS_EVERY: Duration = Duration::from_millis(100);
 
-/// The first look at a motion comes that much after it should have ended: its last steps wait in a buffer.
+/// Time from the expected end of a motion to the first look at it. Its last steps wait in a buffer.
 const FIRST_LOOK: Duration = Duration::from_millis(10);
 
-/// Coarsest step that the press can work with, mm: the read-back of a target is held to 3 um.
+/// Coarsest step with which presses are possible, mm. The read-back must be within 3 um of the target.
 const STEP_MOST_MM: f64 = 0.005;
 
-/// Settings by their numbers (settings document).
+/// Numbers of the settings (settings document).
 const REPORT_INCHES: u32 = 13;
 const HOMING: u32 = 22;
 const HOMING_DIRECTION: u32 = 23;
@@ -45,7 +45,7 @@ impl Grbl {
         Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, targets: Vec::new() }
     }
 
-    /// Its state, and where the axes are in the machine's coordinates; a place they can't be at is no place.
+    /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
     async fn status(&mut self, doing: &str, reins: &Reins) -> Result<GrblStatus, DeviceError> {
         let status = self.port.status(doing, (reins, JOG_CANCEL)).await?;
         if self.port.restarted {
@@ -92,7 +92,7 @@ impl Grbl {
         }
     }
 
-    /// Holds the controller's settings against the rig's. They are kept in an EEPROM and aren't written.
+    /// Compares the controller's settings with the rig's. The settings are stored in an EEPROM and aren't written.
     pub(super) async fn check_settings(&mut self, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
         let doing = "checking its settings against the rig";
         self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
@@ -146,8 +146,9 @@ impl Grbl {
         Ok(warnings)
     }
 
-    /// GRBL can't be asked whether it is homed: a frame that a person unlocked is idle too, and knows no more where it is than a
-    /// locked one. So it is homed each time, z first and away from the bed, then x and y (its default cycle).
+    /// Homes all axes: z first and away from the bed, then x and y (GRBL's default cycle). The axes are homed each time, because
+    /// GRBL can't be asked whether it is homed. A frame that a person unlocked is idle too, but its position is as unknown as
+    /// that of a locked frame.
     async fn search(&mut self, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "homing";
         match self.until_still(doing).await? {
@@ -169,7 +170,7 @@ impl Grbl {
         }
     }
 
-    /// Waits until it stands, for any motion.
+    /// Waits until the stage is at rest, after any motion.
     async fn until_still(&mut self, doing: &str) -> Result<State, DeviceError> {
         let until = Instant::now() + MOTION_MARGIN;
         loop {
@@ -184,14 +185,14 @@ impl Grbl {
         }
     }
 
-    /// Stops what doesn't end.
+    /// Stops a motion that doesn't end.
     async fn late(&mut self, doing: &str) -> Result<DeviceError, DeviceError> {
         self.port.send(doing, JOG_CANCEL).await?;
         let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
         Ok(self.port.error(doing, DeviceProblem::Motion(told)))
     }
 
-    /// Continues toward the same targets at another speed: a jog keeps the speed it began with.
+    /// Continues toward the same targets at another speed, with a new jog. A jog keeps its initial speed.
     async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "changing a speed";
         self.port.send(doing, JOG_CANCEL).await?;
@@ -200,7 +201,7 @@ impl Grbl {
         self.begin(&targets, mm_s, reins).await
     }
 
-    /// Feed along the way at which the fastest axis goes at `speed_mm_s`, mm/min.
+    /// Feed along the path at which the fastest axis moves at `speed_mm_s`, mm/min.
     async fn feed_mm_min(
         &mut self,
         doing: &str,

@@ -13,13 +13,13 @@ use tokio_modbus::Error;
 use tokio_modbus::client::{Context, Reader, rtu, tcp};
 use tokio_modbus::slave::Slave;
 
-/// How often a read is tried. A read changes nothing, so that it may be asked again.
+/// Number of attempts for a read. A read changes nothing, so it may be repeated.
 const READ_TRIES: usize = 3;
 
-/// Silence after which a serial line that fell out of step is taken to be quiet: a late answer has come by then.
+/// Silence after which a serial line that lost synchronisation counts as quiet. A late answer arrives within this time.
 const QUIET: Duration = Duration::from_millis(20);
 
-/// Most bytes that are thrown away while a line is brought to quiet.
+/// Largest number of bytes that are discarded until a line is quiet.
 const STRAY_BYTES_MAX: usize = 4096;
 
 /// One Modbus device behind a link. The link is opened when it is needed. It is opened again after any event that left it out of
@@ -175,7 +175,7 @@ impl Client {
     }
 }
 
-/// Registers, read with either function.
+/// Reads registers with either function.
 async fn read(context: &mut Context, function: Function, address: u16, count: u16) -> tokio_modbus::Result<Vec<u16>> {
     match function {
         Function::Holding => context.read_holding_registers(address, count).await,
@@ -183,7 +183,7 @@ async fn read(context: &mut Context, function: Function, address: u16, count: u1
     }
 }
 
-/// Throws away what comes until nothing comes any more.
+/// Discards incoming bytes until no more arrive.
 async fn until_quiet(stream: &mut ByteStream) -> std::io::Result<()> {
     let mut stray = [0; 256];
     let mut total = 0;

@@ -20,9 +20,10 @@ const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");
 const OFFSET: Bounds = Bounds::within(-1e12, 1e12, "units of the device");
 const RANGE: Bounds = Bounds::above(0.0, 1e6, "N");
 const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
-/// A manual that counts from 40001 for the first holding register, and one that counts from 30001 for the first input one.
+/// Largest number of the first register in a manual. Some manuals count holding registers from 40001, and input registers from
+/// 30001.
 const BASE_MAX: u64 = 40_001;
-/// The last address that a manual can have: the wire has 16 bits for it.
+/// Largest possible address in a manual. The address on the wire has 16 bits.
 const ADDRESS_MAX: u64 = BASE_MAX + u16::MAX as u64;
 /// One Modbus read carries at most 125 registers (Modbus specification).
 pub(super) const REGISTERS_MAX: u64 = 125;

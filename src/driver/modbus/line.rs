@@ -7,12 +7,13 @@ use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
-/// The link as the Modbus library sees it.
+/// Link in the form that the Modbus library needs.
 ///
-/// Its end is an error with words of its own: the library takes the system's last error for the reason, of any earlier call.
+/// The end of the link is reported as an error with its own text. Otherwise the library would report the system's last error,
+/// from any earlier call, as the reason.
 ///
-/// On a serial line no request goes out while something lies that without a request: RTU numbers nothing, and a late or doubled
-/// answer would be taken for the next, and each after it for the one before.
+/// On a serial line no request is sent while unread data without a request are present. RTU messages have no numbers, so a late
+/// or doubled answer would count as the answer to the next request. All later answers would then be shifted too.
 #[derive(Debug)]
 pub(super) struct ModbusLine {
     stream: ByteStream,

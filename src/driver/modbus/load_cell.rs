@@ -9,8 +9,8 @@ use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Readings of the weight between two of the status word, which is a request of its own: no mean on which a step is decided
-/// goes without one.
+/// Number of weight readings between two readings of the status word, which needs its own request. Every mean that decides a step
+/// includes a status word.
 const STATUS_EVERY: u32 = 4;
 
 /// A load cell behind a Modbus transmitter.
@@ -70,7 +70,7 @@ impl ModbusLoadCell {
         Ok(())
     }
 
-    /// The force and what was read with it.
+    /// Reads the force and the values that belong to it.
     async fn read_force(&mut self) -> Result<f64, DeviceError> {
         let doing = "reading the force";
         let Force { register, sign, .. } = self.force;
@@ -98,7 +98,7 @@ impl ModbusLoadCell {
 }
 
 impl StatusWord {
-    /// What a status word says.
+    /// Returns the meaning of a status word.
     fn health(&self, word: u16) -> Health {
         let any = |bits: &[u8]| bits.iter().any(|&bit| word.checked_shr(u32::from(bit)).unwrap_or(0) & 1 == 1);
         Health { saturated: any(&self.saturated_bits), fault: any(&self.fault_bits) }

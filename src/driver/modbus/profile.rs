@@ -155,7 +155,7 @@ impl Force {
     }
 }
 
-/// A table that may be missing, but must be right where it is there.
+/// Reads a table that may be missing, but must be valid if it is present.
 fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>) -> Option<Option<T>> {
     match table {
         Some(table) => read(&table).map(Some),
@@ -211,7 +211,7 @@ fn read_probe(table: &Table, base: u64) -> Option<Probe> {
     Some(Probe { what: what?.to_owned(), register: register?, value: value? })
 }
 
-/// The address on the wire of one in the manual, whose first register has the number `base`.
+/// Converts an address in the manual to the address on the wire. `base` is the manual's number of the first register.
 fn read_address(table: &Table, base: u64) -> Option<u16> {
     let address = table.whole_within(&register::address, base, base + u64::from(u16::MAX));
     address.map(|address| (address - base) as u16)

@@ -7,27 +7,27 @@ use std::io::ErrorKind;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The protocol's number (docs/process.md).
+/// Number of the protocol version (docs/process.md).
 const PROTOCOL: u64 = 1;
 
 /// Longest line (docs/process.md), bytes.
 const LINE_MAX_BYTES: usize = 65_536;
 
-/// Longest wait for an answer (docs/process.md), and for that to `prepare`.
+/// Longest wait for an answer (docs/process.md). The second constant is the longest wait for the answer to `prepare`.
 pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
 pub(super) const PREPARE_DEADLINE: Duration = Duration::from_secs(120);
 
-/// The same for a reading of a load cell that has one whenever it is asked: twice the age at which a reading is stale, when
-/// a motion is stopped, so that a late one is still reported as late. Nothing waits longer under load.
+/// Longest wait for a reading of a load cell that has a reading ready at any time. It is twice the age at which a reading is
+/// stale and a motion is stopped, so a late reading is still reported as late. Under load, nothing waits longer.
 pub(super) const FORCE_DEADLINE: Duration = Duration::from_millis(500);
 
-/// Most lines that are passed over while an answer is awaited: answers that come too late, or aren't any.
+/// Largest number of lines that are ignored while an answer is awaited: late answers, or lines that aren't answers.
 const STRAY_LINES_MAX: usize = 64;
 
-/// An object of JSON.
+/// JSON object.
 pub(super) type Object = Map<String, Value>;
 
-/// One program behind its standard input and output.
+/// Program that is reached through its standard input and output.
 pub(super) struct ProgramPort {
     lines: Lines,
     role: &'static str,

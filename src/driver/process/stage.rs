@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// How often the status is asked for while a motion is late.
+/// Interval of status questions while a motion is late.
 const STATUS_EVERY: Duration = Duration::from_millis(2);
 
-/// Complaints that are kept; what a device says beyond them is more of the same.
+/// Largest number of stored error messages. Further messages add nothing new.
 const COMPLAINTS_MAX: usize = 16;
 
 /// A stage behind a program.

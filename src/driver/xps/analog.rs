@@ -9,10 +9,10 @@ use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The inputs' range is +-10 V: a reading this near to its end may be beyond it, V.
+/// Voltage from which a reading may be beyond the end of the range, V. The inputs' range is +-10 V.
 const FULL_SCALE_V: f64 = 9.99;
 
-/// No input reads more than that, V: an answer that says so is damaged.
+/// Largest possible reading of an input, V. An answer with a larger value is damaged.
 const MOST_V: f64 = 10.5;
 
 /// A load cell on an analog input of the controller, such as `GPIO2.ADC1`, read over a socket of its own.

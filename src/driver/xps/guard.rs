@@ -14,7 +14,7 @@ pub struct Guard {
     pub newton_per_volt: f64,
 }
 
-/// An event in the controller that aborts a group's motion.
+/// Event in the controller that aborts a group's motion.
 #[derive(Debug)]
 pub(super) struct Armed {
     id: i64,
@@ -22,7 +22,7 @@ pub(super) struct Armed {
 }
 
 impl Guard {
-    /// Arms it: from a reading of `limit_n` on, the cell's own zero included, a motion of the group is aborted.
+    /// Arms the guard: a motion of the group is aborted when the reading reaches `limit_n`, including the cell's own zero.
     pub(super) async fn arm(&self, socket: &mut Socket, group: &str, limit_n: f64) -> Result<Armed, DeviceError> {
         let doing = "arming its guard on the force";
         let volts = limit_n / self.newton_per_volt;

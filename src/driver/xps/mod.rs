@@ -17,7 +17,7 @@ pub use text::parse_answer;
 
 use std::time::Duration;
 
-/// Longest wait for the answer to a call that doesn't move anything.
+/// Longest wait for the answer to a call that causes no motion.
 const CALL_DEADLINE: Duration = Duration::from_secs(2);
 
 #[cfg(test)]

@@ -9,15 +9,16 @@ use crate::quantity::Axis;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// Longest initialisation and search for home.
+/// Longest time for initialisation and search for home.
 const HOME_DEADLINE: Duration = Duration::from_secs(120);
 
-/// Rest between killing, initialising and homing a group, which some firmware needs (EPICS waits as long).
+/// Rest between killing, initialising and homing a group, required by some firmware (EPICS waits as long).
 const BETWEEN: Duration = Duration::from_millis(50);
 
-/// What comes before the first motion: a group that is ready, and limits that agree with the rig's.
+/// Preparation before the first motion: a group that is ready, and limits that agree with the rig's.
 impl Xps {
-    /// A group that is at rest and able to move: what isn't initialised is, what isn't referenced looks for home.
+    /// Brings the group to rest and makes it able to move. Initialises it if needed, and searches for home if it isn't
+    /// referenced.
     pub(super) async fn bring_to_ready(&mut self, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "making its group ready";
         let group = self.group.name.clone();
@@ -52,7 +53,7 @@ impl Xps {
         }
     }
 
-    /// A call that is answered when what it began has ended; a stop kills the group, which is an error.
+    /// Sends a call that is answered when its operation has ended. A stop kills the group, which is an error.
     async fn wait_for(&mut self, doing: &str, call: &str, reins: &Reins) -> Result<(), DeviceError> {
         self.moves.begin(doing, call, CALL_DEADLINE).await?;
         let until = Instant::now() + HOME_DEADLINE;
@@ -84,7 +85,7 @@ impl Xps {
         self.aborts.call_plainly(doing, &call, CALL_DEADLINE).await.map(|_| ())
     }
 
-    /// Holds the controller's limits against the rig's, and narrows its travel to the rig's.
+    /// Checks the controller's limits against the rig's, and narrows the controller's travel to the rig's.
     pub(super) async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
         let (doing, positioner, travel) =
             ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));

@@ -6,10 +6,10 @@ use crate::wire::{Connector, Lines, WireError, silent};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// What ends every answer (PROTOCOLS: socket interface of the programmer's manual).
+/// End of every answer (PROTOCOLS: socket interface of the programmer's manual).
 const END: &str = "EndOfAPI";
 
-/// Longest answer that is taken for one, bytes. The list of all errors would be longer; it isn't asked for.
+/// Longest accepted answer, bytes. The list of all errors would be longer, but it isn't requested.
 const ANSWER_MAX_BYTES: usize = 4096;
 
 /// One socket of the controller, for one call at a time. Answers have no number. So a socket is closed if its answer didn't come;

@@ -12,21 +12,21 @@ use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// How often the group's status is asked while something is waited for that no socket answers (EPICS: 10 ms).
+/// Interval of questions for the group's status while waiting for something that no socket reports (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);
 
-/// Longest from a motion's call to a group that moves, or has moved.
+/// Longest time from a motion's call until the group moves or has moved.
 const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
 
-/// How often the abort is tried, each time on a new socket.
+/// Number of attempts for the abort, each on a new socket.
 const ABORT_TRIES: usize = 2;
 
-/// Not allowed in this state: the answer to an abort where nothing moves.
+/// Code "not allowed in this state": the answer to an abort if nothing moves.
 const NOT_ALLOWED: i32 = -22;
-/// What a motion is answered that was aborted.
+/// Code with which an aborted motion is answered.
 const ABORTED: i32 = -27;
 
-/// How far two read-backs of an axis at rest may be apart, mm.
+/// Largest difference of two read-backs of an axis at rest, mm.
 pub(super) const AT_REST_MM: f64 = 0.001;
 
 /// Controller group that is the stage.
@@ -51,11 +51,11 @@ pub struct Xps {
     pub(super) armed: Option<Armed>,
     pub(super) link: String,
     pub(super) usage: Option<StageUse>,
-    /// Speed, acceleration and jerk times that each positioner has: mm/s, mm/s^2, s, s.
+    /// Speed, acceleration and jerk times that are set in each positioner: mm/s, mm/s^2, s, s.
     pub(super) profiles: [[f64; 4]; 3],
-    /// Where each axis was last sent and arrived, mm; none where it was stopped on its way.
+    /// Position to which each axis was last sent and at which it arrived, mm. `None` if the axis was stopped before arrival.
     pub(super) sent_mm: [Option<f64>; 3],
-    /// The motion whose end the socket for motions owes.
+    /// Motion whose end the motion socket hasn't reported yet.
     pub(super) under_way: Option<Motion>,
 }
 
@@ -111,7 +111,7 @@ impl Xps {
         state(&mut self.asks, &self.group, doing).await
     }
 
-    /// Where an axis is; a place the axis can't be at is no place.
+    /// Returns the position of an axis. An impossible position is refused.
     async fn place_mm(&mut self, doing: &str, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
         let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
         let Xps { asks, aborts, group, .. } = self;
@@ -126,14 +126,14 @@ impl Xps {
         Ok(place_mm)
     }
 
-    /// A motion whose stop was asked for answers that it was aborted, and by whom.
+    /// Records the abort that the reins requested. The answer to the motion then reports the abort and who requested it.
     fn note_abort(&mut self, reins: &Reins) {
         if let Some(motion) = self.under_way.as_mut().filter(|_| reins.stopped()) {
             motion.aborted = true;
         }
     }
 
-    /// Waits until the group doesn't move, for any motion.
+    /// Waits until the group doesn't move, after any motion.
     pub(super) async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
         let until = Instant::now() + within;
         loop {
@@ -150,7 +150,7 @@ impl Xps {
         }
     }
 
-    /// Gives a positioner the speed and the acceleration of its next motion.
+    /// Sets the speed and the acceleration of a positioner's next motion.
     async fn shape(&mut self, axis: Axis, speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let [_, _, jerk_least_s, jerk_most_s] = self.profiles[axis.index()];
         let acceleration_mm_s2 = self.usage.as_ref().map_or(0.0, |usage| usage.acceleration_mm_s2);
@@ -168,7 +168,7 @@ impl Xps {
         Ok(())
     }
 
-    /// The call that moves axes: one positioner, or the whole group, whose other axes stay where they were sent.
+    /// Returns the call that moves axes: one positioner, or the complete group. The group's other axes stay where they were sent.
     async fn motion_to(&mut self, targets: &[(Axis, f64)]) -> Result<Motion, DeviceError> {
         let call = match targets {
             [(axis, target_mm)] => format!("GroupMoveAbsolute({},{target_mm:.6})", self.positioner(*axis)),
@@ -188,7 +188,8 @@ impl Xps {
         Ok(Motion { call, targets: targets.to_vec(), aborted: false })
     }
 
-    /// Where an axis rests that was stopped on its way: two answers that agree, since it is commanded to stay there.
+    /// Returns the position of an axis that was stopped before its target. Two answers must agree, because the axis is commanded
+    /// to stay there.
     async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
         let doing = "reading the position of an axis";
         let alone = Reins::default();
@@ -202,7 +203,7 @@ impl Xps {
         Ok(first_mm)
     }
 
-    /// Sends a motion and waits until the group moves, or has moved. A stop is sent on its own socket meanwhile.
+    /// Sends a motion and waits until the group moves or has moved. A stop during this time is sent on its own socket.
     async fn start(&mut self, motion: Motion, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         if reins.stopped() {
@@ -232,7 +233,7 @@ impl Xps {
         Err(self.error(doing, DeviceProblem::Motion(format!("{} doesn't move", self.group.name))))
     }
 
-    /// What the end of a motion says.
+    /// Evaluates the answer at the end of a motion.
     fn ended(&mut self, doing: &str, code: i32) -> Result<(), DeviceError> {
         let Some(motion) = self.under_way.take() else { return Ok(()) };
         match code {
@@ -254,7 +255,7 @@ impl Xps {
         }
     }
 
-    /// Waits for the end of the motion under way; none where the reins ask for something first.
+    /// Waits for the end of the motion in progress. Returns `None` if the reins request something first.
     async fn until_ended(&mut self, doing: &str, until: Instant, reins: &Reins) -> Result<Option<()>, DeviceError> {
         if self.under_way.is_none() {
             return Ok(Some(()));
@@ -279,7 +280,7 @@ impl Xps {
         }
     }
 
-    /// Continues toward the same target at another speed: an S-gamma motion keeps the speed it began with.
+    /// Continues toward the same target at another speed, with a new motion. An S-gamma motion keeps its initial speed.
     async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let Some(motion) = self.under_way.clone() else { return Ok(()) };
         self.stop().await?;
@@ -293,7 +294,7 @@ impl Xps {
     }
 }
 
-/// The numbers that a call gives.
+/// Returns the numbers in the answer to a call.
 async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> Result<[f64; N], DeviceError> {
     let values = asks.call(doing, call, CALL_DEADLINE).await?;
     let numbers: Option<Vec<f64>> = values.iter().map(|text| number_in(text)).collect();
@@ -303,7 +304,7 @@ async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> 
     })
 }
 
-/// What the group is able to do.
+/// Returns the state of the group.
 async fn state(asks: &mut Socket, group: &Group, doing: &str) -> Result<GroupState, DeviceError> {
     let [status] = numbers(asks, doing, &format!("GroupStatusGet({},int *)", group.name)).await?;
     group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
@@ -312,7 +313,7 @@ async fn state(asks: &mut Socket, group: &Group, doing: &str) -> Result<GroupSta
     })
 }
 
-/// Waits for what is asked on one socket; a stop that is asked for meanwhile goes over its own.
+/// Waits for the answer on one socket. A stop requested during this time is sent on its own socket.
 async fn with_abort<T>(
     aborts: &mut Socket,
     group: &Group,
@@ -348,7 +349,7 @@ async fn with_abort<T>(
     }
 }
 
-/// Aborts what moves; nothing moving is as good.
+/// Aborts the motion. It isn't an error if nothing moves.
 async fn abort_by(aborts: &mut Socket, group: &Group) -> Result<(), DeviceError> {
     let (doing, call) = ("stopping", format!("GroupMoveAbort({})", group.name));
     let mut told = Ok(());

@@ -22,7 +22,7 @@ pub fn parse_answer(text: &str, call: &str) -> Option<Answer> {
     (values.len() == outputs_of(call)).then_some(Answer { code, values })
 }
 
-/// How many values a call gives back: as many as it has places for them (`double *`, `int *`, `char *`).
+/// Number of values that a call returns: the number of its placeholders (`double *`, `int *`, `char *`).
 fn outputs_of(call: &str) -> usize {
     call.matches('*').count()
 }

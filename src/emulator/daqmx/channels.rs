@@ -5,15 +5,15 @@ use crate::wire::daqmx::{DIFF, NRSE, RSE};
 
 /// Inputs of a USB-6343: from `ai0` on, each relative to ground.
 pub const INPUTS: u32 = 32;
-/// `DAQmx_Val_Cfg_Default`: differential where the input can be, else against ground.
+/// `DAQmx_Val_Cfg_Default`: differential if the input allows it, otherwise against ground.
 const DEFAULT_TERMINAL: i32 = -1;
-/// How far the input lies that a differential one is measured against.
+/// Difference between the numbers of the two inputs of a differential pair.
 const PAIR: u32 = 8;
-/// Ranges of an input, to either side, V.
+/// Ranges of an input, +- V.
 const RANGES_V: [f64; 4] = [0.2, 1.0, 5.0, 10.0];
-/// Steps from 0 to the end of a range: 16 bit with both signs.
+/// Number of steps from 0 to the end of a range: 16 bits with both signs.
 const STEPS: f64 = 32_768.0;
-/// How far a range asked for may lie beyond one there is, by rounding, V.
+/// Largest excess of a requested range over an existing range that counts as rounding, V.
 const ROUNDING_V: f64 = 1e-9;
 
 /// One channel of a task: an input relative to ground or to another input, in a range.
@@ -67,7 +67,7 @@ pub fn inputs(physical: &str, device: &str) -> Result<Vec<u32>, DaqmxStatus> {
     Ok(inputs)
 }
 
-/// The number of an input called `ai7`.
+/// Number of an input with a name such as `ai7`.
 fn number(name: &str) -> Option<u32> {
     let (ai, digits) = name.split_at_checked(2)?;
     let number = digits.parse().ok().filter(|number| *number < INPUTS);

@@ -31,7 +31,7 @@ impl DaqmxStatus {
     }
 }
 
-/// The errors met here, in our own words.
+/// Errors of this emulator, in this program's own words.
 const TEXTS: [(DaqmxStatus, &str); 12] = [
     (DaqmxStatus::OUT_OF_MEMORY, "There is no memory left for what was asked for."),
     (DaqmxStatus::RESERVED, "The resource is reserved: another task of the device is running."),

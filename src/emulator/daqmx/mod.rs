@@ -15,19 +15,19 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::time::Instant;
 
-/// Scans and channels a second that the one converter does.
+/// Largest number of scans times channels per second. There is one converter.
 const RATE_MOST_HZ: f64 = 500_000.0;
-/// From a scan to when it can be read, s: USB brings it.
+/// Time from a scan until it can be read, s, because of the USB transfer.
 const TRANSFER_S: f64 = 0.001;
-/// Volts a reading unit of a taxel: what 1 N straight above one comes to.
+/// Volts for each reading unit of a taxel. 1 N directly above a taxel gives one reading unit.
 const VOLTS_PER_UNIT: f64 = 1.0;
-/// Most tasks at once.
+/// Largest number of simultaneous tasks.
 const TASKS_MOST: usize = 64;
-/// Most channels of one task, which may name an input more than once.
+/// Largest number of channels of one task, which may contain an input more than once.
 const CHANNELS_MOST: usize = 4095;
-/// Most samples that a task's buffer holds, all channels together.
+/// Largest number of samples in a task's buffer, all channels together.
 const BUFFER_MOST: u64 = 1 << 24;
-/// What keeps an instant that was computed as k / rate from falling to scan k - 1 by rounding, scans.
+/// Shift in scans that prevents a time computed as k / rate from being rounded down to scan k - 1.
 const ROUNDING: f64 = 1e-6;
 
 /// A USB-6343 and the library that drives it. It has 32 analog inputs relative to ground or 16 differential ones, 16 bit in
@@ -48,14 +48,14 @@ pub struct DaqmxEmulator {
     library: Mutex<Library>,
 }
 
-/// What is on the inputs.
+/// Wiring of the inputs.
 struct Wiring {
     cell_channel: Option<u32>,
     array_first_channel: u32,
     volts_per_newton: f64,
 }
 
-/// What the library keeps.
+/// State of the library.
 #[derive(Default)]
 struct Library {
     tasks: BTreeMap<TaskHandle, Acquisition>,
@@ -63,7 +63,7 @@ struct Library {
     last_error: String,
 }
 
-/// A task.
+/// Acquisition task.
 struct Acquisition {
     name: String,
     channels: Vec<Channel>,
@@ -72,7 +72,7 @@ struct Acquisition {
     run: Option<Run>,
 }
 
-/// A task that is started.
+/// Task that was started.
 struct Run {
     start_s: f64,
     /// Number of scans so far.
@@ -99,12 +99,12 @@ impl DaqmxEmulator {
         DaqmxEmulator { scene, origin, device: device.into(), wiring, library: Mutex::default() }
     }
 
-    /// The library is locked before the scene.
+    /// Locks the library. The library is locked before the scene.
     fn library(&self) -> MutexGuard<'_, Library> {
         self.library.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Acts on a task; what goes wrong is kept as the last error.
+    /// Acts on a task. An error is stored as the last error.
     fn with_task(&self, task: TaskHandle, act: impl FnOnce(&mut Acquisition) -> Result<(), DaqmxStatus>) -> i32 {
         let mut library = self.library();
         let result = match library.tasks.get_mut(&task) {
@@ -114,7 +114,7 @@ impl DaqmxEmulator {
         library.report(Some(task), result)
     }
 
-    /// Looks at the scene now, under its lock: when that is, s, and what was asked of it.
+    /// Looks at the scene under its lock. Passes the scene and the present time, s, to `look` and returns its result.
     fn look<T>(&self, look: impl FnOnce(&mut Scene, f64) -> T) -> T {
         let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
         let now_s = (Instant::now() - self.origin).as_secs_f64();
@@ -239,7 +239,7 @@ impl Library {
         Ok(self.last_task)
     }
 
-    /// The number for a result; an error is kept, with the task's name.
+    /// Returns the status number of a result. An error is stored with the task's name.
     fn report(&mut self, task: Option<TaskHandle>, result: Result<(), DaqmxStatus>) -> i32 {
         let Err(status) = result else { return 0 };
         let name = task.and_then(|task| self.tasks.get(&task)).map(|acquisition| acquisition.name.as_str());
@@ -268,7 +268,7 @@ impl Acquisition {
 }
 
 impl Run {
-    /// Takes in the scans that have come by `now_s`.
+    /// Adds the scans that have arrived by `now_s`.
     fn fetch(
         &mut self,
         (rate_hz, buffer): (f64, u64),
@@ -300,13 +300,15 @@ impl Run {
 }
 
 impl Wiring {
-    /// Whether the scene has the device's link silent: no scans come. It is that of the load cell, if that is on it.
+    /// Whether the scene has made the device's link silent, so that no scans arrive. If the load cell is on this device, the load
+    /// cell's link decides.
     fn is_silent(&self, scene: &mut Scene, now_s: f64) -> bool {
         let device = if self.cell_channel.is_some() { Device::LoadCell } else { Device::Array };
         scene.latency_s(device, now_s).is_none()
     }
 
-    /// What is on the inputs of some channels, V. The load cell is looked at only if one of them is its: that draws its noise.
+    /// Voltages on the inputs of some channels, V. The load cell is read only if one of the channels belongs to it, because each
+    /// reading draws noise.
     fn volts(&self, channels: &[Channel], scene: &mut Scene, now_s: f64) -> Vec<f64> {
         let mut outputs = vec![0.0; scene.taxels()];
         let taxels =

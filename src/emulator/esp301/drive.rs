@@ -10,16 +10,29 @@ pub const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 const STAGE_SPEED_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).
 const STAGE_ACCELERATION_MM_S2: f64 = 100.0;
-/// How fast it is homed unless `OH` says otherwise, mm/s.
+/// Speed of homing unless `OH` sets another value, mm/s.
 const HOME_SPEED_MM_S: f64 = 5.0;
-/// Counts of the encoder a mm: 20 um interpolated 4000 times (same file).
+/// Encoder counts per mm: 20 um interpolated 4000 times (same file).
 const COUNTS_PER_MM: f64 = 200_000.0;
-/// `SN` of a stage that counts in encoder counts, and in mm (manual, page SN).
+/// Value of `SN` for a stage that counts in encoder counts. The second constant is the value for mm (manual, page SN).
 const UNIT_COUNTS: u16 = 0;
 const UNIT_MM: u16 = 2;
 /// The highest `SN`: microradians.
 pub const UNIT_LAST: u16 = 11;
-/// How far beyond the end of travel a target may lie by rounding, mm.
+/// Settings of a VP-25XL that clients read at the start, and that have no effect here. They are base and jog speeds, high and
+/// low, mm/s; following error, full-step resolution and gain. The values are examples; the commands are those of the manual.
+const SETTINGS: [(&[u8; 2], f64); 9] = [
+    (b"VB", 0.0),
+    (b"JH", 5.0),
+    (b"JL", 1.0),
+    (b"FR", 0.001),
+    (b"SU", 0.000_005),
+    (b"QM", 3.0),
+    (b"QS", 1.0),
+    (b"KP", 10.0),
+    (b"LC", 0.0),
+];
+/// Largest distance of a target beyond the end of travel that counts as rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
 /// One axis: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates, unless a name contains
@@ -40,18 +53,20 @@ pub struct Drive {
     deceleration_mm_s2: f64,
     left_limit_count_mm: f64,
     right_limit_count_mm: f64,
+    /// The count that a search for home assigns to the place where it ends (`SH`).
+    home_count_mm: f64,
     pub unit: u16,
 }
 
-/// What an axis is about; its motion lies in the scene, and ends there by itself.
+/// Present action of an axis. The scene holds the motion, which ends there independently.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Errand {
     Idle,
     /// To a target; an error may follow on arrival.
     Move(Option<AxisFault>),
-    /// To the home mark or an end of travel. At the end, the count may be known to be true.
+    /// To the home mark or an end of travel, mm; the place where the search ends gets the count of `SH`. Mode 0 has no such place.
     Home {
-        fixes_count: bool,
+        place_mm: Option<f64>,
     },
     Stop,
 }
@@ -74,6 +89,7 @@ impl Drive {
             deceleration_mm_s2: 50.0,
             left_limit_count_mm: -TRAVEL_MM,
             right_limit_count_mm: TRAVEL_MM,
+            home_count_mm: 0.0,
             unit: UNIT_MM,
         }
     }
@@ -101,10 +117,8 @@ impl Drive {
         }
         match std::mem::replace(&mut self.errand, Errand::Idle) {
             Errand::Move(fault) => fault.map(|fault| (self.fault(fault), end_s)),
-            Errand::Home { fixes_count } => {
-                if fixes_count {
-                    self.offset_mm = 0.0;
-                }
+            Errand::Home { place_mm } => {
+                self.offset_mm = place_mm.map_or(self.offset_mm, |place_mm| place_mm - self.home_count_mm);
                 None
             }
             Errand::Idle | Errand::Stop => None,
@@ -150,8 +164,8 @@ impl Drive {
         self.go_to(count_mm + way_mm, scene, now_s)
     }
 
-    /// `OR`: mode 0 moves to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to the + or - end. The end
-    /// position is known, so the count is true from then on; mode 0 leaves the count unchanged.
+    /// `OR`: mode 0 moves to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to the + or - end. The place where
+    /// the search ends has the count that `SH` states, 0 as shipped; mode 0 leaves the count unchanged (manual, pages OR and SH).
     pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let place_mm = match mode {
@@ -161,7 +175,7 @@ impl Drive {
             _ => 0.0,
         };
         self.start(place_mm, self.home_speed_mm_s, scene, now_s);
-        self.errand = Errand::Home { fixes_count: mode != 0 };
+        self.errand = Errand::Home { place_mm: (mode != 0).then_some(place_mm) };
         Ok(())
     }
 
@@ -193,7 +207,8 @@ impl Drive {
             b"AG" => self.deceleration_mm_s2,
             b"SL" => self.left_limit_count_mm,
             b"SR" => self.right_limit_count_mm,
-            _ => return None,
+            b"SH" => self.home_count_mm,
+            name => SETTINGS.into_iter().find(|(its, _)| its == &name)?.1,
         })
     }
 
@@ -210,6 +225,7 @@ impl Drive {
             b"AG" => (&mut self.deceleration_mm_s2, above, STAGE_ACCELERATION_MM_S2),
             b"SL" => (&mut self.left_limit_count_mm, f64::MIN, self.right_limit_count_mm),
             b"SR" => (&mut self.right_limit_count_mm, self.left_limit_count_mm, f64::MAX),
+            b"SH" => (&mut self.home_count_mm, f64::MIN, f64::MAX),
             _ => return Err(General::UNKNOWN_COMMAND.into()),
         };
         if value >= least && value <= most {
@@ -228,13 +244,14 @@ impl Drive {
         Err(self.fault(fault))
     }
 
-    /// Where the controller has the axis by now and how fast, mm and mm/s: what it plans from. The stage may lag behind.
+    /// Returns the commanded position and speed at `now_s`, mm and mm/s. The controller plans from them. The stage may lag
+    /// behind.
     fn commanded(&self, scene: &Scene, now_s: f64) -> (f64, f64) {
         let motion = scene.motion(self.axis);
         (motion.position_mm(now_s), motion.speed_mm_s(now_s))
     }
 
-    /// No controller is assumed to take a new target on the way to an old one.
+    /// Returns an error if the axis moves. The emulator doesn't assume that a controller accepts a new target during a motion.
     fn stands(&self) -> Result<(), EspError> {
         match self.errand {
             Errand::Idle => Ok(()),
@@ -250,7 +267,8 @@ impl Drive {
         self.stands()
     }
 
-    /// To a place at `VA`, or to the end of travel before it; which is complained about.
+    /// Starts a motion to a position at `VA`, or to the end of travel if the position is beyond it. In the second case the axis
+    /// reports an error.
     fn start_move(&mut self, wanted_mm: f64, scene: &mut Scene, now_s: f64) {
         let reached_mm = wanted_mm.clamp(-TRAVEL_MM, TRAVEL_MM);
         let fault = match wanted_mm - reached_mm {
@@ -262,8 +280,8 @@ impl Drive {
         self.errand = Errand::Move(fault);
     }
 
-    /// The scene's trajectories have one acceleration both ways: the lesser of `AC` and `AG` breaks neither. It stays that
-    /// of the move until the move ends, or a slower brake would carry the axis past its target.
+    /// Starts a motion with the lesser of `AC` and `AG`, because the scene's trajectories have one acceleration for both
+    /// directions. This acceleration holds until the motion ends: a slower brake would carry the axis past its target.
     fn start(&mut self, target_mm: f64, speed_mm_s: f64, scene: &mut Scene, now_s: f64) {
         self.target_mm = target_mm;
         self.ramp_mm_s2 = self.acceleration_mm_s2.min(self.deceleration_mm_s2);

@@ -3,10 +3,10 @@
 use crate::quantity::Axis;
 use std::collections::VecDeque;
 
-/// Errors the queue holds (manual: FIFO of 10). One more pushes the oldest out.
+/// Largest number of errors in the queue (manual: FIFO of 10). One more error removes the oldest.
 const QUEUE_MOST: usize = 10;
 
-/// Ticks of the controller's clock a second: 400 us each, measured from a recording of a real controller.
+/// Ticks of the controller's clock per second: 400 us each, measured from a recording of a real controller.
 const TICKS_HZ: f64 = 2500.0;
 
 /// Errors of the controller: the codes of the manual's table that are possible with three axes and no options.
@@ -60,7 +60,7 @@ impl EspError {
         }
     }
 
-    /// The text of `TB?`.
+    /// Error text in the answer to `TB?`.
     fn text(self) -> String {
         match self {
             EspError::General(General(_, text)) => text.into(),
@@ -104,7 +104,7 @@ impl ErrorQueue {
     }
 }
 
-/// The controller's clock: it runs into the negative after ten days, as a signed 32-bit number does.
+/// Returns the controller's clock. As a signed 32-bit number, it becomes negative after ten days.
 fn ticks(at_s: f64) -> i32 {
     (at_s * TICKS_HZ).floor() as i64 as i32
 }

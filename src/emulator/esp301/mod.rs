@@ -19,19 +19,21 @@ use drive::{Drive, UNIT_LAST, decimal};
 use errors::{AxisFault, ErrorQueue, EspError, General};
 use syntax::{Argument, Command};
 
-/// What `VE?` answers: that of the recorded controller.
+/// Answer to `VE?`, from the recorded controller.
 const VERSION: &str = "ESP301 Version 1.1.1 16/01/14";
-/// Serial number of the first axis' stage; the others count on.
+/// Serial number of the first axis' stage. The other stages have the following numbers.
 const FIRST_SERIAL: usize = 171_801;
-/// Longest stall, s. A wait for a motion that takes longer ends early, or a slip of `VA` would end the program for good.
+/// Longest stall, s. A longer wait for a motion ends early. Otherwise a wrong `VA` could block the program for ever.
 const STALL_MOST_S: f64 = 86_400.0;
 /// Longest time that `WS` adds, ms.
 const DELAY_MOST_MS: f64 = 60_000.0;
-/// Commands that mean one axis, and need its number.
-const OF_ONE_AXIS: [&[u8; 2]; 15] =
-    [b"ID", b"MO", b"MF", b"PA", b"PR", b"OR", b"OH", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR"];
+/// Commands that concern one axis and need its number.
+const OF_ONE_AXIS: [&[u8; 2]; 25] = [
+    b"ID", b"MO", b"MF", b"PA", b"PR", b"OR", b"OH", b"SH", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR",
+    b"VB", b"JH", b"JL", b"FR", b"SU", b"QM", b"QS", b"KP", b"LC",
+];
 
-/// What a command answers: a line, or nothing.
+/// Answer to a command: a line, or nothing.
 type Answer = Result<Option<String>, EspError>;
 
 /// A Newport ESP301 motion controller with three VP-25XL stages: 12.5 mm to either side, 25 mm/s.
@@ -73,15 +75,15 @@ impl Instrument for Esp301 {
         reply.into_bytes()
     }
 
-    /// A wait stalls the command port, on any link; so does a reset.
+    /// Time until which the command port is deaf, s. A wait or a reset stalls the port on every link.
     fn deaf_until_s(&self) -> f64 {
         self.deaf_until_s
     }
 }
 
 impl Esp301 {
-    /// Motions end by themselves; their consequences are drawn when the controller next looks, which can't be distinguished from
-    /// when they ended.
+    /// Updates the state of motions that have ended. The update happens when the controller next looks, which has the same effect
+    /// as an update at the motion's end.
     fn notice(&mut self, scene: &Scene, now_s: f64) {
         for drive in &mut self.drives {
             if let Some((fault, at_s)) = drive.notice(scene, now_s) {
@@ -101,6 +103,9 @@ impl Esp301 {
             // all axes, even with the number that some clients put before it
             b"AB" => self.halt(None, now_s, |drive| drive.cut_power(scene, now_s)),
             b"WS" => self.wait(command, scene, now_s),
+            // the configuration word of limits and faults, and the controller's activity
+            b"ZB" if command.argument == Argument::Query => Ok(Some("0H".to_owned())),
+            b"TX" => tell(command, || "P".into()),
             name if OF_ONE_AXIS.contains(&name) => self.run_on_axis(command, scene, now_s),
             // HN, HL, HS and the like: groups
             [b'H', _] => Err(General::NOT_ALLOWED.into()),
@@ -134,7 +139,7 @@ impl Esp301 {
         Ok(None)
     }
 
-    /// One axis' answer, or all axes' with a comma and a blank between (manual, page TP).
+    /// Returns one axis' answer, or all axes' answers separated by a comma and a blank (manual, page TP).
     fn tell_of_axes(&self, command: &Command, mut each: impl FnMut(&Drive) -> String) -> Answer {
         let axis = command.axis_or_all()?;
         tell(command, || match axis {
@@ -143,7 +148,7 @@ impl Esp301 {
         })
     }
 
-    /// Halts one axis, or all; a homing that is cut short is complained about.
+    /// Halts one axis or all axes. An interrupted homing reports an error.
     fn halt(&mut self, axis: Option<Axis>, now_s: f64, mut halt: impl FnMut(&mut Drive) -> bool) -> Answer {
         for each in Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each)) {
             let drive = &mut self.drives[each.index()];
@@ -154,7 +159,8 @@ impl Esp301 {
         Ok(None)
     }
 
-    /// `WS[ms]` and `WPx`: the port takes nothing until the axis (or all) stopped, or passed x; `WTms`: for a time.
+    /// Handles the waits. After `WS[ms]` and `WPx` the port accepts nothing until the axis (or all axes) stopped, or passed x.
+    /// After `WTms` it accepts nothing for a time.
     fn wait(&mut self, command: &Command, scene: &Scene, now_s: f64) -> Answer {
         let out_of_range = General::PARAMETER_OUT_OF_RANGE.into();
         let axis = command.axis_or_all()?;
@@ -169,12 +175,12 @@ impl Esp301 {
     }
 }
 
-/// The answer to a query, with or without its question mark.
+/// Returns the answer to a query, with or without its question mark.
 fn tell(command: &Command, answer: impl FnOnce() -> String) -> Answer {
     if command.argument.tells() { Ok(Some(answer())) } else { Err(General::PARAMETER_OUT_OF_RANGE.into()) }
 }
 
-/// A whole number from 0 to `last`.
+/// Returns an integer from 0 to `last`.
 fn whole(number: f64, last: u16, out_of_range: EspError) -> Result<u16, EspError> {
     (0..=last).find(|&whole| f64::from(whole) == number).ok_or(out_of_range)
 }

@@ -3,10 +3,10 @@
 use super::errors::{EspError, General};
 use crate::quantity::Axis;
 
-/// Longest line the controller takes, its end not counted. The only bound the manual gives is that of the ESP302.
+/// Longest line that the controller accepts, without its end. The manual gives a limit only for the ESP302.
 const LINE_MOST: usize = 80;
 
-/// Commands that hold up the rest of their line, and all that is sent after it.
+/// Commands that delay the rest of their line, and everything that is sent later.
 const WAIT: [u8; 2] = *b"WS";
 
 /// One command of a line: `[axis]CC[parameter]` (manual, syntax).
@@ -119,7 +119,7 @@ fn command(text: &[u8]) -> Result<Command, EspError> {
     Ok(Command { axis, name, argument })
 }
 
-/// Where the part of a line up to its first wait ends, if more follows it.
+/// Returns the end of the part of a line up to its first wait, if more text follows.
 fn end_of_wait(line: &[u8]) -> Option<usize> {
     if line.len() > LINE_MOST {
         return None;

@@ -30,7 +30,7 @@ impl Bench {
     fn homed_on(scene: Scene) -> Self {
         let mut bench = Bench::on(scene);
         // z away from the specimen first, or it would be homed into it
-        assert_eq!(bench.say(0.0, "1MO;2MO;3MO;1OR1;2OR1;3OR3"), "");
+        assert_eq!(bench.say(0.0, "1MO;2MO;3MO;1OR1;2OR1;3SH12.5;3OR3"), "");
         bench.say(10.0, "TP?");
         bench
     }
@@ -219,10 +219,16 @@ fn before_homing_the_count_is_off_by_where_the_axis_was_switched_on() {
 }
 
 #[test]
-fn every_homing_but_that_to_count_zero_makes_the_count_true() {
+fn a_search_for_home_ends_at_the_count_that_sh_states_and_at_0_as_shipped() {
     for (mode, place_mm) in [("1", 0.0), ("2", 0.0), ("3", 12.5), ("4", -12.5), ("5", 12.5), ("6", -12.5)] {
         let mut bench = Bench::new();
-        bench.say(0.0, &format!("2MO;2OR{mode}"));
+        for (sh, count) in [("", "0.0000"), ("2SH-7.25;", "-7.2500")] {
+            let mut bench = Bench::new();
+            bench.say(0.0, &format!("2MO;{sh}2OR{mode}"));
+            assert_eq!(bench.say(4.0, "2TP?"), count, "{sh} mode {mode}");
+            assert_eq!(bench.true_mm(Axis::Y, 4.0), place_mm);
+        }
+        bench.say(0.0, &format!("2MO;2SH{place_mm};2OR{mode}"));
         // 2 mm at 5 mm/s take less than a second, all the way to an end less than four
         assert_eq!(bench.say(0.2, "2MD?"), "0");
         assert_eq!(bench.say(4.0, "2MD?"), "1");
@@ -235,6 +241,15 @@ fn every_homing_but_that_to_count_zero_makes_the_count_true() {
     bench.say(4.0, "2OR0");
     assert_eq!(bench.say(8.0, "2TP?"), "0.0000");
     assert_eq!(bench.true_mm(Axis::Y, 8.0), POWER_ON.y_mm);
+}
+
+#[test]
+fn settings_that_clients_read_at_the_start_are_answered() {
+    let mut bench = Bench::new();
+    for question in ["1VB?", "1JH?", "1JL?", "1FR?", "1SU?", "1QM?", "1QS?", "1KP?", "1LC?", "1SH?", "1ZB?", "TX?"] {
+        assert!(!bench.say(0.0, question).is_empty(), "{question}");
+    }
+    assert_eq!(bench.errors(0.0), [""; 0]);
 }
 
 #[test]

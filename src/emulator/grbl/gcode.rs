@@ -2,7 +2,7 @@
 
 use super::fault::GrblError;
 
-/// Letters that take no negative number.
+/// Letters that accept no negative number.
 const NOT_NEGATIVE: [u8; 3] = *b"FNP";
 
 /// Motion mode of a line.

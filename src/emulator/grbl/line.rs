@@ -1,6 +1,6 @@
 //! The serial line byte by byte.
 
-/// Longest line, blanks and comments not counted (80 with the zero that ends it in GRBL's memory).
+/// Longest line without blanks and comments (80 with the zero that ends it in GRBL's memory).
 const LINE_MOST: usize = 79;
 
 /// Reads GRBL's serial line byte by byte. Real-time bytes are taken out at any position. The other bytes are joined to lines,

@@ -11,11 +11,11 @@ use std::collections::VecDeque;
 pub const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Number of blocks that the planner holds.
 pub const BLOCKS_MOST: usize = 15;
-/// Axes that GRBL homes together, in turn: z first, out of the way.
+/// Axes that GRBL homes together, in order. z is first, so that it is out of the way.
 const HOMING_TURNS: [&[Axis]; 2] = [&[Axis::Z], &[Axis::X, Axis::Y]];
-/// Steps that are cut off stop an axis this much harder than it would brake; GRBL doesn't count how far it coasts.
+/// Ratio of the deceleration after a cut-off of the steps to the normal braking. GRBL doesn't count the remaining motion.
 const CUT_OFF_FACTOR: f64 = 4.0;
-/// How far beside a line a place may lie to be on it (part of the line's length), and a switch to be pressed (mm).
+/// Tolerance for rounding: of a point on a line (fraction of the line's length), and of a pressed switch (mm).
 const ROUNDING: f64 = 1e-9;
 
 /// The three axes and the controller's knowledge of them. Places are machine coordinates: counted steps in mm. They differ from
@@ -42,7 +42,7 @@ pub struct PlannedLine {
     pub jog: bool,
 }
 
-/// One straight motion.
+/// Straight motion.
 #[derive(Debug)]
 struct Block {
     to_mm: [f64; 3],
@@ -260,21 +260,21 @@ impl Machine {
         self.offset_mm = homed.offset_mm;
     }
 
-    /// Where a block ends, true mm: at its target, or at the end of the frame before it.
+    /// Returns the end of a block, true mm: its target, or the end of the frame before the target.
     fn targets(&self, block: &Block) -> [f64; 3] {
         std::array::from_fn(|n| (block.to_mm[n] + self.offset_mm[n]).clamp(-END_MM, END_MM))
     }
 }
 
 impl Block {
-    /// Whether another continues along the same line at the same rate.
+    /// Whether the next block continues along the same line at the same rate.
     fn runs_into(&self, next: &Block) -> bool {
         let turn = (0..3).map(|n| (self.way[n] - next.way[n]).abs()).fold(0.0, f64::max);
         self.jog == next.jog && self.feed_mm_s == next.feed_mm_s && turn < ROUNDING
     }
 }
 
-/// Brings all axes to rest, and returns when they are, s.
+/// Brings all axes to rest, and returns the time at which they are at rest, s.
 fn brake(decelerations_mm_s2: [f64; 3], scene: &mut Scene, now_s: f64) -> f64 {
     let mut end_s = now_s;
     for axis in Axis::ALL {
@@ -307,7 +307,7 @@ fn homing_way(axis: Axis, from_s: f64, scene: &Scene) -> Trajectory {
     way
 }
 
-/// An axis that stands from an instant on.
+/// Trajectory of an axis that is at rest from `since_s` on.
 fn rest(place_mm: f64, since_s: f64) -> Trajectory {
     Trajectory::stop(since_s, (place_mm, 0.0), 1.0)
 }

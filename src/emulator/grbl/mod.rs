@@ -34,12 +34,12 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::Notify;
 
-/// How far beyond the travel a target may lie by rounding, mm.
+/// Largest distance of a target beyond the travel that counts as rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
-/// What stands for a line that was too long; no line has such a byte.
+/// Replacement for a line that was too long. No line contains this byte.
 const OVERLONG: u8 = b'\t';
-/// Ends the request of a line; a single byte is no line.
+/// End of the request of a line. It distinguishes a line from a single byte.
 const RUN: u8 = b'\n';
 
 const SOFT_RESET: u8 = 0x18;
@@ -67,7 +67,7 @@ pub struct Grbl {
     bell: Arc<Notify>,
 }
 
-/// How far it is locked.
+/// State of the lock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lock {
     Open,
@@ -141,7 +141,7 @@ impl Instrument for Grbl {
     }
 }
 
-/// What a line waits for.
+/// Reason why a line waits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stall {
     /// Room in the planner, with no jog being cancelled.
@@ -152,7 +152,7 @@ enum Stall {
     Until(f64),
 }
 
-/// Lines to send.
+/// Reply lines.
 #[derive(Default)]
 struct Reply(String);
 
@@ -208,7 +208,7 @@ impl Grbl {
         Ok(())
     }
 
-    /// A line that begins with `$`, which is cut off.
+    /// Runs a line that began with `$`. The `$` is already removed.
     fn run_system(&mut self, command: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let activity = self.machine.activity();
         match command {
@@ -236,7 +236,7 @@ impl Grbl {
         Ok(())
     }
 
-    /// A jog: what follows `$J`. In an alarm it isn't the lock that refuses it, but that it isn't idle.
+    /// Runs a jog: the text after `$J`. In an alarm the jog is refused because GRBL isn't idle, not because of the lock.
     fn jog(&mut self, jog: &str, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let ready = matches!(self.machine.activity(), Activity::Idle | Activity::Jog);
         if self.lock != Lock::Open || !ready {
@@ -253,7 +253,7 @@ impl Grbl {
         Ok(())
     }
 
-    /// A byte that acts at once.
+    /// Handles a byte that acts at once.
     fn act(&mut self, byte: u8, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         match byte {
             SOFT_RESET => self.reset(reply, scene, now_s),
@@ -270,7 +270,7 @@ impl Grbl {
         reply.line(self.reporter.status(&status));
     }
 
-    /// 0x18. What moved has lost its place.
+    /// Resets GRBL (0x18). If something moved, the position is lost.
     fn reset(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         let in_motion = self.machine.activity() != Activity::Idle;
         match (self.homing.take(), self.lock) {
@@ -291,7 +291,7 @@ impl Grbl {
         self.restart(reply, scene, now_s);
     }
 
-    /// All is as it is switched on, but for the settings, the place and the lock.
+    /// Restores the power-on state, except for the settings, the position and the lock.
     fn restart(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         self.machine.cut_off(scene, now_s);
         self.modal = Modal::default();
@@ -330,7 +330,7 @@ impl Grbl {
 }
 
 impl Grbl {
-    /// Keeps a line until it can be run; one that the buffer has no room for is lost.
+    /// Stores a line until it can be run. A line for which the buffer has no room is lost.
     fn keep(&mut self, line: &str) {
         let taken: usize = self.waiting.iter().map(|line| line.len() + 1).sum();
         if self.waiting.is_empty() || taken + line.len() < RX_MOST {
@@ -343,7 +343,7 @@ impl Grbl {
         self.stall = None;
     }
 
-    /// Runs the lines that wait for nothing any more.
+    /// Runs the lines that no longer have to wait.
     fn run_waiting(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         while let Some(line) = self.waiting.front().cloned() {
             if self.lock == Lock::Critical {
@@ -363,7 +363,7 @@ impl Grbl {
         }
     }
 
-    /// When the first line may be run, s; none: not before something else happens.
+    /// Time from which the first line may be run, s. `None` if the line waits for another event.
     fn next_s(&self) -> Option<f64> {
         Some(match self.stall? {
             Stall::Room => self.machine.ready_s(),
@@ -372,7 +372,7 @@ impl Grbl {
         })
     }
 
-    /// What a line has to wait for; homing begins with it.
+    /// Returns the reason for which a line has to wait. Starts homing if the line requests it.
     fn begin_to_wait(&mut self, line: &str, scene: &mut Scene, now_s: f64) -> Option<Stall> {
         let activity = self.machine.activity();
         if line == "$H" {

@@ -6,9 +6,9 @@ use std::fmt::Write;
 
 /// Bytes of the serial line that GRBL buffers.
 pub const RX_MOST: usize = 128;
-/// Reports from one with the work offset to the next, when something moves and when nothing does.
+/// Number of reports from one report with the work offset to the next, during a motion and at rest.
 const OFFSET_EVERY: (u8, u8) = (30, 10);
-/// Reports from one with the overrides to the next.
+/// Number of reports from one report with the overrides to the next, during a motion and at rest.
 const OVERRIDES_EVERY: (u8, u8) = (20, 10);
 
 /// Counter of status reports. Data that seldom change are only in some reports.
@@ -88,7 +88,7 @@ pub fn build_info() -> [String; 2] {
     ["[VER:1.1h.20190825:]".into(), format!("[OPT:VZ,{BLOCKS_MOST},{RX_MOST}]")]
 }
 
-/// Three coordinates with commas between, three decimals each; a zero has no sign.
+/// Formats three coordinates with three decimals each, separated by commas. A zero has no sign.
 fn places(places_mm: [f64; 3]) -> String {
     places_mm.map(|place_mm| format!("{:.3}", (place_mm * 1000.0).round() / 1000.0 + 0.0)).join(",")
 }

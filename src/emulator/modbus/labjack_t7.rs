@@ -7,18 +7,18 @@ use std::ops::Range;
 
 /// Analog inputs AIN0 to AIN13.
 const CHANNELS: usize = 14;
-/// Volts a reading unit of a taxel: what 1 N straight above one comes to.
+/// Volts for each reading unit of a taxel. 1 N directly above a taxel gives one reading unit.
 const VOLTS_PER_UNIT: f64 = 1.0;
-/// How far an input goes to either side, V.
+/// Range of an input, +- V.
 const RANGE_V: f64 = 10.0;
 
-/// A LAST_ERR_DETAIL.
+/// Value of LAST_ERR_DETAIL.
 const COUNT_MUST_BE_EVEN: u16 = 2315;
 
-/// The input that a load cell's amplifier is on, and what the amplifier makes of a newton, V.
+/// Input of the load cell's amplifier. The second constant is the amplifier's output for each newton, V.
 const CELL_CHANNEL: usize = 13;
 const VOLTS_PER_N: f64 = 1.0;
-/// Steps of a load cell's input from 0 to the end of its range: 16 bit with both signs.
+/// Number of steps of a load cell's input from 0 to the end of its range: 16 bits with both signs.
 const CELL_STEPS: f64 = 32_768.0;
 
 /// A LabJack T7 at power-on, with all inputs relative to ground at 10 V. As the array, its analog inputs AIN0, AIN1 ... are the
@@ -33,7 +33,7 @@ pub struct LabJackT7 {
     wires_v: Vec<f64>,
 }
 
-/// What stands at an address.
+/// Value at an address.
 enum Value {
     Word(u16),
     Pair([u8; 4]),
@@ -45,13 +45,13 @@ impl LabJackT7 {
         LabJackT7 { role, dac_v: [0.0; 2], last_error: 0, wires_v: Vec::new() }
     }
 
-    /// Half of a value.
+    /// Refuses an access to half of a value.
     fn fail<T>(&mut self) -> Result<T, Refusal> {
         self.last_error = COUNT_MUST_BE_EVEN;
         Err(Refusal::Value)
     }
 
-    /// What an input reads, as far as its range goes, V.
+    /// Reading of an input within its range, V.
     fn volts(&self, channel: usize) -> f32 {
         let volts = self.wires_v.get(channel).copied().unwrap_or(0.0).clamp(-RANGE_V, RANGE_V);
         if self.role != Device::LoadCell {
@@ -61,8 +61,8 @@ impl LabJackT7 {
         ((volts / step_v).round() * step_v) as f32
     }
 
-    /// Looks at what is wired to the inputs. A load cell's conversion is looked at only if its input is among `channels`: that
-    /// draws its noise.
+    /// Reads the signals that are wired to the inputs. A load cell's conversion is read only if its input is among `channels`,
+    /// because each reading draws noise.
     fn sense(&mut self, channels: Range<usize>, scene: &mut Scene, now_s: f64) {
         match self.role {
             Device::Array => {

@@ -4,19 +4,20 @@
 use super::{Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
 
-/// Counts a newton: three decimals, so one count is 1 mN.
+/// Counts per newton: three decimals, so one count is 1 mN.
 const COUNTS_PER_N: f64 = 1000.0;
-/// What the manual calls "divisions and units of measure", 40014. Its table of divisions isn't known here: this is the
-/// plain reading, the number of decimals in the low byte, no unit in the high one.
+/// Value of "divisions and units of measure" in the manual, 40014. The manual's table of divisions isn't known here. This value
+/// uses the simplest interpretation: number of decimals in the low byte, no unit in the high byte.
 const DECIMALS: u16 = 3;
-/// Most registers of one query (manual).
+/// Largest number of registers in one query (manual).
 const QUERY_MOST: usize = 32;
-/// The largest weight that is reported, counts.
+/// Largest weight that is reported, counts.
 const TOLD_MOST: i32 = 999_999;
-/// Divisions beyond the range that are borne, and the part of it at which the converter ends.
+/// Number of divisions beyond the range that are accepted. The second constant is the end of the converter's range, as a multiple
+/// of the range.
 const DIVISIONS_BEYOND: f64 = 9.0;
 const CONVERTER_PART: f64 = 1.1;
-/// The last register; what isn't named below it reads as 0, so that the map can be read in a few queries.
+/// Last register. Registers below it without a name read as 0, so that the map can be read in a few queries.
 const LAST: u16 = 79;
 
 // As on the wire: the manual's number less 40001.
@@ -52,7 +53,7 @@ pub struct LaumasTlb {
     tare: Option<i32>,
 }
 
-/// What the cell reads at one instant, in counts.
+/// Readings of the cell at one instant, in counts.
 struct Weights {
     status: u16,
     gross: i32,

@@ -22,15 +22,15 @@ use rmodbus::{ErrorKind, ModbusProto, guess_request_frame_len};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-/// 3.5 characters of ten bits at 9600 baud, the transmitter's rate; a faster line is silent sooner.
+/// Duration of 3.5 characters of ten bits at 9600 baud, the transmitter's rate. On a faster line the silence begins earlier.
 const SILENCE: Duration = Duration::from_micros(3646);
-/// Most bytes of a frame: RTU's 256, and TCP's longer header.
+/// Largest number of bytes in a frame: 256 of RTU, and the longer header of TCP.
 const FRAME_MOST: usize = 260;
-/// Bytes of the TCP header up to and with its length field, which counts what follows.
+/// Number of bytes of the TCP header up to and including its length field. The field counts the bytes after it.
 const TCP_HEADER: usize = 6;
-/// What the length field can say: unit and function at least, a whole PDU (253) at most.
+/// Possible values of the length field: at least unit and function, at most a complete PDU (253).
 const TCP_LENGTHS: RangeInclusive<usize> = 2..=254;
-/// Most registers of one read and of one write.
+/// Largest number of registers in one read. The next constant is that of one write.
 const READ_MOST: u16 = 125;
 const WRITE_MOST: u16 = 123;
 
@@ -54,13 +54,13 @@ pub trait RegisterMap: Send {
     /// Reads registers from `address` on, all at one instant.
     ///
     /// # Errors
-    /// If one of them can't be read.
+    /// Returns a refusal if a register can't be read.
     fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
 
     /// Writes registers from `address` on.
     ///
     /// # Errors
-    /// If one of them can't be written; those before it are.
+    /// Returns a refusal if a register can't be written. The registers before it are written.
     fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
 }
 
@@ -123,7 +123,7 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
         (self.framing != Framing::Tcp).then_some(SILENCE)
     }
 
-    /// What a function that isn't served looks like can't be known from its first bytes: the silence ends it.
+    /// Discards a request for an unsupported function. Its length can't be known from its first bytes, so the silence ends it.
     fn fall_silent(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         Some(std::mem::take(inbox)).filter(|frame| checks_out(frame))
     }
@@ -187,8 +187,8 @@ impl<M: RegisterMap> Modbus<M> {
     }
 }
 
-/// What `rmodbus` takes for granted of a PDU: a function that is served, its length, a count that a frame holds. A request that
-/// keeps the rules of Modbus may be refused all the same.
+/// Checks the properties of a PDU that `rmodbus` assumes: a supported function, the PDU's length, and a count that fits into a
+/// frame. A request that follows the Modbus rules may still be refused.
 fn check(pdu: &[u8]) -> Result<(), ErrorKind> {
     let is_sound = match *pdu {
         [3 | 4, _, _, high, low] => (1..=READ_MOST).contains(&u16::from_be_bytes([high, low])),
@@ -213,7 +213,7 @@ impl Refusal {
     }
 }
 
-/// Answers with an exception, to a frame that wasn't parsed.
+/// Answers a frame that wasn't parsed with an exception.
 fn refuse(frame: &mut Frame, request: &[u8], pdu: &[u8], kind: ErrorKind) -> Result<(), ErrorKind> {
     if frame.proto == ModbusProto::TcpUdp {
         // transaction and protocol; rmodbus writes the rest
@@ -224,7 +224,7 @@ fn refuse(frame: &mut Frame, request: &[u8], pdu: &[u8], kind: ErrorKind) -> Res
     frame.finalize_response()
 }
 
-/// Whether an RTU frame's CRC is that of its bytes. `rmodbus` keeps its own to itself.
+/// Whether the CRC of an RTU frame matches its bytes. `rmodbus` doesn't export its own check.
 fn checks_out(frame: &[u8]) -> bool {
     let shifted = |crc: u16, _| crc >> 1 ^ if crc & 1 == 1 { 0xA001 } else { 0 };
     let crc_of = |body: &[u8]| body.iter().fold(0xFFFF, |crc, byte| (0..8).fold(crc ^ u16::from(*byte), shifted));

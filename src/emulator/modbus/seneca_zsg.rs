@@ -3,7 +3,7 @@
 use super::{Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
 
-/// The last register; what isn't named below it reads as 0, so that the map can be read at once.
+/// Last register. Registers below it without a name read as 0, so that the map can be read at once.
 const LAST: u16 = 99;
 
 // As on the wire: the manual's number less 40001.
@@ -14,12 +14,12 @@ const NET: u16 = 63;
 const STATUS: u16 = 77;
 const COMMAND: u16 = 79;
 
-/// What `MACHINE_ID` and `FIRMWARE` say: any number would do.
+/// Value of `MACHINE_ID` and `FIRMWARE`. Any number is possible.
 const OWN_ID: u16 = 10;
 const OWN_FIRMWARE: u16 = 1;
-/// High byte: newtons; low byte: the cell is drawn and pressed (manual, 40003).
+/// High byte: newtons. Low byte: the cell measures tension and compression (manual, 40003).
 const UNIT_NEWTON: u16 = 5 << 8;
-/// Takes the weight of this moment for the tare. Known from memory only: no page of the manual that has it was found.
+/// Command that takes the present weight as the tare. It is known from memory only: no manual page with it was found.
 const TARE_NOW: u16 = 49_914;
 
 const FULL_SCALE: u16 = 1 << 1;
@@ -42,7 +42,7 @@ impl SenecaZsg {
         SenecaZsg { range_n, tare_n: 0.0 }
     }
 
-    /// Net weight, N, and status.
+    /// Returns the net weight, N, and the status.
     fn weigh(&self, scene: &mut Scene, now_s: f64) -> (f64, u16) {
         let force_n = scene.load_cell_n(now_s);
         let measured_n = force_n.clamp(-self.range_n, self.range_n);

@@ -3,13 +3,13 @@
 use super::{Refusal, RegisterMap, Word};
 use crate::scene::{Device, Scene};
 
-/// Counts a newton: three decimals, so one count is 1 mN.
+/// Counts per newton: three decimals, so one count is 1 mN.
 const COUNTS_PER_N: f64 = 1000.0;
-/// What register 8 says in bits 0 to 2.
+/// Value of register 8, bits 0 to 2.
 const DECIMALS: u16 = 3;
-/// Change between two looks, in counts, up to which the weight is said to be stable.
+/// Largest change between two looks at which the weight counts as stable, counts.
 const STABLE_COUNTS: i32 = 20;
-/// The last register; what isn't named below it reads as 0, so that the map can be read at once.
+/// Last register. Registers below it without a name read as 0, so that the map can be read at once.
 const LAST: u16 = 99;
 
 const STATUS: u16 = 8;
@@ -36,7 +36,7 @@ pub struct Transmitter {
     last_measured: Option<i32>,
 }
 
-/// What the cell reads at one instant, in counts.
+/// Readings of the cell at one instant, in counts.
 struct Weights {
     status: u16,
     measured: i32,

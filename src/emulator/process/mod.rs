@@ -13,10 +13,10 @@ use super::Instrument;
 use crate::scene::{Device, Scene};
 use serde_json::{Map, Value, json};
 
-/// The number of the page.
+/// Number of the protocol version, as in the documentation page.
 const PROTOCOL: u64 = 1;
 
-/// What a request answers beside its id, or what happened, in words.
+/// Answer to a request, without its id, or an error text.
 type Answer = Result<Map<String, Value>, String>;
 
 /// A load cell of the process protocol. Its readings are the scene's, in N. It has no range limit and no faults.
@@ -70,7 +70,7 @@ impl Instrument for ProcessArray {
     }
 }
 
-/// A request that is JSON.
+/// JSON request.
 struct Request(Value);
 
 impl Request {
@@ -99,7 +99,7 @@ impl Request {
     }
 }
 
-/// Takes the next line, if it has anything in it.
+/// Takes the next line, if it isn't empty.
 fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     while let Some(end) = inbox.iter().position(|&byte| byte == b'\n') {
         let line: Vec<u8> = inbox.drain(..=end).collect();
@@ -111,7 +111,7 @@ fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     None
 }
 
-/// The line that answers a request, under its id.
+/// Returns the line that answers a request, with the request's id.
 fn reply(line: &[u8], act: impl FnOnce(&Request) -> Answer) -> Vec<u8> {
     let request = Request::parse(line);
     let id = request.as_ref().ok().and_then(Request::id);
@@ -137,7 +137,7 @@ fn unknown(verb: &str) -> String {
     format!("unknown request {verb:?}")
 }
 
-/// The members of what `json!` made.
+/// Returns the members of a `json!` value.
 fn object(value: Value) -> Map<String, Value> {
     match value {
         Value::Object(members) => members,

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use std::sync::Arc;
 use tokio::sync::Notify;
 
-/// How far each axis goes to either side of its middle, true mm.
+/// Distance of each axis from its middle to either end, true mm.
 const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Largest speed, mm/s.
 const MOST_MM_S: f64 = 25.0;
@@ -16,7 +16,7 @@ const MOST_MM_S: f64 = 25.0;
 const MOST_MM_S2: f64 = 100.0;
 /// Acceleration of a stop before the first `prepare`, mm/s^2.
 const FIRST_MM_S2: f64 = 50.0;
-/// Steps of what is read back, a mm.
+/// Resolution of the read-back, steps per mm.
 const COUNTS_PER_MM: f64 = 1e4;
 /// Longest search for home, s.
 const SEARCH_MOST_S: f64 = 110.0;
@@ -37,7 +37,7 @@ pub struct ProcessStage {
     bell: Arc<Notify>,
 }
 
-/// A `prepare` under way.
+/// `prepare` in progress.
 struct Preparing {
     id: Option<i64>,
     outcome: Result<[Range; 3], String>,
@@ -109,7 +109,7 @@ impl Instrument for ProcessStage {
 }
 
 impl ProcessStage {
-    /// Comes to rest, and goes to look for home if it doesn't know it.
+    /// Brings the stage to rest, and starts a search for home if its home isn't known.
     fn prepare(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
         let outcome = self.begin(request, scene, now_s);
         let homes = outcome.is_ok() && !self.homed;
@@ -202,7 +202,7 @@ impl ProcessStage {
         scene.set_motion(axis, way, now_s);
     }
 
-    /// Gives what moves another speed; what it can't have is ignored, as there is no answer to say so.
+    /// Changes the speed of moving axes. An impossible speed is ignored, because this request has no answer.
     fn change_speed(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
         let Ok(speed_mm_s) = request.number("speed_mm_s").and_then(|speed| within(speed, MOST_MM_S, "mm/s")) else {
             return;
@@ -239,7 +239,7 @@ impl ProcessStage {
     }
 }
 
-/// A number above zero and up to the most there is.
+/// Returns a number above zero and up to `most`.
 fn within(value: f64, most: f64, unit: &str) -> Result<f64, String> {
     if value > 0.0 && value <= most {
         Ok(value)
@@ -248,7 +248,7 @@ fn within(value: f64, most: f64, unit: &str) -> Result<f64, String> {
     }
 }
 
-/// When all axes stand, s.
+/// Time at which all axes are at rest, s.
 fn rest_s(scene: &Scene, now_s: f64) -> f64 {
     Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max)
 }

@@ -6,12 +6,13 @@ use super::group::{Group, Outcome};
 use super::syntax::{Call, Type, number, numbers};
 use crate::scene::Scene;
 
-/// What `FirmwareVersionGet` and `InstallerVersionGet` answer.
+/// Answer to `FirmwareVersionGet` and `InstallerVersionGet`.
 const FIRMWARE: &str = "XPS-Q8 Firmware V2.6.4";
 const INSTALLER: &str = "XPS-Q8 Installer V2.6.4";
-/// The one user there is, and the password.
+/// Name of the only user, and the password.
 const ADMINISTRATOR: &str = "Administrator";
-/// How often the controller itself looks at its inputs, s: every tenth servo tick, which is the grain of tokio's timers.
+/// Interval at which the controller itself reads its inputs, s. It is every tenth servo tick, and the resolution of tokio's
+/// timers.
 const TICK_S: f64 = 0.001;
 
 /// The controller behind all sockets.
@@ -105,7 +106,7 @@ impl Controller {
         }
     }
 
-    /// Whether the controller must look at what it watches for.
+    /// Whether the controller has to check its event conditions.
     fn guards(&self) -> bool {
         self.events.armed() && self.group.can_be_aborted()
     }
@@ -147,13 +148,13 @@ impl Controller {
     }
 }
 
-/// One value of a type, if the call names one.
+/// Returns one value of a type, if the call has a placeholder for it.
 pub(super) fn tell(call: Call, result: Type, value: &str) -> Result<Answer, Code> {
     call.results(result, 1)?;
     Ok(Answer::Values(value.to_owned()))
 }
 
-/// Nothing, if the call says no more.
+/// Returns an empty answer, if the call has no further arguments.
 fn done(call: Call) -> Result<Answer, Code> {
     call.end()?;
     Ok(().into())

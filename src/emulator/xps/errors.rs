@@ -40,8 +40,8 @@ pub fn list() -> String {
     TEXTS.iter().skip(1).map(|(code, text)| format!("Error {code}: {text};")).collect()
 }
 
-/// The codes that are met here; the texts are our own. A reply has 1024 bytes at most, and the list must
-/// go into one.
+/// Error codes of this emulator, with this program's own texts. A reply has at most 1024 bytes, and the list must fit into one
+/// reply.
 const TEXTS: [(i32, &str); 23] = [
     (0, "Successful command"),
     (-1, "Busy socket"),

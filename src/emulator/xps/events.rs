@@ -5,11 +5,11 @@ use super::group::{Group, Object};
 use super::syntax::Call;
 use crate::scene::Scene;
 
-/// Most events that are started at once.
+/// Largest number of simultaneously started events.
 const EVENTS_MOST: usize = 10;
-/// Most conditions of one event.
+/// Largest number of conditions of one event.
 const CONDITIONS_MOST: usize = 10;
-/// Analog inputs `GPIO2.ADC1` and on.
+/// Number of analog inputs, from `GPIO2.ADC1` on.
 const INPUTS: usize = 4;
 
 /// Extended events, which the controller checks by itself, once in each servo tick. Conditions: an analog input over or under a
@@ -147,5 +147,5 @@ pub fn input_v(input: usize, volts_per_newton: f64, scene: &mut Scene, now_s: f6
     if input == 0 { (scene.load_cell_n(now_s) * volts_per_newton).clamp(-RANGE_V, RANGE_V) } else { 0.0 }
 }
 
-/// Range of analog inputs to either side, V.
+/// Range of the analog inputs, +- V.
 const RANGE_V: f64 = 10.0;

@@ -6,9 +6,9 @@ use crate::quantity::Axis;
 use crate::scene::Scene;
 use std::sync::{Arc, OnceLock};
 
-/// How long the motors take to be initialised, s.
+/// Duration of the initialisation of the motors, s.
 const INITIALIZE_S: f64 = 0.3;
-/// How long the encoders take to be calibrated before that, s. The stage doesn't move for it here.
+/// Duration of the calibration of the encoders before the initialisation, s. The stage doesn't move during it here.
 const CALIBRATE_S: f64 = 2.0;
 
 /// Object of a call.
@@ -50,7 +50,7 @@ pub struct Group {
     pub stirred: bool,
 }
 
-/// What the group is about, until an instant.
+/// Present action of the group, until an instant.
 struct Errand {
     end_s: f64,
     then: Then,
@@ -59,7 +59,7 @@ struct Errand {
     outcome: Outcome,
 }
 
-/// What comes after an errand.
+/// Next state after an errand.
 #[derive(Clone, Copy)]
 enum Then {
     Rest(State),
@@ -257,8 +257,8 @@ impl Group {
         self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome });
     }
 
-    /// The slowest moves as it can, the others so much slower that they arrive with it; when they do, s. One that has no way
-    /// to go stays.
+    /// Starts a group motion and returns its end time, s. The axis with the longest travel time moves at its own speed. The
+    /// others are slowed so that all arrive together. An axis without a distance to move stays.
     fn start(&self, counts_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> f64 {
         let mut times_s = [0.0; 3];
         for (time_s, (positioner, count_mm)) in times_s.iter_mut().zip(self.positioners.iter().zip(counts_mm)) {
@@ -275,7 +275,7 @@ impl Group {
         end_s
     }
 
-    /// What is under way ends when all rest, and with an error; until then the group is `meanwhile`.
+    /// Ends the action in progress with an error when all axes are at rest. Until then the group's state is `meanwhile`.
     fn cut_short(&mut self, meanwhile: State, then: State, code: Code, scene: &Scene, now_s: f64) {
         let end_s = self.positioners.iter().map(|positioner| positioner.end_s(scene)).fold(now_s, f64::max);
         let outcome = self.errand.take().map(|errand| errand.outcome).unwrap_or_default();
@@ -292,7 +292,7 @@ impl Group {
     }
 }
 
-/// A pair whose second is there.
+/// Returns the pair if its second value is present.
 fn both<A, B>((first, second): (A, Option<B>)) -> Option<(A, B)> {
     second.map(|second| (first, second))
 }

@@ -42,7 +42,7 @@ pub struct Xps {
     pending: Option<Pending>,
 }
 
-/// A call that is answered later.
+/// Call that is answered later.
 struct Pending {
     request: Vec<u8>,
     outcome: Outcome,
@@ -60,7 +60,7 @@ impl Xps {
         Xps { controller, bell, pending: None }
     }
 
-    /// The controller is the last to be locked, after the instrument and the scene.
+    /// Locks the controller. It is locked last, after the instrument and the scene.
     fn controller(&self) -> MutexGuard<'_, Controller> {
         self.controller.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -105,8 +105,8 @@ impl Instrument for Xps {
         Some(self.bell.clone())
     }
 
-    /// The link that waits for the group's errand is the one by whose asking the controller continues; if it was closed, or
-    /// nobody ever waited, it is all others.
+    /// Returns what this link is owed, and lets the controller continue. Normally the link that waits for the group's errand does
+    /// this. If that link was closed or never existed, all other links do it.
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut controller = self.controller();
         controller.notice(scene, now_s);
@@ -128,7 +128,7 @@ impl Instrument for Xps {
 }
 
 impl Drop for Xps {
-    /// What this link waited for continues, and others must look after it.
+    /// Notifies the other links. The errand for which this link waited continues, and the other links must look after it.
     fn drop(&mut self) {
         if self.pending.take().is_some() {
             self.bell.notify_waiters();

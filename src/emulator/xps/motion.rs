@@ -8,7 +8,7 @@ use super::syntax::{Call, Type, numbers};
 use crate::scene::Scene;
 
 impl Controller {
-    /// Calls of the group, or of the group or one positioner.
+    /// Runs calls of the group, and calls of the group or one positioner.
     pub(super) fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
         if name == "GroupStatusStringGet" {
@@ -41,7 +41,7 @@ impl Controller {
         }
     }
 
-    /// Calls of a group as a whole.
+    /// Runs calls of a complete group.
     fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
         if self.group.object(call.text()?)? != Object::Group {
@@ -68,7 +68,7 @@ impl Controller {
         }
     }
 
-    /// Calls of one positioner.
+    /// Runs calls of one positioner.
     pub(super) fn run_positioner(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
         if name == "PositionerErrorStringGet" {

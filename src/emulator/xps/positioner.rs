@@ -9,14 +9,14 @@ pub const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 pub const SPEED_MOST_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).
 pub const ACCELERATION_MOST_MM_S2: f64 = 100.0;
-/// An emergency brake is this much harder (same file: 1 or 4).
+/// Ratio of the emergency deceleration to the normal one (same file: 1 or 4).
 const EMERGENCY_FACTOR: f64 = 4.0;
-/// How fast it is homed, mm/s and mm/s^2.
+/// Speed and acceleration of homing, mm/s and mm/s^2.
 const HOME_SPEED_MM_S: f64 = 5.0;
 const HOME_ACCELERATION_MM_S2: f64 = 50.0;
-/// Least and most jerk time, s (same file).
+/// Least and largest jerk time, s (same file).
 const JERK_S: (f64, f64) = (0.005, 0.05);
-/// How far beyond a limit a target may lie by rounding, mm.
+/// Largest distance of a target beyond a limit that counts as rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
 // hardware status (as EPICS reads it)
@@ -159,14 +159,16 @@ impl Positioner {
         scene.set_motion(self.axis, way, now_s);
     }
 
-    /// Where the controller has it by now and how fast, mm and mm/s: what it plans from. The stage may lag behind.
+    /// Returns the commanded position and speed at `now_s`, mm and mm/s. The controller plans from them. The stage may lag
+    /// behind.
     fn commanded(&self, scene: &Scene, now_s: f64) -> (f64, f64) {
         let motion = scene.motion(self.axis);
         (motion.position_mm(now_s), motion.speed_mm_s(now_s))
     }
 }
 
-/// The end of travel stops what its brake doesn't, mm/s^2.
+/// Least deceleration, mm/s^2, at which the axis stops before the end of travel. The end of travel stops the axis if its brake
+/// doesn't.
 fn least_brake_mm_s2((place_mm, speed_mm_s): (f64, f64)) -> f64 {
     let room_mm = TRAVEL_MM - place_mm * speed_mm_s.signum();
     speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING_MM))

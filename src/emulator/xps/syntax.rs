@@ -6,9 +6,9 @@ use super::errors::Code;
 pub const REPLY_MOST: usize = 1024;
 /// Longest request. A reply echoes it, with a code before it and the end mark after it.
 pub const REQUEST_MOST: usize = 1000;
-/// What ends every reply, and what some clients send after their requests.
+/// End of every reply. Some clients also send it after their requests.
 const END: &[u8] = b",EndOfAPI";
-/// Significant digits of a number (EPICS writes its own with `%.13g`).
+/// Number of significant digits of a number (EPICS uses `%.13g`).
 const DIGITS: i32 = 13;
 
 /// One call: `Name(argument,argument,type *)`. Its arguments are taken one after another.
@@ -142,7 +142,7 @@ impl<'a> Call<'a> {
     }
 }
 
-/// How many bytes at the front mean nothing.
+/// Number of bytes at the front of the inbox without meaning.
 fn lead(inbox: &[u8]) -> usize {
     let mut lead = 0;
     loop {
@@ -154,7 +154,7 @@ fn lead(inbox: &[u8]) -> usize {
     }
 }
 
-/// Without the zeros that say nothing after the point.
+/// Removes the trailing zeros after the decimal point.
 fn bare(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }

@@ -4,10 +4,10 @@ use crate::document::{self, Bounds, Key, Keys, Problem, Problems, Table, keys, w
 
 const TEMPERATURE: Bounds = Bounds::within(-100.0, 200.0, "degrees Celsius");
 const HUMIDITY: Bounds = Bounds::within(0.0, 100.0, "%");
-/// Most revisions of a certificate.
+/// Largest number of revisions of a certificate.
 const REVISIONS_MAX: u64 = 1000;
 
-/// Where a calibration is performed, as schema 3.2.0 names it.
+/// Places where a calibration is performed, with their names in schema 3.2.0.
 const PLACES: [(&str, &str); 5] = [
     ("laboratory", "laboratory"),
     ("customer", "customer"),
@@ -204,7 +204,7 @@ pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
     })
 }
 
-/// `[certificate]`; what other tables say is left empty.
+/// Reads `[certificate]`. Values from other tables are left empty.
 fn read_certificate(table: &Table) -> Option<Given> {
     let identifier = text_of(table, &certificate::identifier);
     let revision = table.whole(&certificate::revision);
@@ -249,7 +249,7 @@ fn read_contact(table: &Table) -> Option<Contact> {
     Some(Contact { name: name?, street, post_code, city: city?, country: country?, e_mail })
 }
 
-/// A text with something in it, its blanks made single: the schema allows no others.
+/// Reads a text that isn't empty, and replaces multiple blanks by single ones, as the schema requires.
 fn text_of(table: &Table, key: &Key) -> Option<String> {
     let text = table.text(key)?;
     let single = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -264,7 +264,7 @@ fn text_of(table: &Table, key: &Key) -> Option<String> {
     Some(single)
 }
 
-/// A code of two letters.
+/// Reads a country code of two letters.
 fn country_of(table: &Table, key: &Key) -> Option<String> {
     let expected = "two upper-case letters, such as \"DE\"";
     let code = table.text(key)?;

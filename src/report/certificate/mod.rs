@@ -49,7 +49,7 @@ pub struct Certificate<'a> {
     simulated: bool,
 }
 
-/// An instrument that measured.
+/// Instrument that was used for the measurement.
 struct Instrument {
     role: &'static str,
     /// Identity reported by the instrument.
@@ -58,7 +58,7 @@ struct Instrument {
     certificate: String,
 }
 
-/// The journal of a run.
+/// Journal of a run.
 struct JournalHash {
     run: String,
     sha256: String,
@@ -183,7 +183,7 @@ impl<'a> Certificate<'a> {
         xml::document(self)
     }
 
-    /// The procedure in a sentence.
+    /// Returns a description of the procedure in one sentence.
     fn procedure(&self) -> String {
         let simulated = if self.simulated { " on a simulated rig: it certifies no sensor" } else { "" };
         let imported = self.imported.iter().flat_map(Imported::files);
@@ -197,7 +197,7 @@ impl<'a> Certificate<'a> {
         format!("{}, {}{simulated}{imported}", self.given.procedure, self.runs.join(", "))
     }
 
-    /// The decision rule, and what it came to.
+    /// Returns the decision rule and its result.
     fn conformity(&self) -> String {
         let Some(judgement) = self.judgement else {
             return "No acceptance rule was given: no statement of conformity.".to_owned();
@@ -219,7 +219,7 @@ impl<'a> Certificate<'a> {
     }
 }
 
-/// A limit with what was found.
+/// Returns a limit together with the measured value.
 fn limit(check: &Check) -> String {
     let bound = check.bound.map(|bound| format!(", bound {}", check.shown(Some(bound)))).unwrap_or_default();
     let (name, found) = (check.kind.full_name(check.reach), check.shown(check.value));
@@ -227,7 +227,7 @@ fn limit(check: &Check) -> String {
     format!("{name} {found}{bound}, limit {limit} {}", check.kind.unit()).trim_end().to_owned()
 }
 
-/// Stage and load cell with their own certificates, each once.
+/// Returns stage and load cell with their own certificates, each once.
 fn instruments(subject: &Subject) -> Vec<Instrument> {
     let mut all: Vec<Instrument> = Vec::new();
     for (run, bench) in subject.runs.iter().zip(&subject.benches) {
@@ -269,7 +269,7 @@ fn certificate_of(role: &str, rig: Option<&RigSpec>) -> String {
     known.unwrap_or_else(|| "no known certificate: not traceable".to_owned())
 }
 
-/// What a reader may expect on a certificate and was not measured.
+/// Returns quantities that a reader may expect on a certificate, but that weren't measured.
 fn not_measured(subject: &Subject, judged: &Judged, given: &Given) -> Vec<String> {
     let has = |phase| subject.presses.sound(phase).next().is_some();
     let missing = [

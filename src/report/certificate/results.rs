@@ -1,7 +1,7 @@
 //! Results of a certificate: each value with its unit, its uncertainty, and its number of readings.
 
 use crate::acceptance::bound::{coverage_factor, quantile_interval};
-use crate::dataset::characteristics::{Known, Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::dataset::characteristics::{Known, Repeatability, Staircases, UnitCharacteristics, characterise, repeats};
 use crate::quantity::percentile;
 use crate::report::{Judged, Subject};
 use crate::solver::{Evaluation, PressError};
@@ -80,7 +80,7 @@ impl Unit {
     }
 }
 
-/// What a press is off by.
+/// Function that returns the error of a press.
 type Error = fn(&PressError) -> Option<f64>;
 
 /// Returns all measured results of a sensor.
@@ -90,7 +90,7 @@ pub fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
     test.into_iter().chain(units).collect()
 }
 
-/// Errors of location and force.
+/// Returns the errors of location and force.
 fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Results {
     let truths = [subject.u_place_mm(), judged.u_force_n];
     let kinds: [(&str, Unit, usize, Error); 2] = [
@@ -131,7 +131,7 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 type IsKnown = fn(&UnitCharacteristics) -> Option<Known>;
 
-/// The characteristics but repeatability: the name, the value, and how well it is known.
+/// Characteristics except repeatability: the name, the value, and whether the uncertainty is known.
 const OTHERS: [(&str, Value, IsKnown); 4] = [
     ("hysteresis", |unit| unit.hysteresis_percent, |unit| unit.hysteresis_known),
     ("hysteresis, % of reading", |unit| unit.hysteresis_of_reading_percent, |unit| unit.hysteresis_of_reading_known),
@@ -139,14 +139,14 @@ const OTHERS: [(&str, Value, IsKnown); 4] = [
     ("zero return", |unit| unit.zero_return_percent, |unit| unit.zero_return_known),
 ];
 
-/// Characteristics of each unit, % of full scale.
+/// Returns the characteristics of each unit, % of full scale.
 fn of_units(staircases: &Staircases) -> Results {
     let definition = Repeatability::default();
     let mut rows = Vec::new();
     for (unit, readings) in characterise(staircases, definition).into_iter().zip(&staircases.readings) {
         let row = |name: &str, value, uncertainty| {
             let name = format!("unit {}, {name}", unit.name());
-            Row { name, value, unit: Unit::Percent, digits: 2, uncertainty, n: readings.len() }
+            Row { name, value, unit: Unit::Percent, digits: 2, uncertainty, n: repeats(readings) }
         };
         let repeated = [
             ("repeatability, loading", unit.repeatability_loading_percent, unit.repeatability_loading_interval_percent),
@@ -166,7 +166,7 @@ fn of_units(staircases: &Staircases) -> Results {
                 let k = coverage_factor(n as f64 - 1.0);
                 Uncertainty::Expanded { expanded: k * u, k }
             });
-            let n = known.map_or(readings.len(), |known| known.n);
+            let n = known.map_or(repeats(readings), |known| known.n);
             rows.extend(value(&unit).map(|value| Row { n, ..row(name, value, uncertainty) }));
         }
     }

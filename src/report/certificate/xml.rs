@@ -228,17 +228,17 @@ fn contact(xml: &mut Xml, contact: &Contact) {
     });
 }
 
-/// A number as the schema takes it: every digit, no exponent that it doesn't know.
+/// Formats a number for the schema: with every digit, and without an exponent that the schema doesn't allow.
 fn decimal(value: f64) -> String {
     format!("{value}")
 }
 
-/// Whether XML 1.0 has the character.
+/// Whether XML 1.0 allows the character.
 fn is_of_xml(c: char) -> bool {
     !matches!(c, '\u{0}'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}')
 }
 
-/// A document as it is written, indented.
+/// Indented XML document that is being written.
 #[derive(Default)]
 struct Xml {
     text: String,
@@ -246,7 +246,7 @@ struct Xml {
 }
 
 impl Xml {
-    /// An element, `head` being its name and attributes, with what `inner` writes.
+    /// Writes an element with the content that `inner` writes. `head` is the element's name and attributes.
     fn within(&mut self, head: &str, inner: impl FnOnce(&mut Xml)) {
         let name = head.split(' ').next().unwrap_or_default();
         let indent = "  ".repeat(self.depth);
@@ -257,7 +257,7 @@ impl Xml {
         let _ = writeln!(self.text, "{indent}</{name}>");
     }
 
-    /// An element that holds text. Blanks are single and not at the ends: the schema allows no others.
+    /// Writes an element that contains text. As the schema requires, the text has single blanks, and none at its ends.
     fn leaf(&mut self, name: &str, text: &str) {
         let fit: String = text.chars().map(|c| if is_of_xml(c) { c } else { char::REPLACEMENT_CHARACTER }).collect();
         let single = fit.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -265,7 +265,7 @@ impl Xml {
         let _ = writeln!(self.text, "{}<{name}>{escaped}</{name}>", "  ".repeat(self.depth));
     }
 
-    /// An element that holds text in a `content`.
+    /// Writes an element that contains text in a `content` element.
     fn named(&mut self, name: &str, text: &str) {
         self.within(name, |xml| xml.leaf("dcc:content", text));
     }

@@ -9,13 +9,13 @@ use crate::report::Subject;
 use crate::report::frame::Drawn;
 use std::collections::BTreeMap;
 
-/// The most units that are drawn: of more, the first.
+/// Largest number of units that are drawn. If there are more, the first are drawn.
 const MOST_UNITS: usize = 25;
 
 const LOADING: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
 const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None };
 
-/// The most panels side by side.
+/// Largest number of panels in a row.
 const MOST_COLUMNS: usize = 5;
 
 /// Draws a panel for each unit.
@@ -81,7 +81,7 @@ fn line(look: Look, line: Line) -> Look {
     Look { line, ..look }
 }
 
-/// The mean force and output of each level of a branch.
+/// Returns the mean force and output of each level of a branch.
 fn means(readings: &[HeldLevel], branch: Branch) -> Vec<(f64, f64)> {
     let mut levels: BTreeMap<Level, (f64, f64, f64)> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.branch == branch) {

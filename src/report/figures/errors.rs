@@ -36,13 +36,13 @@ const FORCE: Kind = Kind {
     widths: [0.002, 0.005, 0.01, 0.02, 0.05, 0.1],
 };
 
-/// The most columns of a histogram; what lies beyond is in the last.
+/// Largest number of columns of a histogram. Values beyond are in the last column.
 const MOST_COLUMNS: usize = 24;
-/// The most points that are drawn of a method: of more, one in so many.
+/// Largest number of points that are drawn for a method. If there are more, every nth point is drawn.
 const MOST_POINTS: usize = 1000;
-/// Parts of the axis over which a mean is drawn.
+/// Number of parts of the axis for which a mean is drawn.
 const PARTS: usize = 6;
-/// The fewest presses that make a mean.
+/// Least number of presses for a mean.
 const FEWEST: usize = 3;
 
 /// Draws a histogram of each error, with the cumulative fraction below it.
@@ -192,7 +192,7 @@ fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judg
     })
 }
 
-/// In which part of an axis a value is; the last holds its own end.
+/// Returns the index of an axis' part that contains a value. The last part includes its end.
 fn part_of(value: f64, first: f64, width: f64) -> usize {
     (((value - first) / width) as usize).min(PARTS - 1)
 }

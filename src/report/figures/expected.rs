@@ -10,11 +10,12 @@ use crate::report::{Judged, Subject};
 use crate::solver::{Fitted, Solver};
 use maud::html;
 
-/// Places along each side of the area.
+/// Number of places along each side of the area.
 const SIDE: usize = 25;
-/// The least that the largest error is over the smallest: the axis of the colours has a length.
+/// Least ratio of the largest to the smallest error on the colour axis, so that the axis has a length.
 const LEAST_RATIO: f64 = 1.01;
-/// The largest error over the least beyond which all look alike: a corner can be worse than the middle without end.
+/// Largest ratio of the largest to the smallest error on the colour axis. Larger errors look the same, because the error at a
+/// corner can be arbitrarily large.
 const MOST_RATIO: f64 = 100.0;
 
 /// Draws a map of the expected location error.

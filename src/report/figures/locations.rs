@@ -10,11 +10,11 @@ use crate::report::numbers::{Numbers, Value};
 use crate::solver::{Evaluation, PressError};
 use maud::html;
 
-/// The most test presses that are drawn: of more, one in so many.
+/// Largest number of test presses that are drawn. If there are more, every nth press is drawn.
 const MOST_PRESSES: usize = 500;
-/// Beyond the outermost places, mm.
+/// Margin beyond the outermost places, mm.
 const ROOM_MM: f64 = 0.5;
-/// A true place, by whichever method it is to be found.
+/// Look of a true place, for every method.
 const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: Line::None };
 
 /// Draws a map for each method, all over the same area.
@@ -27,12 +27,12 @@ pub fn locations(judged: &Judged) -> Option<Section> {
     Section::of_figures("True and predicted places", &html! {}, drawn)
 }
 
-/// How many presses there are to one that is drawn.
+/// Returns n if every nth press is drawn.
 fn one_in(evaluation: &Evaluation) -> usize {
     evaluation.presses.len().div_ceil(MOST_PRESSES).max(1)
 }
 
-/// The presses that are drawn.
+/// Returns the presses that are drawn.
 fn presses(evaluation: &Evaluation) -> impl Iterator<Item = &PressError> {
     evaluation.presses.iter().step_by(one_in(evaluation))
 }
@@ -59,7 +59,7 @@ fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> Drawn {
     Drawn::plain(figure).named(&format!("locations-{}", stem(evaluation))).with(numbers(evaluation))
 }
 
-/// A row a press that is drawn; the number is that of the test press, from 1.
+/// Returns a table with a row for each drawn press. The number is that of the test press, from 1.
 fn numbers(evaluation: &Evaluation) -> Numbers {
     let row = |press: &PressError| {
         let (at, found) = (press.place_true, press.place_solved);

@@ -9,9 +9,9 @@ use crate::report::Subject;
 use crate::report::frame::{Drawn, counted};
 use std::cmp::Ordering;
 
-/// The most units that are drawn: of more, the first.
+/// Largest number of units that are drawn. If there are more, the first are drawn.
 const MOST_UNITS: usize = 16;
-/// The most presses that are drawn a unit: of more, one in so many.
+/// Largest number of presses that are drawn for each unit. If there are more, every nth press is drawn.
 const MOST_PRESSES: usize = 2500;
 
 /// Draws a map for each unit.
@@ -65,7 +65,7 @@ pub fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)>
     is_grid.then_some((order, columns))
 }
 
-/// What the presses of a calibration were loaded with, N.
+/// Load of a calibration's presses, N.
 #[derive(Clone, Copy)]
 enum Load {
     /// All presses with one force.
@@ -83,7 +83,7 @@ impl Load {
         }
     }
 
-    /// What is drawn of an output.
+    /// Returns the value that is drawn for an output.
     fn share(self, row: &Press, output: f64) -> f64 {
         match self {
             Load::One(_) => output,
@@ -91,7 +91,7 @@ impl Load {
         }
     }
 
-    /// What is drawn, with its unit.
+    /// Label of the drawn quantity, with its unit.
     fn label(self, unit: &str) -> String {
         match self {
             Load::One(_) => format!("output, {unit}"),
@@ -116,12 +116,12 @@ impl Load {
     }
 }
 
-/// The force that was commanded, N; of an imported press the one that was measured.
+/// Returns the commanded force, N. For an imported press it is the measured force.
 fn set_n(row: &Press) -> f64 {
     row.force_set_n.or(row.force_n).unwrap_or_default()
 }
 
-/// The highest and the lowest that a map is over its width.
+/// Largest ratio of a map's height to its width. The second constant is the least ratio.
 const HIGHEST: f64 = 1.2;
 const LOWEST: f64 = 0.25;
 
@@ -181,9 +181,9 @@ pub fn half_cell_mm(places: &[Place]) -> f64 {
     }
 }
 
-/// Coordinates nearer than this are the same, mm.
+/// Distance below which coordinates are the same, mm.
 const SAME_MM: f64 = 1e-4;
-/// Half the side of the cell of a single place, mm; no round number, or those of two panels would meet.
+/// Half the side of a single place's cell, mm. It isn't a round number, because then the numbers of two panels would meet.
 const LONE_MM: f64 = 0.6;
 
 #[cfg(test)]

@@ -38,13 +38,13 @@ fn methods(evaluations: &[Evaluation]) -> impl Iterator<Item = (Look, &Evaluatio
     LOOKS.into_iter().zip(evaluations)
 }
 
-/// How a method is called.
+/// Displayed name of a method.
 fn name(evaluation: &Evaluation) -> String {
     let best = if evaluation.choice.is_some() { " (best)" } else { "" };
     format!("{}{best}", evaluation.solver)
 }
 
-/// The same for a file's name: that of the best doesn't depend on which it is.
+/// Name of a method in file names. The name of the best method doesn't depend on which method it is.
 fn stem(evaluation: &Evaluation) -> &str {
     if evaluation.choice.is_some() { "best" } else { &evaluation.solver }
 }

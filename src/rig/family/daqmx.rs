@@ -28,7 +28,7 @@ pub const FAMILY: Family = Family {
 const TERMINALS: [(&str, Terminal); 4] =
     [("diff", Terminal::Diff), ("rse", Terminal::Rse), ("nrse", Terminal::Nrse), ("pseudo-diff", Terminal::PseudoDiff)];
 
-/// Most inputs of one device that a rig may name.
+/// Largest number of inputs of one device that a rig may name.
 const INPUTS_MAX: usize = 512;
 
 keys! {
@@ -131,7 +131,7 @@ impl ArrayDriver for Array {
 
 const LIBRARY: EmulatedDevice = EmulatedDevice { far_end: FarEnd::Library, protocol: "daqmx" };
 
-/// The load cell, where it is on an NI device.
+/// Returns the load cell if it is on an NI device.
 fn cell_of(rig: &RigSpec) -> Option<&LoadCell> {
     as_a(&*rig.load_cell.driver)
 }
@@ -152,7 +152,7 @@ fn identity(role: &str, inputs: &Inputs, rig: &RigSpec, link: &Link) -> Identity
     Identity { role: role.to_owned(), identity, link: link.to_string(), warnings: Vec::new() }
 }
 
-/// One task for all NI inputs of the rig, the load cell's first, made for whichever role asks first.
+/// Returns the task for all NI inputs of the rig, the load cell's first. The first role that needs the task creates it.
 fn acquisition(wiring: &Wiring) -> Result<SharedAcquisition, DeviceError> {
     if let Some(made) = wiring.acquisition.get() {
         return Ok(made.clone());
@@ -169,7 +169,7 @@ fn acquisition(wiring: &Wiring) -> Result<SharedAcquisition, DeviceError> {
     Ok(wiring.acquisition.get_or_init(|| Arc::new(Mutex::new(acquisition))).clone())
 }
 
-/// NI's library, loaded.
+/// Loads NI's library.
 fn library(rig: &RigSpec) -> Result<Functions, DeviceError> {
     let path = match (&rig.load_cell.link, &rig.array.link) {
         (Link::Daqmx(path), _) | (_, Link::Daqmx(path)) => path.as_deref(),
@@ -185,7 +185,7 @@ fn library(rig: &RigSpec) -> Result<Functions, DeviceError> {
     functions.map_err(|error| failed(format!("can't start a thread: {error}")))
 }
 
-/// NI's functions in a scene: the channels that the rig's drivers name carry what they are meant to.
+/// Returns NI's functions for a scene. The channels that the rig's drivers name carry the expected signals.
 fn emulated_library(rig: &RigSpec, scene: &Shared<Scene>, origin: Instant) -> Arc<dyn NiDaqmx> {
     let (mut device, mut cell, mut first, mut volts_per_newton) = ("Dev1", None, 0, 1.0);
     if let Some(array) = array_of(rig) {
@@ -198,14 +198,14 @@ fn emulated_library(rig: &RigSpec, scene: &Shared<Scene>, origin: Instant) -> Ar
     Arc::new(DaqmxEmulator::new(scene.clone(), origin, device, cell, first, volts_per_newton))
 }
 
-/// The device and the number of the first input of `Dev1/ai1:9`.
+/// Returns the device and the number of the first input of `Dev1/ai1:9`.
 fn first_input(physical: &str) -> (&str, u32) {
     let (device, inputs) = physical.split_once('/').unwrap_or((physical, ""));
     let digits: String = inputs.chars().skip_while(|c| !c.is_ascii_digit()).take_while(char::is_ascii_digit).collect();
     (device, digits.parse().unwrap_or(0))
 }
 
-/// `daqmx = "Dev1/ai0:8"` with how they are wired and measured.
+/// Reads `daqmx = "Dev1/ai0:8"` with the inputs' wiring and measurement.
 fn read_inputs(table: &Table) -> Option<Inputs> {
     let physical = table.text(&array::daqmx)?;
     let terminal = table.word(&array::terminal, &TERMINALS);
@@ -220,7 +220,7 @@ fn read_inputs(table: &Table) -> Option<Inputs> {
     Some(Inputs { physical: physical.to_owned(), count, terminal: terminal?, range_v: range_v? })
 }
 
-/// How many inputs `Dev1/ai1:9` is.
+/// Returns the number of inputs in `Dev1/ai1:9`.
 fn inputs_in(physical: &str) -> Option<usize> {
     let (device, inputs) = physical.trim().split_once('/')?;
     let (first, last) = inputs.strip_prefix("ai").map(|range| range.split_once(':').unwrap_or((range, range)))?;

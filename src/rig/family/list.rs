@@ -65,7 +65,7 @@ macro_rules! choice {
     };
 }
 
-/// What `driver` may be, role by role.
+/// Possible values of `driver` for each role.
 pub(in crate::rig) mod choices {
     use super::{Case, FAMILIES, Keys, Kind};
 

@@ -45,7 +45,7 @@ pub struct Role<D: ?Sized> {
     pub keys: &'static [Key],
     /// Supported links in addition to `sim`.
     pub links: Links,
-    /// Reads the keys. The problems of a wrong one are recorded, and there is no driver.
+    /// Function that reads the keys. If a key is invalid, the function records the problems and returns no driver.
     pub(super) read: fn(&Table, Beside) -> Option<Arc<D>>,
 }
 
@@ -60,21 +60,21 @@ pub enum Links {
     Program,
 }
 
-/// Gives the text of a file that lies beside the rig's.
+/// Function that returns the text of a file in the rig's folder.
 pub(super) type Beside<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 
-/// The outputs of an array as a person counts them: units, where each has one.
+/// Describes the outputs of an array for a user: as units, if each unit has one output.
 fn counted(layout: &ArrayLayout) -> String {
     let units = layout.units().len();
     if layout.len() == units { format!("{units} units") } else { format!("{} outputs of {units} units", layout.len()) }
 }
 
-/// A driver of a role as one of the types that there are; none where it is another.
+/// Returns a driver as a specific type of its role; `None` if it has another type.
 pub(super) fn as_a<D: Driver>(driver: &dyn Driver) -> Option<&D> {
     (driver as &dyn Any).downcast_ref()
 }
 
-/// N a volt of an analog load cell.
+/// Limits of an analog load cell's factor in N per volt.
 const NEWTON_PER_VOLT: Bounds = Bounds::within(-1e6, 1e6, "N/V");
 const NEWTON_PER_VOLT_MEANS: &str = "N per volt; negative if a push gives a negative voltage";
 
@@ -87,7 +87,7 @@ fn read_newton_per_volt(table: &Table, key: &Key) -> Option<f64> {
     Some(newton_per_volt)
 }
 
-/// A driver that can't play a role.
+/// Returns the error of a driver that can't play a role.
 pub(super) fn unfit(role: &str, driver: &str) -> DeviceError {
     let problem = device::DeviceProblem::Mismatch(format!("\"{driver}\" can't be used for this device"));
     DeviceError { device: role.to_owned(), doing: "opening it".to_owned(), problem }

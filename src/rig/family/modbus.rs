@@ -22,7 +22,7 @@ pub const FAMILY: Family = Family {
     array: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_array }),
 };
 
-/// The range of the emulated transmitters over the specimen's force limit.
+/// Ratio of the emulated transmitters' range to the specimen's force limit.
 const RANGE_OVER_LIMIT: f64 = 2.5;
 
 keys! {
@@ -47,7 +47,7 @@ fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
     Some(Arc::new(Array(read_map(table, "outputs", |profile| profile.outputs.is_some(), beside)?)))
 }
 
-/// `modbus = "NAME"`, a map that came with the program or a file beside the rig's.
+/// Reads `modbus = "NAME"`: a map that is part of the program, or a file in the rig's folder.
 fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: Beside) -> Option<MappedDevice> {
     let span = table.span_of(&driver::modbus);
     let name = table.text(&driver::modbus)?;
@@ -149,7 +149,7 @@ impl ArrayDriver for Array {
 }
 
 impl MappedDevice {
-    /// The link decides the framing; a simulated one is protocol of the device.
+    /// Returns the framing that the link requires. For a simulated link it is the device's protocol.
     fn transport(&self, link: &Link) -> Transport {
         match link {
             Link::Serial { .. } => Transport::Rtu,

@@ -44,7 +44,7 @@ keys! {
     }
 }
 
-/// The command and its arguments.
+/// Command and its arguments.
 #[derive(Debug)]
 struct Program(Vec<String>);
 

@@ -20,7 +20,7 @@ pub const FAMILY: Family = Family {
     array: None,
 };
 
-/// Where the axes are after their search for home (VP-25XL: its switch is in the middle), mm.
+/// Position of the axes after their search for home (VP-25XL: its switch is in the middle), mm.
 const HOME_MM: f64 = 0.0;
 
 keys! {
@@ -73,7 +73,7 @@ fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
     Some(Arc::new(LoadCell(Guard { input: input?, newton_per_volt: newton_per_volt? })))
 }
 
-/// The load cell, where it is on an XPS.
+/// Returns the load cell if it is on an XPS.
 fn cell_of(rig: &RigSpec) -> Option<&LoadCell> {
     as_a(&*rig.load_cell.driver)
 }
@@ -130,7 +130,7 @@ impl LoadCellDriver for LoadCell {
         Ok(AnyLoadCell::Xps(XpsAnalog::new(dial(), link, input, *newton_per_volt, hz, wiring.origin)))
     }
 
-    /// Another socket of the stage's own controller.
+    /// Returns another socket of the stage's own controller.
     fn emulated(&self, _: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
         Ok(stage.clone())
     }

@@ -51,7 +51,7 @@ struct Channel {
     error: f64,
 }
 
-/// What a channel of a unit reads.
+/// Quantity that a channel of a unit reads.
 #[derive(Clone, Copy, PartialEq)]
 enum Reads {
     /// The response itself, on the first channel.
@@ -214,7 +214,7 @@ impl Skin {
 }
 
 impl Reads {
-    /// What a newton at a place does to a channel of a unit at another.
+    /// Response of a unit's channel to 1 N at another place.
     #[inline]
     fn of(self, response: &Response, unit: Place, load: Place) -> f64 {
         let distance_mm = load.distance_mm(unit);
@@ -231,7 +231,7 @@ impl Reads {
     }
 }
 
-/// Uniform draws either way of 0 that belong to the specimen; none are made where there is nothing to spread.
+/// Uniform draws around 0 that belong to the specimen. If the spread is zero, nothing is drawn.
 struct Spread {
     most: f64,
     rng: Stream,
@@ -256,7 +256,7 @@ fn passage(spec: &SkinSpec, elastomer: Elastomer) -> Passage {
     }
 }
 
-/// The same response at another depth; its table is shared where that is the same.
+/// Returns the response at another depth. If the depth is the same, the table is shared.
 fn deepened(nominal: &Response, times: f64) -> Response {
     let passage = *nominal.passage();
     if times == 1.0 {
@@ -266,7 +266,7 @@ fn deepened(nominal: &Response, times: f64) -> Response {
     }
 }
 
-/// What the drifts make of a unit's gain, times.
+/// Factor of the drifts for a unit's gain.
 fn drift(faults: &[TaxelFault], unit: usize) -> f64 {
     let of_unit = faults.iter().filter(|fault| fault.unit == unit);
     of_unit.fold(1.0, |gain, fault| match fault.kind {

@@ -116,8 +116,8 @@ impl Converter {
     }
 }
 
-/// As `f64::round`, to the last bit, of what is within 2^51: by sums alone, which a processor does several at a time, where
-/// `round` may be a call of the C library and a quarter of a reading's time.
+/// Same result as `f64::round`, to the last bit, for values within 2^51. It uses only additions, which a processor does several
+/// at a time. `round` may be a call of the C library that takes a quarter of a reading's time.
 #[inline]
 fn nearest(x: f64) -> f64 {
     const ONES: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: next to it floats are whole numbers

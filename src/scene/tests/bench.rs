@@ -3,7 +3,7 @@
 
 use super::*;
 
-/// The cell of [`plain`] replaced, in air.
+/// Scene of [`plain`] with another cell, in air.
 fn in_air(cell: LoadCell) -> Scene {
     scene(SceneSpec { load_cell: Some(cell), ..plain() }, 1)
 }

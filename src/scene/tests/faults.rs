@@ -9,7 +9,7 @@ fn with_faults(faults: &[(FaultKind, f64, Option<f64>)]) -> Scene {
     scene(SceneSpec { load_cell: Some(CELL), relaxation: vec![], faults, ..plain() }, 1)
 }
 
-/// A scene pressed 0.5 mm from 1 s on, with a fault of a kind from 2 s on, and its true force before.
+/// Scene pressed 0.5 mm from 1 s on, with a fault of a kind from 2 s on. Also returns the true force before the fault.
 fn pressed_with(kind: FaultKind, value: Option<f64>) -> (Scene, f64) {
     let mut scene = with_faults(&[(kind, 2.0, value)]);
     go(&mut scene, 0.5, 10.0, 100.0, 0.0);
@@ -17,14 +17,14 @@ fn pressed_with(kind: FaultKind, value: Option<f64>) -> (Scene, f64) {
     (scene, force_n)
 }
 
-/// Readings of 200 conversions in a row from `from_s` on: mean and standard deviation, N.
+/// Mean and standard deviation of 200 successive conversions from `from_s` on, N.
 fn readings(scene: &mut Scene, from_s: f64) -> (f64, f64) {
     let readings: Vec<f64> = (0..200).map(|i| scene.load_cell_n(from_s + f64::from(i) * 0.005)).collect();
     let mean = readings.iter().sum::<f64>() / 200.0;
     (mean, (readings.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / 200.0).sqrt())
 }
 
-/// Mean and standard deviation of the readings before and with a fault, and the true force.
+/// Mean and standard deviation of the readings before and during a fault, and the true force.
 fn before_and_after(kind: FaultKind, value: Option<f64>) -> ((f64, f64), (f64, f64), f64) {
     let (mut scene, force_n) = pressed_with(kind, value);
     let before = readings(&mut scene, 0.9);

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A scene whose load cell converts `hz` times a second, seen through `cell`, on a spring that bears at once.
+/// Scene whose load cell converts `hz` times per second, read through `cell`, on a spring that carries force at once.
 fn with_cell(cell: LoadCell, hz: f64) -> Scene {
     let contact = ContactLaw { linear_n_mm: 1.0, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
     let spec = SceneSpec { contact, load_cell: Some(cell), relaxation: vec![], ..plain() };
@@ -10,7 +10,7 @@ fn with_cell(cell: LoadCell, hz: f64) -> Scene {
     Scene::new(spec, Surroundings { conversions_hz: hz, ..setting }, 1)
 }
 
-/// Puts a newton on the specimen of [`with_cell`] at once.
+/// Applies 1 N to the specimen of [`with_cell`] at once.
 fn step(scene: &mut Scene, now_s: f64) {
     scene.set_motion(Axis::Z, Trajectory::at_rest(-1.0), now_s);
 }

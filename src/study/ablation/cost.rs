@@ -13,10 +13,11 @@ use serde::Serialize;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-/// Readings of one pass, and passes of which the shortest counts: other programs only add to them.
+/// Number of readings in one pass. The second constant is the number of passes. The shortest pass counts, because other programs
+/// only make passes longer.
 const READINGS: usize = 1000;
 const PASSES: usize = 60;
-/// The same of the loop's walks, and presses along a side.
+/// Number of the loop's walks. The second constant is the number of presses along a side.
 const WALKS: usize = 5;
 const SIDE: usize = 5;
 
@@ -76,7 +77,7 @@ fn cost(term: &'static str, cost: &'static str, [off, on]: [f64; 2]) -> Cost {
     Cost { study: "ablation", term, cost, off: round(off, 1), on: round(on, 1), ratio: round(on / off, 3) }
 }
 
-/// The least of many passes over the same contacts, in turns: a machine that gets busy slows both.
+/// Shortest time of many passes over the same contacts, ns per reading. The two skins alternate, so a busy machine slows both.
 fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
     let mut skins = skins.map(|spec| Skin::new(spec, &rig.array.layout, rig.limits.force_n, 1));
     skins.iter_mut().for_each(|skin| skin.draw_contact(&mut stream(1, 0, "taxel noise")));

@@ -83,10 +83,10 @@ impl AblationFindings {
     }
 }
 
-/// What one try came to, by question; none where it wasn't asked, or has no answer.
+/// Results of one try, in the order of the questions. `None` if the question wasn't asked or has no answer.
 type Answers = [Option<f64>; QUESTIONS.len()];
 
-/// One try: a term other than in the base, or none, on one thing with one seed.
+/// One try on one subject with one seed. At most one term differs from the base.
 #[derive(Clone, Copy)]
 struct Job {
     term: Option<usize>,
@@ -120,7 +120,7 @@ pub fn ablation(size: AblationSize, seed: u64, told: Told<'_>) -> Result<Ablatio
     Ok(AblationFindings { size, rows, costs })
 }
 
-/// What takes longest first, so that no processor waits for another at the end.
+/// Returns the jobs, the longest first, so that no processor has to wait for another at the end.
 fn jobs(size: AblationSize) -> Vec<Job> {
     let tried = |on| {
         let terms = TERMS.iter().enumerate().filter(move |(_, term)| term.touches(on)).map(|(index, _)| Some(index));

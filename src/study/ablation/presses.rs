@@ -5,7 +5,7 @@ use crate::control::Strategy;
 use crate::rig::RigSpec;
 use crate::study::{Condition, Part, StudyError};
 
-/// The paper's calibration force and the tolerance of its loop, N.
+/// Calibration force of the paper, and tolerance of its loop, N.
 const FORCE_N: f64 = 1.0;
 const TOLERANCE_N: f64 = 0.05;
 

@@ -13,15 +13,16 @@ use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 
-/// From one press to the next, s, of a calibration and of the paper's 100 test presses: what the base's own loop takes.
+/// Time from one press to the next, s, of a calibration and of the paper's 100 test presses. It is the time that the base's own
+/// loop takes.
 const PRESS_S: f64 = 1.1;
 const PAPERS_TESTS: f64 = 100.0;
-/// The paper's staircases: steps up and steps of each, N; how often, and how long the specimen rests between, s.
+/// Staircases of the paper: height of a step, N; number of steps; number of repetitions; rest of the specimen between them, s.
 const STEP_N: f64 = 0.5;
 const STEPS: usize = 4;
 const REPEATS: usize = 5;
 const REST_S: f64 = 300.0;
-/// How long the load cell's conversions are averaged, s.
+/// Time over which the load cell's conversions are averaged, s.
 const WINDOW_S: f64 = 0.1;
 const HOUR_S: f64 = 3600.0;
 
@@ -49,7 +50,8 @@ pub fn methods(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> R
     Ok([parts[0][0], parts[0][1], parts[1][0], parts[1][1], parts[2][0], parts[2][1]])
 }
 
-/// Mean location and force error; none unless every reading has an answer: a mean over fewer is of other contacts.
+/// Mean location and force errors. `None` unless every reading has an answer, because a mean over fewer readings would be for
+/// other contacts.
 fn mean_errors(
     test: &KnownReadings,
     mut solve: impl FnMut(&[f64]) -> Result<(Place, f64), SolveError>,
@@ -86,8 +88,8 @@ pub fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
     ]
 }
 
-/// A specimen that is pressed again and again. Each term draws from a stream of its own, so that a try without one draws all
-/// else alike.
+/// Specimen that is pressed repeatedly. Each term draws from its own random stream. So a try without a term draws the same values
+/// for all other terms.
 struct Specimen<'a> {
     model: &'a Model,
     skin: Skin,
@@ -126,7 +128,7 @@ impl<'a> Specimen<'a> {
         }
     }
 
-    /// What is read of some touches, one every so many seconds. The truth is what was asked for.
+    /// Returns the readings of some touches, at intervals of `each_s` seconds. The truth is the requested contact.
     fn readings(&mut self, touches: &[Touch], each_s: f64) -> KnownReadings {
         let units = self.skin.len();
         let mut outputs = vec![0.0; units * touches.len()];
@@ -140,7 +142,7 @@ impl<'a> Specimen<'a> {
         KnownReadings { units, truths: touches.iter().map(truth).collect(), outputs }
     }
 
-    /// One staircase above a unit, after a rest: zero, up to full scale and back, one contact.
+    /// Returns one staircase above a unit after a rest: zero, up to full scale and back, in one contact.
     fn staircase(&mut self, unit: usize, place: Place) -> Vec<HeldLevel> {
         self.wander(REST_S);
         let mut outputs = vec![0.0; self.skin.len()];
@@ -166,7 +168,7 @@ impl<'a> Specimen<'a> {
         held
     }
 
-    /// Time goes by.
+    /// Advances the time.
     fn wander(&mut self, for_s: f64) {
         let sd = self.model.drift_percent / 100.0 * self.full_scale_n * (for_s / HOUR_S).sqrt();
         for zero in self.zeros.iter_mut().filter(|_| sd > 0.0) {
@@ -174,7 +176,7 @@ impl<'a> Specimen<'a> {
         }
     }
 
-    /// A contact begins.
+    /// Begins a contact.
     fn touch(&mut self) {
         self.skin.draw_contact(&mut self.noise);
         if let Some(percents) = &self.model.noise_of_reading_percent {
@@ -184,7 +186,7 @@ impl<'a> Specimen<'a> {
         }
     }
 
-    /// What the loop makes of a force that it is asked for.
+    /// Force that the loop reaches for a requested force, N.
     fn reached_n(&mut self, force_n: f64) -> f64 {
         let within_n = self.model.force_tolerance_n;
         if within_n == 0.0 { force_n } else { force_n + self.reached.random_range(-within_n..=within_n) }

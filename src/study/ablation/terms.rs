@@ -84,7 +84,7 @@ impl Term {
         changed
     }
 
-    /// The base with the term off if it is on there, and on if it is off.
+    /// Returns the base with the term switched: off if it is on in the base, on if it is off.
     pub(super) fn other_than(&self, base: &Model) -> Model {
         self.set(base, !self.in_base)
     }

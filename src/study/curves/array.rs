@@ -4,8 +4,8 @@ use crate::mechanics::{Passage, Response};
 use crate::quantity::{ArrayLayout, Place};
 use crate::solver::correlation;
 
-/// Readings whose variance is less than this share of their power are all alike: that is a ten-thousandth of each, far below any
-/// noise, and what is computed of the rest is rounded to less than a rise that counts.
+/// Ratio of the readings' variance to their power below which all readings count as equal. It corresponds to a ten-thousandth of
+/// each reading, far below any noise. Above it, the rounding error of the results is below a rise that counts.
 const ALIKE: f64 = 1e-8;
 
 /// An array: the positions of its units, and each unit's reading of a contact.
@@ -66,7 +66,7 @@ impl Array {
         Some(Aim { array: self, pattern })
     }
 
-    /// All that r, its slope and its bend are made of, in one pass over the units.
+    /// Returns all sums for r, its slope and its curvature, in one pass over the units.
     #[inline]
     fn sums(&self, at: Place, direction_rad: f64, weight: impl Fn(usize) -> f64) -> Sums {
         let (sin, cos) = direction_rad.sin_cos();
@@ -93,7 +93,7 @@ impl Array {
     }
 }
 
-/// Sums over the units at one contact: of readings, and of what they change by per mm in a direction.
+/// Sums over the units at one contact: of readings, and of their change per mm in a direction.
 #[derive(Default)]
 struct Sums {
     count: f64,
@@ -109,7 +109,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// The sum of the squares of the readings less their mean; none where they are all alike.
+    /// Sum of the squares of the readings minus their mean; `None` if all readings are equal.
     fn power(&self) -> Option<f64> {
         let power = self.squares - self.readings * self.readings / self.count;
         (power > ALIKE * self.squares).then_some(power)

@@ -9,30 +9,30 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 
-/// The receptive field, depths (its section 2).
+/// Receptive field, in depths (paper section 2).
 const FIELD: f64 = 2.0;
-/// Less than this of a peak is near 0; more than that isn't.
+/// Fraction of a peak below which a value is near 0. Above the second value it isn't near 0.
 const NEAR_ZERO: (f64, f64) = (0.01, 0.05);
-/// Curves that differ by less than this are very close; by more than that they aren't.
+/// Difference below which two curves are very close. Above the second value they aren't.
 const CLOSE: (f64, f64) = (0.01, 0.1);
-/// The paper's array: units along a side, pitch and depth, and the half side of the loading area, mm.
+/// Array of the paper: units along a side, pitch and depth, and half the side of the loading area, mm.
 const SIDE: usize = 3;
 const PITCH_MM: f64 = 4.5;
 const DEPTH_MM: f64 = 5.0;
 const HALF_MM: f64 = 6.0;
-/// A place that is well off a load beside it, mm: as far as the corners are from the centre, and a little more.
+/// Distance of a place that is well away from a load, mm. It is slightly more than the distance of the corners from the centre.
 const OFF_MM: f64 = 7.5;
-/// Ways that are walked over the paper's array.
+/// Number of paths that are followed over the paper's array.
 const RAYS: usize = 6000;
 /// Poisson's ratio of silicone rubber.
 const POISSON_RATIO: f64 = 0.49;
-/// A half-space that is wrong by less than this says what a bonded layer does.
+/// Largest relative error at which a half-space still predicts the behaviour of a bonded layer.
 const ALIKE: f64 = 0.1;
 
-/// A distance that is small, depths.
+/// Distance that counts as small, depths.
 const SMALL: f64 = 0.01;
 
-/// What became of a claim: it is as the paper says, or so within a bound that the paper doesn't give, or it isn't.
+/// Verdict on a claim: it holds as in the paper, it holds within a bound that the paper doesn't give, or it fails.
 fn verdict(holds: bool, bounded: bool) -> &'static str {
     match (holds, bounded) {
         (true, _) => "holds",
@@ -118,7 +118,7 @@ fn two_units() -> Claim {
     }
 }
 
-/// The turning of r on a line as in Figure 4, and r there.
+/// Turning of r on a line as in Figure 4, and r at the turning.
 fn figure_4_turning(n: usize, s: f64) -> Option<(f64, f64)> {
     let line = Array::line(n, s);
     let d = walk_right(&line, 0.0, FIGURE_4_TO).turning_mm?;

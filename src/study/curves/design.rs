@@ -14,21 +14,22 @@ use thiserror::Error;
 /// Standard deviation of a unit's error if a rig states no noise, reading units: a third of the mean of the paper's Table 1, as a
 /// fraction of 2 N.
 pub const ASSUMED_SD: f64 = 0.0129;
-/// The loading area goes beyond the outermost units by this share of the pitch, as the paper's does.
+/// Distance of the loading area's edge beyond the outermost units, as a fraction of the pitch, as in the paper.
 const MARGIN: f64 = 1.0 / 3.0;
-/// What the paper's rule asks of a line: units, and spacing in depths.
+/// Requirements of the paper's rule for a line: number of units, and spacing in depths.
 const RULE: (usize, f64) = (5, 1.0);
-/// Units this much of a pitch off a line are on it.
+/// Largest distance of a unit from a line at which it counts as on the line, as a fraction of the pitch.
 const ON_LINE: f64 = 0.25;
-/// First contacts along the row, and points of each curve.
+/// Number of first contacts along the row, and of points of each curve.
 const STARTS: usize = 6;
 const POINTS: usize = 240;
-/// Readings that are computed for the ways over the area, at most, and ways at least.
+/// Largest number of readings that are computed for the paths over the area. The second constant is the least and the largest
+/// number of paths.
 const READINGS: f64 = 3e6;
 const RAYS: (usize, usize) = (400, 8000);
-/// Contacts over which the bound is a mean.
+/// Number of contacts over which the bound is averaged.
 const CONTACTS: usize = 2000;
-/// How far the receptive field is drawn, depths.
+/// Distance up to which the receptive field is drawn, depths.
 const FIELD_TO: f64 = 3.0;
 
 /// Reason why an array can't be studied.
@@ -196,7 +197,7 @@ impl Design {
         }
     }
 
-    /// The units on a line along x or y with the unit in the middle, whichever line has more.
+    /// Returns the units on a line along x or y through the unit in the middle. It takes the line with more units.
     fn row(&self) -> (Vec<Place>, bool) {
         let places = self.layout.places();
         let middle = Area::around(places, 0.0).at(0.5, 0.5);
@@ -210,7 +211,7 @@ impl Design {
         if column.len() > row.len() { (column, true) } else { (row, false) }
     }
 
-    /// r along the row, from first contacts that are evenly spread from edge to edge.
+    /// Returns r along the row, from first contacts that are evenly spaced from edge to edge.
     fn courses(&self, array: &Array, row: &[Place], is_column: bool) -> Vec<Course> {
         let mean = |along: fn(&Place) -> f64| row.iter().map(along).sum::<f64>() / row.len().max(1) as f64;
         let beside_mm = if is_column { mean(|place| place.x_mm) } else { mean(|place| place.y_mm) };
@@ -226,7 +227,7 @@ impl Design {
         starts.map(course).collect()
     }
 
-    /// As many ways as a large array leaves time for.
+    /// Number of paths. A large array leaves time for fewer.
     fn rays(&self) -> usize {
         let Area { x_mm, y_mm } = self.area;
         let step_mm = self.pitch_mm.min(self.elastomer.depth_mm) / 20.0;
@@ -297,7 +298,7 @@ impl DesignFindings {
     }
 }
 
-/// The smallest distance between two units, mm.
+/// Smallest distance between two units, mm.
 fn pitch_mm(places: &[Place]) -> Result<f64, DesignError> {
     let mut least_mm = f64::INFINITY;
     for (second, place) in places.iter().enumerate() {

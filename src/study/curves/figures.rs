@@ -5,17 +5,17 @@ use super::{Curves, DesignFindings};
 use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
 use crate::mechanics::lambda;
 
-/// A figure: its file's name and the SVG.
+/// Figure: its file name and the SVG.
 type Drawn = (String, String);
 
-/// Neighbours among the curves differ in colour, and the second with a colour is broken.
+/// Colours of the curves. Neighbouring curves differ in colour, and the second curve of a colour is dashed.
 const HUES: [Hue; 7] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Red, Hue::Teal, Hue::Purple, Hue::Brown];
-/// One panel across; in a grid marks are small.
+/// Grid of one panel per row. In a grid, marks are small.
 const GRID: Option<Grid> = Some(Grid { columns: 1, width_px: 900.0, shared: false });
 const HEIGHT_PX: f64 = 460.0;
-/// Curves that are named in a line of the legend.
+/// Number of curves in a line of the legend.
 const NAMES: usize = 7;
-/// What is marked on curves.
+/// Explanation of the marks on curves.
 const TURNS: &str = "dots: where r turns and rises again";
 
 fn line(index: usize) -> Look {
@@ -176,13 +176,13 @@ fn courses(found: &DesignFindings) -> Figure {
     }
 }
 
-/// From 1, with room for words above, down to the lowest.
+/// Axis of r from 1, with room for text above, down to the lowest value.
 fn r_axis<'a>(points: impl Iterator<Item = &'a (f64, Option<f64>)>) -> ChartAxis {
     let least = points.filter_map(|(_, r)| *r).fold(-0.2, f64::min);
     ChartAxis::linear("Pearson's r", (least - 0.05, 1.12))
 }
 
-/// A curve, in pieces where r is 0/0 or steps from one end of its range toward the other.
+/// Returns the marks of a curve. The curve is split where r is 0/0, or jumps from one end of its range toward the other.
 fn joined(look: Look, points: &[(f64, Option<f64>)]) -> Vec<Mark> {
     let (mut pieces, mut piece): (Vec<Mark>, Vec<(f64, f64)>) = (Vec::new(), Vec::new());
     for (x, r) in points {
@@ -197,7 +197,7 @@ fn joined(look: Look, points: &[(f64, Option<f64>)]) -> Vec<Mark> {
     pieces
 }
 
-/// r at the point of a curve that is nearest to a place: near enough for a mark.
+/// Value of r at the point of a curve nearest to a place, which is accurate enough for a mark.
 fn nearest(points: &[(f64, Option<f64>)], place: f64) -> Option<f64> {
     points.iter().min_by(|a, b| (a.0 - place).abs().total_cmp(&(b.0 - place).abs()))?.1
 }

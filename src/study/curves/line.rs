@@ -12,11 +12,11 @@ pub const FIGURE_4_TO: f64 = 2.0;
 pub const FIGURE_5_TO: f64 = 8.0;
 /// Units of Figures 4b and 5.
 pub const UNITS: usize = 9;
-/// From one point of a curve to the next, depths.
+/// Distance between points of a curve, depths.
 const STEP: f64 = 0.025;
-/// Step of a walk in which no turn is missed, depths.
+/// Step of a walk that misses no turn, depths.
 const WALK_STEP: f64 = 0.02;
-/// How far Figure 3 goes.
+/// End of Figure 3, depths.
 const FIGURE_3_TO: f64 = 3.0;
 
 /// r of two contacts on a line of units, as a function of the second contact's position; all in depths H.

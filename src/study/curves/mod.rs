@@ -53,7 +53,7 @@ impl Curves {
     }
 }
 
-/// One line of rows.
+/// Formats one line of rows.
 fn row(part: &'static str, of: &impl Serialize) -> String {
     #[derive(Serialize)]
     struct Row<'a, T> {

@@ -6,17 +6,18 @@ use crate::quantity::Place;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// r that rises by less than this over a depth doesn't rise: far below what could be read, above what a table rounds.
+/// Least increase of r over a depth that counts as rising. It is far below any readable change, and above the rounding of a
+/// table.
 const RISING: f64 = 1e-6;
 /// Value of r above which two contacts can't practically be distinguished.
 pub const NEAR_R: f64 = 0.99;
-/// By how much a step is smaller where a turning is looked at closer.
+/// Factor by which the step is smaller when a turning is examined more closely.
 const FINER: f64 = 2.0;
-/// How many of the rays that turn first are followed up.
+/// Number of rays that are examined further: those that turn first.
 const FOLLOWED: usize = 12;
-/// Rounds in which what is sought is varied along each coordinate, both ways: at most, and at least.
+/// Largest and least number of rounds. In each round the unknowns are varied along each coordinate, in both directions.
 const ROUNDS: (usize, usize) = (500, 4);
-/// Readings that are computed in a search, which bounds the rounds of a large array.
+/// Number of readings that are computed in a search. It limits the rounds for a large array.
 const SEARCH_READINGS: f64 = 3e7;
 
 /// Area of possible contacts, mm.
@@ -45,7 +46,7 @@ impl Area {
         Place::new(between(self.x_mm, across), between(self.y_mm, up))
     }
 
-    /// How far it is from a place inside to the edge; negative from a place outside.
+    /// Distance from a place inside to the edge, mm; negative for a place outside.
     fn reach_mm(&self, from: Place, direction_rad: f64) -> f64 {
         let (sin, cos) = direction_rad.sin_cos();
         let along = |(first, last): (f64, f64), at: f64, speed: f64| {
@@ -85,7 +86,7 @@ pub struct ArrayWalk {
 }
 
 impl Array {
-    /// A step that doesn't miss a turn, mm: a small part of what the readings vary over.
+    /// Step that misses no turn, mm: a small fraction of the distance over which the readings vary.
     fn step_mm(&self, pitch_mm: f64) -> f64 {
         pitch_mm.min(self.response().passage().depth_mm) / 20.0
     }
@@ -189,7 +190,7 @@ pub fn spread(point: usize) -> [f64; 3] {
     [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_1].map(|by| (by * point as f64).fract())
 }
 
-/// The first turning near one, in place and direction.
+/// Returns the first turning near the given one, in place and direction.
 fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turning {
     let distance_mm = |[x_mm, y_mm, direction_rad]: &[f64; 3]| {
         let from = Place::new(*x_mm, *y_mm);

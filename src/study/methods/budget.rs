@@ -14,18 +14,20 @@ use rand::RngExt;
 pub const BUDGET: &str = "calibration presses";
 /// Numbers of presses along a side of the square, the largest first because it takes longest.
 pub const SIDES: [usize; 8] = [25, 19, 13, 9, 7, 5, 4, 3];
-/// Specimens, each calibrated once with each number of presses, and contacts that each calibration is tested with.
+/// Number of specimens. Each specimen is calibrated once with each number of presses. The second constant is the number of
+/// contacts that test each calibration.
 const SPECIMENS: usize = 6;
 const TESTS: usize = 1000;
-/// The same for a first look.
+/// Sides, specimens and tests for a quick look.
 const QUICK: (&[usize], usize, usize) = (&[7, 5, 3], 1, 60);
 /// Time from one calibration press to the next, s. It is the median of `palpate study control` for places 0.5 mm apart, by the
 /// strategy `map` on the fast bench, 10 mN.
 pub const PRESS_S: f64 = 0.755;
-/// Of recorded presses: the fewest that a calibration is made of, and how many choices of each number are calibrated with.
+/// Least number of recorded presses for a calibration. The second constant is the number of random choices for each number of
+/// presses.
 const FEWEST: usize = 9;
 const CHOICES: usize = 3;
-/// How one specimen differs from the next: gains % and depths %, and places mm.
+/// Differences between specimens: gains in %, depths in %, and places in mm.
 const GAIN_SPREAD_PERCENT: f64 = 20.0;
 const DEPTH_SPREAD_PERCENT: f64 = 5.0;
 const PLACE_SPREAD_MM: f64 = 0.1;
@@ -111,8 +113,8 @@ pub fn budget_of(trial: &MethodTrial, quick: bool, seed: u64, told: Told<'_>) ->
     Ok(rows)
 }
 
-/// So many presses, each as far as can be from all before it, beginning with the one given: any number of the first of them is
-/// spread over the whole area.
+/// Returns `count` presses, beginning with the given one. Each is as far as possible from all earlier ones. So any number of the
+/// first presses covers the complete area.
 fn spread_out(calibration: &Calibration, first: usize, count: usize) -> Vec<usize> {
     let places: Vec<Place> = calibration.points().map(|point| point.place).collect();
     let mut nearest_mm = vec![f64::INFINITY; places.len()];
@@ -129,7 +131,7 @@ fn spread_out(calibration: &Calibration, first: usize, count: usize) -> Vec<usiz
     order
 }
 
-/// What every method made of one calibration.
+/// Results of all methods for one calibration.
 struct Tried {
     tallies: Vec<Tally>,
     least: Option<MeanBound>,

@@ -124,9 +124,9 @@ pub const MEANINGS: [&str; 4] = [
      depths ±5 %; layer bonded to a rigid base, Poisson's ratio 0.49; all of these.",
 ];
 
-/// The least and the largest size of a spike, N: what a unit reads of such a force straight above.
+/// Least and largest size of a spike, N: the reading of a unit for this force directly above it.
 const SPIKE_N: (f64, f64) = (0.2, 10.0);
-/// A second contact presses as hard as the first, N.
+/// Force of each of two contacts, N. The second contact presses as hard as the first.
 const EACH_N: f64 = 0.5;
 
 const fn harm(kind: Kind, name: &'static str, label: &'static str, spread: Spread, values: &'static [f64]) -> Harm {
@@ -214,7 +214,7 @@ impl Harm {
     }
 }
 
-/// Lets each unit's gain go evenly from 1 to an end of its own, whose standard deviation is given.
+/// Changes each unit's gain linearly from 1 to its own random end value. The standard deviation of the end values is given.
 fn age(readings: &mut KnownReadings, sd: f64, rng: &mut Stream) {
     let ends: Vec<f64> = (0..readings.units).map(|_| sd * rng.sample::<f64, _>(StandardNormal)).collect();
     let last = readings.truths.len().saturating_sub(1).max(1) as f64;
@@ -223,7 +223,8 @@ fn age(readings: &mut KnownReadings, sd: f64, rng: &mut Stream) {
     }
 }
 
-/// Adds a spike to one unit of such a share of the readings. Its size is over s in a share of 1/s of them: a heavy tail.
+/// Adds a spike to one unit in a fraction `share` of the readings. A fraction of 1/s of the spikes is larger than s times the
+/// least size, which is a heavy tail.
 fn add_spikes(readings: &mut KnownReadings, share: f64, rng: &mut Stream) {
     let units = readings.units;
     for outputs in readings.outputs.chunks_exact_mut(units) {
@@ -237,7 +238,7 @@ fn add_spikes(readings: &mut KnownReadings, share: f64, rng: &mut Stream) {
     }
 }
 
-/// A contact moved straight out to the edge of the grid and so far beyond it, mm.
+/// Moves a contact straight outward to the edge of the grid and `beyond_mm` beyond it.
 fn beyond(touch: Touch, beyond_mm: f64) -> Touch {
     let Place { x_mm, y_mm } = touch.place;
     let far_mm = x_mm.abs().max(y_mm.abs()).max(f64::MIN_POSITIVE);
@@ -245,7 +246,7 @@ fn beyond(touch: Touch, beyond_mm: f64) -> Touch {
     Touch { place: Place::new(times * x_mm, times * y_mm), ..touch }
 }
 
-/// Two contacts so far apart, mm, both on the grid.
+/// Returns two contacts that are `apart_mm` apart, both on the grid.
 fn pair(apart_mm: f64, rng: &mut Stream) -> Touch {
     let mut coordinate = || rng.random_range(-HALF_MM..=HALF_MM);
     loop {
@@ -258,7 +259,7 @@ fn pair(apart_mm: f64, rng: &mut Stream) -> Touch {
     }
 }
 
-/// Turns on one of the physical terms, or all.
+/// Switches on one of the physical terms, or all terms.
 fn add_terms(skin: &mut SkinSpec, which: usize) {
     const ALL: usize = 5;
     let has = |term: usize| which == term || which == ALL;

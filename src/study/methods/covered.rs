@@ -25,7 +25,7 @@ pub struct Covered {
     force: Count,
 }
 
-/// Of so many, those within each of what is stated.
+/// Number of answers, and number of answers within each stated half-width.
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
     of: usize,

@@ -11,13 +11,13 @@ use crate::scene::{NoiseOf, Skin, SkinSpec, TaxelFaultKind};
 use crate::solver::Covariance;
 use nalgebra::Matrix3;
 
-/// Half the way over which a slope is taken, mm.
+/// Half of the distance over which a slope is calculated, mm.
 const STEP_MM: f64 = 1e-3;
-/// A covariance larger than this is a matrix without an inverse, mm^2 and N^2.
+/// Largest covariance, mm^2 and N^2. If it is larger, the matrix has no inverse.
 const MOST: f64 = 1e6;
 
-/// Standard deviation of a unit's error, reading units: of the noise, and of the converter's rounding (a step over the root of
-/// 12). None: the unit says nothing.
+/// Standard deviation of a unit's error, reading units. It contains the noise and the converter's rounding (a step divided by the
+/// square root of 12). `None` if the unit gives no information.
 fn error_sd(spec: &SkinSpec, full_scale_n: f64, unit: usize, reading: f64) -> Option<f64> {
     for fault in spec.faults.iter().filter(|fault| fault.unit == unit + 1) {
         match fault.kind {

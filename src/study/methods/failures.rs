@@ -8,12 +8,12 @@ use crate::quantity::stream;
 use crate::solver::Setting;
 use crate::study::{StudyError, Told, carried_out};
 
-/// Calibration presses along a side, and contacts at each value of each condition.
+/// Number of calibration presses along a side, and number of contacts at each value of each condition.
 const SIZE: (usize, usize) = (25, 1000);
-/// The same for a first look, which tries the first and the last value of each condition.
+/// Numbers for a quick look, which tries only the first and the last value of each condition.
 const QUICK: (usize, usize) = (5, 40);
 
-/// What is calibrated once, and all that is tried on it.
+/// Specimen that is calibrated once, and all conditions that are tried on it.
 struct Job {
     noise: NoiseReference,
     calibrated: Specimen,

@@ -44,7 +44,7 @@ pub fn of_tables(calibration: &Presses, test: &Presses) -> Result<MethodTrial, E
     Ok(trial(test.source.clone(), selection.calibration(&LOAD_CELL, ForceKnown::default())?, readings, None))
 }
 
-/// The presses to solve with what is true of them.
+/// Returns the presses to solve, with their true values.
 fn readings(test: &Selection<'_>, calibration: &Selection<'_>, channels: usize) -> KnownReadings {
     let presses = test.to_solve(&LOAD_CELL, calibration.knows(&LOAD_CELL));
     let truth = |press: &TestPress<'_>| KnownContact { place: press.place, force_n: press.force_n, second: None };
@@ -60,7 +60,7 @@ fn trial(scene: String, calibration: Calibration, test: KnownReadings, layout: O
     MethodTrial { told: scene.clone(), scene, layout: layout.cloned(), calibration, test, least }
 }
 
-/// The errors that `surrogate` states of its answers, on the average of those that state any; none if it has none.
+/// Mean of the errors that `surrogate` states for its answers; `None` if it states none.
 fn stated(calibration: &Calibration, test: &KnownReadings, layout: Option<&ArrayLayout>) -> Option<MeanBound> {
     let solver = fit("surrogate", calibration, &Setting::of_layout(layout)).ok()?;
     let mut workspace = Workspace::default();

@@ -18,10 +18,10 @@ pub const HALF_MM: f64 = 6.0;
 /// Depth of the paper's taxels, mm.
 pub const DEPTH_MM: f64 = 5.0;
 
-/// The paper's array: units along a side, and from one to the next, mm.
+/// Array of the paper: units along a side, and distance from one unit to the next, mm.
 const SIDE: usize = 3;
 const PITCH_MM: f64 = 4.5;
-/// Beside a noise that grows with the reading, reading units: 1 mV at 1 V a newton.
+/// Noise floor in addition to a noise that grows with the reading, reading units: 1 mV at 1 V per newton.
 const FLOOR: f64 = 0.001;
 /// 16 bits over 10 V in either direction, at 1 V per newton.
 pub const CONVERTER: Converter = Converter { bits: 16, range: 10.0 };

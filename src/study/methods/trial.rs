@@ -211,19 +211,19 @@ impl MethodRow {
     }
 }
 
-/// Some errors, summed up.
+/// Returns a summary of some errors.
 fn summed(errors: &[f64]) -> Option<ErrorSummary> {
     // an answer far out of any scene would make a sum that JSON can't hold
     let ErrorSummary { mean, median, p95, max } = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
     Some(ErrorSummary { mean: grain(mean), median: grain(median), p95: grain(p95), max: grain(max) })
 }
 
-/// 1.96 standard errors of the mean.
+/// Returns 1.96 standard errors of the mean.
 fn within(errors: &[f64]) -> Option<f64> {
     Some(1.96 * errors.std_dev() / (errors.len() as f64).sqrt()).filter(|within| within.is_finite())
 }
 
-/// Rounded to what is worth telling: a nanometre, a micronewton, a millionth.
+/// Rounds to the reported precision: a nanometre, a micronewton, a millionth.
 fn grain(value: f64) -> f64 {
     round(value, 6)
 }

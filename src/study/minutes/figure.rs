@@ -4,7 +4,7 @@ use super::{Family, HANDLING_MIN, MinutesRow};
 use crate::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use crate::control::Strategy;
 
-/// The number of presses is written at a point whose error is smaller than the last one's by at least this share.
+/// Least relative decrease of the error from the last labelled point at which a point is labelled with its number of presses.
 const WORTH_TELLING: f64 = 0.01;
 
 /// Returns the figure: the name of its file and the SVG.
@@ -43,7 +43,7 @@ pub fn minutes_figures(found: &[MinutesRow]) -> Vec<(String, String)> {
     vec![("minutes.svg".to_owned(), figure.svg())]
 }
 
-/// How often places were pressed, the least first.
+/// Numbers of presses at each place, the least first.
 fn repeats(found: &[MinutesRow]) -> Vec<usize> {
     let mut repeats: Vec<usize> = found.iter().map(|row| row.repeats).collect();
     repeats.sort_unstable();
@@ -90,7 +90,7 @@ fn panel(family: Family, found: &[MinutesRow], repeats: &[usize]) -> Panel {
     Panel { x, y, marks }
 }
 
-/// A strategy by colour, how often places are pressed by shape.
+/// Look of a strategy: the colour shows the strategy, the shape shows the number of presses at each place.
 fn look(strategy: Strategy, nth: usize) -> Look {
     let hue = match strategy {
         Strategy::Guarded => Hue::Blue,

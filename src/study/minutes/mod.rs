@@ -35,9 +35,9 @@ pub const ZEROING_MIN: f64 = 1.0;
 /// Sum of mounting, warm-up and zeroing, minutes.
 pub const HANDLING_MIN: f64 = MOUNTING_MIN + WARM_UP_MIN + ZEROING_MIN;
 
-/// The tolerance of a press, N.
+/// Tolerance of a press, N.
 const TOLERANCE_N: f64 = 0.010;
-/// What a unit comes to read at most where units saturate, V. Of 1 N straight above it reads 0.76 V instead of 1 V.
+/// Largest reading of a unit where units saturate, V. For 1 N directly above, the unit then reads 0.76 V instead of 1 V.
 const CEILING_V: f64 = 1.0;
 
 /// Size of the study.
@@ -99,7 +99,7 @@ impl Family {
         }
     }
 
-    /// What is read where a bench reads this.
+    /// Returns the reading in this family for an output of the bench.
     fn read(self, output: f64) -> f64 {
         match self {
             Family::Inside => output,
@@ -135,7 +135,7 @@ struct Job {
     seed: u64,
 }
 
-/// What came of a job: minutes, and in each family what the method made of the contacts.
+/// Results of a job: minutes, and in each family the method's results for the contacts.
 struct Walked {
     minutes: f64,
     tallies: Vec<Tally>,
@@ -170,7 +170,7 @@ pub fn minutes(size: MinutesSize, seed: u64, told: Told<'_>) -> Result<Vec<Minut
     Ok(rows)
 }
 
-/// Every way of calibrating, in the order of rows.
+/// Returns all ways of calibrating, in the order of the rows.
 fn ways(size: MinutesSize) -> Vec<Job> {
     let mut ways = Vec::new();
     for strategy in Strategy::ALL {
@@ -221,7 +221,7 @@ impl Job {
         Ok(Plan::new(&recipe, &spec.ground(), self.seed)?)
     }
 
-    /// What the best method makes of fresh contacts.
+    /// Counts the results of the best method for new contacts.
     fn tally(
         &self,
         family: Family,

@@ -13,7 +13,7 @@ use crate::recipe::{self, Plan};
 use crate::solver::{BEST, Evaluation, SOLVERS};
 use serde::Serialize;
 
-/// The recipe that is carried out.
+/// Recipe that is executed.
 const RECIPE: (&str, &str) = ("recipes/paper.toml", include_str!("../../../recipes/paper.toml"));
 
 /// Number of repetitions of the complete protocol, with consecutive seeds.
@@ -62,7 +62,7 @@ pub fn validation(seeds: usize, seed: u64, told: Told<'_>) -> Result<Validation,
     Ok(Validation { seed, outcomes, claims: curves().claims })
 }
 
-/// The whole protocol once.
+/// Executes the complete protocol once.
 fn protocol(seed: u64) -> Result<ValidationOutcome, StudyError> {
     let rig = papers_rig()?;
     let (file, text) = RECIPE;

@@ -6,10 +6,10 @@ use crate::paper;
 use crate::solver::Evaluation;
 use statrs::statistics::Statistics as _;
 
-/// The page, with names in braces where what was found goes.
+/// Text of the page, with names in braces as placeholders for the results.
 const PAGE: &str = include_str!("page.md");
 
-/// A number of the paper, its digits and unit, and where it stands in an evaluation.
+/// Number of the paper, its digits and unit, and the function that reads it from an evaluation.
 type Number = (&'static str, f64, usize, &'static str, fn(&Evaluation) -> Option<f64>);
 
 const NUMBERS: [Number; 5] = [
@@ -71,7 +71,7 @@ impl Validation {
     }
 }
 
-/// How often each name stands there, the first one first.
+/// Returns the number of occurrences of each name, in the order of first occurrence.
 fn counted(names: &[&str]) -> String {
     let mut counts: Vec<(&str, usize)> = Vec::new();
     for name in names {

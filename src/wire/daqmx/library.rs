@@ -6,13 +6,13 @@ use super::{BY_SCAN, CONTINUOUS, NiDaqmx, RISING, TaskHandle, VOLTS};
 use libloading::Library;
 use std::ffi::{CString, c_char, c_void};
 
-/// Bytes for a text of the library; a longer one is cut.
+/// Size of a buffer for the library's text, bytes. A longer text is cut.
 const TEXT_BYTES: usize = 2048;
 
-/// Error code of a parameter that isn't valid (`DAQmxErrorInvalidAttributeValue`): a text with a zero byte in it.
+/// Error code of an invalid parameter (`DAQmxErrorInvalidAttributeValue`). It is returned for a text that contains a zero byte.
 const BAD_VALUE: i32 = -200_077;
 
-/// Where the library is, by the system: the file's name, or where its installer puts it.
+/// Location of the library on each system: the file's name, or the path to which its installer copies it.
 #[cfg(windows)]
 const PLACES: [&str; 1] = ["nicaiu.dll"];
 #[cfg(not(windows))]
@@ -86,7 +86,7 @@ impl DaqmxLibrary {
     }
 
     fn of(library: Library, path: &str) -> Result<DaqmxLibrary, LoadError> {
-        /// A function by its name.
+        /// Returns a function of the library, found by its name.
         fn function<T: Copy>(library: &Library, path: &str, name: &'static str) -> Result<T, LoadError> {
             // SAFETY: T is the signature that `NIDAQmx.h` gives this name, above
             let found = unsafe { library.get::<T>(name) };
@@ -176,7 +176,7 @@ impl NiDaqmx for DaqmxLibrary {
     }
 }
 
-/// What the library writes into a buffer, up to its zero byte.
+/// Returns the text that the library writes into a buffer, up to the zero byte.
 fn text(write: impl FnOnce(*mut c_char, u32) -> i32) -> String {
     let mut buffer = vec![0u8; TEXT_BYTES];
     write(buffer.as_mut_ptr().cast(), TEXT_BYTES as u32);

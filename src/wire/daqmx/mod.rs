@@ -45,7 +45,7 @@ pub trait NiDaqmx: Send + Sync {
         most_v: f64,
     ) -> i32;
 
-    /// `DAQmxCfgSampClkTiming` on the device's own clock, rising edge, continuous, a buffer of so many samples a channel.
+    /// `DAQmxCfgSampClkTiming` on the device's own clock: rising edge, continuous, with a buffer of `samples_per_channel`.
     fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32;
 
     /// `DAQmxStartTask`.
@@ -54,11 +54,11 @@ pub trait NiDaqmx: Send + Sync {
     /// `DAQmxStopTask`.
     fn stop_task(&self, task: TaskHandle) -> i32;
 
-    /// `DAQmxClearTask`: the task is gone afterwards.
+    /// `DAQmxClearTask`: removes the task.
     fn clear_task(&self, task: TaskHandle) -> i32;
 
-    /// `DAQmxReadAnalogF64` with a time-out of 0, grouped by scan: at most `samples_per_channel` ([`AUTO`]: all there are)
-    /// into `buffer`; `read` is how many a channel came.
+    /// `DAQmxReadAnalogF64` with a time-out of 0, grouped by scan. Reads at most `samples_per_channel` ([`AUTO`]: all available)
+    /// into `buffer`. `read` is the number of samples read in each channel.
     fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32;
 
     /// `DAQmxGetExtendedErrorInfo`: the last error of this thread in NI's words.

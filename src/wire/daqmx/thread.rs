@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-/// Longest a call of the library may take; none of ours waits for anything, but a device that is being unplugged can hold one.
+/// Longest duration of a library call. None of this program's calls waits, but a device that is being unplugged can block a call.
 const CALL_DEADLINE: Duration = Duration::from_secs(5);
 
 type Job = Box<dyn FnOnce(&dyn NiDaqmx) + Send>;

@@ -112,6 +112,7 @@ impl Trial {
             speed_mm_s: 10.0,
             acceleration_mm_s2: 100.0,
             home_speed_mm_s: 5.0,
+            homed: false,
         };
         let reins = Reins::default();
         let limit_s = deadlines(self.subject).prepare_s;

@@ -5,13 +5,13 @@ use crate::emulator::tests::{Wire, shared};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// Sends on one socket, and takes exactly what is to be answered.
+/// Sends a text on one socket, and reads exactly the expected answer.
 async fn exchange(wire: &mut Wire, sent: &str, answered: &str) {
     let reply = wire.ask(sent.as_bytes(), answered.len()).await;
     assert_eq!(String::from_utf8_lossy(&reply), answered, "to {sent}");
 }
 
-/// A controller on the wire, homed; its scene, and three sockets.
+/// Returns a homed controller on the wire: its scene and three sockets.
 async fn wired() -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
     wired_on(scene()).await
 }
@@ -44,7 +44,7 @@ async fn a_move_holds_its_own_socket_only_and_an_abort_on_another_ends_it() {
     }
 }
 
-/// A guard that aborts over 3 V, which is 1.5 N, which is 0.75 mm.
+/// Guard that aborts above 3 V, which is 1.5 N or 0.75 mm.
 const GUARD: [(&str, &str); 3] = [
     (
         "EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,3.0,0,0,0,XYZ.SGamma.MotionState,0,0,0,0)",

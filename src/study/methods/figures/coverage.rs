@@ -12,7 +12,7 @@ pub fn coverage_figures(found: &[MethodRow]) -> Vec<Drawn> {
     NoiseReference::ALL.map(|noise| (format!("coverage-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }
 
-/// Shares of one kind, one for each of [`STATED_PERCENT`].
+/// Fractions of one kind, one for each of [`STATED_PERCENT`].
 type Shares = fn(&FoundCoverage) -> Option<[f64; 2]>;
 
 fn figure(noise: NoiseReference, found: &[MethodRow]) -> Figure {

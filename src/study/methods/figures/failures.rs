@@ -6,9 +6,9 @@ use crate::solver::{LOCATION_REFERENCE_MM, SOLVERS};
 use crate::study::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
 use crate::study::methods::{Method, MethodRow, NoiseReference, rows_of};
 
-/// Panels in a row.
+/// Number of panels in a row.
 pub(super) const COLUMNS: usize = 4;
-/// Silent failures up to this share don't stretch an axis, %.
+/// Fraction of silent failures up to which an axis keeps its range, %.
 const LEAST_PERCENT: f64 = 5.0;
 
 /// Draws one figure for each scene.
@@ -65,7 +65,7 @@ fn silent(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
     }
 }
 
-/// The values of a method in the order of the axis.
+/// Returns the values of a method in the order of the axis.
 pub(super) fn curve(
     harm: &Harm,
     noise: NoiseReference,
@@ -79,7 +79,7 @@ pub(super) fn curve(
     points
 }
 
-/// The axis of a condition's values.
+/// Axis of a condition's values.
 pub(super) fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
     let label = if labelled { harm.label } else { "" };
     let ends = harm.values.iter().fold((f64::MAX, f64::MIN), |(l, m), value| (l.min(*value), m.max(*value)));

@@ -15,13 +15,13 @@ use crate::chart::{Hue, Line, Look, Shape};
 use crate::paper;
 use crate::solver::BEST;
 
-/// The paper's own mean location error, mm (its section 4).
+/// Mean location error in the paper, mm (paper section 4).
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// A figure: the name of its file and the SVG.
 pub type Drawn = (String, String);
 
-/// How a method looks: alike methods in alike colours; the choice among them as a thin line over the one that was chosen.
+/// Look of a method. Similar methods have similar colours. The automatic choice is a thin line over the chosen method.
 fn look(solver: &str) -> Look {
     let (hue, shape) = match solver {
         "pearson" => (Hue::Blue, Shape::Circle),
@@ -39,25 +39,25 @@ fn look(solver: &str) -> Look {
     Look { hue, shape: Some(shape), filled: !matches!(solver, "pearson-lsq"), line: Line::Solid }
 }
 
-/// The bound's line.
+/// Line style of the bound.
 const BOUND: Look = Look::line(Hue::Grey, Line::Solid);
 
-/// Every method's look and name.
+/// Look and name of every method.
 fn methods() -> impl Iterator<Item = (Look, String)> {
     Method::names().map(|name| (look(name), name.to_owned()))
 }
 
-/// Those of every method and of the bound.
+/// Look and name of every method and of the bound.
 fn methods_and_bound() -> impl Iterator<Item = (Look, String)> {
     methods().chain([(BOUND, "least possible error (Cramér-Rao)".to_owned())])
 }
 
-/// What marks mean, so many in a line.
+/// Legend of the marks, with `in_a_line` entries in a line.
 fn legend(entries: impl Iterator<Item = (Look, String)>, in_a_line: usize) -> Vec<Vec<(Look, String)>> {
     entries.collect::<Vec<_>>().chunks(in_a_line).map(<[_]>::to_vec).collect()
 }
 
-/// What a bound is, for a note.
+/// Description of the bound for a note.
 fn told_bound(row: &MethodRow) -> Option<&'static str> {
     Some(match row.bound? {
         CRAMER_RAO => "bound: the least mean error of any unbiased method that knows the array exactly (Cramér-Rao)",
