@@ -46,7 +46,7 @@ fn main() {
 fn written(path: &Path, layout: &ArrayLayout, durability: Durability, presses: u64) -> (Duration, Duration) {
     let facts = RunFacts { recipe: "journal".to_owned(), presses_planned: presses, ..RunFacts::default() };
     let session = Provenance { durability, ..Provenance::default() };
-    let origins = Origins { recipe: String::new(), rig: String::new(), beside: Vec::new() };
+    let origins = Origins::new(String::new(), String::new(), Vec::new());
     let mut folder = RunFolder::create(Some(path), &origins, facts, session, layout).expect("a run folder");
     let (began, cpu_began) = (Instant::now(), ProcessTime::now());
     for press in 0..presses {

@@ -56,7 +56,7 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
     let spec = rig::parse("rigs/sim.toml", RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig");
     let plan = Plan::new(&recipe, &spec.ground(), seed).expect("a plan");
     let facts = RunFacts::new(&plan, true);
-    let origins = Origins { recipe: text.to_owned(), rig: RIG.to_owned(), beside: Vec::new() };
+    let origins = Origins::new(text.to_owned(), RIG.to_owned(), Vec::new());
     let out = parent.path().join("run");
     let mut folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout)
         .expect("a run folder");

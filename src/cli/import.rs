@@ -126,6 +126,9 @@ fn check_forces(tables: &[(Presses, Phase)]) -> Result<(), Failure> {
     Err(Failure::usage(miette::miette!(help = help, "{}: all forces are negative", table.source)))
 }
 
+/// From how many times the width of the array the presses are probably in another unit.
+const WIDER: f64 = 20.0;
+
 /// Returns a warning if most units are outside the area of the presses. Their origin is then probably different.
 fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
     let presses = || tables.iter().flat_map(|(table, _)| &table.presses);
@@ -135,6 +138,19 @@ fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
     let (x, y) = (ends(|press| press.x_mm), ends(|press| press.y_mm));
     let is_outside = |unit: &&Place| unit.x_mm < x.0 || unit.x_mm > x.1 || unit.y_mm < y.0 || unit.y_mm > y.1;
     let units = bench.placed()?.one_per_unit();
+    let width = |of: fn(&Place) -> f64| {
+        let (least, most) =
+            units.places().iter().map(of).fold((f64::MAX, f64::MIN), |(l, m), mm| (l.min(mm), m.max(mm)));
+        most - least
+    };
+    let array_mm = width(|unit| unit.x_mm).max(width(|unit| unit.y_mm));
+    let area_mm = (x.1 - x.0).max(y.1 - y.0);
+    if array_mm > 0.0 && area_mm > WIDER * array_mm {
+        return Some(format!(
+            "warning: the presses are over {area_mm} mm, but the array is {array_mm} mm wide:\n  \
+             if places are in um, set x_mm = 0.001 in [scale]\n"
+        ));
+    }
     let count = units.places().iter().filter(is_outside).count();
     let all = units.len();
     (2 * count > all).then(|| {

@@ -4,6 +4,7 @@ use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
 use crate::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
+use crate::recipe::Phase;
 use crate::rig::{Bench, RigSpec};
 use std::path::Path;
 
@@ -58,17 +59,26 @@ pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure>
 pub fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
     /// Ratio of two largest values from which they have different orders of magnitude.
     const OTHER_ORDER: f64 = 30.0;
+    type Value = fn(&Press) -> f64;
+    let is_other = |presses: &Presses, phase| presses.presses.iter().all(|press| press.is_of(phase));
+    if is_other(calibration, Phase::Test) || is_other(test, Phase::Calibration) {
+        let (first, second) = (&calibration.source, &test.source);
+        tell(&format!(
+            "warning: {first} is used as the calibration, and {second} as the test: their column `phase` states the opposite\n"
+        ))?;
+    }
     let largest = |presses: &Presses, of: fn(&Press) -> f64| presses.presses.iter().map(of).fold(0.0, f64::max);
-    let columns: [(&str, &str, fn(&Press) -> f64); 2] = [
+    let columns: [(&str, &str, Value); 3] = [
         ("force_n", "N", |press| press.force_n.unwrap_or_default().abs()),
         ("x_mm and y_mm", "mm", |press| press.x_mm.abs().max(press.y_mm.abs())),
+        ("outputs", "one unit", |press| press.outputs.iter().fold(0.0, |most, output| output.abs().max(most))),
     ];
     for (column, unit, of) in columns {
         let (before, now) = (largest(calibration, of), largest(test, of));
         if before > 0.0 && now > 0.0 && (now > OTHER_ORDER * before || before > OTHER_ORDER * now) {
             let (first, second) = (&calibration.source, &test.source);
             tell(&format!(
-                "warning: {column} goes up to {now} in {second}, and up to {before} in {first}: both must be in {unit}\n"
+                "warning: {column} up to {now} in {second}, and up to {before} in {first}: both must be in {unit}\n"
             ))?;
         }
     }

@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::provenance::session;
 use super::recorded::rig_of;
 use super::session::{SessionArgs, carry_out};
-use super::sources::{RigArgs, Sources, read};
+use super::sources::{RigArgs, Sources, read_rig_text};
 use super::summary;
 use crate::dataset::{Provenance, RigChange, RunFolder, Status, Texts, files};
 use crate::document::TEXT_MAX_BYTES;
@@ -85,7 +85,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
 /// Returns the text of the rig to continue with: the named one, that of the folder, or the one stored in the journal.
 fn rig_text(args: &ResumeArgs, texts: &Texts) -> Result<String, Failure> {
     if let Some(rig) = &args.rig {
-        return read(rig);
+        return read_rig_text(rig);
     }
     let path = args.run.join("rig.toml");
     match files::read_text(&path, TEXT_MAX_BYTES as u64) {

@@ -167,9 +167,14 @@ fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure
     Ok(spec)
 }
 
+/// The text of a rig: of a file, or of a shipped one of that name.
+pub fn read_rig_text(path: &Path) -> Result<String, Failure> {
+    read_named(path, RIGS, "rigs")
+}
+
 /// A rig's text and what it says.
 pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
-    let text = read_named(path, RIGS, "rigs")?;
+    let text = read_rig_text(path)?;
     let beside = |name: &str| bounded(&path.with_file_name(name));
     let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
     Ok((text, spec))

@@ -1,6 +1,6 @@
 //! Header of a table: positions of columns, and messages for missing columns.
 
-use super::press::{COLUMNS, Column, OUTPUTS, Presence, output_name};
+use super::press::{COLUMNS, OUTPUTS, output_name};
 use super::table_error::{MAX_COLUMNS, TableError, quoted};
 use csv::StringRecord;
 
@@ -99,8 +99,7 @@ impl Header<'_> {
                 );
             }
         }
-        let is_read = |column: &Column| matches!(column.presence, Presence::Needed | Presence::Optional);
-        let known: Vec<&str> = COLUMNS.iter().filter(|column| is_read(column)).map(|column| column.name).collect();
+        let known: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();
         let is_known = |name: &str| known.contains(&name) || name.starts_with("out_");
         let unknown = self.names.iter().filter(|name| !name.is_empty() && !is_known(name));
         let lower = column.to_lowercase();
@@ -113,8 +112,19 @@ impl Header<'_> {
                 let name = quoted(name);
                 format!("the header has `{name}`: if it holds that, rename it, or add --columns \"{what}={name}\"")
             }
+            None if !known.contains(&column) && what != OUTPUTS || number.is_none() && what == OUTPUTS => {
+                self.names_told()
+            }
             None => self.help.to_owned(),
         }
+    }
+
+    /// The columns of the header, the first of them if there are many.
+    fn names_told(&self) -> String {
+        const MOST: usize = 12;
+        let names: Vec<String> = self.names.iter().take(MOST).map(|name| format!("`{}`", quoted(name))).collect();
+        let more = if self.names.len() > MOST { ", ..." } else { "" };
+        format!("the header has {}{more}: correct the name in --columns, or in the table", names.join(", "))
     }
 
     /// Returns the first and the last name of the header's longest series of numbered names, such as `ch0` and `ch15`; `None` if

@@ -166,11 +166,19 @@ impl Mapping {
 
     /// Returns the text of a columns file equivalent to `x_mm=X,y_mm=Y,outputs=ch0..ch15`.
     pub fn text_of(pairs: &str) -> String {
-        let pair = |pair: &str| match pair.split_once('=') {
-            Some((key, name)) => format!("{} = {:?}\n", key.trim(), name.trim()),
-            None => format!("{pair}\n"),
+        let mut keys: Vec<(&str, Vec<&str>)> = Vec::new();
+        for part in pairs.split(',') {
+            match (part.split_once('='), keys.last_mut()) {
+                (Some((key, name)), _) => keys.push((key.trim(), vec![name.trim()])),
+                (None, Some((_, names))) => names.push(part.trim()),
+                (None, None) => keys.push((part.trim(), Vec::new())),
+            }
+        }
+        let line = |(key, names): &(&str, Vec<&str>)| match names.as_slice() {
+            [name] => format!("{key} = {name:?}\n"),
+            names => format!("{key} = {names:?}\n"),
         };
-        pairs.split(',').map(pair).collect()
+        keys.iter().map(line).collect()
     }
 
     /// Returns the positions of the units of a table with `outputs` outputs, if the mapping states them.
@@ -229,11 +237,11 @@ fn read(table: &Table) -> Option<Mapping> {
     let (force_n, flags) = (given(&columns::force_n), given(&columns::flags));
     let missing = table.texts(&columns::missing);
     let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
-    if let (Some((layout, _)), Outputs::Named(names)) = (&array, &outputs) {
-        if layout.len() != names.len() {
-            let told = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
-            table.complain(Problem::new(table.span_of(&columns::array), told));
-        }
+    if let (Some((layout, _)), Outputs::Named(names)) = (&array, &outputs)
+        && layout.len() != names.len()
+    {
+        let told = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
+        table.complain(Problem::new(table.span_of(&columns::array), told));
     }
     let [x_mm, y_mm] = names;
     Some(Mapping {
@@ -300,6 +308,9 @@ fn read_outputs(table: &Table) -> Option<Outputs> {
                         "`outputs` is {text:?}: expected the same word with a smaller and a larger number"
                     ));
                 }
+                None if is_range(text) => {
+                    return fail(format!("`outputs` is {text:?}, which names one column"));
+                }
                 None => vec![text.to_owned()],
             }
         }
@@ -310,6 +321,11 @@ fn read_outputs(table: &Table) -> Option<Outputs> {
         None if names.is_empty() => fail("`outputs` names no column".to_owned()),
         None => Some(Outputs::Named(names)),
     }
+}
+
+/// Whether a name looks like a range of names with another mark than `..`: `ch0-ch8`, `ch0:ch8`.
+fn is_range(text: &str) -> bool {
+    ["-", ":", "...", " to "].iter().any(|mark| numbered(&text.replacen(mark, "..", 1)).is_some())
 }
 
 /// Returns the names `ch0` to `ch15` for `ch0..ch15`. Text after the number is part of each name too.
@@ -364,6 +380,7 @@ mod tests {
     fn a_short_text_says_the_same_as_a_file() {
         let file = "x_mm = \"X [mm]\"\noutputs = \"ch0..ch1\"\n";
         assert_eq!(Mapping::text_of("x_mm=X [mm], outputs=ch0..ch1"), file);
+        assert_eq!(Mapping::text_of("x_mm=X,outputs=left, right"), "x_mm = \"X\"\noutputs = [\"left\", \"right\"]\n");
         let mapping = Mapping::parse("columns.toml", file).unwrap();
         assert_eq!((mapping.x_mm.as_str(), mapping.y_mm.as_str()), ("X [mm]", "y_mm"));
         assert_eq!(mapping.outputs, Outputs::Named(vec!["ch0".to_owned(), "ch1".to_owned()]));
@@ -375,6 +392,7 @@ mod tests {
         for (text, expected) in [
             ("outputs = \"ch3..ch0\"", "expected the same word with a smaller and a larger number"),
             ("outputs = []", "`outputs` names no column"),
+            ("outputs = \"ch0-ch8\"", "`outputs` is \"ch0-ch8\", which names one column"),
             ("outputs = [\"a\", \"a\"]", "`outputs` names the column \"a\" twice"),
             ("separator = \",\"\ndecimal = \",\"", "a comma can't be the separator and the decimal mark"),
             ("scale = { force_n = 0.0 }", "`force_n` of `scale` is 0"),

@@ -67,14 +67,14 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
         }
         let cells = Cells { file, line, header: &header, record: &record };
         match columns.press(&cells, mapping)? {
-            Row::Press(mut press) => {
+            Ok(mut press) => {
                 if !columns.is_of_run {
                     press.press = presses.len() as u64;
                 }
                 presses.push(press);
                 lines.push(line);
             }
-            Row::Incomplete(column) => left_out.push((line, quoted(header.get(column).unwrap_or_default()))),
+            Err(column) => left_out.push((line, quoted(header.get(column).unwrap_or_default()))),
         }
         is_there = records.next_row(&mut record)?;
     }
@@ -109,14 +109,6 @@ struct Columns {
     is_of_run: bool,
 }
 
-/// Content of a row.
-enum Row {
-    /// A press.
-    Press(Press),
-    /// An incomplete press: the first column without a value.
-    Incomplete(usize),
-}
-
 impl Columns {
     fn find(header: &Header<'_>, mapping: &Mapping) -> Result<Self, TableError> {
         header.check()?;
@@ -139,7 +131,8 @@ impl Columns {
         Ok(Columns { found, is_of_run })
     }
 
-    fn press(&self, cells: &Cells<'_>, mapping: &Mapping) -> Result<Row, TableError> {
+    /// Returns the press of a row; or the index of its first column without a value.
+    fn press(&self, cells: &Cells<'_>, mapping: &Mapping) -> Result<Result<Press, usize>, TableError> {
         cells.check_length()?;
         let mut press = Press::default();
         let mut texts = Vec::new();
@@ -149,16 +142,15 @@ impl Columns {
             if column.presence == Presence::Sparse && texts.iter().all(|text| text.is_empty()) {
                 continue;
             }
-            if mapping.is_given && column.name != FLAGS {
-                if let Some(missing) = texts.iter().position(|text| mapping.is_missing(text)) {
-                    return Ok(Row::Incomplete(places[missing]));
-                }
+            let missing = texts.iter().position(|text| mapping.is_missing(text));
+            if let Some(missing) = missing.filter(|_| mapping.is_given && column.name != FLAGS) {
+                return Ok(Err(places[missing]));
             }
             let read = (column.read)(&mut press, &texts);
             read.map_err(|(index, expected)| cells.wrong(places[index], expected))?;
         }
         mapping.scale.apply(&mut press);
-        Ok(Row::Press(press))
+        Ok(Ok(press))
     }
 }
 
@@ -373,6 +365,7 @@ mod tests {
             ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; the header has `y-mm`"),
             ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; the header has `X_MM`"),
             ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; required:"),
+            ("x_mm,y,z_mm,out_1\n1,2,3,4\n", "column `y_mm` is missing; the header has `y`"),
             ("X;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; the header has `X`"),
             (
                 "x_mm,y_mm,ch0,ch1\n1,2,3,4\n",

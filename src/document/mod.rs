@@ -84,16 +84,35 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
         return Ok(root);
     }
     let collector = Collector::default();
+    let mut has_heading_twice = false;
     for error in &errors {
         let place = error.span().unwrap_or(0..0);
-        collector.add(match decimal_comma(text, place.start) {
-            Some((number, decimal)) => {
+        let is_twice = error.message() == "duplicate key";
+        let heading = is_twice.then(|| heading_at(text, place.start)).flatten();
+        let problem = match (decimal_comma(text, place.start), heading) {
+            (Some((number, decimal)), _) => {
                 Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
             }
-            None => Problem::new(place, format!("not valid TOML: {}", error.message())),
-        });
+            (None, Some(_)) if has_heading_twice => continue,
+            (None, Some(heading)) => {
+                has_heading_twice = true;
+                Problem::new(place, format!("[{heading}] is here a second time"))
+                    .help(format!("write [[{heading}]] with double brackets if there are several, each time"))
+            }
+            // the keys under such a heading are twice there too
+            (None, None) if is_twice && has_heading_twice => continue,
+            (None, None) => Problem::new(place, format!("not valid TOML: {}", error.message())),
+        };
+        collector.add(problem);
     }
     Err(collector.into_problems(name, text))
+}
+
+/// Returns the name in the heading `[name]` of a table at this byte.
+fn heading_at(text: &str, at: usize) -> Option<&str> {
+    let start = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
+    let line = text[start..].lines().next()?.trim();
+    line.strip_prefix('[')?.strip_suffix(']').filter(|name| !name.starts_with('['))
 }
 
 /// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
@@ -245,6 +264,15 @@ mod tests {
         let told = messages(&keys, NONE, |_| Some(()));
         assert_eq!(told.len(), PROBLEMS_MAX + 1);
         assert!(told[PROBLEMS_MAX].ends_with("there are more problems"), "{}", told[PROBLEMS_MAX]);
+    }
+
+    #[test]
+    fn mistakes_that_are_not_toml_are_named_by_what_they_mean() {
+        let told = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
+        assert_eq!(told("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
+        let steps = "[step]\na = 1\n[step]\na = 2\n[step]\na = 3\n";
+        assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
+        assert!(told("a = 1\na = 2\n")[0].ends_with("not valid TOML: duplicate key"));
     }
 
     #[test]

@@ -169,7 +169,7 @@ impl<'d> Table<'d> {
             Some(value) => {
                 let text = self.text_of(key, value)?;
                 if !known.contains(&text) {
-                    let tables = key.inner().map(|keys| tables_told(keys)).unwrap_or_default();
+                    let tables = key.inner().map(tables_told).unwrap_or_default();
                     let told = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, known.join(", "));
                     self.complain(with_typo(Problem::new(value.span(), told), text, known));
                 }

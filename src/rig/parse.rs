@@ -11,7 +11,7 @@ use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
 use crate::document::{self, Problem, Problems, Span, Table};
-use crate::quantity::{Axis, Frame, Limits, Place, Range, Travel};
+use crate::quantity::{Axis, Frame, Limits, Place, Range, Travel, round};
 use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
 
@@ -215,6 +215,7 @@ fn check_room(spec: &RigSpec, table: &Table) {
     }
     if !travel.contains(clear) || !travel.contains(deepest) {
         let Range { min, max } = travel;
+        let (clear, deepest) = (round(clear, 4), round(deepest, 4));
         let told =
             format!("pressing takes z from {clear} to {deepest} mm, but the stage's z goes from {min} to {max} mm");
         let help = "check `surface_mm`, `down`, `limits.depth_mm` and `stage.travel_mm.z` against each other";

@@ -152,6 +152,8 @@ fn what_can_not_be_imported_leaves_nothing() {
         ),
         ("import n.csv --columns small.toml", "`array` has 1 outputs, but `outputs` names 2 columns"),
         ("import none.csv --columns columns.toml", "none.csv: can't be read"),
+        ("import grid.csv --columns x_mm=X,y_mm=Y,outputs=ch0-ch8", "`outputs` is \"ch0-ch8\", which names one column"),
+        ("import kalib.csv --test grid.csv --columns columns.toml", "column `X [um]` is missing"),
     ] {
         let told = bench.palpate_ends(2, words);
         assert!(told.running().contains(expected), "{words}: {}", told.err);
@@ -163,6 +165,14 @@ fn what_can_not_be_imported_leaves_nothing() {
         "{}",
         told.err
     );
+    let two = [Bench::path(&bench, "own.csv"), shipped("data/example/test.csv")].map(|path| path.display().to_string());
+    bench.write("own.csv", &shipped_text("data/example/calibration.csv"));
+    let told = bench.palpate_ends(0, &format!("evaluate {} {} --solver pearson", two[1], two[0]));
+    assert!(told.err.contains("their column `phase` states the opposite"), "{}", told.err);
+    bench.write("um.csv", "X,Y,Fz,ch0,ch1\n-900,0,1,2,1\n900,10,1,2,2\n");
+    bench.write("um.toml", "x_mm = \"X\"\ny_mm = \"Y\"\nforce_n = \"Fz\"\noutputs = \"ch0..ch1\"\narray = { places_mm = [[0.0, 0.0], [9.0, 1.0]] }\n");
+    let told = bench.palpate_ends(0, "import um.csv --columns um.toml");
+    assert!(told.err.contains("warning: the presses are over 1800 mm, but the array is 9 mm wide"), "{}", told.err);
     bench.write("pulled.csv", "X,Y,Fz,ch0,ch1\n0,0,-0.9,2,1\n1,0,-0.95,2,2\n");
     let told = bench.palpate_ends(2, "import pulled.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
     assert!(told.running().contains("pulled.csv: all forces are negative"), "{}", told.err);

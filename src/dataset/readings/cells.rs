@@ -169,7 +169,8 @@ impl Columns {
         match &self.names {
             _ if found == expected => Ok(()),
             None if cells.get(0).is_some_and(|cell| output_in(cell).is_none()) => {
-                let found = String::from_utf8_lossy(cells.as_slice()).trim().to_owned();
+                let found: Vec<_> = cells.iter().map(String::from_utf8_lossy).collect();
+                let found = found.join(",").trim().to_owned();
                 Err(ReadingError::NoNumbers { file: file(), line, expected, found: quoted(&found) })
             }
             None => Err(ReadingError::Units { file: file(), line, found, expected }),
