@@ -256,8 +256,8 @@ fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
         }
         figure => {
             let worst = measured.worst.iter().find(|worst| worst.figure == figure);
-            let how = if figure == Figure::Noise { "a calibration" } else { "a step with `staircase`" };
-            let worst = worst.ok_or_else(|| format!("not measured: {how} measures it"))?;
+            let how = if figure == Figure::Noise { "a run" } else { "a step with `staircase`" };
+            let worst = worst.ok_or_else(|| format!("not measured: {how} of palpate measures it"))?;
             let Worst { value, upper, n, missing, .. } = *worst;
             if missing > 0 {
                 let noun = if figure == Figure::Noise { "channels" } else { "units" };

@@ -5,6 +5,7 @@ use super::recorded::read_run;
 use super::report::{judged, write};
 use super::sources::read;
 use super::summary::print;
+use super::tables::filled;
 use super::verdict::AcceptArgs;
 use crate::report::certificate::{Certificate, parse};
 use std::path::{Path, PathBuf};
@@ -56,7 +57,7 @@ pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     // the one that programs read first: the page says the same
     write(&xml, &certificate.xml())?;
     write(&html, &certificate.html())?;
-    print(&format!("{}\n{}\n{}\n", certificate.told(), html.display(), xml.display()))?;
+    print(&format!("{}{}\n{}\n", filled(&certificate.told(), "  "), html.display(), xml.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 

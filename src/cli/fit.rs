@@ -19,6 +19,9 @@ the source, and the area and the forces that it is valid for. Its size is
 32 MB at most. If the presses don't fit into it, readings with a missing
 output can't be solved.
 
+Forces are those of the load cell. `evaluate` of a run uses the set forces, as the
+paper does, so its cross-validation errors differ slightly.
+
 Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 
 /// Fit a method to a calibration and write the calibrated sensor to a file

@@ -66,11 +66,11 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
         tables: given()
             .map(|(path, _)| source_fingerprint(path).map_err(Failure::dataset))
             .collect::<Result<_, _>>()?,
-        columns: columns.as_ref().map(|columns| Fingerprint::of(&columns.name, columns.text.as_bytes())),
+        columns: columns.as_ref().map(|columns| Fingerprint::of(&file_name(&columns.name), columns.text.as_bytes())),
         outputs: outputs as u64,
         notes: tables
             .iter()
-            .flat_map(|(table, _)| table.detected.iter().map(|note| format!("{}: {note}", table.source)))
+            .flat_map(|(table, _)| table.detected.iter().map(|note| format!("{}: {note}", file_name(&table.source))))
             .collect(),
         measured: mapping.measured.clone(),
     };
@@ -98,6 +98,11 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     }
     print(&format!("{path}: {presses} presses of {outputs} outputs imported\n{ranges}"))?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the name of a file without its folder, which means nothing on another machine.
+fn file_name(path: &str) -> String {
+    Path::new(path).file_name().map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Checks that the tables are of one array, and of the array in the columns file.
@@ -129,28 +134,26 @@ fn check_forces(tables: &[(Presses, Phase)]) -> Result<(), Failure> {
 /// From how many times the width of the array the presses are probably in another unit.
 const WIDER: f64 = 20.0;
 
-/// Returns a warning if most units are outside the area of the presses. Their origin is then probably different.
+/// Returns the smallest and the largest x and y of some places, mm.
+fn extent(places: impl Iterator<Item = Place>) -> [(f64, f64); 2] {
+    let wider = |(least, most): (f64, f64), mm: f64| (least.min(mm), most.max(mm));
+    places.fold([(f64::MAX, f64::MIN); 2], |[x, y], place| [wider(x, place.x_mm), wider(y, place.y_mm)])
+}
+
+/// Returns a warning if the area of the presses doesn't fit the array: another unit of length, or another origin.
 fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
-    let presses = || tables.iter().flat_map(|(table, _)| &table.presses);
-    let ends = |of: fn(&Press) -> f64| {
-        presses().map(of).fold((f64::MAX, f64::MIN), |(least, most), mm| (least.min(mm), most.max(mm)))
-    };
-    let (x, y) = (ends(|press| press.x_mm), ends(|press| press.y_mm));
-    let is_outside = |unit: &&Place| unit.x_mm < x.0 || unit.x_mm > x.1 || unit.y_mm < y.0 || unit.y_mm > y.1;
     let units = bench.placed()?.one_per_unit();
-    let width = |of: fn(&Place) -> f64| {
-        let (least, most) =
-            units.places().iter().map(of).fold((f64::MAX, f64::MIN), |(l, m), mm| (l.min(mm), m.max(mm)));
-        most - least
-    };
-    let array_mm = width(|unit| unit.x_mm).max(width(|unit| unit.y_mm));
-    let area_mm = (x.1 - x.0).max(y.1 - y.0);
+    let area = extent(tables.iter().flat_map(|(table, _)| &table.presses).map(Press::place));
+    let width = |[x, y]: [(f64, f64); 2]| (x.1 - x.0).max(y.1 - y.0);
+    let (array_mm, area_mm) = (width(extent(units.places().iter().copied())), width(area));
     if array_mm > 0.0 && area_mm > WIDER * array_mm {
         return Some(format!(
             "warning: the presses are over {area_mm} mm, but the array is {array_mm} mm wide:\n  \
              if places are in um, set x_mm = 0.001 in [scale]\n"
         ));
     }
+    let [x, y] = area;
+    let is_outside = |unit: &&Place| unit.x_mm < x.0 || unit.x_mm > x.1 || unit.y_mm < y.0 || unit.y_mm > y.1;
     let count = units.places().iter().filter(is_outside).count();
     let all = units.len();
     (2 * count > all).then(|| {

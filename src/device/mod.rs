@@ -53,6 +53,8 @@ pub struct StageUse {
     pub acceleration_mm_s2: f64,
     /// Speed of a search for home, mm/s. At this speed the stage can be stopped within the force limit.
     pub home_speed_mm_s: f64,
+    /// Count of z at the limit where it homes, mm; only for controllers that let the program choose it.
+    pub home_z_mm: f64,
     /// Whether the rig states that axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
 }

@@ -375,6 +375,7 @@ impl<'d> Table<'d> {
         let is_one_table = expected == TABLES && value.get_ref().is_table();
         self.complain(match (helped, is_one_table) {
             (true, _) => problem.help("the unit is in the key's name: write only the number"),
+            _ if value.get_ref().is_datetime() => problem.help("write it in quotes: \"2026-05-04\""),
             (_, true) => problem.help(format!("write [[{}]] with double brackets, also for a single one", key.name)),
             _ => problem,
         });

@@ -300,13 +300,13 @@ impl Stage for Esp301 {
         if self.is_homed(Axis::Z, usage).await? {
             return Ok(true);
         }
-        let end_mm = away_end_mm(usage);
-        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, end_mm, usage, reins).await?;
+        let home_mm = usage.home_z_mm;
+        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, home_mm, usage, reins).await?;
         let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
-        if (at_mm - end_mm).abs() > HOME_SHORT_MM {
+        if (at_mm - home_mm).abs() > HOME_SHORT_MM {
             self.homed[Axis::Z.index()] = false;
             let told = format!(
-                "z reads {at_mm:.4} mm at the limit where it homed, instead of the {end_mm} mm that were set (3SH): check the \
+                "z reads {at_mm:.4} mm at the limit where it homed, instead of the {home_mm} mm that were set (3SH): check the \
                  controller's SH"
             );
             return Err(self.error("homing", DeviceProblem::Mismatch(told)));

@@ -68,7 +68,15 @@ pub fn unused() -> Connector {
 /// Use of a stage like the paper's stage.
 pub fn usage() -> StageUse {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0, home_speed_mm_s: 2.0, homed: false }
+    StageUse {
+        travel,
+        away: 1.0,
+        speed_mm_s: 10.0,
+        acceleration_mm_s2: 100.0,
+        home_speed_mm_s: 2.0,
+        home_z_mm: 12.5,
+        homed: false,
+    }
 }
 
 /// Identifies and homes a stage.

@@ -51,6 +51,8 @@ keys! {
         approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
             "largest approach speed before the first touch of the specimen", "0.5";
         settle_ms: Number(LATER), or(SETTLE_MS), "how long it still moves after its controller reports the end of a motion", "10.0";
+        home_z_mm: Number(COORDINATE), Allowed,
+            "ESP301: position of z at the limit where it homes; without it, the end of `travel_mm.z` away from the specimen", "12.5";
         homed: Flag, or_flag(false),
             "ESP301: whether axes whose motors are on are homed; without it, z homes away from the specimen at each start", "true";
         certificate: Table(&stage_certificate::KEYS), Allowed, "its calibration certificate";

@@ -7,6 +7,7 @@ use super::spec::{Dial, Driver, RigSpec, Wiring};
 use crate::device::{DeviceError, DeviceProblem, Instruments, StageUse};
 use crate::driver::{AnyArray, AnyStage};
 use crate::emulator::{self, Instrument, Shared};
+use crate::quantity::Axis;
 use crate::scene::Scene;
 use crate::wire::{Claims, Connector, Link};
 use std::cell::OnceCell;
@@ -101,9 +102,16 @@ impl RigSpec {
             speed_mm_s: self.stage.speed_mm_s,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
             home_speed_mm_s: self.stage.speed_mm_s,
+            home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.away_end_mm()),
             homed: self.stage.homed,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
+    }
+
+    /// End of z's travel that is away from the specimen, mm.
+    fn away_end_mm(&self) -> f64 {
+        let travel = self.stage.travel.along(Axis::Z);
+        if self.frame.down.sign() < 0.0 { travel.max } else { travel.min }
     }
 
     /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.

@@ -85,6 +85,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         approach_mm_s: approach_mm_s?,
         settle_s: settle_s?,
         certificate: certificate?,
+        home_z_mm: table.number(&stage::home_z_mm),
         homed: homed?,
     })
 }

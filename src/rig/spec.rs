@@ -73,6 +73,8 @@ pub struct StageSpec {
     pub settle_s: f64,
     /// Calibration certificate of the stage.
     pub certificate: Option<StageCertificate>,
+    /// Count of z at the limit where it homes, mm; `None`: the end of its travel. Only for controllers that let the program choose it.
+    pub home_z_mm: Option<f64>,
     /// Whether axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
 }

@@ -111,8 +111,15 @@ fn hand<'a>(
         down: Down::Minus,
     };
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    let usage =
-        StageUse { travel, away: 1.0, speed_mm_s: 10.0, acceleration_mm_s2: 100.0, home_speed_mm_s: 2.0, homed: false };
+    let usage = StageUse {
+        travel,
+        away: 1.0,
+        speed_mm_s: 10.0,
+        acceleration_mm_s2: 100.0,
+        home_speed_mm_s: 2.0,
+        home_z_mm: 12.5,
+        homed: false,
+    };
     let timing = Timing {
         exchange_s: 0.02,
         settle_s: 0.01,

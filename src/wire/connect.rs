@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
-use tokio_serial::{SerialPortBuilderExt, StopBits};
+use tokio_serial::{FlowControl, SerialPortBuilderExt, StopBits};
 
 /// Longest wait until a TCP server accepts.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
@@ -42,14 +42,15 @@ impl Connector {
                 stream.set_nodelay(true)?;
                 Ok(Box::new(stream))
             }
-            Connector::Real(Link::Serial { port, baud, parity, stop_bits }) => {
+            Connector::Real(Link::Serial { port, baud, parity, stop_bits, rts_cts }) => {
                 let parity = match parity {
                     Parity::None => tokio_serial::Parity::None,
                     Parity::Even => tokio_serial::Parity::Even,
                     Parity::Odd => tokio_serial::Parity::Odd,
                 };
                 let stop_bits = if *stop_bits == 2 { StopBits::Two } else { StopBits::One };
-                let line = tokio_serial::new(port, *baud).parity(parity).stop_bits(stop_bits);
+                let flow = if *rts_cts { FlowControl::Hardware } else { FlowControl::None };
+                let line = tokio_serial::new(port, *baud).parity(parity).stop_bits(stop_bits).flow_control(flow);
                 Ok(Box::new(line.open_native_async()?))
             }
             Connector::Real(Link::Process(command)) => program::start(command),

@@ -18,6 +18,8 @@ pub enum Link {
         parity: Parity,
         /// Stop bits: 1 or 2.
         stop_bits: u8,
+        /// Whether the lines RTS and CTS control the flow.
+        rts_cts: bool,
     },
     /// A TCP server.
     Tcp {
@@ -43,11 +45,12 @@ pub enum Parity {
     Odd,
 }
 
+const FLOWS: [(&str, bool); 2] = [("none", false), ("rts-cts", true)];
 const PARITIES: [(&str, Parity); 3] = [("none", Parity::None), ("even", Parity::Even), ("odd", Parity::Odd)];
 
 impl Link {
-    /// Parses `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even&stop_bits=2` may follow),
-    /// `tcp://host:port`, `daqmx` or `daqmx:///path/to/library`.
+    /// Parses `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even`, `&stop_bits=2` and
+    /// `&flow=rts-cts` may follow), `tcp://host:port`, `daqmx` or `daqmx:///path/to/library`.
     ///
     /// # Errors
     /// The mistake, and the expected form.
@@ -57,7 +60,7 @@ impl Link {
         }
         if let Some(rest) = text.strip_prefix("serial://") {
             let form = "expected serial://PORT?baud=RATE, such as serial:///dev/ttyUSB0?baud=921600, or with \
-                        &parity=even and &stop_bits=2 appended";
+                        &parity=even, &stop_bits=2 and &flow=rts-cts appended";
             let (port, query) = rest.split_once('?').ok_or_else(|| format!("the baud rate is missing: {form}"))?;
             return serial(port, query).ok_or_else(|| form.to_owned());
         }
@@ -80,28 +83,32 @@ impl Link {
 }
 
 fn serial(port: &str, query: &str) -> Option<Link> {
-    let (mut rate, mut parity, mut stop_bits) = (None, Parity::None, 1);
+    let (mut rate, mut parity, mut stop_bits, mut rts_cts) = (None, Parity::None, 1, false);
     for (key, value) in query.split('&').map(|part| part.split_once('=').unwrap_or((part, ""))) {
         match key {
             "baud" => rate = value.parse().ok().filter(|rate| (1..=BAUD_MAX).contains(rate)),
             "parity" => parity = PARITIES.iter().find(|(name, _)| *name == value)?.1,
+            "flow" => rts_cts = FLOWS.iter().find(|(name, _)| *name == value)?.1,
             "stop_bits" => stop_bits = value.parse().ok().filter(|bits| (1..=2).contains(bits))?,
             _ => return None,
         }
     }
-    (!port.is_empty()).then_some(Link::Serial { port: port.to_owned(), baud: rate?, parity, stop_bits })
+    (!port.is_empty()).then_some(Link::Serial { port: port.to_owned(), baud: rate?, parity, stop_bits, rts_cts })
 }
 
 impl std::fmt::Display for Link {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Link::Sim => f.write_str("sim"),
-            Link::Serial { port, baud, parity, stop_bits } => {
+            Link::Serial { port, baud, parity, stop_bits, rts_cts } => {
                 write!(f, "serial://{port}?baud={baud}")?;
                 if let Some((name, _)) = PARITIES.iter().skip(1).find(|(_, other)| other == parity) {
                     write!(f, "&parity={name}")?;
                 }
-                if *stop_bits == 1 { Ok(()) } else { write!(f, "&stop_bits={stop_bits}") }
+                if *stop_bits != 1 {
+                    write!(f, "&stop_bits={stop_bits}")?;
+                }
+                if *rts_cts { f.write_str("&flow=rts-cts") } else { Ok(()) }
             }
             Link::Tcp { host, port } => write!(f, "tcp://{host}:{port}"),
             Link::Process(command) => write!(f, "process {}", command.join(" ")),
@@ -122,6 +129,7 @@ mod tests {
             "serial:///dev/ttyUSB0?baud=921600",
             "serial://COM3?baud=9600",
             "serial://COM3?baud=9600&parity=even&stop_bits=2",
+            "serial:///dev/ttyS0?baud=19200&flow=rts-cts",
             "tcp://192.168.1.10:502",
             "daqmx",
             "daqmx:///usr/lib/libnidaqmx.so",
@@ -139,6 +147,7 @@ mod tests {
             "serial://a?baud=x",
             "serial://a?baud=1&parity=maybe",
             "serial://a?baud=1&bits=7",
+            "serial://a?baud=1&flow=xon-xoff",
             "tcp://host",
             "tcp://:1",
             "usb",

@@ -48,6 +48,7 @@ impl StageBench {
             speed_mm_s: spec.stage.speed_mm_s,
             acceleration_mm_s2: spec.stage.acceleration_mm_s2,
             home_speed_mm_s: 5.0,
+            home_z_mm: -12.5 * spec.frame.down.sign(),
             homed: false,
         };
         let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());

@@ -167,8 +167,14 @@ fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
     for (command, parts) in [
         ("[\"pyton3\", \"stage.py\"]", ["the program `pyton3` wasn't found", "check the spelling of the program"]),
         ("[\"./rig.toml\"]", ["the program `./rig.toml` can't be started", "check the spelling of the program"]),
-        ("[\"sh\", \"-c\", \"read line; exit 3\"]", ["the program has ended (exit status: 3)", "run it alone"]),
-        ("[\"sh\", \"-c\", \"read line; kill -9 $$\"]", ["the program has ended (signal: 9", "run it alone"]),
+        (
+            "[\"sh\", \"-c\", \"read line; exit 3\"]",
+            ["the program has ended (exit status: 3)", "see the program's own messages"],
+        ),
+        (
+            "[\"sh\", \"-c\", \"read line; kill -9 $$\"]",
+            ["the program has ended (signal: 9", "see the program's own messages"],
+        ),
     ] {
         let bench = Bench::with([("rig.toml", with(command).as_str())]);
         let told = bench.palpate_ends(3, "doctor rig.toml --confirmed down");

@@ -98,16 +98,19 @@ fn conformity_is_the_verdict_and_no_statement_where_nothing_is_decided() {
     let bench = bench();
     bench.write("strict.toml", "method = \"surrogate\"\nlocation_mean_mm = 0.001\n");
     bench.write("open.toml", "location_mean_mm = 5.0\ntest_presses_least = 1000\n");
-    for (words, statement, xml) in [
-        ("--accept strict.toml", "Fail", "<dcc:conformity>fail</dcc:conformity>"),
-        ("--accept open.toml", "No statement", "judged afterwards by open.toml"),
+    for (out, words, statement, xml) in [
+        ("c", "--accept strict.toml", "Fail", "<dcc:conformity>fail</dcc:conformity>"),
+        ("open", "--accept open.toml", "No statement", "judged afterwards by open.toml"),
     ] {
-        bench.palpate_ends(0, &format!("certificate run --with c.toml --out c {words}"));
-        assert!(bench.read("c.html").contains(&format!("<strong>{statement}</strong>")), "{words}");
-        assert!(bench.read("c.xml").contains(xml), "{words}");
-        is_valid(&bench.path("c.xml"));
+        let words = format!("certificate run --with c.toml --out {out} {words}");
+        bench.palpate_ends(0, &words);
+        let again = bench.palpate_ends(2, &words).running();
+        assert!(again.contains(&format!("{out}.html already exists")), "{again}");
+        assert!(bench.read(&format!("{out}.html")).contains(&format!("<strong>{statement}</strong>")), "{words}");
+        assert!(bench.read(&format!("{out}.xml")).contains(xml), "{words}");
+        is_valid(&bench.path(&format!("{out}.xml")));
     }
-    assert!(!bench.read("c.xml").contains("<dcc:conformity>"));
+    assert!(!bench.read("open.xml").contains("<dcc:conformity>"));
 }
 
 #[test]

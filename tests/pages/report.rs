@@ -212,7 +212,7 @@ fn only_a_page_of_ours_is_replaced() {
     bench.palpate_ends(0, "report one --out pages/one.html");
     bench.palpate_ends(0, "report one --out pages/one.html");
     let told = bench.palpate_ends(2, "report nowhere").running();
-    assert!(told.contains("nowhere is not a run folder"), "{told}");
+    assert!(told.contains("nowhere doesn't exist"), "{told}");
     bench.palpate_ends(2, "report one --solver physics"); // of a comparison only
     let files: Vec<String> = bench.bytes("pages").into_iter().map(|(name, _)| name).collect();
     assert_eq!(files, ["one.html"]);

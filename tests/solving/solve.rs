@@ -227,7 +227,7 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
     let told = solved_on(&bench, "solve --calibration run --quiet", &presses, 0);
     assert!(told.err.is_empty() && told.out.lines().count() == presses.lines().count(), "{told:?}");
     let told = solved_on(&bench, "solve --calibration run", &presses, 0);
-    assert!(told.err.contains(", fitted to 4 presses of 9 units\n"), "{}", told.err);
+    assert!(told.err.contains(", fitted to 4 presses of 9 outputs\n"), "{}", told.err);
     assert!(told.err.lines().all(|line| line.chars().count() <= 80), "{}", told.err);
 }
 

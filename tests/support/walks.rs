@@ -35,6 +35,7 @@ const Z_MOST_MM: f64 = 1.5;
 pub fn bench(name: &str) -> RigSpec {
     let text = BENCHES.iter().find(|(bench, _)| *bench == name).expect("a bench").1;
     let mut spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig");
+    spec.stage.home_z_mm = Some(spec.stage.travel.axes[Axis::Z.index()].max); // the limit is where it was
     spec.stage.travel.axes[Axis::Z.index()].max = Z_MOST_MM;
     spec.scene.skin.noise = None;
     spec.scene.skin.hysteresis_percent = None;

@@ -33,19 +33,21 @@ pub(super) struct ProgramPort {
     role: &'static str,
     link: String,
     next_id: u64,
+    /// Longest wait for the answer to `identify`: the program may still start.
+    start: Duration,
     /// Whether the program ended. It isn't started again, because a new program doesn't know the device's position.
     ended: bool,
 }
 
 impl ProgramPort {
-    pub fn new(connector: Connector, role: &'static str, link: String) -> Self {
-        ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, ended: false }
+    pub fn new(connector: Connector, role: &'static str, link: String, start: Duration) -> Self {
+        ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, start, ended: false }
     }
 
     /// Asks for the program's identity and checks that it plays the intended role.
     pub async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
         let doing = "identifying it";
-        let said = self.ask(doing, "identify", Object::new(), None).await?;
+        let said = self.ask_within(doing, "identify", Object::new(), None, self.start).await?;
         let misfit = |expected: String| self.misfit(doing, &said, expected);
         if said.get("protocol").and_then(Value::as_u64) != Some(PROTOCOL) {
             return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/process.md")));

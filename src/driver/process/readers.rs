@@ -23,9 +23,10 @@ pub struct ProcessArray {
 
 impl ProcessLoadCell {
     /// Creates a load cell with a new reading `conversions_hz` times per second; the times of readings are relative to `origin`.
-    pub fn new(connector: Connector, link: String, conversions_hz: f64, origin: Instant) -> Self {
+    /// `start` is the longest time until the program answers for the first time.
+    pub fn new(connector: Connector, link: String, start: Duration, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
-        ProcessLoadCell { port: ProgramPort::new(connector, "load_cell", link), conversion, origin }
+        ProcessLoadCell { port: ProgramPort::new(connector, "load_cell", link, start), conversion, origin }
     }
 }
 
@@ -53,16 +54,19 @@ impl ProcessLoadCell {
         let Some(force_n) = force_n else {
             return Err(self.port.misfit(doing, &said, "\"force_n\", a number".to_owned()));
         };
-        let says = |key: &str| said.get(key).and_then(Value::as_bool).unwrap_or(false);
+        // languages without truth values send 1
+        let is_true =
+            |value: &Value| value.as_bool().unwrap_or_else(|| value.as_f64().is_some_and(|number| number != 0.0));
+        let says = |key: &str| said.get(key).is_some_and(is_true);
         let health = Health { saturated: says("saturated"), fault: says("fault") };
         Ok(ForceReading { at_s: self.origin.elapsed().as_secs_f64(), force_n, health })
     }
 }
 
 impl ProcessArray {
-    /// Creates an array of `units` units.
-    pub fn new(connector: Connector, link: String, units: usize) -> Self {
-        ProcessArray { port: ProgramPort::new(connector, "array", link), units }
+    /// Creates an array of `units` units. `start` is the longest time until the program answers for the first time.
+    pub fn new(connector: Connector, link: String, start: Duration, units: usize) -> Self {
+        ProcessArray { port: ProgramPort::new(connector, "array", link, start), units }
     }
 }
 

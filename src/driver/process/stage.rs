@@ -30,8 +30,9 @@ struct Status {
 
 impl ProcessStage {
     /// Creates a stage behind a link; nothing is sent yet.
-    pub fn new(connector: Connector, link: String) -> Self {
-        ProcessStage { port: ProgramPort::new(connector, "stage", link), usage: None, complaints: Vec::new() }
+    /// `start` is the longest time until the program answers for the first time.
+    pub fn new(connector: Connector, link: String, start: Duration) -> Self {
+        ProcessStage { port: ProgramPort::new(connector, "stage", link, start), usage: None, complaints: Vec::new() }
     }
 
     async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<Status, DeviceError> {

@@ -72,7 +72,11 @@ pub fn characteristics(subject: &Subject) -> Option<Drawn> {
             (line(LOADING, Line::Solid), "loading".to_owned()),
             (line(UNLOADING, Line::Dashed), "unloading".to_owned()),
         ]],
-        notes: if left_out > 0 { vec![format!("{left_out} more units aren't shown")] } else { Vec::new() },
+        notes: if left_out > 0 {
+            vec![format!("{left_out} more outputs aren't shown; their values are in the table.")]
+        } else {
+            Vec::new()
+        },
     };
     Some(Drawn::plain(figure))
 }

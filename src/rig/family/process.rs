@@ -2,15 +2,17 @@
 
 use super::{Family, Links, Role};
 use crate::device::DeviceError;
-use crate::document::{Problem, Table, keys};
+use crate::document::{Bounds, Problem, Table, keys};
 use crate::driver::process::{ProcessArray, ProcessLoadCell, ProcessStage};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator;
+use crate::quantity::seconds;
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, RigSpec, StageDriver, Wiring};
 use crate::scene::Scene;
 use crate::wire::Link;
 use std::sync::Arc;
+use std::time::Duration;
 
 pub const FAMILY: Family = Family {
     name: "process",
@@ -41,12 +43,22 @@ keys! {
     driver {
         process: Texts, Refused, "command of a program that uses the process protocol, and its arguments",
             "[\"python3\", \"my_daq.py\"]";
+        start_s: Number(START), or(START_S), "longest time until the started program answers `identify`", "30.0";
     }
 }
 
-/// Command and its arguments.
+/// Default of `start_s`, s: an interpreter that loads a large library needs several seconds.
+const START_S: f64 = 10.0;
+const START: Bounds = Bounds::above(0.0, 600.0, "s");
+
+/// A program of the user.
 #[derive(Debug)]
-struct Program(Vec<String>);
+struct Program {
+    /// Command and its arguments.
+    command: Vec<String>,
+    /// Longest time until it answers `identify`.
+    start: Duration,
+}
 
 fn read(table: &Table) -> Option<Program> {
     let command: Vec<String> = table.texts(&driver::process)?.into_iter().map(str::to_owned).collect();
@@ -55,18 +67,18 @@ fn read(table: &Table) -> Option<Program> {
         table.complain(Problem::new(table.span_of(&driver::process), told));
         return None;
     }
-    Some(Program(command))
+    Some(Program { command, start: seconds(table.number(&driver::start_s)?) })
 }
 
 impl Driver for Program {
     fn own_link(&self) -> Option<Link> {
-        Some(Link::Process(self.0.clone()))
+        Some(Link::Process(self.command.clone()))
     }
 }
 
 impl StageDriver for Program {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
-        AnyStage::Process(ProcessStage::new(dial(), rig.stage.link.to_string()))
+        AnyStage::Process(ProcessStage::new(dial(), rig.stage.link.to_string(), self.start))
     }
 
     fn emulated(&self, scene: &Scene, _: &RigSpec) -> EmulatedDevice {
@@ -77,7 +89,8 @@ impl StageDriver for Program {
 impl LoadCellDriver for Program {
     fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
-        let driver = ProcessLoadCell::new(dial(), cell.link.to_string(), cell.conversions_hz, wiring.origin);
+        let driver =
+            ProcessLoadCell::new(dial(), cell.link.to_string(), self.start, cell.conversions_hz, wiring.origin);
         Ok(AnyLoadCell::Process(driver))
     }
 
@@ -89,7 +102,7 @@ impl LoadCellDriver for Program {
 impl ArrayDriver for Program {
     fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
-        Ok(AnyArray::Process(ProcessArray::new(dial(), array.link.to_string(), array.layout.len())))
+        Ok(AnyArray::Process(ProcessArray::new(dial(), array.link.to_string(), self.start, array.layout.len())))
     }
 
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {

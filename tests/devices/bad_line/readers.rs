@@ -34,6 +34,8 @@ const MESSAGES_MOST: usize = 64;
 
 const READS: u64 = 25;
 const UNITS: usize = 9;
+/// Longest wait for a program's first answer.
+const START: Duration = Duration::from_secs(10);
 
 enum Reader {
     Cell(AnyLoadCell),
@@ -194,12 +196,14 @@ fn reader(subject: Subject, link: Connector, origin: Instant) -> Reader {
         Subject::CellLaumas => Reader::Cell(cell(link, Transport::Rtu, profile("laumas-tlb"), hz, origin)),
         Subject::CellTcp => Reader::Cell(cell(link, Transport::Tcp, profile("labjack-t7"), hz, origin)),
         Subject::CellXps => Reader::Cell(AnyLoadCell::Xps(XpsAnalog::new(link, name(), "GPIO2.ADC1", 1.0, hz, origin))),
-        Subject::CellProcess => Reader::Cell(AnyLoadCell::Process(ProcessLoadCell::new(link, name(), hz, origin))),
+        Subject::CellProcess => {
+            Reader::Cell(AnyLoadCell::Process(ProcessLoadCell::new(link, name(), START, hz, origin)))
+        }
         Subject::ArrayTcp => {
             let array = ModbusArray::new(link, Transport::Tcp, profile("labjack-t7"), "bad", UNITS);
             Reader::Array(AnyArray::Modbus(array.expect("it has outputs")))
         }
-        Subject::ArrayProcess => Reader::Array(AnyArray::Process(ProcessArray::new(link, name(), UNITS))),
+        Subject::ArrayProcess => Reader::Array(AnyArray::Process(ProcessArray::new(link, name(), START, UNITS))),
         _ => unreachable!("{subject:?} has no link"),
     }
 }

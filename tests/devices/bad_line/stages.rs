@@ -15,6 +15,9 @@ use rand::RngExt;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
+/// Longest wait for a program's first answer.
+const START: Duration = Duration::from_secs(10);
+
 /// How far a true place may be off, mm: a step of GRBL's, and a last decimal.
 const TOLERANCE_MM: f64 = 0.003;
 
@@ -112,6 +115,7 @@ impl Trial {
             speed_mm_s: 10.0,
             acceleration_mm_s2: 100.0,
             home_speed_mm_s: 5.0,
+            home_z_mm: 12.5,
             homed: false,
         };
         let reins = Reins::default();
@@ -332,6 +336,6 @@ fn driver(
             AnyStage::Xps(Box::new(Xps::new(links, name(), group, None)))
         }
         Subject::Grbl => AnyStage::Grbl(Grbl::new(link(Framing::Grbl), name())),
-        _ => AnyStage::Process(ProcessStage::new(link(Framing::Process), name())),
+        _ => AnyStage::Process(ProcessStage::new(link(Framing::Process), name(), START)),
     }
 }
