@@ -54,7 +54,7 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
         assert_eq!(table.lines().count(), 1 + 361 * outputs, "{skin}");
         for solver in ["best", "all"] {
             let told = bench.palpate_ends(0, &format!("evaluate {skin} --solver {solver}")).out;
-            assert!(!told.contains("paper") && !told.contains("0.46 ") && !told.contains("Table 1"), "{told}");
+            assert!(!told.contains("paper") && !told.contains("0.46 mm") && !told.contains("Table 1"), "{told}");
             is_narrow(&told);
         }
     }

@@ -161,7 +161,7 @@ fn what_can_not_be_imported_leaves_nothing() {
     }
     let told = bench.palpate_ends(0, "import n.csv --test mn.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
     assert!(
-        told.err.contains("warning: force_n goes up to 950 in mn.csv, and up to 0.95 in n.csv: both must be in N"),
+        told.err.contains("warning: force_n up to 950 in mn.csv, and up to 0.95 in n.csv: both must be in N"),
         "{}",
         told.err
     );
