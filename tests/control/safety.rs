@@ -25,6 +25,7 @@ fn a_rig_mounted_any_way_round_presses_the_same() {
             spec.frame.surface_z_mm = surface_z_mm;
             spec.frame.origin = origin;
             spec.stage.travel.axes[Axis::Z.index()] = z;
+            spec.stage.home_z_mm = Some(-12.5 * down.sign()); // the limit is beyond the travel of some
         })
     };
     let whole = Range { min: -12.5, max: 12.5 };
