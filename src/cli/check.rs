@@ -105,11 +105,8 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
 
 /// Describes the effect of the load cell's stated error on the largest set force.
 fn distance(plan: &Plan, rig: &RigSpec) -> String {
-    let set_n = plan.most_n();
-    let Some(u_n) = rig.load_cell.standard_uncertainty_n(set_n) else {
-        return String::new();
-    };
-    format!(": with the\n  load cell's stated error up to {:.3} N", set_n + COVERAGE * u_n)
+    let told = |true_n: f64| format!(": with the\n  load cell's stated error up to {true_n:.3} N");
+    true_n(plan, rig).map_or_else(String::new, told)
 }
 
 /// Returns the largest set force plus the load cell's stated error, N; `None` if the load cell states no error.

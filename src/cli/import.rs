@@ -7,8 +7,8 @@ use super::provenance::{now, session};
 use super::recorded::{read_presses, warn_of_units};
 use super::summary::{print, tell};
 use crate::dataset::{
-    Contact, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses, Record, RunFacts,
-    RunFolder, Status, source_fingerprint,
+    Contact, DatasetError, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses,
+    Record, RunFacts, RunFolder, Status, source_fingerprint,
 };
 use crate::quantity::{Place, round};
 use crate::recipe::Phase;
@@ -188,11 +188,7 @@ fn name_of(table: &Path) -> String {
 }
 
 /// Records every press as a separate contact, then the end.
-fn record(
-    folder: &mut RunFolder,
-    tables: Vec<(Presses, Phase)>,
-    started: Instant,
-) -> Result<(), crate::dataset::DatasetError> {
+fn record(folder: &mut RunFolder, tables: Vec<(Presses, Phase)>, started: Instant) -> Result<(), DatasetError> {
     let presses =
         tables.into_iter().flat_map(|(table, phase)| table.presses.into_iter().map(move |press| (press, phase)));
     for (number, (mut press, phase)) in presses.enumerate() {

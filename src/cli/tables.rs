@@ -99,27 +99,21 @@ pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_
 
 /// How a method was chosen, in a line or two.
 pub fn chosen(choice: &Choice) -> String {
-    let candidate = |candidate: &Candidate| {
-        let error_mm = candidate.location_error_mm?;
-        Some(format!("{} {}{NO_BREAK}mm", candidate.solver, figures(error_mm)))
-    };
-    let tried: Vec<String> = choice.candidates.iter().filter_map(candidate).collect();
-    if tried.is_empty() {
+    let named = |candidate: &Candidate| Some((candidate.solver.clone(), candidate.location_error_mm?));
+    let tried: Vec<(String, f64)> = choice.candidates.iter().filter_map(named).collect();
+    let Some((_, chosen_mm)) = tried.first() else {
         return "chosen without cross-validation: too few presses\n".to_owned();
-    }
+    };
     // `physics` and `blend` need more than a slightly smaller error
-    let errors: Vec<(&str, f64)> = choice
-        .candidates
-        .iter()
-        .filter_map(|candidate| Some((candidate.solver.as_str(), candidate.location_error_mm?)))
-        .collect();
-    let smaller = errors.iter().skip(1).filter(|(_, error_mm)| *error_mm < errors[0].1).map(|(solver, _)| *solver);
+    let smaller = tried.iter().filter(|(_, error_mm)| error_mm < chosen_mm).map(|(solver, _)| solver.as_str());
     let smaller: Vec<&str> = smaller.collect();
     let why = if smaller.is_empty() {
         String::new()
     } else {
         format!(" (not chosen, because its lead is small: {})", smaller.join(", "))
     };
+    let tried: Vec<String> =
+        tried.iter().map(|(solver, error_mm)| format!("{solver} {}{NO_BREAK}mm", figures(*error_mm))).collect();
     filled(&format!("chosen by cross-validation on the calibration: {}{why}", tried.join(", ")), "  ")
 }
 

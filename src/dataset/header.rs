@@ -1,5 +1,6 @@
 //! Header of a table: positions of columns, and messages for missing columns.
 
+use super::mapping::at_last_number;
 use super::press::{COLUMNS, OUTPUTS, output_name};
 use super::table_error::{MAX_COLUMNS, TableError, quoted};
 use csv::StringRecord;
@@ -112,10 +113,9 @@ impl Header<'_> {
                 let name = quoted(name);
                 format!("the header has `{name}`: if it holds that, rename it, or add --columns \"{what}={name}\"")
             }
-            None if !known.contains(&column) && what != OUTPUTS || number.is_none() && what == OUTPUTS => {
-                self.names_told()
-            }
-            None => self.help.to_owned(),
+            // one of the program's own names
+            None if number.is_some() || (what != OUTPUTS && known.contains(&column)) => self.help.to_owned(),
+            None => self.names_told(),
         }
     }
 
@@ -141,8 +141,8 @@ impl Header<'_> {
     }
 }
 
-/// Returns a name and the number at its end.
+/// Returns a name without the number at its end, and the number.
 fn numbered(name: &str) -> Option<(&str, usize)> {
-    let word = name.trim_end_matches(|c: char| c.is_ascii_digit());
-    Some((word, name[word.len()..].parse().ok()?))
+    let (word, number, rest) = at_last_number(name)?;
+    Some((word, number.parse().ok().filter(|_| rest.is_empty())?))
 }

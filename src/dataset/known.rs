@@ -109,9 +109,10 @@ pub fn check_run(path: &Path) -> Result<(), DatasetError> {
         return Ok(());
     }
     let is_rest_of_one = [MANIFEST, PRESSES].iter().all(|name| path.join(name).is_file());
-    let (path, is_there) = (path.to_owned(), path.exists());
-    if !is_there {
-        return Err(DatasetError::Missing { path });
-    }
-    Err(if is_rest_of_one { DatasetError::NoJournal { path } } else { DatasetError::NoRun { path } })
+    let path = path.to_owned();
+    Err(match path.exists() {
+        false => DatasetError::Missing { path },
+        true if is_rest_of_one => DatasetError::NoJournal { path },
+        true => DatasetError::NoRun { path },
+    })
 }

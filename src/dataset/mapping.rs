@@ -217,11 +217,10 @@ impl Mapping {
 }
 
 fn read(table: &Table) -> Option<Mapping> {
-    let own = |key: &Key| table.text(key).map(str::to_owned);
-    let names = [own(&columns::x_mm), own(&columns::y_mm)];
+    let own = |table: &Table, key: &Key| table.text(key).map(str::to_owned);
+    let names = [own(table, &columns::x_mm), own(table, &columns::y_mm)];
     let outputs = read_outputs(table);
     let scale = read_scale(table);
-    let given = |key: &Key| if table.has(key) { own(key).map(Some) } else { Some(None) };
     let separator = optional(table, &columns::separator, |table, key| table.word(key, &SEPARATORS));
     let decimal = optional(table, &columns::decimal, |table, key| table.word(key, &DECIMALS));
     if let (Some(Some(b',')), Some(Some(Decimal::Comma))) = (separator, decimal) {
@@ -234,7 +233,7 @@ fn read(table: &Table) -> Option<Mapping> {
         Some((layout?, unit?.to_owned()))
     });
     let measured = optional(table, &columns::measured, |table, key| table.day(key).map(str::to_owned));
-    let (force_n, flags) = (given(&columns::force_n), given(&columns::flags));
+    let (force_n, flags) = (optional(table, &columns::force_n, own), optional(table, &columns::flags, own));
     let missing = table.texts(&columns::missing);
     let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
     if let (Some((layout, _)), Outputs::Named(names)) = (&array, &outputs)
@@ -331,7 +330,7 @@ fn is_range(text: &str) -> bool {
 /// Returns the names `ch0` to `ch15` for `ch0..ch15`. Text after the number is part of each name too.
 fn numbered(text: &str) -> Option<Vec<String>> {
     let (first, last) = text.split_once("..")?;
-    let ((word, from, rest), (other, to, other_rest)) = (split(first.trim())?, split(last.trim())?);
+    let ((word, from, rest), (other, to, other_rest)) = (at_last_number(first.trim())?, at_last_number(last.trim())?);
     let is_series = word == other && rest == other_rest && from.len() <= to.len();
     let width = if from.starts_with('0') && from.len() > 1 { from.len() } else { 1 };
     let (from, to) = (from.parse::<usize>().ok()?, to.parse::<usize>().ok()?);
@@ -339,8 +338,8 @@ fn numbered(text: &str) -> Option<Vec<String>> {
     is_series.then(|| (from..=to).map(|number| format!("{word}{number:0width$}{rest}")).collect())
 }
 
-/// Splits a name at its last number.
-fn split(name: &str) -> Option<(&str, &str, &str)> {
+/// Splits a name at its last number: what is before, the digits, and what is behind.
+pub(super) fn at_last_number(name: &str) -> Option<(&str, &str, &str)> {
     let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = name[..end]
         .rfind(|c: char| !c.is_ascii_digit())

@@ -201,7 +201,7 @@ impl Esp301 {
     /// home or isn't at its target, it returns an error before anything moves sideways.
     async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "moving z away from the specimen";
-        let end_mm = away_end_mm(usage);
+        let end_mm = usage.travel.along(Axis::Z).end(usage.away);
         let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
         self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
         self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
@@ -425,12 +425,6 @@ impl Stage for Esp301 {
         }
         Ok(complaints)
     }
-}
-
-/// Position of z farthest from the specimen.
-fn away_end_mm(usage: &StageUse) -> f64 {
-    let travel = usage.travel.along(Axis::Z);
-    if usage.away > 0.0 { travel.max } else { travel.min }
 }
 
 /// Returns the line that sends an order to moving axes (manual, pages ST and VA).

@@ -7,7 +7,7 @@ pub mod grbl;
 pub mod modbus;
 pub mod process;
 #[cfg(test)]
-mod script;
+pub(crate) mod script;
 pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};

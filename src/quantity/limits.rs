@@ -17,6 +17,11 @@ impl Range {
         value >= self.min && value <= self.max
     }
 
+    /// Returns the end in a direction: the largest value for a positive one, else the smallest.
+    pub fn end(&self, direction: f64) -> f64 {
+        if direction > 0.0 { self.max } else { self.min }
+    }
+
     /// Returns the interval, extended by a margin at both ends.
     pub fn widened(&self, by: f64) -> Range {
         Range { min: self.min - by, max: self.max + by }

@@ -96,22 +96,17 @@ impl RigSpec {
             array: self.array.driver.open(array, &wiring)?,
         };
         let probe = wiring.scene.map(|scene| SceneProbe { scene, origin });
+        let away = -self.frame.down.sign();
         let stage_use = StageUse {
             travel: self.permitted_travel(),
-            away: -self.frame.down.sign(),
+            away,
             speed_mm_s: self.stage.speed_mm_s,
             acceleration_mm_s2: self.stage.acceleration_mm_s2,
             home_speed_mm_s: self.stage.speed_mm_s,
-            home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.away_end_mm()),
+            home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.stage.travel.along(Axis::Z).end(away)),
             homed: self.stage.homed,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
-    }
-
-    /// End of z's travel that is away from the specimen, mm.
-    fn away_end_mm(&self) -> f64 {
-        let travel = self.stage.travel.along(Axis::Z);
-        if self.frame.down.sign() < 0.0 { travel.max } else { travel.min }
     }
 
     /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.

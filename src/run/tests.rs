@@ -4,7 +4,8 @@ use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
 use crate::control::{Permit, Rule, Timing, Watch, Zero};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
-use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Travel};
+use crate::driver::script::usage;
+use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place};
 use crate::wire::Claims;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
@@ -110,16 +111,7 @@ fn hand<'a>(
         uncertainty_mm: 0.3,
         down: Down::Minus,
     };
-    let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    let usage = StageUse {
-        travel,
-        away: 1.0,
-        speed_mm_s: 10.0,
-        acceleration_mm_s2: 100.0,
-        home_speed_mm_s: 2.0,
-        home_z_mm: 12.5,
-        homed: false,
-    };
+    let usage = usage();
     let timing = Timing {
         exchange_s: 0.02,
         settle_s: 0.01,

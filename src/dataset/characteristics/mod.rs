@@ -89,24 +89,22 @@ pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Ve
         its.filter_map(|(_, own)| *own).reduce(f64::max)
     };
     let characterised = staircases.units.iter().enumerate().map(|(index, &unit)| {
-        let channels = || staircases.units.iter().enumerate().filter(|(_, its)| **its == unit).map(|(other, _)| other);
-        let channel = channels().position(|other| other == index).filter(|_| channels().count() > 1);
-        let is_largest = own[index].is_some() && own[index] == of_unit(unit);
-        let blank =
-            UnitCharacteristics { unit: unit + 1, channel: channel.map(|channel| channel + 1), ..Default::default() };
-        let Some(full_scale) = of_unit(unit) else { return blank };
-        let found = characterise_channel(&series[index], full_scale, repeatability);
-        let of_reading = if is_largest { found.hysteresis_of_reading_percent } else { None };
-        let of_reading_known = if is_largest { found.hysteresis_of_reading_known } else { None };
-        UnitCharacteristics {
-            unit: blank.unit,
-            channel: blank.channel,
-            hysteresis_of_reading_percent: of_reading,
-            hysteresis_of_reading_known: of_reading_known,
-            ..found
+        let full_scale = of_unit(unit);
+        let of_scale = |full_scale| characterise_channel(&series[index], full_scale, repeatability);
+        let mut found = full_scale.map(of_scale).unwrap_or_default();
+        (found.unit, found.channel) = (unit + 1, channel(&staircases.units, index));
+        if own[index] != full_scale {
+            (found.hysteresis_of_reading_percent, found.hysteresis_of_reading_known) = (None, None);
         }
+        found
     });
     characterised.collect()
+}
+
+/// Returns the channel of an output within its unit, from 1; `None` for a unit with one channel.
+fn channel(units: &[usize], index: usize) -> Option<usize> {
+    let count = |among: &[usize]| among.iter().filter(|unit| **unit == units[index]).count();
+    (count(units) > 1).then(|| 1 + count(&units[..index]))
 }
 
 fn characterise_channel(series: &[Series], full_scale: f64, repeatability: Repeatability) -> UnitCharacteristics {

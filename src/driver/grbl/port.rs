@@ -41,7 +41,7 @@ pub(super) struct GrblPort {
     pub complaints: Vec<String>,
     /// Settings from the answer to `$$`.
     pub settings: BTreeMap<u32, f64>,
-    /// Received text that is no report.
+    /// Received text that is not a report.
     pub texts: Vec<String>,
     /// Whether the controller restarted and lost its position.
     pub restarted: bool,
