@@ -119,7 +119,7 @@ fn heading_at(text: &str, at: usize) -> Option<&str> {
 fn decimal_comma(text: &str, at: usize) -> Option<(Span, String)> {
     let (before, after) = (text.get(..at)?, text.get(at..)?.strip_prefix(',')?);
     let is_in_number = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '_');
-    let start = before.rfind(|c| !is_in_number(c)).map_or(0, |end| end + 1);
+    let start = before.trim_end_matches(is_in_number).len();
     let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
     let is_value = before[..start].trim_end_matches([' ', '\t']).ends_with('=');
     let number = start..at + 1 + digits;
@@ -270,6 +270,10 @@ mod tests {
     fn mistakes_that_are_not_toml_are_named_by_what_they_mean() {
         let told = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
         assert_eq!(told("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
+        // a character of several bytes right before the number
+        for text in ["x = {\u{fffd}2, y = 3\n", "x = \u{2003}2,5\n"] {
+            assert!(told(text)[0].contains("not valid TOML"), "{text}");
+        }
         let steps = "[step]\na = 1\n[step]\na = 2\n[step]\na = 3\n";
         assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
         assert!(told("a = 1\na = 2\n")[0].ends_with("not valid TOML: duplicate key"));
