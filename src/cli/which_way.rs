@@ -1,4 +1,4 @@
-//! The person who confirms which way z goes, and what was confirmed before.
+//! The person who confirms which way z goes and where the zero of a stage without switches is, and what was confirmed before.
 
 use super::signals::is_attended;
 use super::summary::tell;
@@ -26,12 +26,14 @@ const KEPT_MAX_BYTES: u64 = 1 << 20;
 pub enum Confirmed {
     /// `frame.down` is right: z moves away from the specimen when it is sent away
     Down,
+    /// A stage with `home = "by hand"` stands at the zero of `travel_mm`
+    Home,
 }
 
 /// What a person has made sure of before a rig that isn't simulated moves.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ConfirmArgs {
-    /// Confirm that `frame.down` is right, for use in programs: without a terminal, a new stage moves only with this option
+    /// Confirm without a terminal what a person would be asked: that `frame.down` is right, or that the stage is at its zero
     #[arg(long, value_name = "WHAT", value_enum)]
     pub confirmed: Vec<Confirmed>,
 }
@@ -39,7 +41,8 @@ pub struct ConfirmArgs {
 impl ConfirmArgs {
     /// The rig, with whom it asks which way z goes.
     pub fn of(&self, spec: RigSpec) -> RigSpec {
-        let person = Person { confirmed: self.confirmed.contains(&Confirmed::Down), kept: kept_path() };
+        let has = |what| self.confirmed.contains(&what);
+        let person = Person { confirmed: has(Confirmed::Down), at_zero: has(Confirmed::Home), kept: kept_path() };
         RigSpec { which_way: Some(Arc::new(person)), ..spec }
     }
 }
@@ -49,6 +52,8 @@ impl ConfirmArgs {
 struct Person {
     /// Confirmed on the command line, for this time.
     confirmed: bool,
+    /// Whether the stage is at its zero, confirmed on the command line.
+    at_zero: bool,
     /// Where it is kept what a person saw; none where the system names no such folder.
     kept: Option<PathBuf>,
 }
@@ -82,8 +87,7 @@ impl WhichWay for Person {
 
     fn confirm(&self, stage: &Identity, down: Down, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
         let _ = tell("Did z move away from the specimen? [y/N] ");
-        let answer = typed_line(is_cancelled).unwrap_or_default();
-        if !matches!(answer.trim().to_lowercase().as_str(), "y" | "yes") {
+        if !is_yes(typed_line(is_cancelled)) {
             return Err("z should move away from the specimen but didn't: reverse `frame.down`, check the wiring \
                         of z, and run `palpate doctor` again"
                 .to_owned());
@@ -93,6 +97,36 @@ impl WhichWay for Person {
         }
         Ok(())
     }
+
+    fn confirm_zero(&self, stage: &Identity, at_mm: [f64; 3], is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
+        let Identity { identity, link, .. } = stage;
+        let [x_mm, y_mm, z_mm] = at_mm;
+        if self.at_zero {
+            return Ok(());
+        }
+        if !is_attended() {
+            return Err(format!(
+                "the zero of this stage ({identity} at {link}) isn't confirmed, and there is no terminal to ask at: nothing \
+                 was moved. It has no switches, and opening its port loses its position: bring it to the zero of \
+                 `travel_mm`, then add --confirmed home"
+            ));
+        }
+        let told = format!(
+            "\n{identity} at {link} has no switches. Only this program's limits stop it.\n\
+             It counts x {x_mm:.3}, y {y_mm:.3}, z {z_mm:.3} mm here.\n\
+             Is the stage at this position of the rig's `travel_mm` and `frame`? [y/N] "
+        );
+        let _ = tell(&told);
+        if is_yes(typed_line(is_cancelled)) {
+            return Ok(());
+        }
+        Err("the stage isn't at its zero: bring it there, then start again".to_owned())
+    }
+}
+
+/// Whether a typed line means yes.
+fn is_yes(answer: Option<String>) -> bool {
+    matches!(answer.unwrap_or_default().trim().to_lowercase().as_str(), "y" | "yes")
 }
 
 impl Person {
@@ -147,7 +181,11 @@ mod tests {
     #[test]
     fn what_was_confirmed_is_known_for_this_stage_link_and_direction_alone() {
         let folder = tempfile::tempdir().unwrap();
-        let person = |confirmed| Person { confirmed, kept: Some(folder.path().join("state/confirmed-down.txt")) };
+        let person = |confirmed| Person {
+            confirmed,
+            at_zero: false,
+            kept: Some(folder.path().join("state/confirmed-down.txt")),
+        };
         let (here, there) = (stage("serial:///dev/ttyUSB0"), stage("serial:///dev/ttyUSB1"));
         assert!(!person(false).is_known(&here, Down::Minus));
         person(false).keep(&here, Down::Minus).unwrap();

@@ -62,6 +62,8 @@ pub enum Rule {
     NoConvergence,
     /// A place that was touched before now has its surface at another height.
     SurfaceMoved,
+    /// Presses that were repeated felt as if made elsewhere: the array or the stage's zero moved sideways.
+    ZeroShifted,
     /// The first touch came at a position where the frame has no specimen yet.
     SurfaceElsewhere,
     /// The force rose while z moved away, before there was a zero.
@@ -110,6 +112,7 @@ impl Rule {
             Rule::OutOfReach => "out-of-reach",
             Rule::NoConvergence => "no-convergence",
             Rule::SurfaceMoved => "surface-moved",
+            Rule::ZeroShifted => "zero-shifted",
             Rule::SurfaceElsewhere => "surface-elsewhere",
             Rule::ForceRose => "force-rose",
             Rule::ForceFell => "force-fell",
@@ -160,6 +163,9 @@ impl Rule {
             }
             Rule::NoConvergence => "check why the load cell is much noisier than when it was zeroed",
             Rule::SurfaceMoved => "check whether the specimen or the rig has moved; put it back, or start a new run",
+            Rule::ZeroShifted => {
+                "bring the stage to its zero again, more exactly, and check that the array is where it was; then `palpate resume`"
+            }
             Rule::SurfaceElsewhere => {
                 "the specimen is nearer than `frame.surface_mm`; with a larger `uncertainty`, `palpate align` finds the surface"
             }

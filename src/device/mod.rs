@@ -55,6 +55,8 @@ pub struct StageUse {
     pub home_speed_mm_s: f64,
     /// Count of z at the limit where it homes, mm; only for controllers that let the program choose it.
     pub home_z_mm: f64,
+    /// Whether a person brings the axes to their zero, because there are no switches.
+    pub by_hand: bool,
     /// Whether the rig states that axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
 }

@@ -76,6 +76,7 @@ pub fn usage() -> StageUse {
         home_speed_mm_s: 2.0,
         home_z_mm: 12.5,
         homed: false,
+        by_hand: false,
     }
 }
 

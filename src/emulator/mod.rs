@@ -27,7 +27,7 @@ mod xps;
 
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301;
-pub use grbl::Grbl;
+pub use grbl::{Board as GrblBoard, Grbl, ROOM_MM as GRBL_ROOM_MM};
 pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
 pub use process::{ProcessArray, ProcessLoadCell, ProcessStage};
 pub use serve::{INBOX_MOST, serve};

@@ -2,6 +2,7 @@
 
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
+use super::spec::Home;
 use crate::control::FIRST_APPROACH_MM_S;
 use crate::document::layout::{CHANNELS_MAX, GRID};
 use crate::document::{Bounds, keys, words};
@@ -25,6 +26,7 @@ const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 /// Settling time of a stage with a small payload, ms: servo lag and half of its jerk time.
 const SETTLE_MS: f64 = 10.0;
 
+pub(super) const HOMES: [(&str, Home); 2] = [("switches", Home::Switches), ("by hand", Home::ByHand)];
 pub(super) const DOWN: [(&str, Down); 2] = [("-z", Down::Minus), ("+z", Down::Plus)];
 
 keys! {
@@ -51,6 +53,9 @@ keys! {
         approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
             "largest approach speed before the first touch of the specimen", "0.5";
         settle_ms: Number(LATER), or(SETTLE_MS), "how long it still moves after its controller reports the end of a motion", "10.0";
+        home: Word(&words(&HOMES)), or_word("switches"),
+            "how its position becomes known at each start: by its own switches, or by a person who brings it to the zero of `travel_mm` \
+             (GRBL without switches)", "\"by hand\"";
         home_z_mm: Number(COORDINATE), Allowed,
             "ESP301: position of z at the limit where it homes; without it, the end of `travel_mm.z` away from the specimen", "12.5";
         homed: Flag, or_flag(false),

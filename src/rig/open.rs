@@ -3,7 +3,7 @@
 use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
 use super::simulated::{SceneProbe, SimulatedRig};
-use super::spec::{Dial, Driver, RigSpec, Wiring};
+use super::spec::{Dial, Driver, Home, RigSpec, Wiring};
 use crate::device::{DeviceError, DeviceProblem, Instruments, StageUse};
 use crate::driver::{AnyArray, AnyStage};
 use crate::emulator::{self, Instrument, Shared};
@@ -105,6 +105,7 @@ impl RigSpec {
             home_speed_mm_s: self.stage.speed_mm_s,
             home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.stage.travel.along(Axis::Z).end(away)),
             homed: self.stage.homed,
+            by_hand: self.stage.home == Home::ByHand,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
     }

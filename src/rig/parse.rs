@@ -6,7 +6,7 @@ use super::family::Beside;
 use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
-use super::spec::Driver;
+use super::spec::{Driver, Home};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
@@ -56,6 +56,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             which_way: None,
         };
         check_links(&spec, table);
+        check_zero(&spec, table);
         check_drivers(&spec, table);
         check_room(&spec, table);
         Some(spec)
@@ -75,7 +76,12 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
     let certificate = or_wrong(table.table(&stage::certificate), read_stage_certificate);
     let homed = table.flag(&stage::homed);
+    let home = table.word(&stage::home, &keys::HOMES);
     let (driver, link) = driver?;
+    if home == Some(Home::ByHand) && !driver.homes_by_hand() {
+        let told = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
+        table.complain(Problem::new(table.span_of(&stage::home), told).help("remove `home`"));
+    }
     Some(StageSpec {
         driver,
         link,
@@ -87,6 +93,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         certificate: certificate?,
         home_z_mm: table.number(&stage::home_z_mm),
         homed: homed?,
+        home: home?,
     })
 }
 
@@ -178,6 +185,16 @@ fn check_links(spec: &RigSpec, table: &Table) {
     if simulated != 0 && simulated != links.len() {
         let told = "some links are simulated and others are real: they can't use the same clock";
         let help = "set all links to \"sim\", or none; `--simulate` simulates the whole rig";
+        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+    }
+}
+
+/// Checks that a stage that is brought to its zero may stand there.
+fn check_zero(spec: &RigSpec, table: &Table) {
+    let outside = Axis::ALL.into_iter().find(|axis| !spec.stage.travel.along(*axis).contains(0.0));
+    if let (Home::ByHand, Some(axis)) = (spec.stage.home, outside) {
+        let told = format!("`home = \"by hand\"` begins at 0, which `travel_mm.{}` doesn't contain", axis.name());
+        let help = "state the travel from the place to which a person brings the stage";
         table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
     }
 }

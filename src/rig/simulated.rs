@@ -1,9 +1,9 @@
 //! A rig's emulators, acting on one scene.
 
 use super::emulated::EmulatedDevice;
-use super::spec::RigSpec;
+use super::spec::{Home, RigSpec};
 use crate::device::{DeviceError, DeviceProblem};
-use crate::emulator::{STAGE_TRAVEL_MM, Shared};
+use crate::emulator::Shared;
 use crate::quantity::{Axis, Place, Position};
 use crate::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -52,11 +52,12 @@ impl RigSpec {
         }
         // z travels to its end to withdraw; x and y go no further than to where they press
         let z = self.stage.travel.along(Axis::Z);
-        if z.min.min(-z.max) < -STAGE_TRAVEL_MM {
+        let most = self.stage.driver.simulated_z_mm(z);
+        if z.min < most.min || z.max > most.max {
             let wide = format!(
-                "z of a simulated stage goes from {} to {STAGE_TRAVEL_MM} mm, and `stage.travel_mm.z` has {} to {}: \
-                 narrow it for a simulated run",
-                -STAGE_TRAVEL_MM, z.min, z.max
+                "z of a simulated stage goes from {} to {} mm, and `stage.travel_mm.z` has {} to {}: narrow it for a \
+                 simulated run",
+                most.min, most.max, z.min, z.max
             );
             return Err(not_simulated(Device::Stage, wide));
         }
@@ -72,10 +73,13 @@ impl RigSpec {
             layout: self.array.layout.clone(),
             full_scale_n: self.full_scale_n.unwrap_or(self.limits.force_n),
             half_extent_mm: LOADING_HALF_MM,
-            power_on: Position {
-                x_mm: within(Axis::X, self.frame.origin.x_mm + 1.3),
-                y_mm: within(Axis::Y, self.frame.origin.y_mm - 0.8),
-                z_mm: within(Axis::Z, away),
+            power_on: match self.stage.home {
+                Home::ByHand => Position::default(),
+                Home::Switches => Position {
+                    x_mm: within(Axis::X, self.frame.origin.x_mm + 1.3),
+                    y_mm: within(Axis::Y, self.frame.origin.y_mm - 0.8),
+                    z_mm: within(Axis::Z, away),
+                },
             },
             conversions_hz: self.load_cell.conversions_hz,
             latencies: spec.latencies,

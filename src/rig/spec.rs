@@ -7,7 +7,7 @@ use crate::device::DeviceError;
 use crate::driver::daqmx::SharedAcquisition;
 use crate::driver::modbus::Profile;
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
-use crate::emulator::Shared;
+use crate::emulator::{STAGE_TRAVEL_MM, Shared};
 use crate::quantity::{
     ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, StageCertificate, Travel, WeightCheck,
 };
@@ -73,10 +73,21 @@ pub struct StageSpec {
     pub settle_s: f64,
     /// Calibration certificate of the stage.
     pub certificate: Option<StageCertificate>,
+    /// How the position of the axes becomes known.
+    pub home: Home,
     /// Count of z at the limit where it homes, mm; `None`: the end of its travel. Only for controllers that let the program choose it.
     pub home_z_mm: Option<f64>,
     /// Whether axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
+}
+
+/// How the position of the axes becomes known at each start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Home {
+    /// The controller searches for its switches.
+    Switches,
+    /// A person brings the axes to the rig's zero and confirms it. There are no switches, and no limits but this program's.
+    ByHand,
 }
 
 /// Load cell section of a rig file.
@@ -282,6 +293,17 @@ pub trait StageDriver: Driver {
 
     /// Returns the emulator that answers the driver in a simulated rig.
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
+
+    /// Returns the range of z of its emulator for a rig with this travel along z, mm.
+    fn simulated_z_mm(&self, travel: Range) -> Range {
+        let _ = travel;
+        Range { min: -STAGE_TRAVEL_MM, max: STAGE_TRAVEL_MM }
+    }
+
+    /// Whether its axes can do without switches, so that a person brings them to the rig's zero.
+    fn homes_by_hand(&self) -> bool {
+        false
+    }
 }
 
 /// Driver of a load cell.

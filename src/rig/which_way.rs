@@ -1,4 +1,4 @@
-//! Direction of z: the only property of a rig that no measurement in air shows.
+//! What no measurement in air shows of a rig, and a person confirms: the direction of z, and the zero of a stage without switches.
 
 use crate::device::Identity;
 use crate::quantity::Down;
@@ -21,6 +21,12 @@ pub trait WhichWay: Debug + Send + Sync {
     /// # Errors
     /// Returns an error if z didn't move away, or nobody confirms it.
     fn confirm(&self, stage: &Identity, down: Down, is_cancelled: &dyn Fn() -> bool) -> Result<(), String>;
+
+    /// Asks whether a stage without switches stands where the rig has these positions of x, y and z, mm.
+    ///
+    /// # Errors
+    /// Returns an error if it doesn't stand there, or nobody confirms it. Nothing has moved.
+    fn confirm_zero(&self, stage: &Identity, at_mm: [f64; 3], is_cancelled: &dyn Fn() -> bool) -> Result<(), String>;
 }
 
 /// Absence of a person. A rig that isn't simulated doesn't move.
@@ -38,5 +44,9 @@ impl WhichWay for Nobody {
 
     fn confirm(&self, _: &Identity, _: Down, _: &dyn Fn() -> bool) -> Result<(), String> {
         Err("the direction of z isn't confirmed".to_owned())
+    }
+
+    fn confirm_zero(&self, _: &Identity, _: [f64; 3], _: &dyn Fn() -> bool) -> Result<(), String> {
+        Err("the zero of the stage isn't confirmed".to_owned())
     }
 }

@@ -1,13 +1,16 @@
 //! Checks before a run continues: whether this is still the same specimen, and the return to the position after the last contact.
 
 use super::Halt;
-use super::past::TouchedPlace;
+use super::past::{Past, TouchedPlace};
 use super::press::TRAVEL_CLEARANCE_MM;
+use super::shift::sideways_shift;
 use super::walk::{Listener, Standby, Walker};
 use crate::control::{Permit, Rule, Standing, Strategy, Task, Trip};
 use crate::dataset::{Air, Ledger, Record, Retouch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
+use crate::recipe::Plan;
+use crate::rig::Home;
 
 /// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
 const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
@@ -26,15 +29,30 @@ const UNCOUNTED: u64 = 1 << 62;
 /// Largest difference between two looks at the same air, in standard deviations.
 const SAME_SIGMAS: f64 = 5.0;
 
+/// Largest sideways shift of a stage that a person brought to its zero again, mm: below the error of the best sensors.
+const SHIFT_MOST_MM: f64 = 0.3;
+
+/// Returns the task that repeats the first level of the press at a place; `None` if no level was pressed there.
+fn again(known: &TouchedPlace, plan: &Plan) -> Option<Task> {
+    let (_, force_set_n) = known.felt.as_ref()?;
+    let entry = plan.entries.iter().find(|entry| entry.press == known.press)?;
+    Some(Task { levels: Task::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() })
+}
+
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
-    /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares.
+    /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares. If a person
+    /// brought the stage to its zero, the presses there are repeated and their outputs are compared too, because a touch doesn't show
+    /// that the zero moved sideways.
     pub async fn touch_again(
         &mut self,
-        landmarks: &[TouchedPlace],
+        past: &Past,
+        plan: &Plan,
         next: Place,
         ledger: &mut dyn Ledger,
         listener: &mut dyn Listener,
     ) -> Result<(), Halt> {
+        let by_hand = self.conditions.spec.stage.home == Home::ByHand;
+        let (landmarks, mut repeated) = (past.landmarks(plan), Vec::new());
         for (nth, known) in landmarks.iter().enumerate() {
             let next = landmarks.get(nth + 1).map_or(next, |known| known.place);
             let force_n = known.force_n.min(TOUCH_SHARE * self.conditions.spec.limits.force_n);
@@ -46,6 +64,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
             };
+            let task = if by_hand { again(known, plan).unwrap_or(task) } else { task };
             let pressed = self.contact(UNCOUNTED + nth as u64, known.place, &task, next).await?;
             let touched_mm = pressed.touched_mm.unwrap_or(f64::NAN);
             let t_s = self.conditions.clock.now_s();
@@ -56,6 +75,15 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             let is_there = moved_mm.abs() <= MOVED_MOST_MM; // asked for what must hold, so that a NaN is refused
             if !is_there {
                 return Err(Trip::new(Rule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
+            }
+            if let (true, Some((before, _)), Some(now)) = (by_hand, &known.felt, pressed.felt(known.place)) {
+                repeated.push((before.clone(), now));
+            }
+        }
+        if let Some(shift) = sideways_shift(&repeated, &past.felt()) {
+            let shift_mm = shift.distance_mm(Place::default());
+            if shift_mm > SHIFT_MOST_MM {
+                return Err(Trip::new(Rule::ZeroShifted, shift_mm, SHIFT_MOST_MM, "mm").into());
             }
         }
         Ok(())

@@ -8,7 +8,7 @@ use crate::control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::driver::{AnyArray, AnyStage};
 use crate::quantity::{Axis, seconds};
-use crate::rig::{AdjustedCell, OpenRig, RigSpec};
+use crate::rig::{AdjustedCell, Home, OpenRig, RigSpec};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
@@ -99,11 +99,14 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     }
     let reading = Reading::IfItAnswers;
     let z = spec.stage.travel.along(Axis::Z);
+    let by_hand = spec.stage.home == Home::ByHand;
+    // without switches nothing stops z at the end of its travel
+    let way_mm = if by_hand { spec.limits.depth_mm - spec.clear_mm() } else { z.max - z.min };
     let mut nudges = 0;
-    while f64::from(nudges) * NUDGE_MM < z.max - z.min && hand.nudge_away(reading).await? {
+    while f64::from(nudges) * NUDGE_MM < way_mm && hand.nudge_away(reading).await? {
         nudges += 1;
     }
-    if nudges == 0 {
+    if nudges == 0 && !by_hand {
         hand.home_all(reading).await?;
         let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
         hand.moves(reading, async |stage, usage, reins| {
@@ -196,6 +199,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Homes the stage and moves z to the top.
     async fn come_home(&mut self, spec: &RigSpec, identity: &Identity, reaction: &Reaction) -> Result<(), Unmoved> {
+        self.confirm_zero(spec, identity).await?;
         self.watch_from_rest(spec).await?;
         self.confirm_away(spec, identity).await?;
         // x and y are homed once nothing touches
@@ -226,6 +230,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let still = self.at_rest().await?;
         self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
         Ok(())
+    }
+
+    /// Asks the operator to confirm the position of a stage without switches.
+    async fn confirm_zero(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+        let Some(person) = spec.which_way().filter(|_| spec.stage.home == Home::ByHand) else { return Ok(()) };
+        let mut at_mm = [0.0; 3];
+        for axis in Axis::ALL {
+            let position = self.stage.position_mm(axis, &Reins::default()).await;
+            at_mm[axis.index()] = position.map_err(Unmoved::Stage)?;
+        }
+        let cancel = self.cell.cancel;
+        let confirmed = person.confirm_zero(identity, at_mm, &|| cancel.asked());
+        cancel.check()?;
+        Ok(confirmed.map_err(Halt::Unconfirmed)?)
     }
 
     /// Asks the operator to confirm that z moves away from the specimen, when this stage is first moved along z in this

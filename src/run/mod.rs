@@ -17,6 +17,7 @@ mod pace;
 mod past;
 mod press;
 mod ready;
+mod shift;
 mod walk;
 mod window;
 

@@ -1,8 +1,9 @@
 //! Information from a record about the presses so far.
 
+use super::shift::Felt;
 use super::walk::Standby;
 use crate::control::{Lesson, Map};
-use crate::dataset::{DatasetError, Ledger, Left, Record};
+use crate::dataset::{Contact, DatasetError, Ledger, Left, Record};
 use crate::device::{DeviceError, DeviceProblem, Identity};
 use crate::quantity::Place;
 use crate::recipe::Plan;
@@ -27,13 +28,17 @@ pub(super) struct Past {
 }
 
 /// Place that was touched.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct TouchedPlace {
     pub place: Place,
     /// Position where contact began, mm into the specimen.
     pub z_mm: f64,
     /// The largest force on the way from the touch to the first level, N.
     pub force_n: f64,
+    /// Number of its press in the plan.
+    pub press: u64,
+    /// What the array felt at the first level under force, and that level's requested force, N.
+    pub felt: Option<(Felt, f64)>,
 }
 
 impl Past {
@@ -81,35 +86,46 @@ impl Past {
                 let air = Some(contact.air_after.clone());
                 let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air });
                 self.last = Some((contact.press, standby));
-                contact.lesson.iter().for_each(|lesson| self.learn(lesson));
+                contact.lesson.iter().for_each(|lesson| self.learn(lesson, contact));
             }
             _ => {}
         }
     }
 
-    fn learn(&mut self, lesson: &Lesson) {
+    fn learn(&mut self, lesson: &Lesson, contact: &Contact) {
         self.map.learn(lesson);
         if let Lesson::Touch { place, z_mm, path } = lesson
             && let Some((_, force_n)) = path.last()
             && *force_n > 0.0
             && self.known.len() < KNOWN_MAX
         {
-            self.known.push(TouchedPlace { place: *place, z_mm: *z_mm, force_n: *force_n });
+            self.known.push(TouchedPlace {
+                place: *place,
+                z_mm: *z_mm,
+                force_n: *force_n,
+                press: contact.press,
+                felt: felt(contact, *place),
+            });
         }
+    }
+
+    /// Returns what the array felt at each place that was touched.
+    pub fn felt(&self) -> Vec<Felt> {
+        self.known.iter().filter_map(|known| Some(known.felt.as_ref()?.0.clone())).collect()
     }
 
     /// Returns three places of the plan that were touched, or all of them if there are fewer. The places are as far from one
     /// another as possible. A surface that has sunk, risen or tilted shows at one of these places.
     pub fn landmarks(&self, plan: &Plan) -> Vec<TouchedPlace> {
         let planned = |known: &&TouchedPlace| plan.entries.iter().any(|entry| entry.place == known.place);
-        let mut chosen: Vec<TouchedPlace> = self.known.iter().find(planned).copied().into_iter().collect();
+        let mut chosen: Vec<TouchedPlace> = self.known.iter().find(planned).cloned().into_iter().collect();
         while chosen.len() < 3 {
             let apart_mm = |known: &TouchedPlace| {
                 chosen.iter().map(|other| other.place.distance_mm(known.place)).fold(f64::INFINITY, f64::min)
             };
             let farthest = self.known.iter().filter(planned).max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));
-            match farthest.copied().filter(|known| apart_mm(known) > 0.0) {
-                Some(known) => chosen.push(known),
+            match farthest.filter(|known| apart_mm(known) > 0.0) {
+                Some(known) => chosen.push(known.clone()),
                 None => break,
             }
         }
@@ -117,11 +133,20 @@ impl Past {
     }
 }
 
+/// Returns what the array felt at the first level of a contact under force, and that level's requested force, N.
+fn felt(contact: &Contact, place: Place) -> Option<(Felt, f64)> {
+    contact.levels.iter().find_map(|level| {
+        let (force_set_n, force_n) = (level.force_set_n?, level.force_n?);
+        let felt = Felt::new(place, &level.outputs, &contact.air_before.outputs, force_n);
+        (force_set_n > 0.0 && force_n > 0.0).then_some((felt, force_set_n))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::control::{Strategy, Task};
-    use crate::dataset::{Contact, Memory};
+    use crate::dataset::Memory;
     use crate::recipe::{Entry, Phase};
 
     fn contact(press: u64, lesson: Lesson) -> Record {

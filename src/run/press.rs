@@ -1,6 +1,7 @@
 //! Execution of one press.
 
 use super::Halt;
+use super::shift::Felt;
 use super::walk::Walker;
 use super::window::Window;
 use crate::control::{
@@ -37,6 +38,14 @@ pub(super) struct Pressed {
     air_s: f64,
     pub touched_mm: Option<f64>,
     lesson: Option<Lesson>,
+}
+
+impl Pressed {
+    /// Returns what the array felt at the first level.
+    pub fn felt(&self, place: Place) -> Option<Felt> {
+        let window = &self.levels.first()?.window;
+        Some(Felt::new(place, &window.outputs, &self.air.outputs, window.force_n))
+    }
 }
 
 /// One level that was held.

@@ -205,7 +205,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         ledger.record(zero)?;
         let left: VecDeque<&Entry> = plan.entries.iter().filter(|entry| !ledger.has(entry.press)).collect();
         let Some(first) = left.front() else { return Ok(()) };
-        self.touch_again(&past.landmarks(plan), first.place, ledger, listener).await?;
+        self.touch_again(&past, plan, first.place, ledger, listener).await?;
         self.map = past.map;
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {

@@ -48,6 +48,16 @@ impl Lines {
         Lines { connector, stream: None, inbox: Vec::new(), searched: 0, end, most_bytes }
     }
 
+    /// Opens the link if it isn't open. Returns whether it was opened now.
+    ///
+    /// # Errors
+    /// Errors of the link.
+    pub async fn open(&mut self) -> Result<bool, WireError> {
+        let opens = self.stream.is_none();
+        self.stream().await?;
+        Ok(opens)
+    }
+
     /// Sends bytes unchanged, within a deadline.
     ///
     /// # Errors

@@ -133,6 +133,25 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
 }
 
 #[test]
+fn a_stage_brought_to_its_zero_by_hand_repeats_presses_and_a_sideways_shift_shows() {
+    let sim = include_str!("../../rigs/sim.toml");
+    let rig = exchanged(sim, "driver = \"esp301\"", "driver = \"grbl\"\nhome = \"by hand\"");
+    let recipe = "name = \"r\"\n[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
+                  grid = { x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], spacing_mm = 2.0 }\n";
+    for (shift_mm, goes_on) in [("0.0", true), ("0.1", true), ("0.5", false), ("-0.6", false)] {
+        let bench = Bench::with([("r.toml", recipe), ("rig.toml", &rig)]);
+        bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+        cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 20);
+        let began = bench.read("run/rig.toml");
+        let moved = exchanged(&began, "[scene]", &format!("[scene]\nmounting = {{ x_mm = {shift_mm} }}\n"));
+        change_the_world(&bench, "run", &moved);
+        let told = bench.palpate_ends(if goes_on { 0 } else { 4 }, "resume run");
+        assert_eq!(told.running().contains("zero-shifted: 0."), !goes_on, "{shift_mm}: {}", told.err);
+        assert_eq!(told.err.matches("touched again at ").count(), 3, "{}", told.err);
+    }
+}
+
+#[test]
 fn a_run_does_not_go_on_with_another_device() {
     let bench = half_done();
     let rig = bench.read("run/rig.toml");

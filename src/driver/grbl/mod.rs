@@ -1,7 +1,10 @@
-//! GRBL 1.1: a CNC frame or a converted printer as a stage. Based on GRBL's interface, commands and jogging documents.
+//! GRBL 1.1: a CNC frame or a converted printer as a stage. Based on GRBL's interface, commands, settings and jogging documents.
+//! grblHAL and FluidNC accept the same lines.
 
+mod firmware;
 mod port;
 mod report;
+mod settings;
 mod stage;
 
 pub use report::{Report, parse_report};

@@ -16,6 +16,13 @@ const QUESTION_TRIES: usize = 3;
 /// Silence after which a line that lost synchronisation counts as quiet.
 const QUIET: Duration = Duration::from_millis(100);
 
+/// Silence after the port was opened during which nothing is asked. An Uno restarts then, and its bootloader takes 1.5 to 2 s.
+const BOOT: Duration = Duration::from_millis(2500);
+
+/// Longest wait for a board that restarts, and how often it is asked after [`BOOT`].
+const START_MAX: Duration = Duration::from_secs(10);
+const ASK_EVERY: Duration = Duration::from_secs(1);
+
 /// Longest line (interface document: at most 80 characters).
 const LINE_MAX_BYTES: usize = 256;
 
@@ -60,6 +67,36 @@ impl GrblPort {
         }
     }
 
+    /// Opens the port if it is closed. Opening resets many boards, so nothing is sent before the board's welcome, or before the
+    /// time in which a bootloader would wait. A board that isn't reset answers the question for its status.
+    ///
+    /// # Errors
+    /// Errors of the link. A board that stays silent is no error here: the next question reports it.
+    pub async fn wake(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let opened = self.lines.open().await;
+        if !opened.map_err(|error| self.failed(doing, &error))? {
+            return Ok(());
+        }
+        let (end, mut ask_at) = (Instant::now() + START_MAX, Instant::now() + BOOT);
+        while Instant::now() < end {
+            match self.next(doing, ask_at, None).await? {
+                Some(Report::Welcome) => {
+                    self.restarted = true;
+                    return self.drain(doing, None).await;
+                }
+                Some(Report::Status(_)) => return self.drain(doing, None).await,
+                // Marlin, whose welcome is another
+                Some(report @ Report::Text(_)) => self.keep(report),
+                Some(_) => {}
+                None => {
+                    self.send(doing, STATUS).await?;
+                    ask_at = Instant::now() + ASK_EVERY;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Sends a line and waits for its `ok`. Input before the `ok` is stored in the port's fields.
     pub async fn line(
         &mut self,
@@ -96,6 +133,7 @@ impl GrblPort {
 
     /// Requests a status.
     pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<GrblStatus, DeviceError> {
+        self.wake(doing).await?;
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
             if self.lines.something_came().await {
@@ -185,6 +223,7 @@ impl GrblPort {
         doing: &str,
         reins: Option<(&Reins, &'static [u8])>,
     ) -> Result<(), DeviceError> {
+        self.wake(doing).await?;
         if self.out_of_step || self.lines.something_came().await {
             self.drain(doing, reins).await?;
             self.out_of_step = false;

@@ -13,7 +13,7 @@ pub enum Report {
     Status(GrblStatus),
     /// A setting (`$100=250.000`): number and value.
     Setting(u32, f64),
-    /// The controller has just started (`Grbl 1.1h ['$' for help]`).
+    /// The controller has just started (`Grbl 1.1h ['$' for help]`, `GrblHAL 1.1f [...]`, `Grbl 3.7 [FluidNC ...]`).
     Welcome,
     /// Any other text: `[MSG:...]`, `[VER:...]`, or text that isn't from GRBL.
     Text(String),
@@ -58,7 +58,7 @@ pub fn parse_report(line: &str) -> Option<Report> {
         number(code).map(Report::Alarm)
     } else if line.starts_with('<') {
         parse_status(line).map(Report::Status)
-    } else if line.starts_with("Grbl ") {
+    } else if line.starts_with("Grbl ") || line.starts_with("GrblHAL ") {
         Some(Report::Welcome)
     } else if let Some((name, value)) = line.strip_prefix('$').and_then(|setting| setting.split_once('=')) {
         match name.parse() {

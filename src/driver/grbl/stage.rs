@@ -1,7 +1,9 @@
 //! The stage: prepared, moved by jogs, followed by status reports.
 
+use super::firmware::{Build, Firmware};
 use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblStatus, State};
+use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, Settings};
 use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::{Axis, seconds};
@@ -18,23 +20,16 @@ const STATUS_EVERY: Duration = Duration::from_millis(100);
 /// Time from the expected end of a motion to the first look at it. Its last steps wait in a buffer.
 const FIRST_LOOK: Duration = Duration::from_millis(10);
 
-/// Coarsest step with which presses are possible, mm. The read-back must be within 3 um of the target.
-const STEP_MOST_MM: f64 = 0.005;
-
-/// Numbers of the settings (settings document).
-const REPORT_INCHES: u32 = 13;
-const HOMING: u32 = 22;
-const HOMING_DIRECTION: u32 = 23;
-const HOMING_SEEK_MM_MIN: u32 = 25;
-const STEPS_PER_MM: u32 = 100;
-const MAX_RATE_MM_MIN: u32 = 110;
-const ACCELERATION_MM_S2: u32 = 120;
+/// Largest difference between the count at home and what the settings say of it, mm.
+const HOME_OFF_MOST_MM: f64 = 0.1;
 
 /// A GRBL controller on a serial line.
 pub struct Grbl {
     port: GrblPort,
     link: String,
     pub(super) usage: Option<StageUse>,
+    /// What each axis should count at home, mm, if it is known.
+    home_mm: Option<[f64; 3]>,
     /// Targets of the motion under way.
     targets: Vec<(Axis, f64)>,
 }
@@ -42,7 +37,7 @@ pub struct Grbl {
 impl Grbl {
     /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
-        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, targets: Vec::new() }
+        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, home_mm: None, targets: Vec::new() }
     }
 
     /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
@@ -70,7 +65,7 @@ impl Grbl {
         Ok(status)
     }
 
-    async fn version(&mut self) -> Result<String, DeviceError> {
+    async fn build(&mut self) -> Result<Build, DeviceError> {
         let doing = "identifying it";
         let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
         let said = std::mem::take(&mut self.port.texts);
@@ -82,68 +77,27 @@ impl Grbl {
             return Err(self.port.error(doing, DeviceProblem::Mismatch(told.to_owned())));
         }
         asked?;
-        let version = said.iter().find_map(|text| text.strip_prefix("[VER:")?.strip_suffix(']'));
-        match version {
-            Some(version) if version.starts_with("1.1") => Ok(format!("GRBL {}", version.trim_end_matches(':'))),
-            _ => {
-                let expected = "[VER:1.1...], the version of GRBL that jogs".to_owned();
-                Err(self.port.error(doing, DeviceProblem::Misfit { answer: said.join(" "), expected }))
-            }
-        }
+        Build::read(&said).ok_or_else(|| {
+            let expected = "[VER:1.1...], the version of GRBL that jogs, or FluidNC".to_owned();
+            self.port.error(doing, DeviceProblem::Misfit { answer: said.join(" "), expected })
+        })
     }
 
-    /// Compares the controller's settings with the rig's. The settings are stored in an EEPROM and aren't written.
-    pub(super) async fn check_settings(&mut self, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
+    /// Compares the controller's settings with the rig's. Returns what a person should know.
+    pub(super) async fn check_settings(&mut self, build: &Build, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
         let doing = "checking its settings against the rig";
+        self.port.texts.clear();
         self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
-        let settings = std::mem::take(&mut self.port.settings);
-        let of = |number: u32| settings.get(&number).copied();
-        let mismatch = |told: String| Err(self.port.error(doing, DeviceProblem::Mismatch(told)));
-        if of(REPORT_INCHES) != Some(0.0) {
-            return mismatch(format!("it reports inches; set ${REPORT_INCHES}=0"));
-        }
-        if of(HOMING) != Some(1.0) {
-            return mismatch(format!("homing is disabled, so its position is unknown; set ${HOMING}=1"));
-        }
-        // bit 2: z looks for home toward minus
-        let Some(mask) = of(HOMING_DIRECTION) else {
-            return mismatch(format!("it doesn't report its homing direction (${HOMING_DIRECTION})"));
-        };
-        let toward_minus = mask as u64 & 0b100 != 0;
-        if toward_minus != (usage.away < 0.0) {
-            return mismatch(format!("its z homes toward the specimen; set ${HOMING_DIRECTION}"));
-        }
-        let mut warnings = Vec::new();
-        if let Some(seek_mm_s) = of(HOMING_SEEK_MM_MIN).map(|rate| rate / 60.0).filter(|&v| v > usage.home_speed_mm_s) {
-            warnings.push(format!(
-                "it homes at {seek_mm_s:.2} mm/s. Up to {:.2} mm/s it stops within the force limit: \
-                 ${HOMING_SEEK_MM_MIN}={:.0}",
-                usage.home_speed_mm_s,
-                usage.home_speed_mm_s * 60.0
-            ));
-        }
-        for axis in Axis::ALL {
-            let n = axis.index() as u32;
-            let (rate_mm_s, a) = (of(MAX_RATE_MM_MIN + n).map(|rate| rate / 60.0), of(ACCELERATION_MM_S2 + n));
-            if rate_mm_s.is_none_or(|rate| rate < usage.speed_mm_s) {
-                let (key, least) = (MAX_RATE_MM_MIN + n, usage.speed_mm_s * 60.0);
-                return mismatch(format!("{} reaches at most {rate_mm_s:?} mm/s; set ${key}={least}", axis.name()));
-            }
-            // slower to brake than the rig says, and a stop would come too late
-            if a.is_none_or(|a| a < usage.acceleration_mm_s2) {
-                let (key, wanted) = (ACCELERATION_MM_S2 + n, usage.acceleration_mm_s2);
-                return mismatch(format!(
-                    "{} accelerates with {a:?} mm/s^2; set ${key}={wanted}, or the rig's",
-                    axis.name()
-                ));
-            }
-            let step_mm = of(STEPS_PER_MM + n).map_or(f64::INFINITY, |steps| 1.0 / steps);
-            if step_mm > STEP_MOST_MM {
-                warnings
-                    .push(format!("{} moves in steps of {step_mm:.4} mm: too coarse for force control", axis.name()));
+        if build.firmware == Firmware::FluidNc {
+            for name in [FLUIDNC_IDLE, FLUIDNC_INCHES] {
+                self.port.line(doing, name, ANSWER_DEADLINE, None).await?;
             }
         }
-        Ok(warnings)
+        let settings = Settings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));
+        let checked = settings.check(build, usage);
+        let checked = checked.map_err(|told| self.port.error(doing, DeviceProblem::Mismatch(told)))?;
+        self.home_mm = checked.home_mm;
+        Ok(checked.warnings)
     }
 
     /// Homes all axes: z first and away from the bed, then x and y (GRBL's default cycle). The axes are homed each time, because
@@ -167,6 +121,36 @@ impl Grbl {
             state => {
                 Err(self.port.error(doing, DeviceProblem::Motion(format!("it is in the state {state:?} afterwards"))))
             }
+        }
+    }
+
+    /// Checks that the axes count after homing what the settings say.
+    async fn check_home(&mut self) -> Result<(), DeviceError> {
+        let Some(home_mm) = self.home_mm else { return Ok(()) };
+        let doing = "checking its position after homing";
+        let counts_mm = self.status(doing, &Reins::default()).await?.position_mm;
+        match Axis::ALL
+            .into_iter()
+            .find(|axis| (counts_mm[axis.index()] - home_mm[axis.index()]).abs() > HOME_OFF_MOST_MM)
+        {
+            None => Ok(()),
+            Some(axis) => {
+                let (name, is_mm, should_mm) = (axis.name(), counts_mm[axis.index()], home_mm[axis.index()]);
+                let told = format!(
+                    "{name} counts {is_mm:.3} mm after homing, and by its settings should count {should_mm:.3} mm: it \
+                     isn't a build of GRBL that palpate knows"
+                );
+                Err(self.port.error(doing, DeviceProblem::Mismatch(told)))
+            }
+        }
+    }
+
+    /// Checks that a frame without switches accepts motions.
+    async fn unlocked(&mut self) -> Result<(), DeviceError> {
+        let doing = "preparing it";
+        match self.until_still(doing).await? {
+            State::Idle => Ok(()),
+            state => Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}")))),
         }
     }
 
@@ -224,11 +208,12 @@ impl Grbl {
 impl Stage for Grbl {
     async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
         self.usage = None; // until it is homed it counts as it likes
+        self.port.wake("waiting for its welcome").await?;
         // a program that died may have left a jog behind
         self.stop().await?;
-        let identity = self.version().await?;
-        let warnings = self.check_settings(usage).await?;
-        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+        let build = self.build().await?;
+        let warnings = self.check_settings(&build, usage).await?;
+        Ok(Identity { role: "stage".to_owned(), identity: build.to_string(), link: self.link.clone(), warnings })
     }
 
     async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
@@ -251,7 +236,12 @@ impl Stage for Grbl {
     }
 
     async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
-        self.search(reins).await?;
+        if usage.by_hand {
+            self.unlocked().await?;
+        } else {
+            self.search(reins).await?;
+            self.check_home().await?;
+        }
         self.usage = Some(usage.clone());
         self.status("reading its position", &Reins::default()).await?;
         self.port.complaints.clear();

@@ -1,14 +1,11 @@
 //! The three axes: planned motions, the running motion, and homing.
 
-use super::settings::{
-    ACCELERATION_MM_S2, DEBOUNCE_S, LOCATE_MM_S, MOST_MM_S, PULL_OFF_MM, SEEK_MM_S, STEPS_PER_MM, TRAVEL_MM,
-};
+use super::board::Board;
+use super::settings::Settings;
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
 use std::collections::VecDeque;
 
-/// Distance from the middle of the frame to either end, true mm; there is a limit switch at each end.
-pub const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Number of blocks that the planner holds.
 pub const BLOCKS_MOST: usize = 15;
 /// Axes that GRBL homes together, in order. z is first, so that it is out of the way.
@@ -24,6 +21,8 @@ const ROUNDING: f64 = 1e-9;
 /// Blocks are planned ahead as motions of the scene, so they run even if nobody asks. An axis stops at each corner (GRBL would
 /// round it, slowly). Blocks on one line at one rate are joined into one block.
 pub struct Machine {
+    /// The frame and the settings.
+    pub board: Board,
     /// True place minus counted place, mm.
     offset_mm: [f64; 3],
     blocks: VecDeque<Block>,
@@ -80,9 +79,15 @@ pub struct Homed {
 
 impl Machine {
     /// Creates a frame at power-on: its present place counts as zero.
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(board: Board, scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
-        Machine { offset_mm, blocks: VecDeque::new(), cancelled_s: None }
+        Machine { board, offset_mm, blocks: VecDeque::new(), cancelled_s: None }
+    }
+
+    /// Switches the controller off and on: the axes stop, and their present places count as zero.
+    pub fn power_cycle(&mut self, scene: &mut Scene, now_s: f64) {
+        self.cut_off(scene, now_s);
+        self.offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
     }
 
     /// Applies the effects of everything that has ended by `now_s`.
@@ -129,8 +134,7 @@ impl Machine {
 
     /// Positions of the axes, machine mm, rounded to steps.
     pub fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
-        let count_mm = |n: usize| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n];
-        std::array::from_fn(|n| whole_steps(count_mm(n)))
+        self.whole_steps(std::array::from_fn(|n| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n]))
     }
 
     /// End of the planned motions, machine mm.
@@ -145,13 +149,17 @@ impl Machine {
 
     /// Axes whose limit switch is pressed.
     pub fn switches(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
-        Axis::ALL.map(|axis| scene.motion(axis).position_mm(now_s).abs() >= END_MM - ROUNDING)
+        std::array::from_fn(|n| {
+            let (min_mm, max_mm) = self.board.ends_mm(n);
+            let place_mm = scene.motion(Axis::ALL[n]).position_mm(now_s);
+            place_mm <= min_mm + ROUNDING || place_mm >= max_mm - ROUNDING
+        })
     }
 
     /// Plans one more line. There is always room, because GRBL checks this first ([`ready_s`](Self::ready_s)).
     pub fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
         let from_mm = self.end_mm(scene, now_s);
-        let to_mm = line.to_mm.map(whole_steps);
+        let to_mm = self.whole_steps(line.to_mm);
         let way_mm: [f64; 3] = std::array::from_fn(|n| to_mm[n] - from_mm[n]);
         let length_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
         if length_mm < ROUNDING || self.blocks.len() >= BLOCKS_MOST {
@@ -159,13 +167,16 @@ impl Machine {
         }
         let way = way_mm.map(|way_mm| way_mm / length_mm);
         // along the line, no axis may do more than its own most
-        let longest_way = way.into_iter().map(f64::abs).fold(0.0, f64::max);
+        let settings = &self.board.settings;
+        let most_along = |most: &dyn Fn(usize) -> f64| {
+            (0..3).filter(|&n| way[n] != 0.0).map(|n| most(n) / way[n].abs()).fold(f64::INFINITY, f64::min)
+        };
         let block = Block {
             to_mm,
             way,
             feed_mm_s: line.feed_mm_min.map(|feed| feed / 60.0),
-            most_mm_s: MOST_MM_S / longest_way,
-            acceleration_mm_s2: ACCELERATION_MM_S2 / longest_way,
+            most_mm_s: most_along(&|n| settings.most_mm_s(n)),
+            acceleration_mm_s2: most_along(&|n| settings.acceleration_mm_s2(n)),
             jog: line.jog,
             end_s: 0.0,
             hits: false,
@@ -215,7 +226,7 @@ impl Machine {
     pub fn cancel(&mut self, scene: &mut Scene, now_s: f64) {
         if let Some(front) = self.blocks.front().filter(|_| self.cancelled_s.is_none()) {
             let decelerations_mm_s2 = front.way.map(|way| way.abs() * front.acceleration_mm_s2);
-            self.cancelled_s = Some(brake(decelerations_mm_s2, scene, now_s));
+            self.cancelled_s = Some(self.brake(decelerations_mm_s2, scene, now_s));
         }
     }
 
@@ -226,16 +237,15 @@ impl Machine {
         self.blocks.clear();
         self.cancelled_s = None;
         if coasts {
-            brake([CUT_OFF_FACTOR * ACCELERATION_MM_S2; 3], scene, now_s);
+            let decelerations_mm_s2 =
+                std::array::from_fn(|n| CUT_OFF_FACTOR * self.board.settings.acceleration_mm_s2(n));
+            self.brake(decelerations_mm_s2, scene, now_s);
             self.offset_mm = std::array::from_fn(|n| scene.motion(Axis::ALL[n]).end_mm() - counted_mm[n]);
         }
     }
 
     /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only a search that has reached
     /// its end [counts](Self::is_home).
-    ///
-    /// GRBL counts from 0 at the switch of a + end down to minus the travel. This build adds half the travel, so that the middle
-    /// of the travel is zero.
     pub fn home(&mut self, scene: &mut Scene, now_s: f64) -> Homed {
         self.cut_off(scene, now_s);
         let mut from_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
@@ -243,12 +253,12 @@ impl Machine {
         for turn in HOMING_TURNS {
             let mut turn_ends_s = from_s;
             for &axis in turn {
-                let way = homing_way(axis, from_s, scene);
+                let way = self.homing_way(axis, from_s, scene);
                 turn_ends_s = turn_ends_s.max(way.end_s());
                 let motion = scene.motion(axis);
                 let first = if motion.moving(now_s) { motion.clone() } else { rest(motion.end_mm(), now_s) };
                 scene.set_motion(axis, first.then(&way), now_s);
-                offset_mm[axis.index()] = way.end_mm() - (TRAVEL_MM / 2.0 - PULL_OFF_MM);
+                offset_mm[axis.index()] = way.end_mm() - self.board.home_mm(axis.index());
             }
             from_s = turn_ends_s;
         }
@@ -262,7 +272,54 @@ impl Machine {
 
     /// Returns the end of a block, true mm: its target, or the end of the frame before the target.
     fn targets(&self, block: &Block) -> [f64; 3] {
-        std::array::from_fn(|n| (block.to_mm[n] + self.offset_mm[n]).clamp(-END_MM, END_MM))
+        std::array::from_fn(|n| {
+            let (min_mm, max_mm) = self.board.ends_mm(n);
+            (block.to_mm[n] + self.offset_mm[n]).clamp(min_mm, max_mm)
+        })
+    }
+
+    fn whole_steps(&self, places_mm: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|n| {
+            let steps_per_mm = self.board.settings.steps_per_mm(n);
+            (places_mm[n] * steps_per_mm).round() / steps_per_mm
+        })
+    }
+
+    /// Brings all axes to rest, and returns the time at which they are at rest, s.
+    fn brake(&self, decelerations_mm_s2: [f64; 3], scene: &mut Scene, now_s: f64) -> f64 {
+        let mut end_s = now_s;
+        for axis in Axis::ALL {
+            let (place_mm, speed_mm_s) = commanded(scene, axis, now_s);
+            let way = if speed_mm_s == 0.0 {
+                rest(place_mm, now_s)
+            } else {
+                // the end of the frame stops what the brake doesn't
+                let (min_mm, max_mm) = self.board.ends_mm(axis.index());
+                let room_mm = if speed_mm_s > 0.0 { max_mm - place_mm } else { place_mm - min_mm };
+                let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING));
+                Trajectory::stop(now_s, (place_mm, speed_mm_s), decelerations_mm_s2[axis.index()].max(needed_mm_s2))
+            };
+            end_s = end_s.max(way.end_s());
+            scene.set_motion(axis, way, now_s);
+        }
+        end_s
+    }
+
+    fn homing_way(&self, axis: Axis, from_s: f64, scene: &Scene) -> Trajectory {
+        let settings: &Settings = &self.board.settings;
+        let (switch_mm, off_mm) = self.board.switch_mm(axis.index());
+        let (seek_mm_s, locate_mm_s) = (settings.seek_mm_s(), settings.locate_mm_s());
+        let start_mm = scene.motion(axis).end_mm();
+        let phases = [(switch_mm, seek_mm_s), (off_mm, seek_mm_s), (switch_mm, locate_mm_s), (off_mm, locate_mm_s)];
+        let mut way = rest(start_mm, from_s);
+        let mut at = (from_s, start_mm);
+        for (target_mm, speed_mm_s) in phases {
+            let acceleration_mm_s2 = settings.acceleration_mm_s2(axis.index());
+            let leg = Trajectory::to(at.0, (at.1, 0.0), target_mm, speed_mm_s, acceleration_mm_s2);
+            at = (leg.end_s() + settings.debounce_s(), target_mm);
+            way = way.then(&leg);
+        }
+        way
     }
 }
 
@@ -274,39 +331,6 @@ impl Block {
     }
 }
 
-/// Brings all axes to rest, and returns the time at which they are at rest, s.
-fn brake(decelerations_mm_s2: [f64; 3], scene: &mut Scene, now_s: f64) -> f64 {
-    let mut end_s = now_s;
-    for axis in Axis::ALL {
-        let (place_mm, speed_mm_s) = commanded(scene, axis, now_s);
-        let way = if speed_mm_s == 0.0 {
-            rest(place_mm, now_s)
-        } else {
-            // the end of the frame stops what the brake doesn't
-            let room_mm = END_MM - place_mm * speed_mm_s.signum();
-            let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING));
-            Trajectory::stop(now_s, (place_mm, speed_mm_s), decelerations_mm_s2[axis.index()].max(needed_mm_s2))
-        };
-        end_s = end_s.max(way.end_s());
-        scene.set_motion(axis, way, now_s);
-    }
-    end_s
-}
-
-fn homing_way(axis: Axis, from_s: f64, scene: &Scene) -> Trajectory {
-    let off_mm = END_MM - PULL_OFF_MM;
-    let start_mm = scene.motion(axis).end_mm();
-    let phases = [(END_MM, SEEK_MM_S), (off_mm, SEEK_MM_S), (END_MM, LOCATE_MM_S), (off_mm, LOCATE_MM_S)];
-    let mut way = rest(start_mm, from_s);
-    let mut at = (from_s, start_mm);
-    for (target_mm, speed_mm_s) in phases {
-        let leg = Trajectory::to(at.0, (at.1, 0.0), target_mm, speed_mm_s, ACCELERATION_MM_S2);
-        at = (leg.end_s() + DEBOUNCE_S, target_mm);
-        way = way.then(&leg);
-    }
-    way
-}
-
 /// Trajectory of an axis that is at rest from `since_s` on.
 fn rest(place_mm: f64, since_s: f64) -> Trajectory {
     Trajectory::stop(since_s, (place_mm, 0.0), 1.0)
@@ -315,8 +339,4 @@ fn rest(place_mm: f64, since_s: f64) -> Trajectory {
 fn commanded(scene: &Scene, axis: Axis, now_s: f64) -> (f64, f64) {
     let motion = scene.motion(axis);
     (motion.position_mm(now_s), motion.speed_mm_s(now_s))
-}
-
-fn whole_steps(place_mm: f64) -> f64 {
-    (place_mm * STEPS_PER_MM).round() / STEPS_PER_MM
 }

@@ -1,18 +1,21 @@
 //! GRBL 1.1h on a frame of three axes (manual: doc/markdown and doc/csv of gnea/grbl). It receives lines, answers each with one
 //! `ok` or `error:N`, and receives single bytes that act at once.
 //!
-//! In this build homing sets the origin (option Z of `$I`), in the middle of the travel. GRBL counts from minus the travel to 0;
-//! this build counts from minus half the travel to plus half. So machine coordinates are the stage's own once it is homed. Axes
-//! home z first, each to its + end. The settings are those at delivery.
+//! Homing counts as in the stock build: a + end is 0, and an axis stands at minus its pull-off after homing to it; one that homes
+//! to its - end stands at minus the travel plus the pull-off. z is homed first. The settings are those of a frame that is ready for
+//! use; a [`Board`] can have others, and a client can write them.
+//!
+//! Opening the port resets the board, as the DTR line of an Uno does: it ignores everything until its bootloader ends, then sends
+//! its welcome, and the position is lost.
 //!
 //! The emulator supports the lines that a client sends: G0, G1, G4, G92, absolute and incremental, jogs. G21 and G94 are accepted
 //! without effect. All other lines are answered with an error. Single bytes other than `?`, a jog's cancel and a reset are
-//! accepted without effect. Corners aren't rounded: axes stop at them. The welcome is sent after a reset, not when a client
-//! connects, because the emulator doesn't see the client's DTR.
+//! accepted without effect. Corners aren't rounded: axes stop at them.
 //!
 //! A line that homes, dwells, or needs room in the planner is answered when that is done. Later lines wait, but single bytes act.
 //! During homing only a reset acts, and a `?` is answered once at the end of homing.
 
+mod board;
 mod fault;
 mod gcode;
 mod line;
@@ -22,14 +25,15 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use super::{Instrument, Owed};
+use super::{Instrument, Owed, Shared};
 use crate::scene::{Device, Scene};
+pub use board::{Board, ROOM_MM};
+
 use fault::GrblError;
 use gcode::{Block, BlockOrder, Modal};
 use line::{Input, LineReader};
 use machine::{Activity, Homed, Machine, PlannedLine};
 use report::{RX_MOST, Reporter, StatusReport};
-use settings::TRAVEL_MM;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::Notify;
@@ -45,9 +49,9 @@ const RUN: u8 = b'\n';
 const SOFT_RESET: u8 = 0x18;
 const JOG_CANCEL: u8 = 0x85;
 
-/// A GRBL 1.1h with three axes: 12.5 mm to either side, 800 steps per mm, 25 mm/s.
+/// A GRBL 1.1h with three axes.
 ///
-/// At power-on homing is enabled, so the controller is locked. The present place of each axis counts as zero until it is homed.
+/// If homing is enabled, the controller is locked at power-on. The present place of each axis counts as zero until it is homed.
 pub struct Grbl {
     machine: Machine,
     modal: Modal,
@@ -64,6 +68,10 @@ pub struct Grbl {
     asked: bool,
     /// Whether a line that caused an alarm still waits for its `ok`, which comes with the reset.
     unanswered: bool,
+    /// Whether the port was opened since the last request.
+    opened: bool,
+    /// Time at which the bootloader ends, s.
+    boots_until_s: Option<f64>,
     bell: Arc<Notify>,
 }
 
@@ -79,18 +87,20 @@ enum Lock {
 
 impl Grbl {
     /// Creates a controller that is switched on at the present place of the scene's axes.
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(board: Board, scene: &Scene) -> Self {
         Grbl {
-            machine: Machine::new(scene),
+            lock: lock_at_start(&board),
+            machine: Machine::new(board, scene),
             modal: Modal::default(),
             reader: LineReader::default(),
             reporter: Reporter::default(),
-            lock: Lock::Alarm,
             waiting: VecDeque::new(),
             stall: None,
             homing: None,
             asked: false,
             unanswered: false,
+            opened: false,
+            boots_until_s: None,
             bell: Arc::default(),
         }
     }
@@ -109,8 +119,16 @@ impl Instrument for Grbl {
         })
     }
 
+    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+        self.opened = self.machine.board.boot_s.is_some();
+        None
+    }
+
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut reply = Reply::default();
+        if self.boots(&mut reply, scene, now_s).is_some() {
+            return Vec::new(); // the bootloader takes no line
+        }
         self.machine.settle(scene, now_s);
         match request {
             [line @ .., RUN] => self.keep(&String::from_utf8_lossy(line)),
@@ -127,10 +145,13 @@ impl Instrument for Grbl {
     }
 
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
-        if self.waiting.is_empty() {
-            return Owed::Nothing;
-        }
         let mut reply = Reply::default();
+        match self.boots(&mut reply, scene, now_s) {
+            Some(until_s) => return Owed::At(until_s),
+            None if !reply.0.is_empty() => return Owed::Ready(reply.0.into_bytes()),
+            None if self.waiting.is_empty() => return Owed::Nothing,
+            None => {}
+        }
         self.machine.settle(scene, now_s);
         self.run_waiting(&mut reply, scene, now_s);
         match self.next_s() {
@@ -168,6 +189,27 @@ impl Reply {
 }
 
 impl Grbl {
+    /// Resets the board if its port was opened, and sends the welcome when it is ready. Returns the time until which it boots, s.
+    fn boots(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Option<f64> {
+        if let Some(boot_s) = self.machine.board.boot_s.filter(|_| std::mem::take(&mut self.opened)) {
+            self.machine.power_cycle(scene, now_s);
+            self.homing = None;
+            self.unanswered = false;
+            self.lock = lock_at_start(&self.machine.board);
+            self.forget_lines();
+            self.reader.clear();
+            self.boots_until_s = Some(now_s + boot_s);
+        }
+        let until_s = self.boots_until_s?;
+        if now_s < until_s {
+            self.reader.clear();
+            return Some(until_s);
+        }
+        self.boots_until_s = None;
+        self.restart(reply, scene, now_s);
+        None
+    }
+
     fn take_line(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         match self.run(line, reply, scene, now_s) {
             Ok(()) if self.unanswered => {}
@@ -213,7 +255,7 @@ impl Grbl {
         let activity = self.machine.activity();
         match command {
             "$" if activity == Activity::Run => return Err(GrblError::NotIdle),
-            "$" => settings::LINES.split(' ').for_each(|line| reply.line(line)),
+            "$" => self.machine.board.settings.lines().for_each(|line| reply.line(line)),
             "G" => reply.line(report::modes(&self.modal)),
             "X" => {
                 if self.lock == Lock::Alarm {
@@ -224,14 +266,23 @@ impl Grbl {
             jog if jog.starts_with('J') => return self.jog(&jog[1..], scene, now_s),
             _ if activity != Activity::Idle => return Err(GrblError::NotIdle),
             "#" => report::parameters(&self.modal).iter().for_each(|line| reply.line(line)),
-            "I" => report::build_info().iter().for_each(|line| reply.line(line)),
+            "I" => report::build_info(self.machine.board.sets_origin).iter().for_each(|line| reply.line(line)),
+            "H" if !self.machine.board.settings.homes() => return Err(GrblError::HomingDisabled),
             "H" => {
                 if let Some(homed) = self.homing.take() {
                     self.machine.is_home(homed);
                     self.lock = Lock::Open;
                 }
             }
-            _ => return Err(GrblError::InvalidStatement),
+            setting => {
+                let (number, value) = setting.split_once('=').ok_or(GrblError::InvalidStatement)?;
+                let number = number.parse().map_err(|_| GrblError::InvalidStatement)?;
+                let (value, rest) = gcode::number(value.as_bytes()).ok_or(GrblError::BadNumber)?;
+                if !rest.is_empty() {
+                    return Err(GrblError::InvalidStatement);
+                }
+                self.machine.board.settings.write(number, value)?;
+            }
         }
         Ok(())
     }
@@ -325,8 +376,18 @@ impl Grbl {
     }
 
     fn beyond_travel(&self, to_mm: [f64; 3]) -> bool {
-        to_mm.into_iter().any(|to_mm| to_mm.abs() > TRAVEL_MM / 2.0 + ROUNDING_MM)
+        let board = &self.machine.board;
+        board.settings.limits_softly()
+            && (0..3).any(|n| {
+                let (least_mm, most_mm) = board.soft_limits_mm(n);
+                to_mm[n] < least_mm - ROUNDING_MM || to_mm[n] > most_mm + ROUNDING_MM
+            })
     }
+}
+
+/// State of the lock at power-on (build option HOMING_INIT_LOCK, which stock builds have).
+fn lock_at_start(board: &Board) -> Lock {
+    if board.settings.homes() { Lock::Alarm } else { Lock::Open }
 }
 
 impl Grbl {
@@ -375,7 +436,7 @@ impl Grbl {
     /// Returns the reason for which a line has to wait. Starts homing if the line requests it.
     fn begin_to_wait(&mut self, line: &str, scene: &mut Scene, now_s: f64) -> Option<Stall> {
         let activity = self.machine.activity();
-        if line == "$H" {
+        if line == "$H" && self.machine.board.settings.homes() {
             if activity != Activity::Idle {
                 return None;
             }

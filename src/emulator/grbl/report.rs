@@ -82,10 +82,11 @@ pub fn modes(modal: &Modal) -> String {
     format!("[GC:G{motion} G54 G17 G21 G{distance} G94 M5 M9 T0 F{:.0} S0]", modal.feed_mm_min)
 }
 
-/// Returns the lines of `$I`: options V, a spindle with variable speed, and Z, an origin set by homing; then the sizes of the
+/// Returns the lines of `$I`: option V, a spindle with variable speed, and perhaps Z, an origin set by homing; then the sizes of the
 /// buffers.
-pub fn build_info() -> [String; 2] {
-    ["[VER:1.1h.20190825:]".into(), format!("[OPT:VZ,{BLOCKS_MOST},{RX_MOST}]")]
+pub fn build_info(sets_origin: bool) -> [String; 2] {
+    let options = if sets_origin { "VZ" } else { "V" };
+    ["[VER:1.1h.20190825:]".into(), format!("[OPT:{options},{BLOCKS_MOST},{RX_MOST}]")]
 }
 
 /// Formats three coordinates with three decimals each, separated by commas. A zero has no sign.

@@ -1,5 +1,6 @@
 //! GRBL, line by line.
 
+use super::settings::Settings;
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::quantity::Axis;
@@ -9,6 +10,14 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
+
+/// Where the middle of the frame counts after homing, mm; it is at 0 in the scene.
+const MIDDLE_MM: f64 = -12.5;
+
+/// A frame whose middle is in the middle of the scene. Its port is open.
+fn board() -> Board {
+    Board { plus_ends_mm: [12.5; 3], ..Board::default() }
+}
 
 /// A controller and its scene, talked to at given times.
 struct Bench {
@@ -24,10 +33,10 @@ impl Bench {
     }
 
     fn on(scene: Scene) -> Self {
-        Bench { grbl: Grbl::new(&scene), scene, done_s: 0.0 }
+        Bench { grbl: Grbl::new(board(), &scene), scene, done_s: 0.0 }
     }
 
-    /// Homed by 20 s, and back in the middle by 30 s.
+    /// Homed by 20 s, and back in the middle by 30 s, which is then zero in work coordinates.
     fn homed() -> Self {
         Bench::homed_on(scene())
     }
@@ -36,8 +45,9 @@ impl Bench {
         let mut bench = Bench::on(scene);
         bench.script(&[
             (0.0, "$H\n", "ok"),
-            (20.0, "G0X0Y0Z0\n", "ok"),
-            (30.0, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
+            (20.0, "G0X-12.5Y-12.5Z-12.5\n", "ok"),
+            (30.0, "G92X0Y0Z0\n", "ok"),
+            (30.0, "?", "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|WCO:-12.500,-12.500,-12.500>"),
         ]);
         bench
     }
@@ -78,13 +88,13 @@ impl Bench {
         }
     }
 
-    /// The state's name and the machine coordinates.
+    /// The state's name and the work coordinates, if the middle is their zero.
     fn state(&mut self, now_s: f64) -> (String, [f64; 3]) {
         let report = self.say(now_s, b"?");
         let mut fields = report.trim_matches(['<', '>']).split('|');
         let state = fields.next().expect("a state").to_owned();
         let places = fields.next().and_then(|field| field.strip_prefix("MPos:")).expect("a place");
-        let mut places = places.split(',').map(|place| place.parse().expect("a number"));
+        let mut places = places.split(',').map(|place| place.parse::<f64>().expect("a number") - MIDDLE_MM);
         (state, std::array::from_fn(|_| places.next().expect("three")))
     }
 
@@ -113,16 +123,16 @@ fn it_is_locked_when_switched_on_and_a_reset_says_so() {
 fn what_it_tells_of_itself() {
     Bench::homed().script(&[
         (40.1, "$G\n", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0] ok"),
-        (40.2, "$i\n", "[VER:1.1h.20190825:] [OPT:VZ,15,128] ok"),
+        (40.2, "$i\n", "[VER:1.1h.20190825:] [OPT:V,15,128] ok"),
         (40.4, "g91 g21 (mm) f25\n", "ok"),
         (40.5, "$G\n", "[GC:G0 G54 G17 G21 G91 G94 M5 M9 T0 F25 S0] ok"),
         (40.6, "G92X-1\n", "ok"),
-        (40.7, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:1.000,0.000,0.000>"),
-        (40.9, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>"),
+        (40.7, "?", "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|WCO:-11.500,-12.500,-12.500>"),
+        (40.9, "?", "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|Ov:100,100,100>"),
     ]);
     let mut bench = Bench::homed();
     let parameters = bench.say(40.0, b"$#\n");
-    assert_eq!(parameters.matches("0.000,0.000,0.000").count(), 10);
+    assert_eq!(parameters.matches(":0.000,0.000,0.000").count(), 9);
     assert!(parameters.starts_with("[G54:") && parameters.ends_with("[TLO:0.000] [PRB:0.000,0.000,0.000:0] ok"));
     let told = bench.say(40.0, b"$$\n");
     assert!(told.starts_with("$0=10 $1=255 ") && told.ends_with(" $131=25.000 $132=25.000 ok"), "{told}");
@@ -137,7 +147,9 @@ fn what_cant_be_done_is_refused_with_its_code_and_moves_nothing() {
         ("$Jog", 16),
         ("$7=1", 3),
         ("$N", 3),
-        ("$13=1", 3),
+        ("$130=-1", 4),
+        ("$99=1", 3),
+        ("$13=x", 2),
         ("G1X1F-1", 4),
         ("G0X1111111111111111111111111111111111111111111111111111111111111111111111111111111111", 11),
         ("$J=X12.6F100", 15),
@@ -180,14 +192,14 @@ fn jogs_move_straight_and_are_done_when_idle() {
     let mut bench = Bench::homed();
     bench.script(&[
         (40.0, "$J=G91X3Y-4F600\n", "ok"),
-        (40.25, "?", "<Jog|MPos:1.260,-1.680,0.000|FS:600,0|Ov:100,100,100>"),
+        (40.25, "?", "<Jog|MPos:-11.240,-14.180,-12.500|FS:600,0|Ov:100,100,100>"),
         (40.26, "G0X0\n", "error:9"),
         (40.27, "$110=1\n", "error:8"),
     ]);
     // 5 mm at 10 mm/s, and 0.08 s for the ramps: no axis harder than 100 mm/s^2 is 125 along the line
     assert_eq!(bench.state(40.57).0, "Jog");
     assert_eq!(bench.state(40.59), ("Idle".into(), [3.0, -4.0, 0.0]));
-    assert_eq!(bench.say(41.0, b"$J=G53Z-0.25F60\n"), "ok");
+    assert_eq!(bench.say(41.0, b"$J=G53Z-12.75F60\n"), "ok");
     assert!((bench.scene.load_cell_n(45.0) - 0.25 * STIFFNESS_N_MM).abs() < 1e-9);
 }
 
@@ -214,7 +226,7 @@ fn a_jog_sent_while_one_is_cancelled_waits_for_it() {
 fn real_time_bytes_in_the_midst_of_a_line_leave_it_whole() {
     let mut bench = Bench::homed();
     let answer = bench.say(40.0, b"$J=X?1\x91 F6!00\n");
-    assert_eq!(answer, "<Idle|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100> ok");
+    assert_eq!(answer, "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|Ov:100,100,100> ok");
     assert_eq!(bench.state(42.0).1, [1.0, 0.0, 0.0]);
 }
 
@@ -299,14 +311,16 @@ fn a_line_beyond_the_travel_is_an_alarm_that_only_a_reset_ends() {
         (40.1, "?$X\n\n", ""),
         (40.2, "\x18", &format!("ok  Grbl 1.1h ['$' for help] {UNLOCK}")),
         (40.3, "$X\n", "[MSG:Caution: Unlocked] ok"),
-        (40.4, "G0X1\n", "ok"),
+        (40.4, "G0X-11.5\n", "ok"),
     ]);
     assert_eq!((bench.state(50.0).1, bench.true_mm(Axis::X, 50.0)), ([1.0, 0.0, 0.0], 1.0));
 }
 
 #[test]
 fn an_end_of_the_frame_stops_what_is_not_homed() {
-    let mut bench = Bench::new();
+    let settings = Settings::default().with(Board::SOFT_LIMITS, 0.0);
+    let scene = scene();
+    let mut bench = Bench { grbl: Grbl::new(Board { settings, ..board() }, &scene), scene, done_s: 0.0 };
     // z stands at true 8, counted 0: count 10 would be true 18
     bench.script(&[(0.0, "$X\nG0Z10\n", "[MSG:Caution: Unlocked] ok ok")]);
     bench.script(&[(5.0, "?", "<Idle|MPos:0.000,0.000,10.000|FS:0,0|Pn:Z|WCO:0.000,0.000,0.000>")]);
@@ -318,7 +332,9 @@ fn an_end_of_the_frame_stops_what_is_not_homed() {
 fn places_are_whole_steps() {
     let mut bench = Bench::homed();
     bench.script(&[(40.0, "$J=X0.0004Y0.0007Z1.2341F600\n", "ok")]);
-    assert_eq!(Axis::ALL.map(|axis| bench.true_mm(axis, 50.0)), [0.0, 0.001_25, 1.233_75]);
+    for (axis, mm) in Axis::ALL.into_iter().zip([0.0, 0.001_25, 1.233_75]) {
+        assert!((bench.true_mm(axis, 50.0) - mm).abs() < 1e-9, "{axis:?}");
+    }
 }
 
 #[test]
@@ -344,9 +360,67 @@ fn a_lagging_stage_goes_on_through_jogs_and_a_cancel_without_a_jump() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn opening_the_port_resets_it_and_its_bootloader_takes_no_line() {
+    let scene = shared(scene());
+    let grbl = shared(Grbl::new(board(), &scene.lock().expect("a scene")));
+    let origin = Instant::now();
+    let mut wire = Wire::to(grbl.clone(), scene.clone(), origin);
+    wire.send(b"$I\n?").await;
+    assert!(wire.is_silent().await);
+    let welcome = format!("\r\nGrbl 1.1h ['$' for help]\r\n{UNLOCK}\r\n");
+    assert_eq!(wire.ask(b"", welcome.len()).await, welcome.as_bytes());
+    let took_s = origin.elapsed().as_secs_f64();
+    assert!((1.69..1.72).contains(&took_s), "{took_s}");
+    assert!(wire.is_silent().await, "what came before is lost");
+    assert_eq!(wire.ask(b"$X\n$J=G91X-5F600\n", 33).await, b"[MSG:Caution: Unlocked]\r\nok\r\nok\r\n");
+    // another opening: the motion ends, and the count begins at zero
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let mut again = Wire::to(grbl, scene.clone(), origin);
+    assert_eq!(again.ask(b"", welcome.len()).await, welcome.as_bytes());
+    let report = b"<Alarm|MPos:0.000,0.000,0.000|";
+    assert_eq!(again.ask(b"?", report.len()).await, report);
+    let way_mm = POWER_ON.x_mm - scene.lock().expect("a scene").axis(Axis::X, 60.0).0;
+    assert!((1.0..3.0).contains(&way_mm), "{way_mm}");
+}
+
+#[test]
+fn a_frame_without_switches_is_open_counts_from_zero_and_homes_nowhere() {
+    let settings = Settings::default().with(Board::SOFT_LIMITS, 0.0).with(Board::HOMING, 0.0);
+    let scene = scene();
+    let mut bench = Bench { grbl: Grbl::new(Board { settings, ..board() }, &scene), scene, done_s: 0.0 };
+    bench.script(&[
+        (0.0, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
+        (0.1, "$H\n", "error:5"),
+        (0.2, "$20=1\n", "error:10"),
+        (0.3, "$J=G91X1F600\n", "ok"),
+        (2.0, "$22=1\n$20=1\n$1=25\n", "ok ok ok"),
+    ]);
+    let told = bench.say(3.0, b"$$\n");
+    assert!(told.contains(" $1=25 ") || told.starts_with("$0=10 $1=25 "), "{told}");
+    assert!(told.contains(" $20=1 ") && told.contains(" $22=1 "), "{told}");
+}
+
+#[test]
+fn an_axis_that_homes_to_minus_and_a_build_that_sets_the_origin_count_as_grbl_does() {
+    for (mask, sets_origin, counts_mm) in
+        [(0.0, false, [-0.5; 3]), (3.0, false, [-24.5, -24.5, -0.5]), (0.0, true, [0.0; 3]), (7.0, true, [0.0; 3])]
+    {
+        let settings = Settings::default().with(Board::HOMING_DIRECTION, mask);
+        let scene = scene();
+        let board = Board { settings, sets_origin, ..board() };
+        let mut bench = Bench { grbl: Grbl::new(board, &scene), scene, done_s: 0.0 };
+        assert_eq!(bench.say(1.0, b"$H\n"), "ok");
+        let at_s = bench.done_s;
+        assert_eq!(bench.state(at_s).1.map(|mm| mm + MIDDLE_MM), counts_mm);
+        let ends_mm: [f64; 3] = std::array::from_fn(|n| if mask as u8 & (1 << n) == 0 { 12.0 } else { -12.0 });
+        assert_eq!(Axis::ALL.map(|axis| (bench.true_mm(axis, at_s) * 1e6).round() / 1e6), ends_mm);
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn homing_answers_at_its_end_and_tells_no_status_before() {
     let scene = scene();
-    let grbl = shared(Grbl::new(&scene));
+    let grbl = shared(Grbl::new(Board { boot_s: None, ..board() }, &scene));
     let origin = Instant::now();
     let mut wire = Wire::to(grbl, shared(scene), origin);
     wire.send(b"$H\n").await;
@@ -355,7 +429,7 @@ async fn homing_answers_at_its_end_and_tells_no_status_before() {
     assert!(wire.is_silent().await);
     assert_eq!(wire.ask(b"", 4).await, b"ok\r\n");
     assert!(Instant::now() - origin > Duration::from_secs(4));
-    let report = b"<Idle|MPos:12.000,12.000,12.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n";
+    let report = b"<Idle|MPos:-0.500,-0.500,-0.500|FS:0,0|WCO:0.000,0.000,0.000>\r\n";
     assert_eq!(wire.ask(b"", report.len()).await, report);
     assert!(wire.is_silent().await);
 }
@@ -363,7 +437,7 @@ async fn homing_answers_at_its_end_and_tells_no_status_before() {
 #[tokio::test(start_paused = true)]
 async fn a_reset_ends_a_search_for_home() {
     let scene = shared(scene());
-    let grbl = shared(Grbl::new(&scene.lock().expect("a scene")));
+    let grbl = shared(Grbl::new(Board { boot_s: None, ..board() }, &scene.lock().expect("a scene")));
     let origin = Instant::now();
     let mut wire = Wire::to(grbl, scene.clone(), origin);
     wire.send(b"$H\n").await;
@@ -397,7 +471,7 @@ proptest! {
             prop_assert!(bench.grbl.waiting.iter().map(String::len).sum::<usize>() < report::RX_MOST);
             for axis in Axis::ALL {
                 let place_mm = bench.true_mm(axis, now_s);
-                prop_assert!(place_mm.abs() <= machine::END_MM + 1e-6, "{axis:?} at {place_mm}");
+                prop_assert!(place_mm.abs() <= 12.5 + 1e-6, "{axis:?} at {place_mm}");
             }
         }
     }
