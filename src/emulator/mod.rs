@@ -12,11 +12,14 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load cells),
 //!   or [`LabJackT7`] (load cell or array).
 //! - [`Grbl`]: GRBL 1.1h on a frame of three axes.
+//! - [`lines`]: boards that push lines or frames: an HX711 or a Mark-10 gauge (load cells), ReSkin, a text board or a Velostat matrix
+//!   (arrays).
 //! - [`ProcessStage`], [`ProcessLoadCell`], [`ProcessArray`]: devices of the process protocol (docs/process.md).
 
 mod daqmx;
 mod esp301;
 mod grbl;
+pub mod lines;
 pub mod listen;
 mod modbus;
 mod process;
@@ -102,6 +105,8 @@ pub enum Owed {
     At(f64),
     /// These bytes, now.
     Ready(Vec<u8>),
+    /// These bytes, now, pushed without a request. If the client doesn't read, they are lost, so that the device isn't slowed down.
+    Pushed(Vec<u8>),
     /// No answer any more: the device hung up, and the link is closed.
     HungUp,
 }

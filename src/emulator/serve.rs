@@ -22,6 +22,9 @@ const LEAST_LATENCY: Duration = Duration::from_millis(1);
 /// Longest time after which an owed answer is asked for again.
 const OWED_MOST: Duration = Duration::from_secs(3600);
 
+/// Longest time that pushed bytes wait for room on the link. After it the remaining bytes are lost.
+const PUSH_MOST: Duration = Duration::from_millis(10);
+
 /// Serves one link until its far end is closed. Requests are answered one after another, each after the scene's latency for the
 /// device. Requests to a device whose link the scene has made silent are lost. An answer that the device owes is sent when it is
 /// due, together with any requests meanwhile. Time zero of the scene is `origin`.
@@ -143,6 +146,13 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
                 Owed::Ready(reply) => {
                     if self.latency(Instant::now()).is_some() {
                         send(stream, &reply).await?;
+                    }
+                }
+                Owed::Pushed(bytes) => {
+                    if self.latency(Instant::now()).is_some()
+                        && let Ok(sent) = timeout(PUSH_MOST, send(stream, &bytes)).await
+                    {
+                        sent?;
                     }
                 }
                 Owed::HungUp => return Err(io::ErrorKind::ConnectionReset.into()),

@@ -26,6 +26,11 @@ pub fn scene() -> Scene {
 
 /// A quiet scene but for what is changed.
 pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
+    scene_of(ArrayLayout::grid(3, 3, 4.5), change)
+}
+
+/// A quiet scene with other taxels, but for what is changed.
+pub fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Scene {
     let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
     let mut spec = SceneSpec {
         skin: SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() },
@@ -51,7 +56,7 @@ pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
     };
     let setting = Surroundings {
         frame,
-        layout: ArrayLayout::grid(3, 3, 4.5),
+        layout,
         full_scale_n: 1.0,
         half_extent_mm: 6.0,
         power_on: POWER_ON,
@@ -91,6 +96,11 @@ impl Wire {
             .unwrap_or_else(|_| panic!("no answer to {bytes:02x?}"))
             .expect("the far end is open");
         reply
+    }
+
+    /// The near end itself.
+    pub fn stream(&mut self) -> &mut DuplexStream {
+        &mut self.stream
     }
 
     /// Whether nothing comes within a second.

@@ -71,7 +71,7 @@ impl Bench {
             match self.grbl.owed(&mut self.scene, at_s) {
                 Owed::Nothing | Owed::HungUp => break,
                 Owed::At(next_s) => at_s = next_s.max(at_s),
-                Owed::Ready(owed) => {
+                Owed::Ready(owed) | Owed::Pushed(owed) => {
                     reply += &String::from_utf8(owed).expect("ASCII");
                     self.done_s = at_s;
                 }

@@ -23,7 +23,7 @@ fn ask<I: Instrument>(device: &mut I, scene: &mut Scene, now_s: f64, line: &str)
         match device.owed(scene, at_s) {
             Owed::Nothing | Owed::HungUp => break,
             Owed::At(due_s) => at_s = due_s,
-            Owed::Ready(owed) => reply.extend(owed),
+            Owed::Ready(owed) | Owed::Pushed(owed) => reply.extend(owed),
         }
     }
     String::from_utf8(reply).expect("UTF-8").trim_end().to_owned()
