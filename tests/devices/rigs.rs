@@ -114,6 +114,29 @@ fn an_xps_with_a_guard_ends_a_motion_by_itself_however_slow_its_host_is() {
     });
 }
 
+#[test]
+fn every_shipped_map_of_a_load_cell_fits_its_emulator() {
+    for (map, name) in [
+        ("generic-rs485", "generic RS485"),
+        ("laumas-tlb", "Laumas TLB"),
+        ("seneca-zsg", "Seneca Z-SG,"),
+        ("seneca-zsg2", "Seneca Z-SG2,"),
+        ("labjack-t7", "LabJack T7"),
+    ] {
+        let rig = exchanged(&shipped_text("rigs/sim.toml"), "\"generic-rs485\"", &format!("\"{map}\""));
+        let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", SMALL)]);
+        let told = bench.palpate_ends(0, "doctor rig.toml --json").json_lines().remove(0);
+        let identity = told["devices"][1]["identity"]["identity"].as_str().expect("a name");
+        assert!(identity.starts_with(name), "{map}: {identity}");
+        bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+        assert_eq!(
+            bench.column("run/presses.csv", "flags").iter().filter(|flags| !flags.is_empty()).count(),
+            0,
+            "{map}"
+        );
+    }
+}
+
 /// The median and what 95 % are within.
 fn spread(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let mut sorted: Vec<f64> = values.collect();

@@ -1,4 +1,4 @@
-"""pymodbus asks a device of ours: a LabJack T7 over TCP, or one of three transmitters over a serial line."""
+"""pymodbus asks a device of ours: a LabJack T7 over TCP, or one of four transmitters over a serial line."""
 
 import sys
 
@@ -110,19 +110,23 @@ def tlb(path):
     return gross_n
 
 
-def zsg(path):
+def zsg(path, status=65, command=66, last=69):
     device = serial(path)
     floats = device.types.FLOAT32
-    registers = device.read(0, 100)
+    registers = device.read(0, last + 1)
     net_n = device.client.convert_from_registers(registers[63:65], floats, "big")
     assert abs(net_n) < 0.1, net_n
     swapped = device.client.convert_from_registers(registers[63:65], floats, "little")
     assert swapped != net_n or net_n == 0.0
-    assert registers[77] & 1 << 1 == 0, "within its scale"
-    assert device.write(79, 49914) is None and abs(device.number(63, floats)) < 0.05, "tared"
-    assert device.write(79, 1) == VALUE
-    device.refuses_as_all_do(last=99)
+    assert registers[status] & 0b10010 == 0b10000, "within its scale, and stable"
+    assert device.write(command, 49914) is None and abs(device.number(63, floats)) < 0.05, "tared"
+    assert device.write(command, 1) == VALUE
+    device.refuses_as_all_do(last)
     return net_n
 
 
-print(f"{ {'t7': t7, 'rs485': rs485, 'tlb': tlb, 'zsg': zsg}[sys.argv[1]](*sys.argv[2:]) :.4f}")
+def zsg2(path):
+    return zsg(path, status=77, command=79, last=99)
+
+
+print(f"{ {'t7': t7, 'rs485': rs485, 'tlb': tlb, 'zsg': zsg, 'zsg2': zsg2}[sys.argv[1]](*sys.argv[2:]) :.4f}")

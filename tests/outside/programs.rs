@@ -58,7 +58,9 @@ fn pymodbus_asks_the_labjack_over_tcp() {
 #[test]
 fn pymodbus_asks_every_transmitter_over_a_serial_line() {
     let Some(python) = Python::with("pymodbus over a serial line", "import pymodbus, serial") else { return };
-    for (script, map) in [("rs485", "generic-rs485"), ("tlb", "laumas-tlb"), ("zsg", "seneca-zsg")] {
+    for (script, map) in
+        [("rs485", "generic-rs485"), ("tlb", "laumas-tlb"), ("zsg", "seneca-zsg"), ("zsg2", "seneca-zsg2")]
+    {
         let served = Served::new(&with_cell(map), "");
         said(python.script("modbus_client.py", [script, served.address("load_cell")]));
     }

@@ -6,11 +6,12 @@ use super::request::{Function, Transport};
 use crate::document::{self, Problem, Problems, Table};
 
 /// Register maps included with the program: name and text.
-pub const SHIPPED: [(&str, &str); 4] = [
+pub const SHIPPED: [(&str, &str); 5] = [
     ("generic-rs485", include_str!("../../../profiles/generic-rs485.toml")),
     ("labjack-t7", include_str!("../../../profiles/labjack-t7.toml")),
     ("laumas-tlb", include_str!("../../../profiles/laumas-tlb.toml")),
     ("seneca-zsg", include_str!("../../../profiles/seneca-zsg.toml")),
+    ("seneca-zsg2", include_str!("../../../profiles/seneca-zsg2.toml")),
 ];
 
 /// Meaning of the registers of a Modbus device.

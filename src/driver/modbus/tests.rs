@@ -43,7 +43,7 @@ async fn a_magnitude_takes_its_sign_and_its_health_from_the_status_read_with_it(
 async fn a_float_decoded_in_the_wrong_word_order_is_beyond_any_range() {
     // 0.132 with its words swapped: 2.9e24
     let (link, device) = scripted(&[
-        (b"\0\0\0\0\0\x06\x01\x03\0\x4D\0\x01", b"\0\0\0\0\0\x05\x01\x03\x02\0\0"),
+        (b"\0\0\0\0\0\x06\x01\x03\0\x41\0\x01", b"\0\0\0\0\0\x05\x01\x03\x02\0\0"),
         (b"\0\x01\0\0\0\x06\x01\x03\0\x3F\0\x02", b"\0\x01\0\0\0\x07\x01\x03\x04\x67\x10\x3E\x07"),
     ]);
     let profile = Profile::shipped("seneca-zsg").unwrap();

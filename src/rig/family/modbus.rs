@@ -16,7 +16,7 @@ use std::sync::Arc;
 pub const FAMILY: Family = Family {
     name: "modbus",
     meaning: "any Modbus device with a register map",
-    simulated: "generic-rs485, laumas-tlb and seneca-zsg as load cells, labjack-t7 as load cell and array",
+    simulated: "generic-rs485, laumas-tlb, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",
     stage: None,
     load_cell: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_load_cell }),
     array: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_array }),
@@ -117,7 +117,8 @@ impl LoadCellDriver for LoadCell {
         match self.0.name.as_str() {
             "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
             "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
-            "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::new(range_n), unit_id))),
+            "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id))),
+            "seneca-zsg2" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg2(range_n), unit_id))),
             "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::LoadCell)))),
             _ => Err(self.0.not_emulated(Device::LoadCell)),
         }
@@ -160,8 +161,8 @@ impl MappedDevice {
 
     fn not_emulated(&self, role: Device) -> DeviceError {
         let told = format!(
-            "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb and \
-             seneca-zsg (load cell) and labjack-t7 (load cell or array)",
+            "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
+             seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
             self.name
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
