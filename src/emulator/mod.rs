@@ -57,7 +57,8 @@ pub trait Instrument: Send {
     /// can never become a request may be discarded. The inbox never grows beyond [`INBOX_MOST`].
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>>;
 
-    /// Duration of silence on the line that ends a frame. `None` if the bytes themselves show the end of a frame.
+    /// Duration of silence on the line that ends a frame, and that must be between an answer and the next request. `None` if the
+    /// bytes themselves show the end of a frame.
     fn silence(&self) -> Option<Duration> {
         None
     }

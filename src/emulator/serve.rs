@@ -63,9 +63,15 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         let silence = lock(self.instrument).silence();
         let mut inbox = Vec::with_capacity(INBOX_MOST);
         let mut chunk = [0; INBOX_MOST];
+        let mut answered = None;
         loop {
             while let Some(request) = self.take_request(&mut inbox) {
-                self.exchange(&mut stream, &request).await?;
+                if let Some(at) = self.exchange(&mut stream, &request).await? {
+                    answered = Some(at);
+                    if silence.is_some() {
+                        inbox.clear(); // it came before the answer
+                    }
+                }
             }
             if inbox.len() == INBOX_MOST {
                 inbox.clear();
@@ -77,26 +83,38 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
             };
             match received {
                 Some(Ok(0)) => return Ok(()),
-                Some(count) => inbox.extend_from_slice(&chunk[..count?]),
+                Some(count) => {
+                    inbox.extend_from_slice(&chunk[..count?]);
+                    if let Some((silence, answered)) = silence.zip(answered)
+                        && answered + silence > Instant::now()
+                    {
+                        // no silence after the answer: the frame isn't recognised as one
+                        until_silent(&mut stream, silence).await?;
+                        inbox.clear();
+                    }
+                }
                 None => {
                     if let Some(request) = self.fall_silent(&mut inbox) {
-                        self.exchange(&mut stream, &request).await?;
+                        answered = self.exchange(&mut stream, &request).await?.or(answered);
                     }
                 }
             }
         }
     }
 
-    async fn exchange<S: AsyncWrite + Unpin>(&self, stream: &mut S, request: &[u8]) -> io::Result<()> {
+    /// Acts on a request and sends its answer. Returns the time at which the answer was sent; `None` without an answer.
+    async fn exchange<S: AsyncWrite + Unpin>(&self, stream: &mut S, request: &[u8]) -> io::Result<Option<Instant>> {
         let deaf_until = self.origin + seconds(lock(self.instrument).deaf_until_s());
         let mut now = Instant::now();
         if deaf_until > now {
             self.pass(stream, deaf_until).await?;
             now = Instant::now();
         }
-        let Some(latency) = self.latency(now) else { return Ok(()) };
+        let Some(latency) = self.latency(now) else { return Ok(None) };
         self.pass(stream, now + latency).await?;
-        send(stream, &self.answer(request)).await
+        let answer = self.answer(request);
+        send(stream, &answer).await?;
+        Ok((!answer.is_empty()).then(Instant::now))
     }
 
     /// Waits for bytes, and returns their number. Owed answers are sent during the wait.
@@ -200,6 +218,17 @@ async fn send<S: AsyncWrite + Unpin>(stream: &mut S, reply: &[u8]) -> io::Result
     if !reply.is_empty() {
         stream.write_all(reply).await?;
         stream.flush().await?;
+    }
+    Ok(())
+}
+
+/// Discards what arrives until nothing has arrived for a time, or the far end is closed.
+async fn until_silent<S: AsyncRead + Unpin>(stream: &mut S, silence: Duration) -> io::Result<()> {
+    let mut stray = [0; INBOX_MOST];
+    while let Ok(count) = timeout(silence, stream.read(&mut stray)).await {
+        if count? == 0 {
+            break;
+        }
     }
     Ok(())
 }

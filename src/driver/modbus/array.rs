@@ -2,7 +2,7 @@
 
 use super::client::Client;
 use super::profile::{Outputs, Probe, Profile};
-use super::request::Transport;
+use super::request::Framing;
 use crate::device::{DeviceError, DeviceProblem, Identity, SensorArray};
 use crate::wire::Connector;
 
@@ -18,8 +18,14 @@ pub struct ModbusArray {
 impl ModbusArray {
     /// Creates an array of `units` units on a profile's outputs; returns `None` if the profile has no `[outputs]` or too few
     /// outputs.
-    pub fn new(connector: Connector, transport: Transport, profile: Profile, link: &str, units: usize) -> Option<Self> {
-        let client = Client::new(connector, transport, &profile, "array", link);
+    pub fn new(
+        connector: Connector,
+        framing: impl Into<Framing>,
+        profile: Profile,
+        link: &str,
+        units: usize,
+    ) -> Option<Self> {
+        let client = Client::new(connector, framing, &profile, "array", link);
         let outputs = profile.outputs.filter(|outputs| (1..=outputs.count_max).contains(&units))?;
         let identity = Identity {
             role: "array".to_owned(),

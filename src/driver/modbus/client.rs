@@ -2,12 +2,13 @@
 
 use super::line::ModbusLine;
 use super::profile::{Probe, Profile, Register};
-use super::request::{Function, Transport};
+use super::request::{Framing, Function, Transport};
 use crate::device::{DeviceError, DeviceProblem};
 use crate::wire::{ByteStream, Connector};
 use std::io::ErrorKind;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
+use tokio::time::error::Elapsed;
 use tokio::time::{Instant, sleep_until, timeout};
 use tokio_modbus::Error;
 use tokio_modbus::client::{Context, Reader, rtu, tcp};
@@ -33,8 +34,10 @@ pub struct Client {
     rest: Duration,
     /// Least time from one request to the next. A device needs no more requests than it has conversions.
     pace: Duration,
-    /// Time before which no request is sent.
-    next: Instant,
+    /// Time before which no value is asked for.
+    paced: Instant,
+    /// Time before which nothing is sent.
+    rested: Instant,
     device: String,
     /// Connection, taken out during an exchange. After a dropped exchange it isn't put back, so the link is opened again.
     context: Option<Context>,
@@ -45,15 +48,17 @@ pub struct Client {
 
 impl Client {
     /// Creates a device of a profile; `role` and `link` name it in messages.
-    pub fn new(connector: Connector, transport: Transport, profile: &Profile, role: &str, link: &str) -> Self {
+    pub fn new(connector: Connector, framing: impl Into<Framing>, profile: &Profile, role: &str, link: &str) -> Self {
+        let Framing { transport, silence } = framing.into();
         Client {
             connector,
             transport,
             unit_id: profile.unit_id,
             deadline: Duration::from_millis(profile.deadline_ms),
-            rest: Duration::from_millis(profile.rest_ms),
+            rest: silence.max(Duration::from_millis(profile.rest_ms)),
             pace: Duration::ZERO,
-            next: Instant::now(),
+            paced: Instant::now(),
+            rested: Instant::now(),
             device: format!("{role} ({} at {link})", profile.name),
             context: None,
             opened_before: false,
@@ -79,18 +84,15 @@ impl Client {
     ) -> Result<Vec<u16>, DeviceError> {
         let mut last = String::new();
         for _ in 0..READ_TRIES {
-            let mut asked = Instant::now();
-            if self.next > asked {
-                sleep_until(self.next).await;
-                asked = Instant::now();
-            }
+            until(self.paced.max(self.rested)).await;
+            let asked = Instant::now();
             let opened = self.open().await;
             let mut context = opened
                 .map_err(|error| self.error(doing, DeviceProblem::Link(format!("can't open the link: {error}"))))?;
             if self.doubtful {
                 // RTU numbers nothing: a late answer looks like the next. One to another function can't be taken for it,
                 // be it that the device doesn't know the function and says so
-                match timeout(self.deadline, read(&mut context, function.other(), address, count)).await {
+                match self.exchange(&mut context, function.other(), address, count).await {
                     Ok(Ok(_)) => self.doubtful = false,
                     Ok(Err(Error::Transport(error))) if error.kind() == ErrorKind::UnexpectedEof => {
                         last = error.to_string();
@@ -102,8 +104,8 @@ impl Client {
                     }
                 }
             }
-            let answered = timeout(self.deadline, read(&mut context, function, address, count)).await;
-            self.next = (asked + self.pace).max(Instant::now() + self.rest);
+            let answered = self.exchange(&mut context, function, address, count).await;
+            self.paced = asked + self.pace;
             match answered {
                 Ok(Ok(Ok(words))) if words.len() == usize::from(count) => {
                     self.context = Some(context);
@@ -156,6 +158,20 @@ impl Client {
         DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
     }
 
+    /// Sends a request as soon as the device has rested since its last answer, and waits for the answer.
+    async fn exchange(
+        &mut self,
+        context: &mut Context,
+        function: Function,
+        address: u16,
+        count: u16,
+    ) -> Result<tokio_modbus::Result<Vec<u16>>, Elapsed> {
+        until(self.rested).await;
+        let answered = timeout(self.deadline, read(context, function, address, count)).await;
+        self.rested = Instant::now() + self.rest;
+        answered
+    }
+
     async fn open(&mut self) -> std::io::Result<Context> {
         if let Some(context) = self.context.take() {
             return Ok(context);
@@ -172,6 +188,13 @@ impl Client {
             Transport::Rtu => rtu::attach_slave(line, slave),
             Transport::Tcp => tcp::attach_slave(line, slave),
         })
+    }
+}
+
+/// Waits until a time. Doesn't wait if it has passed.
+async fn until(time: Instant) {
+    if time > Instant::now() {
+        sleep_until(time).await;
     }
 }
 

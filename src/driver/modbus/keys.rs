@@ -35,7 +35,8 @@ keys! {
         transport: Word(&words(&TRANSPORTS)), Refused, "protocol of the device", "\"rtu\"";
         unit_id: Whole(0, 255), Refused, "its Modbus unit (slave) ID", "1";
         deadline_ms: Whole(1, 60_000), Refused, "longest wait for an answer", "200";
-        rest_ms: Whole(0, 1000), or_whole(0), "shortest pause between an answer and the next request", "2";
+        rest_ms: Whole(0, 1000), or_whole(0), "shortest pause between an answer and the next request; \
+            on a serial line at least 3.5 characters, and at least 1.75 ms above 19,200 baud", "20";
         registers_max: Whole(1, REGISTERS_MAX), or_whole(REGISTERS_MAX), "largest number of registers per request", "32";
         address_base: Whole(0, BASE_MAX), or_whole(0), "number of the first register in its manual", "40001";
         force: Table(&force::KEYS), Allowed, "register of a load cell's force";

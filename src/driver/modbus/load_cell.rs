@@ -2,7 +2,7 @@
 
 use super::client::Client;
 use super::profile::{Force, Probe, Profile, StatusWord};
-use super::request::{Function, Transport};
+use super::request::{Framing, Function};
 use crate::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use crate::quantity::{ForceReading, Health};
 use crate::wire::Connector;
@@ -32,13 +32,13 @@ impl ModbusLoadCell {
     /// `origin`. The transmitter converts `conversions_hz` times per second.
     pub fn new(
         connector: Connector,
-        transport: Transport,
+        framing: impl Into<Framing>,
         profile: Profile,
         link: &str,
         conversions_hz: f64,
         origin: Instant,
     ) -> Option<Self> {
-        let mut client = Client::new(connector, transport, &profile, "load cell", link);
+        let mut client = Client::new(connector, framing, &profile, "load cell", link);
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
         if profile.status.is_some() {
             client.set_pace(conversion); // a status word and a weight are two requests
@@ -151,6 +151,7 @@ impl LoadCell for ModbusLoadCell {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::driver::modbus::Transport;
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
     #[tokio::test(start_paused = true)]

@@ -14,7 +14,7 @@ pub use client::Client;
 pub use load_cell::ModbusLoadCell;
 pub use number::{Encoding, NumberType, WordOrder};
 pub use profile::{Profile, Register, SHIPPED};
-pub use request::{Function, Transport};
+pub use request::{Framing, Function, Transport};
 
 use crate::document::Keys;
 

@@ -3,6 +3,8 @@
 use super::*;
 use crate::device::LoadCell;
 use crate::driver::script::{Script, closing, scripted};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 #[tokio::test(start_paused = true)]
@@ -52,6 +54,61 @@ async fn a_float_decoded_in_the_wrong_word_order_is_beyond_any_range() {
     assert!(told.contains("expected a force within 1000 N"), "{told}");
     drop(cell);
     device.await.unwrap();
+}
+
+/// The shortest time from an answer to the next request, three times in a row, over a framing.
+async fn shortest_rest(framing: impl Into<Framing>) -> Duration {
+    let framing = framing.into();
+    let (near, mut far) = tokio::io::duplex(256);
+    let near = std::sync::Mutex::new(Some(near));
+    let dial = move || near.lock().unwrap().take().expect("the link is opened once");
+    let profile = Profile::shipped("generic-rs485").unwrap();
+    let link = crate::wire::Connector::Memory(Box::new(dial));
+    let mut client = Client::new(link, framing, &profile, "load cell", "script");
+    let device = tokio::spawn(async move {
+        let (mut answered, mut shortest) = (None, Duration::MAX);
+        for _ in 0..4 {
+            match framing.transport {
+                Transport::Rtu => {
+                    far.read_exact(&mut [0; 8]).await.unwrap();
+                    shortest = shortest.min(answered.map_or(Duration::MAX, |at| Instant::now() - at));
+                    far.write_all(b"\x01\x03\x02\x00\x03\xF8\x45").await.unwrap();
+                }
+                Transport::Tcp => {
+                    let mut request = [0; 12];
+                    far.read_exact(&mut request).await.unwrap();
+                    shortest = shortest.min(answered.map_or(Duration::MAX, |at| Instant::now() - at));
+                    let header = [request[0], request[1], 0, 0, 0, 5, 1, 3, 2, 0, 3];
+                    far.write_all(&header).await.unwrap();
+                }
+            }
+            answered = Some(Instant::now());
+        }
+        shortest
+    });
+    for _ in 0..4 {
+        assert_eq!(client.read("reading", Function::Holding, 8, 1).await.unwrap(), [3]);
+    }
+    device.await.unwrap()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_serial_line_is_silent_for_three_and_a_half_characters_before_a_request() {
+    // tokio's timers are rounded up to a millisecond
+    assert_eq!(shortest_rest(Transport::Tcp).await, Duration::ZERO);
+    for (link, silence_us, rest_ms) in [
+        ("serial:///dev/ttyUSB0?baud=2400", 14_583, 15),
+        ("serial:///dev/ttyUSB0?baud=9600", 3_645, 4),
+        ("serial:///dev/ttyUSB0?baud=9600&parity=even", 4_010, 5),
+        ("serial:///dev/ttyUSB0?baud=9600&parity=even&stop_bits=2", 4_375, 5),
+        ("serial:///dev/ttyUSB0?baud=19200", 1_822, 2),
+        ("serial:///dev/ttyUSB0?baud=115200", 1_750, 2),
+        ("sim", 1_750, 2),
+    ] {
+        let framing = Framing::of(&crate::wire::Link::parse(link).unwrap(), Transport::Rtu);
+        assert_eq!((framing.transport, framing.silence.as_micros()), (Transport::Rtu, silence_us), "{link}");
+        assert_eq!(shortest_rest(framing).await, Duration::from_millis(rest_ms), "{link}");
+    }
 }
 
 #[tokio::test(start_paused = true)]

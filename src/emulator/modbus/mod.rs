@@ -3,7 +3,7 @@
 //!
 //! Function codes 3, 4, 6 and 16, with the same holding and input registers; exceptions 1 (function), 2 (address) and 3 (value or
 //! count). Over RTU the unit id must match. A broadcast (0) acts but isn't answered. An invalid frame waits for a silence of 3.5
-//! characters and is discarded. Over TCP the unit id is ignored.
+//! characters and is discarded, and so is a frame that begins earlier after an answer. Over TCP the unit id is ignored.
 
 mod labjack_t7;
 mod laumas_tlb;
@@ -22,8 +22,9 @@ use rmodbus::{ErrorKind, ModbusProto, guess_request_frame_len};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-/// Duration of 3.5 characters of ten bits at 9600 baud, the transmitter's rate. On a faster line the silence begins earlier.
-const SILENCE: Duration = Duration::from_micros(3646);
+/// Silence between two frames. A simulated line has no rate, so it is the fixed silence of lines faster than 19,200 baud (MODBUS
+/// over Serial Line V1.02, section 2.5.1.1).
+const SILENCE: Duration = Duration::from_micros(1750);
 /// Largest number of bytes in a frame: 256 of RTU, and the longer header of TCP.
 const FRAME_MOST: usize = 260;
 /// Number of bytes of the TCP header up to and including its length field. The field counts the bytes after it.

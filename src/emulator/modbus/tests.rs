@@ -111,6 +111,21 @@ async fn garbage_is_thrown_away_after_a_silence_and_the_next_frame_answered() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_request_right_after_an_answer_is_lost_and_one_after_the_silence_is_answered() {
+    for (waited_us, is_lost) in [(0, true), (1000, true), (2000, false), (5000, false)] {
+        let mut wire = Wire::to(shared(transmitter()), shared(pressed(0.132)), Instant::now());
+        assert_eq!(wire.ask(&READ_GROSS, 9).await, GROSS_132);
+        tokio::time::sleep(Duration::from_micros(waited_us)).await;
+        wire.send(&READ_GROSS).await;
+        assert_eq!(wire.is_silent().await, is_lost, "{waited_us} us");
+    }
+    // two in one go: the second follows the answer to the first at once
+    let mut wire = Wire::to(shared(transmitter()), shared(pressed(0.132)), Instant::now());
+    assert_eq!(wire.ask(&[READ_GROSS, READ_GROSS].concat(), 9).await, GROSS_132);
+    assert!(wire.is_silent().await);
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_frame_in_pieces_is_one_if_no_silence_parts_them() {
     let mut wire = Wire::to(shared(transmitter()), shared(pressed(0.132)), Instant::now());
     for byte in &READ_GROSS[..7] {

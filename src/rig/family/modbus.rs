@@ -3,12 +3,12 @@
 use super::{Beside, Family, Links, Role, counted, unfit};
 use crate::device::{self, DeviceError};
 use crate::document::{Problem, Table, keys, with_nearest};
-use crate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
+use crate::driver::modbus::{Framing, ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
 use crate::driver::{AnyArray, AnyLoadCell};
 use crate::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
 use crate::quantity::ArrayLayout;
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, MappedDevice, RigSpec, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, MappedDevice, Misfit, RigSpec, Wiring};
 use crate::scene::Device;
 use crate::wire::Link;
 use std::sync::Arc;
@@ -95,11 +95,19 @@ impl Driver for LoadCell {
     fn map(&self) -> Option<&MappedDevice> {
         Some(&self.0)
     }
+
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        self.0.misfits(Device::LoadCell, &rig.load_cell.link)
+    }
 }
 
 impl Driver for Array {
     fn map(&self) -> Option<&MappedDevice> {
         Some(&self.0)
+    }
+
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        self.0.misfits(Device::Array, &rig.array.link)
     }
 }
 
@@ -107,7 +115,7 @@ impl LoadCellDriver for LoadCell {
     fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
-        let driver = ModbusLoadCell::new(dial(), self.0.transport(&cell.link), profile, &link, hz, wiring.origin);
+        let driver = ModbusLoadCell::new(dial(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
         Ok(AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", &self.0.name))?))
     }
 
@@ -129,7 +137,7 @@ impl ArrayDriver for Array {
     fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
         let (link, units, profile) = (array.link.to_string(), array.layout.len(), self.0.profile.clone());
-        let driver = ModbusArray::new(dial(), self.0.transport(&array.link), profile, &link, units);
+        let driver = ModbusArray::new(dial(), self.0.framing(&array.link), profile, &link, units);
         Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.name))?))
     }
 
@@ -150,13 +158,20 @@ impl ArrayDriver for Array {
 }
 
 impl MappedDevice {
-    /// Returns the framing that the link requires. For a simulated link it is the device's protocol.
-    fn transport(&self, link: &Link) -> Transport {
-        match link {
-            Link::Serial { .. } => Transport::Rtu,
-            Link::Tcp { .. } => Transport::Tcp,
-            _ => self.profile.transport,
+    fn framing(&self, link: &Link) -> Framing {
+        Framing::of(link, self.profile.transport)
+    }
+
+    /// Returns the reason why the device can't be on a link: one that speaks Modbus TCP only has no RTU on a serial port.
+    fn misfits(&self, role: Device, link: &Link) -> Vec<Misfit> {
+        if self.profile.transport == Transport::Rtu || !matches!(link, Link::Serial { .. }) {
+            return Vec::new();
         }
+        let told = format!("{} speaks Modbus over TCP only, but its link is the serial port {link}", self.profile.name);
+        let help = "connect it through Ethernet or WiFi and use link = \"tcp://ADDRESS:502\". The USB port of a LabJack has a \
+                    protocol of its own, which isn't Modbus. A device of your own that speaks RTU needs transport = \"rtu\" \
+                    in its map";
+        vec![Misfit { role, told, help: Some(help) }]
     }
 
     fn not_emulated(&self, role: Device) -> DeviceError {
