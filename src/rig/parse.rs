@@ -299,6 +299,18 @@ mod tests {
     }
 
     #[test]
+    fn a_labjack_on_a_serial_port_is_refused_and_its_network_named() {
+        let text = SIM_RIG.replace("link = \"sim\"", "link = \"serial:///dev/ttyACM0?baud=115200\"");
+        let text = text.split("[scene]").next().unwrap();
+        let problems = parse("rig.toml", text, &|_| unreachable!()).unwrap_err();
+        let told =
+            "LabJack T7 speaks Modbus over TCP only, but its link is the serial port serial:///dev/ttyACM0?baud=115200";
+        assert!(problems.lines().iter().any(|line| line.ends_with(told)), "{:?}", problems.lines());
+        let whole = format!("{problems:?}");
+        assert!(whole.contains("tcp://ADDRESS:502") && whole.contains("USB port of a LabJack"), "{whole}");
+    }
+
+    #[test]
     fn a_specimen_out_of_the_stages_reach_is_refused() {
         let told = problems("z = 0.0", "z = -12.0");
         assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");
