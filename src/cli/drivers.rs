@@ -59,7 +59,7 @@ mod tests {
         }
         assert_eq!(
             paragraph(FAMILIES[3]),
-            "xps         Newport XPS: a group of three positioners, an analog input\n  \
+            "xps         Newport XPS: three positioners in any groups, an analog input\n  \
              roles     stage, load_cell\n  \
              link      serial port or TCP\n  \
              simulated an XPS-Q8 with three VP-25XL axes, an input, a guard\n"

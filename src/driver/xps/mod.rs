@@ -1,9 +1,11 @@
-//! Newport XPS (Q8, D, RL): three axes in one group, and an analog input for a load cell.
+//! Newport XPS (Q8, D, RL): three axes in one, two or three groups, and an analog input for a load cell.
 //!
 //! Functions and answers follow the programmer's manual. A motion is a call that is answered when the motion has ended; until
-//! then it occupies its socket. So there is one socket for motions, one for questions, and one that stays free for the abort.
+//! then it occupies its socket. So there is one socket for questions, and each group has one for its motions and one that stays free
+//! for the abort.
 
 mod analog;
+mod groups;
 mod guard;
 mod ready;
 mod socket;
@@ -11,8 +13,9 @@ mod stage;
 mod text;
 
 pub use analog::XpsAnalog;
+pub use groups::{Grouping, Positioner};
 pub use guard::Guard;
-pub use stage::{Group, Xps};
+pub use stage::Xps;
 pub use text::parse_answer;
 
 use std::time::Duration;

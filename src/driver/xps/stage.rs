@@ -1,94 +1,67 @@
-//! The stage: a group of three positioners, used over three sockets.
+//! The stage: its groups, used over a socket for questions and two for each group.
 
 use super::CALL_DEADLINE;
-use super::guard::{Armed, Guard};
+use super::groups::{Brakes, Group, Grouping, Motion, first_answer};
+use super::guard::Guard;
 use super::socket::Socket;
-use super::text::{Answer, GroupState, group_state, number_in};
+use super::text::{GroupState, group_state, number_in};
 use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
-use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// Interval of questions for the group's status while waiting for something that no socket reports (EPICS: 10 ms).
+/// Interval of questions for a group's status while waiting for something that no socket reports (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);
 
 /// Longest time from a motion's call until the group moves or has moved.
 const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
 
-/// Number of attempts for the abort, each on a new socket.
-const ABORT_TRIES: usize = 2;
-
-/// Code "not allowed in this state": the answer to an abort if nothing moves.
-const NOT_ALLOWED: i32 = -22;
 /// Code with which an aborted motion is answered.
 const ABORTED: i32 = -27;
 
 /// Largest difference of two read-backs of an axis at rest, mm.
 pub(super) const AT_REST_MM: f64 = 0.001;
 
-/// Controller group that is the stage.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Group {
-    /// Name of the group, such as `XYZ`.
-    pub name: String,
-    /// Positioners of the group for x, y and z.
-    pub positioners: [String; 3],
-    /// Whether a group that isn't homed may be homed. The way to its home must be clear of the specimen, in the axis order that
-    /// is set in the controller. The program can't read this order.
-    pub home_search: bool,
-}
-
-/// An XPS' group as a stage.
+/// One to three groups of an XPS as a stage.
 pub struct Xps {
-    pub(super) moves: Socket,
     pub(super) asks: Socket,
-    pub(super) aborts: Socket,
-    pub(super) group: Group,
+    pub(super) brakes: Brakes,
+    /// The groups, z's first.
+    pub(super) groups: Vec<Group>,
+    pub(super) grouping: Grouping,
     pub(super) guard: Option<Guard>,
-    pub(super) armed: Option<Armed>,
     pub(super) link: String,
     pub(super) usage: Option<StageUse>,
+    /// Acceleration of every motion, mm/s^2; known once the first group is ready.
+    pub(super) acceleration_mm_s2: f64,
     /// Speed, acceleration and jerk times that are set in each positioner: mm/s, mm/s^2, s, s.
     pub(super) profiles: [[f64; 4]; 3],
     /// Position to which each axis was last sent and at which it arrived, mm. `None` if the axis was stopped before arrival.
     pub(super) sent_mm: [Option<f64>; 3],
-    /// Motion whose end the motion socket hasn't reported yet.
-    pub(super) under_way: Option<Motion>,
-}
-
-#[derive(Clone, Debug)]
-pub(super) struct Motion {
-    call: String,
-    targets: Vec<(Axis, f64)>,
-    /// Whether this program requested the abort.
-    aborted: bool,
 }
 
 impl Xps {
-    /// Creates a controller behind three links to the same address; nothing is sent yet. `link` is its name in messages.
-    pub fn new(connectors: [Connector; 3], link: String, group: Group, guard: Option<Guard>) -> Self {
+    /// Creates a controller behind links to the same address, which `dial` opens; nothing is sent yet. The first is for questions,
+    /// then each group has one for its motions and one for its abort, z's group first. `link` is its name in messages.
+    pub fn new(mut dial: impl FnMut() -> Connector, link: String, grouping: Grouping, guard: Option<Guard>) -> Self {
         let device = || format!("stage (XPS at {link})");
-        let [moves, asks, aborts] = connectors.map(|connector| Socket::new(connector, device()));
-        Xps {
-            moves,
-            asks,
-            aborts,
-            group,
-            guard,
-            armed: None,
-            link,
-            usage: None,
-            profiles: [[0.0; 4]; 3],
-            sent_mm: [None; 3],
-            under_way: None,
+        let mut socket = || Socket::new(dial(), device());
+        let (asks, mut groups, mut brakes) = (socket(), Vec::new(), Vec::new());
+        for (name, axes) in grouping.groups() {
+            let (moves, aborts) = (socket(), socket());
+            brakes.push((name.clone(), aborts));
+            groups.push(Group { name, axes, moves, armed: None, under_way: None });
         }
+        let brakes = Brakes { groups: brakes };
+        let (usage, profiles, sent_mm) = (None, [[0.0; 4]; 3], [None; 3]);
+        Xps { asks, brakes, groups, grouping, guard, link, usage, acceleration_mm_s2: 0.0, profiles, sent_mm }
     }
 
     pub(super) fn positioner(&self, axis: Axis) -> String {
-        format!("{}.{}", self.group.name, self.group.positioners[axis.index()])
+        let positioner = &self.grouping.positioners[axis.index()];
+        format!("{}.{}", positioner.group, positioner.name)
     }
 
     pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
@@ -107,15 +80,17 @@ impl Xps {
         numbers(&mut self.asks, doing, call).await
     }
 
-    async fn state(&mut self, doing: &str) -> Result<GroupState, DeviceError> {
-        state(&mut self.asks, &self.group, doing).await
+    /// Returns the groups that some axes are in.
+    fn groups_of(&self, axes: &[Axis]) -> Vec<usize> {
+        let has_one = |group: &Group| group.axes.iter().any(|axis| axes.contains(axis));
+        (0..self.groups.len()).filter(|&nth| has_one(&self.groups[nth])).collect()
     }
 
     /// Returns the position of an axis. An impossible position is refused.
     async fn place_mm(&mut self, doing: &str, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
         let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
-        let Xps { asks, aborts, group, .. } = self;
-        let [place_mm] = with_abort(aborts, group, reins, numbers(asks, doing, &call)).await?;
+        let Xps { asks, brakes, .. } = self;
+        let [place_mm] = brakes.ready_during(reins, numbers(asks, doing, &call)).await?;
         self.note_abort(reins);
         if let Some(usage) = &self.usage
             && !usage.reach(axis).contains(place_mm)
@@ -126,24 +101,29 @@ impl Xps {
         Ok(place_mm)
     }
 
-    /// Records the abort that the reins requested. The answer to the motion then reports the abort and who requested it.
+    /// Records the abort that the reins requested. The answers to the motions then report the abort and who requested it.
     fn note_abort(&mut self, reins: &Reins) {
-        if let Some(motion) = self.under_way.as_mut().filter(|_| reins.stopped()) {
+        for motion in self.groups.iter_mut().filter(|_| reins.stopped()).filter_map(|group| group.under_way.as_mut()) {
             motion.aborted = true;
         }
     }
 
-    /// Waits until the group doesn't move, after any motion.
-    pub(super) async fn until_still(&mut self, doing: &str, within: Duration) -> Result<GroupState, DeviceError> {
+    /// Waits until a group doesn't move, after any motion.
+    pub(super) async fn until_still(
+        &mut self,
+        nth: usize,
+        doing: &str,
+        within: Duration,
+    ) -> Result<GroupState, DeviceError> {
         let until = Instant::now() + within;
         loop {
-            let state = self.state(doing).await?;
+            let state = state(&mut self.asks, &self.groups[nth].name, doing).await?;
             if !matches!(state, GroupState::Moving | GroupState::Homing) {
                 return Ok(state);
             }
             if Instant::now() > until {
                 self.stop().await?;
-                let told = format!("{} still moves after {} s", self.group.name, within.as_secs());
+                let told = format!("{} still moves after {} s", self.groups[nth].name, within.as_secs());
                 return Err(self.error(doing, DeviceProblem::Motion(told)));
             }
             sleep(STATUS_EVERY).await;
@@ -153,39 +133,47 @@ impl Xps {
     /// Sets the speed and the acceleration of a positioner's next motion.
     async fn shape(&mut self, axis: Axis, speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let [_, _, jerk_least_s, jerk_most_s] = self.profiles[axis.index()];
-        let acceleration_mm_s2 = self.usage.as_ref().map_or(0.0, |usage| usage.acceleration_mm_s2);
-        let profile = [speed_mm_s, acceleration_mm_s2, jerk_least_s, jerk_most_s];
+        let profile = [speed_mm_s, self.acceleration_mm_s2, jerk_least_s, jerk_most_s];
         if self.profiles[axis.index()] != profile {
             let [v, a, least, most] = profile;
             let positioner = self.positioner(axis);
             let call = format!("PositionerSGammaParametersSet({positioner},{v:.6},{a:.6},{least},{most})");
             self.profiles[axis.index()] = [f64::NAN; 4]; // unknown until it is answered
             let doing = "setting a speed";
-            let Xps { asks, aborts, group, .. } = self;
-            with_abort(aborts, group, reins, asks.call(doing, &call, CALL_DEADLINE)).await?;
+            let Xps { asks, brakes, .. } = self;
+            brakes.ready_during(reins, asks.call(doing, &call, CALL_DEADLINE)).await?;
             self.profiles[axis.index()] = profile;
         }
         Ok(())
     }
 
-    /// Returns the call that moves axes: one positioner, or the complete group. The group's other axes stay where they were sent.
-    async fn motion_to(&mut self, targets: &[(Axis, f64)]) -> Result<Motion, DeviceError> {
-        let call = match targets {
-            [(axis, target_mm)] => format!("GroupMoveAbsolute({},{target_mm:.6})", self.positioner(*axis)),
-            _ => {
-                let mut places_mm = [0.0; 3];
-                for axis in Axis::ALL {
-                    let target = targets.iter().find(|(other, _)| *other == axis).map(|(_, target_mm)| *target_mm);
-                    places_mm[axis.index()] = match target.or(self.sent_mm[axis.index()]) {
-                        Some(place_mm) => place_mm,
-                        None => self.rest_mm(axis).await?,
-                    };
+    /// Returns the motions of the groups that some axes are in: one positioner, or the complete group. A group's other axes stay
+    /// where they were sent.
+    async fn motions_to(&mut self, targets: &[(Axis, f64)]) -> Result<Vec<(usize, Motion)>, DeviceError> {
+        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
+        let mut motions = Vec::new();
+        for nth in self.groups_of(&axes) {
+            let Group { name, axes, .. } = &self.groups[nth];
+            let (name, axes) = (name.clone(), axes.clone());
+            let own: Vec<_> = targets.iter().copied().filter(|(axis, _)| axes.contains(axis)).collect();
+            let call = match own[..] {
+                [(axis, target_mm)] => format!("GroupMoveAbsolute({},{target_mm:.6})", self.positioner(axis)),
+                _ => {
+                    let mut places = String::new();
+                    for axis in axes {
+                        let target = own.iter().find(|(other, _)| *other == axis).map(|(_, target_mm)| *target_mm);
+                        let place_mm = match target.or(self.sent_mm[axis.index()]) {
+                            Some(place_mm) => place_mm,
+                            None => self.rest_mm(axis).await?,
+                        };
+                        places += &format!(",{place_mm:.6}");
+                    }
+                    format!("GroupMoveAbsolute({name}{places})")
                 }
-                let [x, y, z] = places_mm;
-                format!("GroupMoveAbsolute({},{x:.6},{y:.6},{z:.6})", self.group.name)
-            }
-        };
-        Ok(Motion { call, targets: targets.to_vec(), aborted: false })
+            };
+            motions.push((nth, Motion { call, targets: own, aborted: false }));
+        }
+        Ok(motions)
     }
 
     /// Returns the position of an axis that was stopped before its target. Two answers must agree, because the axis is commanded
@@ -203,19 +191,38 @@ impl Xps {
         Ok(first_mm)
     }
 
-    /// Sends a motion and waits until the group moves or has moved. A stop during this time is sent on its own socket.
-    async fn start(&mut self, motion: Motion, reins: &Reins) -> Result<(), DeviceError> {
+    /// Sends motions, one to each group, and waits until each group moves or has moved. A stop during this time is sent at once.
+    /// If one group doesn't start, all are stopped.
+    async fn start(&mut self, motions: Vec<(usize, Motion)>, reins: &Reins) -> Result<(), DeviceError> {
+        let started = self.start_all(motions, reins).await;
+        self.all_or_none(started).await
+    }
+
+    async fn start_all(&mut self, motions: Vec<(usize, Motion)>, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "starting a motion";
-        if reins.stopped() {
-            return Ok(());
+        let mut sent = Vec::new();
+        for (nth, motion) in motions {
+            if reins.stopped() {
+                break;
+            }
+            motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
+            let group = &mut self.groups[nth];
+            group.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
+            group.under_way = Some(motion);
+            sent.push(nth);
         }
-        motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
-        self.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
-        self.under_way = Some(motion);
+        for nth in sent {
+            self.until_taken(nth, doing, reins).await?;
+        }
+        Ok(())
+    }
+
+    /// Waits until a group moves or has moved.
+    async fn until_taken(&mut self, nth: usize, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
         let until = Instant::now() + TAKEN_DEADLINE;
         while Instant::now() < until {
-            let Xps { asks, aborts, group, .. } = self;
-            let state = with_abort(aborts, group, reins, state(asks, group, doing)).await?;
+            let Xps { asks, brakes, groups, .. } = self;
+            let state = brakes.ready_during(reins, state(asks, &groups[nth].name, doing)).await?;
             self.note_abort(reins);
             if state == GroupState::Moving {
                 // an abort that overtook the motion found nothing to stop
@@ -225,17 +232,18 @@ impl Xps {
                 }
                 return Ok(());
             }
-            if let Some(answer) = self.moves.answer_by(doing, Instant::now()).await? {
-                return self.ended(doing, answer.code);
+            if let Some(answer) = self.groups[nth].moves.answer_by(doing, Instant::now()).await? {
+                return self.ended(nth, doing, answer.code);
             }
         }
         self.stop().await?;
-        Err(self.error(doing, DeviceProblem::Motion(format!("{} doesn't move", self.group.name))))
+        Err(self.error(doing, DeviceProblem::Motion(format!("{} doesn't move", self.groups[nth].name))))
     }
 
-    /// Evaluates the answer at the end of a motion.
-    fn ended(&mut self, doing: &str, code: i32) -> Result<(), DeviceError> {
-        let Some(motion) = self.under_way.take() else { return Ok(()) };
+    /// Evaluates the answer at the end of a group's motion.
+    fn ended(&mut self, nth: usize, doing: &str, code: i32) -> Result<(), DeviceError> {
+        let group = &mut self.groups[nth];
+        let Some(motion) = group.under_way.take() else { return Ok(()) };
         match code {
             0 => {
                 motion.targets.iter().for_each(|(axis, target_mm)| self.sent_mm[axis.index()] = Some(*target_mm));
@@ -243,7 +251,7 @@ impl Xps {
             }
             ABORTED if motion.aborted => Ok(()),
             ABORTED => {
-                let problem = match self.armed.take() {
+                let problem = match group.armed.take() {
                     Some(armed) => DeviceProblem::Guarded { limit_n: armed.limit_n },
                     None => {
                         DeviceProblem::Motion("the motion was aborted at the controller, not by palpate".to_owned())
@@ -251,46 +259,91 @@ impl Xps {
                 };
                 Err(self.error(doing, problem))
             }
-            code => Err(self.moves.refused(doing, &motion.call, code)),
+            code => Err(group.moves.refused(doing, &motion.call, code)),
         }
     }
 
-    /// Waits for the end of the motion in progress. Returns `None` if the reins request something first.
-    async fn until_ended(&mut self, doing: &str, until: Instant, reins: &Reins) -> Result<Option<()>, DeviceError> {
-        if self.under_way.is_none() {
-            return Ok(Some(()));
+    /// Stops the other groups if one group failed. A single group has no others.
+    async fn all_or_none<T>(&mut self, done: Result<T, DeviceError>) -> Result<T, DeviceError> {
+        if done.is_err() && self.groups.len() > 1 && self.groups.iter().any(|group| group.under_way.is_some()) {
+            let _ = self.stop().await; // the failure is what is reported
         }
-        if !self.moves.is_owed() {
-            // its socket was lost: what became of the motion is asked of the group
-            self.under_way = None;
-            return self.until_still(doing, MOTION_MARGIN).await.map(|_| Some(()));
-        }
-        tokio::select! {
-            biased;
-            () = reins.pulled().notified() => Ok(None),
-            answer = self.moves.answer_by(doing, until) => match answer? {
-                Some(answer) => self.ended(doing, answer.code).map(Some),
-                None => {
-                    self.stop().await?;
-                    self.moves.close();
-                    let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                    Err(self.error(doing, DeviceProblem::Motion(told)))
+        done
+    }
+
+    /// Waits for the end of the motions of some groups. Returns `None` if the reins request something first. If one motion fails,
+    /// all are stopped.
+    async fn until_ended(
+        &mut self,
+        which: &[usize],
+        doing: &str,
+        until: Instant,
+        reins: &Reins,
+    ) -> Result<Option<()>, DeviceError> {
+        let ended = self.until_each_ended(which, doing, until, reins).await;
+        self.all_or_none(ended).await
+    }
+
+    async fn until_each_ended(
+        &mut self,
+        which: &[usize],
+        doing: &str,
+        until: Instant,
+        reins: &Reins,
+    ) -> Result<Option<()>, DeviceError> {
+        loop {
+            for &nth in which {
+                let group = &mut self.groups[nth];
+                if group.under_way.is_some() && !group.moves.is_owed() {
+                    // its socket was lost: what became of the motion is asked of the group
+                    group.under_way = None;
+                    self.until_still(nth, doing, MOTION_MARGIN).await?;
                 }
-            },
+            }
+            if which.iter().all(|&nth| self.groups[nth].under_way.is_none()) {
+                return Ok(Some(()));
+            }
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => return Ok(None),
+                (nth, answer) = first_answer(&mut self.groups, which, doing, until) => match answer? {
+                    Some(answer) => self.ended(nth, doing, answer.code)?,
+                    None => {
+                        self.stop().await?;
+                        self.groups[nth].moves.close();
+                        let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                        return Err(self.error(doing, DeviceProblem::Motion(told)));
+                    }
+                },
+            }
         }
     }
 
-    /// Continues toward the same target at another speed, with a new motion. An S-gamma motion keeps its initial speed.
-    async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
-        let Some(motion) = self.under_way.clone() else { return Ok(()) };
-        self.stop().await?;
+    /// Continues toward the same targets at another speed, with new motions. An S-gamma motion keeps its initial speed.
+    async fn change_speed(&mut self, which: &[usize], mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+        let motions = which.iter().filter_map(|&nth| self.groups[nth].under_way.as_ref());
+        let targets: Vec<_> = motions.flat_map(|motion| motion.targets.clone()).collect();
+        if targets.is_empty() {
+            return Ok(());
+        }
+        self.abort(which).await?;
         let until = Instant::now() + MOTION_MARGIN;
-        self.until_ended("changing a speed", until, &Reins::default()).await?;
-        for (axis, _) in &motion.targets {
+        self.until_ended(which, "changing a speed", until, &Reins::default()).await?;
+        for (axis, _) in &targets {
             self.shape(*axis, mm_s, reins).await?;
         }
-        let motion = self.motion_to(&motion.targets).await?;
-        self.start(motion, reins).await
+        let motions = self.motions_to(&targets).await?;
+        self.start(motions, reins).await
+    }
+
+    /// Aborts the motions of some groups.
+    async fn abort(&mut self, which: &[usize]) -> Result<(), DeviceError> {
+        for &nth in which {
+            if let Some(motion) = &mut self.groups[nth].under_way {
+                motion.aborted = true;
+            }
+        }
+        self.brakes.abort(which).await
     }
 }
 
@@ -304,63 +357,13 @@ async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> 
     })
 }
 
-/// Returns the state of the group.
-async fn state(asks: &mut Socket, group: &Group, doing: &str) -> Result<GroupState, DeviceError> {
-    let [status] = numbers(asks, doing, &format!("GroupStatusGet({},int *)", group.name)).await?;
+/// Returns the state of a group.
+async fn state(asks: &mut Socket, group: &str, doing: &str) -> Result<GroupState, DeviceError> {
+    let [status] = numbers(asks, doing, &format!("GroupStatusGet({group},int *)")).await?;
     group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
         let expected = "a group status".to_owned();
         asks.error(doing, DeviceProblem::Misfit { answer: status.to_string(), expected })
     })
-}
-
-/// Waits for the answer on one socket. A stop requested during this time is sent on its own socket.
-async fn with_abort<T>(
-    aborts: &mut Socket,
-    group: &Group,
-    reins: &Reins,
-    asked: impl Future<Output = Result<T, DeviceError>>,
-) -> Result<T, DeviceError> {
-    let sending = Cell::new(false);
-    let abort = async {
-        // another speed is for whoever follows the motion
-        while !reins.stopped() {
-            reins.pulled().notified().await;
-        }
-        if reins.take().is_none() {
-            return std::future::pending().await; // it was sent already
-        }
-        sending.set(true);
-        abort_by(aborts, group).await
-    };
-    tokio::pin!(asked, abort);
-    tokio::select! {
-        biased;
-        aborted = &mut abort => {
-            aborted?;
-            asked.await
-        }
-        answer = &mut asked => {
-            // one on its way is seen through: dropped before its socket is open it would never be sent
-            if sending.get() {
-                abort.await?;
-            }
-            answer
-        }
-    }
-}
-
-/// Aborts the motion. It isn't an error if nothing moves.
-async fn abort_by(aborts: &mut Socket, group: &Group) -> Result<(), DeviceError> {
-    let (doing, call) = ("stopping", format!("GroupMoveAbort({})", group.name));
-    let mut told = Ok(());
-    for _ in 0..ABORT_TRIES {
-        told = match aborts.call_plainly(doing, &call, CALL_DEADLINE).await {
-            Ok(Answer { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
-            Ok(Answer { code, .. }) => Err(aborts.refused(doing, &call, code)),
-            Err(error) => Err(error),
-        };
-    }
-    told
 }
 
 impl Stage for Xps {
@@ -369,19 +372,34 @@ impl Stage for Xps {
         let version = self.ask(doing, "FirmwareVersionGet(char *)").await?.join(",");
         // a program that died may have left a motion behind
         self.stop().await?;
-        let state = self.until_still(doing, MOTION_MARGIN).await?;
-        let identity = format!("{version}, group {} ({})", self.group.name, self.group.positioners.join(", "));
-        let homes = !matches!(state, GroupState::Ready | GroupState::Disabled) && self.group.home_search;
+        let (mut names, mut is_ready) = (Vec::new(), true);
+        for nth in 0..self.groups.len() {
+            let state = self.until_still(nth, doing, MOTION_MARGIN).await?;
+            is_ready &= matches!(state, GroupState::Ready | GroupState::Disabled);
+            let Group { name, axes, .. } = &self.groups[nth];
+            let own = axes.iter().map(|axis| self.grouping.positioners[axis.index()].name.as_str());
+            names.push(format!("group {name} ({})", own.collect::<Vec<_>>().join(", ")));
+        }
+        let identity = format!("{version}, {}", names.join(", "));
+        let homes = !is_ready && self.grouping.home_search;
         let told = "it homes at the speed set in its stages.ini, which palpate can't change: make sure that it stops within \
                     the force limit";
         let warnings = homes.then(|| told.to_owned()).into_iter().collect();
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
 
+    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        // a group with other axes homes them in the same operation
+        let is_alone = self.groups[0].axes == [Axis::Z];
+        if is_alone {
+            self.prepare(0, usage, reins).await?;
+        }
+        Ok(is_alone)
+    }
+
     async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
-        self.bring_to_ready(reins).await?;
-        for axis in Axis::ALL {
-            self.set_up(axis, usage).await?;
+        for nth in 0..self.groups.len() {
+            self.prepare(nth, usage, reins).await?;
         }
         self.usage = Some(usage.clone());
         for axis in Axis::ALL {
@@ -393,7 +411,8 @@ impl Stage for Xps {
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         // a group takes one motion at a time; what is under way ends by itself, where it is safe
         let until = Instant::now() + MOTION_MARGIN;
-        while self.until_ended("waiting for the previous motion", until, reins).await?.is_none() {
+        let which = self.groups_of(&targets.iter().map(|(axis, _)| *axis).collect::<Vec<_>>());
+        while self.until_ended(&which, "waiting for the previous motion", until, reins).await?.is_none() {
             if reins.stopped() && reins.take().is_some() {
                 self.stop().await?;
             }
@@ -401,23 +420,26 @@ impl Stage for Xps {
         for (axis, _) in targets {
             self.shape(*axis, speed_mm_s, reins).await?;
         }
-        let motion = self.motion_to(targets).await?;
-        self.start(motion, reins).await
+        let motions = self.motions_to(targets).await?;
+        self.start(motions, reins).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
         let doing = "waiting for a motion to end";
         let until = Instant::now() + expected + MOTION_MARGIN;
-        if self.under_way.is_none() {
-            self.until_still(doing, MOTION_MARGIN).await?;
+        let which = self.groups_of(axes);
+        for &nth in &which {
+            if self.groups[nth].under_way.is_none() {
+                self.until_still(nth, doing, MOTION_MARGIN).await?;
+            }
         }
         loop {
             match reins.take() {
                 Some(MotionOrder::Stop) => self.stop().await?,
-                Some(MotionOrder::Speed(mm_s)) => self.change_speed(mm_s, reins).await?,
+                Some(MotionOrder::Speed(mm_s)) => self.change_speed(&which, mm_s, reins).await?,
                 None => {}
             }
-            if self.until_ended(doing, until, reins).await?.is_some() {
+            if self.until_ended(&which, doing, until, reins).await?.is_some() {
                 break;
             }
         }
@@ -433,10 +455,7 @@ impl Stage for Xps {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        if let Some(motion) = &mut self.under_way {
-            motion.aborted = true;
-        }
-        abort_by(&mut self.aborts, &self.group).await
+        self.abort(&(0..self.groups.len()).collect::<Vec<_>>()).await
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
@@ -454,11 +473,16 @@ impl Stage for Xps {
     }
 
     async fn guard(&mut self, limit_n: Option<f64>) -> Result<(), DeviceError> {
-        if let Some(armed) = self.armed.take() {
-            armed.disarm(&mut self.asks).await?;
+        let Xps { asks, groups, guard, .. } = self;
+        for group in groups.iter_mut() {
+            if let Some(armed) = group.armed.take() {
+                armed.disarm(asks).await?;
+            }
         }
-        if let (Some(guard), Some(limit_n)) = (&self.guard, limit_n) {
-            self.armed = Some(guard.arm(&mut self.asks, &self.group.name, limit_n).await?);
+        if let (Some(guard), Some(limit_n)) = (guard, limit_n) {
+            for group in groups {
+                group.armed = Some(guard.arm(asks, &group.name, limit_n).await?);
+            }
         }
         Ok(())
     }

@@ -17,16 +17,18 @@ const TICK_S: f64 = 0.001;
 
 /// The controller behind all sockets.
 pub struct Controller {
-    pub(super) group: Group,
+    pub(super) groups: Vec<Group>,
     events: Events,
     volts_per_newton: f64,
+    /// Whether an event was started, which concerns every link that waits for a motion.
+    stirred: bool,
 }
 
 /// The result of a call.
 pub enum Answer {
     /// These values, at once.
     Values(String),
-    /// Result of the group's activity, when it ends.
+    /// Result of a group's activity, when it ends.
     Later(Outcome),
 }
 
@@ -43,38 +45,39 @@ impl From<Outcome> for Answer {
 }
 
 impl Controller {
-    pub fn new(group: Group, volts_per_newton: f64) -> Self {
-        Controller { group, events: Events::default(), volts_per_newton }
+    pub fn new(groups: Vec<Group>, volts_per_newton: f64) -> Self {
+        Controller { groups, events: Events::default(), volts_per_newton, stirred: false }
     }
 
     /// Applies the effects of everything that has ended by `now_s`, and triggers the events whose conditions are met.
     pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
-        self.group.notice(scene, now_s);
+        self.groups.iter_mut().for_each(|group| group.notice(scene, now_s));
         if !self.guards() {
             return;
         }
-        let moves = self.group.moves(scene, now_s);
+        let moves: Vec<_> = self.groups.iter().map(|group| group.moves(scene, now_s)).collect();
         let volts = |input| events::input_v(input, self.volts_per_newton, scene, now_s);
-        if self.events.happen(volts, moves) {
+        for group in self.events.happen(volts, &moves) {
             // a group that moves takes an abort
-            let _ = self.group.abort(scene, now_s);
+            let _ = self.groups[group].abort(scene, now_s);
         }
     }
 
     /// Next time at which [`notice`](Self::notice) may have something to do, s; infinite if there is none without a call.
     pub fn next_s(&self, now_s: f64) -> f64 {
         let look_s = if self.guards() { now_s + TICK_S } else { f64::INFINITY };
-        look_s.min(self.group.end_s())
+        self.groups.iter().map(Group::end_s).fold(look_s, f64::min)
     }
 
-    /// Whether no link waits for the group's activity.
+    /// Whether no link waits for any group's activity.
     pub fn is_unattended(&self) -> bool {
-        self.group.is_unattended()
+        self.groups.iter().all(Group::is_unattended)
     }
 
     /// Whether something that a link may wait for has begun or ended since the last call.
     pub fn take_stirred(&mut self) -> bool {
-        std::mem::take(&mut self.group.stirred)
+        let stirred = std::mem::take(&mut self.stirred);
+        self.groups.iter_mut().fold(stirred, |stirred, group| std::mem::take(&mut group.stirred) || stirred)
     }
 
     /// Executes a call.
@@ -95,7 +98,7 @@ impl Controller {
             "CloseAllOtherSockets" => done(call),
             "KillAll" => {
                 done(call)?;
-                self.group.kill(scene, now_s);
+                self.groups.iter_mut().for_each(|group| group.kill(scene, now_s));
                 Ok(().into())
             }
             "GPIOAnalogGet" => self.run_analog(call, scene, now_s),
@@ -108,23 +111,23 @@ impl Controller {
 
     /// Whether the controller has to check its event conditions.
     fn guards(&self) -> bool {
-        self.events.armed() && self.group.can_be_aborted()
+        self.events.armed() && self.groups.iter().any(Group::can_be_aborted)
     }
 
     fn run_event(&mut self, mut call: Call) -> Result<Answer, Code> {
         match call.name {
             "EventExtendedConfigurationTriggerSet" => {
-                self.events.set_conditions(&mut call, &self.group)?;
+                self.events.set_conditions(&mut call, &self.groups)?;
                 done(call)
             }
             "EventExtendedConfigurationActionSet" => {
-                self.events.set_action(&mut call, &self.group)?;
+                self.events.set_action(&mut call, &self.groups)?;
                 done(call)
             }
             "EventExtendedStart" => {
                 call.results(Type::Int, 1)?;
                 // who waits for a move now waits for this as well
-                self.group.stirred = true;
+                self.stirred = true;
                 Ok(Answer::Values(self.events.start()?.to_string()))
             }
             "EventExtendedRemove" => {

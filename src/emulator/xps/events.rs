@@ -1,7 +1,7 @@
 //! Events that the controller watches for by itself: the guard of a move.
 
 use super::errors::Code;
-use super::group::{Group, Object};
+use super::group::{Group, Object, object};
 use super::syntax::Call;
 use crate::scene::Scene;
 
@@ -18,7 +18,8 @@ const INPUTS: usize = 4;
 #[derive(Default)]
 pub struct Events {
     conditions: Vec<Condition>,
-    has_action: bool,
+    /// Index of the group that the configured action aborts.
+    aborts: Option<usize>,
     started: Vec<Event>,
     last_id: i32,
 }
@@ -26,6 +27,7 @@ pub struct Events {
 struct Event {
     id: i32,
     conditions: Vec<Condition>,
+    aborts: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,10 +39,10 @@ enum Condition {
 
 impl Events {
     /// `EventExtendedConfigurationTriggerSet(name,p1,p2,p3,p4,...)`: sets the conditions, which must all be met.
-    pub fn set_conditions(&mut self, call: &mut Call, group: &Group) -> Result<(), Code> {
+    pub fn set_conditions(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
         let mut conditions = Vec::new();
         while conditions.is_empty() || !call.is_through() {
-            conditions.push(Condition::read(call, group)?);
+            conditions.push(Condition::read(call, groups)?);
         }
         if conditions.len() > CONDITIONS_MOST {
             return Err(Code::OUT_OF_RANGE);
@@ -50,16 +52,15 @@ impl Events {
     }
 
     /// `EventExtendedConfigurationActionSet(name,p1,p2,p3,p4)`: sets the action.
-    pub fn set_action(&mut self, call: &mut Call, group: &Group) -> Result<(), Code> {
+    pub fn set_action(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
         let name = call.text()?;
-        let aborts = name.strip_suffix(".MoveAbort").is_some_and(|name| group.object(name) == Ok(Object::Group));
-        if !aborts {
+        let Some(Ok(Object::Group(aborts))) = name.strip_suffix(".MoveAbort").map(|name| object(groups, name)) else {
             return Err(Code::ACTION_NAME);
-        }
+        };
         for _ in 0..4 {
             call.text()?;
         }
-        self.has_action = true;
+        self.aborts = Some(aborts);
         Ok(())
     }
 
@@ -68,14 +69,12 @@ impl Events {
         if self.conditions.is_empty() {
             return Err(Code::NO_EVENTS);
         }
-        if !self.has_action {
-            return Err(Code::NO_ACTIONS);
-        }
+        let aborts = self.aborts.ok_or(Code::NO_ACTIONS)?;
         if self.started.len() == EVENTS_MOST {
             return Err(Code::TOO_MANY_EVENTS);
         }
         self.last_id += 1;
-        self.started.push(Event { id: self.last_id, conditions: self.conditions.clone() });
+        self.started.push(Event { id: self.last_id, conditions: self.conditions.clone(), aborts });
         Ok(self.last_id)
     }
 
@@ -91,23 +90,25 @@ impl Events {
         !self.started.is_empty()
     }
 
-    /// Whether an event happens now, from the group's motion and the input voltages that `volts` returns. Events that have
-    /// happened are removed.
-    pub fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
-        let mut happened = false;
+    /// Returns the groups that the events that happen now abort. `moves` are the groups' positioners that move, and `volts`
+    /// returns the input voltages. Events that have happened are removed.
+    pub fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: &[Vec<bool>]) -> Vec<usize> {
+        let mut aborted = Vec::new();
         self.started.retain(|event| {
             let met = event.conditions.iter().all(|condition| condition.is_met(&mut volts, moves));
-            happened |= met;
+            if met {
+                aborted.push(event.aborts);
+            }
             !met
         });
-        happened
+        aborted
     }
 }
 
 impl Condition {
-    fn read(call: &mut Call, group: &Group) -> Result<Self, Code> {
+    fn read(call: &mut Call, groups: &[Group]) -> Result<Self, Code> {
         let name = call.text()?;
-        let moving = name.strip_suffix(".SGamma.MotionState").and_then(|name| group.object(name).ok());
+        let moving = name.strip_suffix(".SGamma.MotionState").and_then(|name| object(groups, name).ok());
         let limited = [(".ADCHighLimit", true), (".ADCLowLimit", false)];
         let limited = limited.iter().find_map(|(suffix, over)| Some((input(name.strip_suffix(suffix)?)?, *over)));
         let mut parameters = 4;
@@ -126,12 +127,12 @@ impl Condition {
         Ok(condition)
     }
 
-    fn is_met(self, mut volts: impl FnMut(usize) -> f64, moves: [bool; 3]) -> bool {
+    fn is_met(self, mut volts: impl FnMut(usize) -> f64, moves: &[Vec<bool>]) -> bool {
         match self {
             Condition::Over { input, limit_v } => volts(input) > limit_v,
             Condition::Under { input, limit_v } => volts(input) < limit_v,
-            Condition::Moving(Object::Group) => moves.contains(&true),
-            Condition::Moving(Object::Positioner(index)) => moves[index],
+            Condition::Moving(Object::Group(group)) => moves[group].contains(&true),
+            Condition::Moving(Object::Positioner(group, index)) => moves[group][index],
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The group: its life cycle, its homing and its motions.
+//! A group: its life cycle, its homing and its motions.
 
 use super::errors::Code;
 use super::positioner::Positioner;
@@ -11,11 +11,22 @@ const INITIALIZE_S: f64 = 0.3;
 /// Duration of the calibration of the encoders before the initialisation, s. The stage doesn't move during it here.
 const CALIBRATE_S: f64 = 2.0;
 
-/// Object of a call.
+/// Object of a call, by index: a group, or a positioner of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Object {
-    Group,
-    Positioner(usize),
+    Group(usize),
+    Positioner(usize, usize),
+}
+
+/// Returns the object with this name: a group, or `group.positioner`.
+pub fn object(groups: &[Group], name: &str) -> Result<Object, Code> {
+    let index_of = |name: &str| groups.iter().position(|group| group.name == name);
+    let Some((group, positioner)) = name.split_once('.') else {
+        return index_of(name).map(Object::Group).ok_or(Code::GROUP_NAME);
+    };
+    let group = index_of(group).ok_or(Code::POSITIONER_NAME)?;
+    let index = groups[group].positioners.iter().position(|each| each.name == positioner);
+    index.map(|index| Object::Positioner(group, index)).ok_or(Code::POSITIONER_NAME)
 }
 
 /// Possible states of a group, by their numbers.
@@ -40,10 +51,10 @@ pub enum State {
 /// link has dropped it.
 pub type Outcome = Arc<OnceLock<Code>>;
 
-/// One group of three positioners, its life cycle and its motions. It does one thing at a time.
+/// One group of one to three positioners, its life cycle and its motions. It does one thing at a time.
 pub struct Group {
     name: String,
-    pub positioners: [Positioner; 3],
+    pub positioners: Vec<Positioner>,
     state: State,
     errand: Option<Errand>,
     /// Whether something that a link may wait for has begun or ended.
@@ -100,22 +111,8 @@ impl State {
 
 impl Group {
     /// Creates a group as it is at power-on.
-    pub fn new(name: &str, positioners: [&str; 3], scene: &Scene) -> Self {
-        let positioners = Axis::ALL.map(|axis| Positioner::new(positioners[axis.index()], axis, scene));
+    pub fn new(name: &str, positioners: Vec<Positioner>) -> Self {
         Group { name: name.into(), positioners, state: State::NotInitialized, errand: None, stirred: false }
-    }
-
-    /// Returns the object with this name: the group, or `group.positioner`.
-    pub fn object(&self, name: &str) -> Result<Object, Code> {
-        match name.split_once('.') {
-            None if name == self.name => Ok(Object::Group),
-            None => Err(Code::GROUP_NAME),
-            Some((group, positioner)) => {
-                let index = self.positioners.iter().position(|each| each.name == positioner);
-                let index = index.filter(|_| group == self.name).ok_or(Code::POSITIONER_NAME)?;
-                Ok(Object::Positioner(index))
-            }
-        }
     }
 
     /// The number of its state.
@@ -128,9 +125,9 @@ impl Group {
         self.state == State::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
     }
 
-    /// Positioners that move.
-    pub fn moves(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
-        self.positioners.each_ref().map(|positioner| positioner.moves(scene, now_s))
+    /// Whether each positioner moves.
+    pub fn moves(&self, scene: &Scene, now_s: f64) -> Vec<bool> {
+        self.positioners.iter().map(|positioner| positioner.moves(scene, now_s)).collect()
     }
 
     /// Time at which the activity ends, s; infinite if it never ends by itself.
@@ -149,8 +146,8 @@ impl Group {
             match errand.then {
                 Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
                 Then::HomeOthers => {
-                    self.positioners[Axis::Z.index()].set_homed();
-                    self.home([Axis::X, Axis::Y], Then::Homed, errand.outcome, scene, now_s);
+                    self.positioners.iter_mut().filter(|each| each.axis == Axis::Z).for_each(Positioner::set_homed);
+                    self.home(|axis| axis != Axis::Z, Then::Homed, errand.outcome, scene, now_s);
                 }
                 Then::Homed => {
                     self.positioners.iter_mut().for_each(Positioner::set_homed);
@@ -169,18 +166,22 @@ impl Group {
         Ok(self.begin(state, end_s, Then::Rest(State::NotReferenced)))
     }
 
-    /// `GroupHomeSearch`: z, then x and y together.
+    /// `GroupHomeSearch`: z if it is in the group, then x and y together.
     pub fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(self.state == State::NotReferenced)?;
         self.state = State::Homing;
         self.stirred = true;
         let outcome = Outcome::default();
-        self.home([Axis::Z], Then::HomeOthers, outcome.clone(), scene, now_s);
+        if self.positioners.len() > 1 && self.positioners.iter().any(|each| each.axis == Axis::Z) {
+            self.home(|axis| axis == Axis::Z, Then::HomeOthers, outcome.clone(), scene, now_s);
+        } else {
+            self.home(|_| true, Then::Homed, outcome.clone(), scene, now_s);
+        }
         Ok(outcome)
     }
 
     /// `GroupMoveAbsolute`: the positioners with a target start together and arrive together.
-    pub fn move_to(&mut self, counts_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+    pub fn move_to(&mut self, counts_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(self.state.is_ready())?;
         self.must_allow(counts_mm)?;
         let end_s = self.start(counts_mm, scene, now_s);
@@ -188,12 +189,12 @@ impl Group {
     }
 
     /// `GroupMoveRelative`: moves from the controller's setpoints.
-    pub fn move_by(&mut self, ways_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
-        let mut counts_mm = ways_mm;
-        for (count_mm, positioner) in counts_mm.iter_mut().zip(&self.positioners) {
-            *count_mm = count_mm.map(|way_mm| positioner.setpoint_mm(scene, now_s) + way_mm);
-        }
-        self.move_to(counts_mm, scene, now_s)
+    pub fn move_by(&mut self, ways_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        let from = |(way_mm, positioner): (&Option<f64>, &Positioner)| {
+            way_mm.map(|way_mm| positioner.setpoint_mm(scene, now_s) + way_mm)
+        };
+        let counts_mm: Vec<_> = ways_mm.iter().zip(&self.positioners).map(from).collect();
+        self.move_to(&counts_mm, scene, now_s)
     }
 
     /// `GroupMoveAbort`: stops each positioner with the deceleration of its motion. The move under way ends then, with its error.
@@ -233,9 +234,13 @@ impl Group {
         if allowed { Ok(()) } else { Err(Code::NOT_ALLOWED) }
     }
 
-    fn must_allow(&self, counts_mm: [Option<f64>; 3]) -> Result<(), Code> {
-        let within =
-            self.positioners.iter().zip(counts_mm).filter_map(both).all(|(each, count_mm)| each.allows(count_mm));
+    fn must_allow(&self, counts_mm: &[Option<f64>]) -> Result<(), Code> {
+        let within = self
+            .positioners
+            .iter()
+            .zip(counts_mm.iter().copied())
+            .filter_map(both)
+            .all(|(each, count_mm)| each.allows(count_mm));
         if within { Ok(()) } else { Err(Code::OUT_OF_RANGE) }
     }
 
@@ -247,10 +252,9 @@ impl Group {
         outcome
     }
 
-    fn home<const N: usize>(&mut self, axes: [Axis; N], then: Then, outcome: Outcome, scene: &mut Scene, now_s: f64) {
+    fn home(&mut self, is_one: fn(Axis) -> bool, then: Then, outcome: Outcome, scene: &mut Scene, now_s: f64) {
         let mut end_s = now_s;
-        for axis in axes {
-            let positioner = &self.positioners[axis.index()];
+        for positioner in self.positioners.iter().filter(|each| is_one(each.axis)) {
             positioner.go_home(scene, now_s);
             end_s = end_s.max(positioner.end_s(scene));
         }
@@ -259,12 +263,12 @@ impl Group {
 
     /// Starts a group motion and returns its end time, s. The axis with the longest travel time moves at its own speed. The
     /// others are slowed so that all arrive together. An axis without a distance to move stays.
-    fn start(&self, counts_mm: [Option<f64>; 3], scene: &mut Scene, now_s: f64) -> f64 {
-        let mut times_s = [0.0; 3];
-        for (time_s, (positioner, count_mm)) in times_s.iter_mut().zip(self.positioners.iter().zip(counts_mm)) {
-            *time_s = count_mm.map_or(0.0, |count_mm| positioner.time_to_s(count_mm, scene));
-        }
-        let longest_s = times_s.into_iter().fold(0.0, f64::max);
+    fn start(&self, counts_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> f64 {
+        let time_s = |(positioner, count_mm): (&Positioner, &Option<f64>)| {
+            count_mm.map_or(0.0, |count_mm| positioner.time_to_s(count_mm, scene))
+        };
+        let times_s: Vec<f64> = self.positioners.iter().zip(counts_mm).map(time_s).collect();
+        let longest_s = times_s.iter().copied().fold(0.0, f64::max);
         let mut end_s = now_s;
         for (time_s, (positioner, count_mm)) in times_s.into_iter().zip(self.positioners.iter().zip(counts_mm)) {
             if let Some(count_mm) = count_mm.filter(|_| time_s > 0.0) {

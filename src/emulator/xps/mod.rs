@@ -1,11 +1,11 @@
-//! The Newport XPS-Q8 with one group of three VP-25XL: receives calls and sends replies over several sockets. It follows the
+//! The Newport XPS-Q8 with three VP-25XL in one, two or three groups: receives calls and sends replies over several sockets. It follows the
 //! known parts of its manual and the calls and replies of existing clients.
 //!
 //! A call that is answered when it is finished (moves, homing, initialisation) occupies its own socket. Another call there is
 //! answered with -1 until then. Calls on other sockets are served and can end it. After `GroupMoveAbort` it answers -27, and
 //! after `GroupKill` -26, both once the group rests. The abort itself answers at once.
 //!
-//! `GroupHomeSearch` homes z first, then x and y together. Jerk times are stored and have no other effect. If the manual isn't
+//! `GroupHomeSearch` homes z first if the group has it, then x and y together. Groups move independently. Jerk times are stored and have no other effect. If the manual isn't
 //! clear, this controller follows the stricter of two readings. A group does one thing at a time, so a move of one positioner is
 //! refused (-22) while another moves. Calls must name the number and the types of their results.
 //!
@@ -23,18 +23,20 @@ mod syntax;
 mod tests;
 
 use super::{Instrument, Owed, Shared};
+use crate::quantity::Axis;
 use crate::scene::{Device, Scene};
 use controller::{Answer, Controller};
 use errors::Code;
 use group::{Group, Outcome};
+use positioner::Positioner;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use syntax::Call;
 use tokio::sync::Notify;
 
-/// A Newport XPS-Q8 motion controller with one group of three VP-25XL stages: 12.5 mm to either side, 25 mm/s. Its analog input
+/// A Newport XPS-Q8 motion controller with three VP-25XL stages in any groups: 12.5 mm to either side, 25 mm/s. Its analog input
 /// `GPIO2.ADC1` reads the load cell.
 ///
-/// At power-on its group isn't initialised. The present place of each positioner counts as zero until it is homed. One value of
+/// At power-on its groups aren't initialised. The present place of each positioner counts as zero until it is homed. One value of
 /// this type is one socket; each served link opens its own.
 pub struct Xps {
     controller: Shared<Controller>,
@@ -50,9 +52,19 @@ struct Pending {
 
 impl Xps {
     /// Creates a controller that is switched on at the present place of the scene's axes. `positioners` are those of x, y and z,
-    /// with names `group.positioner`. `volts_per_newton` is the gain of the load cell's amplifier.
-    pub fn new(scene: &Scene, group: &str, positioners: [&str; 3], volts_per_newton: f64) -> Self {
-        let controller = Controller::new(Group::new(group, positioners, scene), volts_per_newton);
+    /// each after its group: `("XYZ", "X")`. Those of one group are in it in this order. `volts_per_newton` is the gain of the load
+    /// cell's amplifier.
+    pub fn new(scene: &Scene, positioners: [(&str, &str); 3], volts_per_newton: f64) -> Self {
+        let mut groups: Vec<(&str, Vec<Positioner>)> = Vec::new();
+        for (axis, (group, positioner)) in Axis::ALL.into_iter().zip(positioners) {
+            let positioner = Positioner::new(positioner, axis, scene);
+            match groups.iter_mut().find(|(name, _)| *name == group) {
+                Some((_, positioners)) => positioners.push(positioner),
+                None => groups.push((group, vec![positioner])),
+            }
+        }
+        let groups = groups.into_iter().map(|(name, positioners)| Group::new(name, positioners)).collect();
+        let controller = Controller::new(groups, volts_per_newton);
         Xps::on(Arc::new(Mutex::new(controller)), Arc::default())
     }
 
@@ -105,7 +117,7 @@ impl Instrument for Xps {
         Some(self.bell.clone())
     }
 
-    /// Returns what this link is owed, and lets the controller continue. Normally the link that waits for the group's errand does
+    /// Returns what this link is owed, and lets the controller continue. Normally a link that waits for a group's errand does
     /// this. If that link was closed or never existed, all other links do it.
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut controller = self.controller();

@@ -1,14 +1,14 @@
-//! The calls that concern the group and its positioners.
+//! The calls that concern groups and their positioners.
 
 use super::controller::{Answer, Controller, tell};
 use super::errors::Code;
-use super::group::{Group, Object, State};
+use super::group::{Group, Object, State, object};
 use super::positioner::{self, Positioner, SGamma};
 use super::syntax::{Call, Type, numbers};
 use crate::scene::Scene;
 
 impl Controller {
-    /// Runs calls of the group, and calls of the group or one positioner.
+    /// Runs calls of a group, and calls of a group or one positioner.
     pub(super) fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
         if name == "GroupStatusStringGet" {
@@ -18,25 +18,26 @@ impl Controller {
         if !["GroupPositionCurrentGet", "GroupMoveAbsolute", "GroupMoveRelative"].contains(&name) {
             return self.run_whole_group(call, scene, now_s);
         }
-        let object = self.group.object(call.text()?)?;
-        let each = match object {
-            Object::Group => 0..3,
-            Object::Positioner(index) => index..index + 1,
+        let (group, index) = match object(&self.groups, call.text()?)? {
+            Object::Group(group) => (group, None),
+            Object::Positioner(group, index) => (group, Some(index)),
         };
+        let group = &mut self.groups[group];
+        let each = index.map_or(0..group.positioners.len(), |index| index..index + 1);
         match name {
             "GroupMoveAbsolute" | "GroupMoveRelative" => {
-                let mut numbers = [None; 3];
+                let mut numbers = vec![None; group.positioners.len()];
                 for index in each {
                     numbers[index] = Some(call.number()?);
                 }
                 call.end()?;
                 let move_so = if name == "GroupMoveAbsolute" { Group::move_to } else { Group::move_by };
-                move_so(&mut self.group, numbers, scene, now_s).map(Answer::from)
+                move_so(group, &numbers, scene, now_s).map(Answer::from)
             }
             _ => {
                 call.results(Type::Double, each.len())?;
                 let count_mm = |positioner: &Positioner| positioner.count_mm(scene, now_s);
-                Ok(Answer::Values(numbers(self.group.positioners[each].iter().map(count_mm))))
+                Ok(Answer::Values(numbers(group.positioners[each].iter().map(count_mm))))
             }
         }
     }
@@ -44,26 +45,23 @@ impl Controller {
     /// Runs calls of a complete group.
     fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         let name = call.name;
-        if self.group.object(call.text()?)? != Object::Group {
-            return Err(Code::WRONG_OBJECT);
-        }
+        let Object::Group(group) = object(&self.groups, call.text()?)? else { return Err(Code::WRONG_OBJECT) };
+        let group = &mut self.groups[group];
         if name == "GroupStatusGet" {
-            let status = self.group.status().to_string();
+            let status = group.status().to_string();
             return tell(call, Type::Int, &status);
         }
         call.end()?;
         match name {
             "GroupKill" => {
-                self.group.kill(scene, now_s);
+                group.kill(scene, now_s);
                 Ok(().into())
             }
-            "GroupInitialize" => self.group.initialize(false, scene, now_s).map(Answer::from),
-            "GroupInitializeWithEncoderCalibration" => self.group.initialize(true, scene, now_s).map(Answer::from),
-            "GroupHomeSearch" => self.group.home_search(scene, now_s).map(Answer::from),
-            "GroupMoveAbort" => self.group.abort(scene, now_s).map(Answer::from),
-            "GroupMotionEnable" | "GroupMotionDisable" => {
-                self.group.enable(name == "GroupMotionEnable").map(Answer::from)
-            }
+            "GroupInitialize" => group.initialize(false, scene, now_s).map(Answer::from),
+            "GroupInitializeWithEncoderCalibration" => group.initialize(true, scene, now_s).map(Answer::from),
+            "GroupHomeSearch" => group.home_search(scene, now_s).map(Answer::from),
+            "GroupMoveAbort" => group.abort(scene, now_s).map(Answer::from),
+            "GroupMotionEnable" | "GroupMotionDisable" => group.enable(name == "GroupMotionEnable").map(Answer::from),
             _ => Err(Code::UNKNOWN_COMMAND),
         }
     }
@@ -80,8 +78,11 @@ impl Controller {
             let text = positioner::hardware_text(call.whole()? as u32);
             return tell(call, Type::Char, &text);
         }
-        let Object::Positioner(index) = self.group.object(call.text()?)? else { return Err(Code::WRONG_OBJECT) };
-        let positioner = &mut self.group.positioners[index];
+        let Object::Positioner(group, index) = object(&self.groups, call.text()?)? else {
+            return Err(Code::WRONG_OBJECT);
+        };
+        let group = &mut self.groups[group];
+        let positioner = &mut group.positioners[index];
         match name {
             "PositionerSGammaParametersGet" => {
                 call.results(Type::Double, 4)?;
@@ -109,7 +110,7 @@ impl Controller {
             "PositionerUserTravelLimitsSet" => {
                 let limits_mm = (call.number()?, call.number()?);
                 call.end()?;
-                self.group.limit(index, limits_mm).map(Answer::from)
+                group.limit(index, limits_mm).map(Answer::from)
             }
             "PositionerErrorGet" => tell(call, Type::Int, "0"),
             "PositionerHardwareStatusGet" => {

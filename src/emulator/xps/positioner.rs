@@ -1,4 +1,4 @@
-//! One positioner of the group: its place, speeds and limits.
+//! One positioner of a group: its place, speeds and limits.
 
 use crate::quantity::Axis;
 use crate::scene::{Scene, Trajectory};
@@ -24,12 +24,12 @@ const ABOVE_HOME: u32 = 0x0000_0004;
 const END_MINUS: u32 = 0x8000_0100;
 const END_PLUS: u32 = 0x8000_0200;
 
-/// One positioner of the group: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates,
+/// One positioner of a group: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates,
 /// unless a name contains `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the positioner
 /// is homed.
 pub struct Positioner {
     pub name: String,
-    axis: Axis,
+    pub axis: Axis,
     /// True place minus count, mm.
     offset_mm: f64,
     pub s_gamma: SGamma,

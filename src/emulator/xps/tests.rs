@@ -13,7 +13,7 @@ use proptest::prelude::*;
 const VOLTS_PER_NEWTON: f64 = 2.0;
 
 fn xps(scene: &Scene) -> Xps {
-    Xps::new(scene, "XYZ", ["X", "Y", "Z"], VOLTS_PER_NEWTON)
+    Xps::new(scene, [("XYZ", "X"), ("XYZ", "Y"), ("XYZ", "Z")], VOLTS_PER_NEWTON)
 }
 
 /// Some sockets of a controller and its scene, talked to at given times.
@@ -157,6 +157,54 @@ fn what_cant_be_done_is_answered_with_its_code_and_the_request_as_it_came() {
         assert_eq!(bench.status(20.0), "11");
         assert_eq!(bench.say(30.0, "GroupPositionCurrentGet(XYZ,double *,double *,double *)"), "0,0,0,0,EndOfAPI");
     }
+}
+
+#[test]
+fn groups_of_one_and_two_positioners_live_and_move_on_their_own() {
+    let scene = scene();
+    let xps = Xps::new(&scene, [("XY", "X"), ("XY", "Y"), ("Z", "Pos")], VOLTS_PER_NEWTON);
+    let mut bench = Bench { xps, scene };
+    let other = |bench: &mut Bench, now_s: f64, sent: &str| {
+        let socket = bench.xps.accept().expect("another");
+        let reply = socket.lock().expect("sound").answer(sent.as_bytes(), &mut bench.scene, now_s);
+        String::from_utf8(reply).expect("text")
+    };
+    for (at_s, group) in [(0.0, "Z"), (10.0, "XY")] {
+        bench.say(at_s, &format!("GroupInitialize({group})"));
+        assert_eq!(bench.settle(at_s + 1.0), "0,,EndOfAPI");
+        bench.say(at_s + 1.0, &format!("GroupHomeSearch({group})"));
+        let still = if group == "Z" { "0,0,EndOfAPI" } else { "0,11,EndOfAPI" };
+        let on_other = if group == "Z" { "GroupStatusGet(XY,int *)" } else { "GroupStatusGet(Z,int *)" };
+        assert_eq!(other(&mut bench, at_s + 1.1, on_other), still);
+        assert_eq!(bench.settle(at_s + 9.0), "0,,EndOfAPI");
+    }
+    for (sent, code) in [
+        ("GroupMoveAbsolute(XY,1)", -9),
+        ("GroupMoveAbsolute(XY,1,2,3)", -9),
+        ("GroupMoveAbsolute(Z,1,2)", -9),
+        ("GroupMoveAbsolute(XY,1,z)", -14),
+        ("GroupPositionCurrentGet(XY,double *)", -9),
+        ("GroupPositionCurrentGet(Z.Pos,double *,double *)", -9),
+        ("GroupMoveAbsolute(XY.Pos,1)", -18),
+        ("GroupMoveAbsolute(XYZ,1,2,3)", -19),
+        ("GroupKill(Z.Pos)", -8),
+        ("PositionerErrorGet(Z,int *)", -8),
+        ("EventExtendedConfigurationActionSet(Z.Pos.MoveAbort,0,0,0,0)", -39),
+    ] {
+        assert_eq!(bench.say(20.0, sent), format!("{code},{sent},EndOfAPI"));
+    }
+    // both groups at once; the abort of one leaves the other
+    bench.say(20.0, "GroupMoveAbsolute(XY,5,-5)");
+    assert_eq!(other(&mut bench, 20.0, "GroupMoveAbsolute(Z.Pos,5)"), "");
+    let statuses = |bench: &mut Bench, now_s| {
+        ["XY", "Z"].map(|group| other(bench, now_s, &format!("GroupStatusGet({group},int *)")))
+    };
+    assert_eq!(statuses(&mut bench, 20.1), ["0,44,EndOfAPI", "0,44,EndOfAPI"]);
+    assert_eq!(other(&mut bench, 20.1, "GroupMoveAbort(Z)"), "0,,EndOfAPI");
+    assert_eq!(statuses(&mut bench, 20.3), ["0,44,EndOfAPI", "0,10,EndOfAPI"]);
+    assert_eq!(bench.settle(25.0), "0,,EndOfAPI");
+    assert_eq!(bench.say(25.0, "GroupPositionCurrentGet(XY,double *,double *)"), "0,5,-5,EndOfAPI");
+    assert!(bench.true_mm(Axis::Z, 25.0) < 3.0);
 }
 
 #[test]

@@ -1,9 +1,9 @@
-//! Newport XPS: a group of three positioners as a stage, and an analog input of the same controller as a load cell.
+//! Newport XPS: three positioners in one or more groups as a stage, and an analog input of the same controller as a load cell.
 
 use super::{Beside, Family, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, read_newton_per_volt};
 use crate::device::DeviceError;
 use crate::document::{Problem, Table, keys};
-use crate::driver::xps::{Group, Guard, Xps, XpsAnalog};
+use crate::driver::xps::{Grouping, Guard, Positioner, Xps, XpsAnalog};
 use crate::driver::{AnyLoadCell, AnyStage};
 use crate::emulator;
 use crate::rig::emulated::EmulatedDevice;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 pub const FAMILY: Family = Family {
     name: "xps",
-    meaning: "Newport XPS: a group of three positioners, an analog input",
+    meaning: "Newport XPS: three positioners in any groups, an analog input",
     simulated: "an XPS-Q8 with three VP-25XL axes, an input, a guard",
     stage: Some(Role { words: &[], keys: stage::KEYS.always, links: Links::Stream, read: read_stage }),
     load_cell: Some(Role { words: &[], keys: load_cell::KEYS.always, links: Links::Stream, read: read_load_cell }),
@@ -26,9 +26,12 @@ const HOME_MM: f64 = 0.0;
 keys! {
     /// `driver = { xps = ... }` of a stage.
     stage {
-        xps: Text, Refused, "the XPS' group of three positioners", "\"XYZ\"";
-        positioners: Texts, or_texts(&["X", "Y", "Z"]), "its positioners of x, y and z, in this order", "[\"X\", \"Y\", \"Z\"]";
-        home_search: Flag, or_flag(false), "whether palpate may home the group; its way must be clear of the specimen",
+        xps: Either(&[Text, Texts]), Refused, "the XPS' group of three positioners, or a list of its groups", "\"XYZ\"";
+        positioners: Texts, or_texts(&["X", "Y", "Z"]),
+            "the positioners of x, y and z, in this order; with several groups each as GROUP.POSITIONER. Those of one group \
+            must be in this order in the controller too",
+            "[\"XY.X\", \"XY.Y\", \"Z.Pos\"]";
+        home_search: Flag, or_flag(false), "whether palpate may home the groups; their way must be clear of the specimen",
             "true";
         guard: Flag, or_flag(false), "whether the controller also stops a motion at the force limit", "true";
     }
@@ -44,7 +47,7 @@ keys! {
 
 #[derive(Debug)]
 struct Stage {
-    group: Group,
+    grouping: Grouping,
     /// Whether the controller itself must end a motion at the force limit.
     guard: bool,
 }
@@ -53,18 +56,44 @@ struct Stage {
 struct LoadCell(Guard);
 
 fn read_stage(table: &Table, _: Beside) -> Option<Arc<dyn StageDriver>> {
-    let name = table.text(&stage::xps).map(str::to_owned);
-    let positioners = table.texts(&stage::positioners).and_then(|names| {
-        let three = names.into_iter().map(str::to_owned).collect::<Vec<_>>().try_into().ok();
-        if three.is_none() {
-            let told = "`positioners` names its positioners of x, y and z, in this order";
-            table.complain(Problem::new(table.span_of(&stage::positioners), told));
-        }
-        three
+    let groups = match table.is_list(&stage::xps) {
+        true => table.texts(&stage::xps),
+        false => table.text(&stage::xps).map(|group| vec![group]),
+    };
+    let positioners = groups.zip(table.texts(&stage::positioners)).and_then(|(groups, names)| {
+        let positioners = positioners(&groups, &names);
+        let help = "for example xps = [\"XY\", \"Z\"] with positioners = [\"XY.X\", \"XY.Y\", \"Z.Pos\"]";
+        positioners
+            .map_err(|told| table.complain(Problem::new(table.span_of(&stage::positioners), told).help(help)))
+            .ok()
     });
     let (home_search, guard) = (table.flag(&stage::home_search), table.flag(&stage::guard));
-    let group = Group { name: name?, positioners: positioners?, home_search: home_search? };
-    Some(Arc::new(Stage { group, guard: guard? }))
+    let grouping = Grouping { positioners: positioners?, home_search: home_search? };
+    Some(Arc::new(Stage { grouping, guard: guard? }))
+}
+
+/// Returns the positioners of x, y and z with their groups, or the mistake.
+fn positioners<'a>(groups: &[&'a str], names: &[&'a str]) -> Result<[Positioner; 3], String> {
+    let places = names.iter().map(|name| place(name, groups)).collect::<Result<Vec<_>, _>>()?;
+    if let Some(twice) = (1..places.len()).find(|&n| places[..n].contains(&places[n])) {
+        return Err(format!("\"{}\" is the positioner of two axes", names[twice]));
+    }
+    if let Some(unused) = groups.iter().find(|group| places.iter().all(|(of_it, _)| of_it != *group)) {
+        return Err(format!("the group \"{unused}\" of `xps` has none of the positioners"));
+    }
+    let positioners = places.into_iter().map(|(group, name)| Positioner { group: group.into(), name: name.into() });
+    let positioners: Result<[Positioner; 3], _> = positioners.collect::<Vec<_>>().try_into();
+    positioners.map_err(|_| "`positioners` names its positioners of x, y and z, in this order".to_owned())
+}
+
+/// Returns the group and the positioner of a name. With one group, the name needs none.
+fn place<'a>(name: &'a str, groups: &[&'a str]) -> Result<(&'a str, &'a str), String> {
+    match (name.split_once('.'), groups) {
+        (Some((group, name)), _) if groups.contains(&group) => Ok((group, name)),
+        (Some((group, _)), _) => Err(format!("the group \"{group}\" of \"{name}\" isn't among those of `xps`")),
+        (None, [group]) => Ok((group, name)),
+        (None, _) => Err(format!("\"{name}\" doesn't name its group, and `xps` lists several")),
+    }
 }
 
 fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
@@ -82,7 +111,7 @@ impl Driver for Stage {
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
         let misfit = |told: &str, help| Misfit { role: Device::Stage, told: told.to_owned(), help: Some(help) };
         let mut misfits = Vec::new();
-        if self.group.home_search && rig.frame.z_from_stage(HOME_MM) > rig.clear_mm() {
+        if self.grouping.home_search && rig.frame.z_from_stage(HOME_MM) > rig.clear_mm() {
             misfits.push(misfit(
                 "`home_search` moves z to 0, the middle of its travel, which isn't clear of the specimen",
                 "mount the specimen so that `surface_mm` is beyond 0, or home the group by hand, without the specimen",
@@ -101,14 +130,14 @@ impl Driver for Stage {
 impl StageDriver for Stage {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
         let guard = cell_of(rig).filter(|_| self.guard).map(|cell| cell.0.clone());
-        let sockets = [dial(), dial(), dial()];
-        AnyStage::Xps(Box::new(Xps::new(sockets, rig.stage.link.to_string(), self.group.clone(), guard)))
+        let link = rig.stage.link.to_string();
+        AnyStage::Xps(Box::new(Xps::new(dial, link, self.grouping.clone(), guard)))
     }
 
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
         let volts_per_newton = cell_of(rig).map_or(1.0, |cell| 1.0 / cell.0.newton_per_volt);
-        let positioners = self.group.positioners.each_ref().map(String::as_str);
-        EmulatedDevice::network(emulator::Xps::new(scene, &self.group.name, positioners, volts_per_newton), "xps")
+        let positioners = self.grouping.positioners.each_ref().map(|each| (each.group.as_str(), each.name.as_str()));
+        EmulatedDevice::network(emulator::Xps::new(scene, positioners, volts_per_newton), "xps")
     }
 }
 
@@ -133,5 +162,38 @@ impl LoadCellDriver for LoadCell {
     /// Returns another socket of the stage's own controller.
     fn emulated(&self, _: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
         Ok(stage.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(groups: &[&str], names: &[&str]) -> Result<Vec<String>, String> {
+        let positioners = positioners(groups, names)?;
+        Ok(positioners.iter().map(|each| format!("{}.{}", each.group, each.name)).collect())
+    }
+
+    #[test]
+    fn positioners_are_read_with_their_groups() {
+        for (groups, names, read_as) in [
+            (&["XYZ"][..], ["X", "Y", "Z"], ["XYZ.X", "XYZ.Y", "XYZ.Z"]),
+            (&["XYZ"], ["XYZ.X", "Y", "XYZ.Z"], ["XYZ.X", "XYZ.Y", "XYZ.Z"]),
+            (&["XY", "Z"], ["XY.X", "XY.Y", "Z.Pos"], ["XY.X", "XY.Y", "Z.Pos"]),
+            (&["A", "B", "C"], ["C.Pos", "A.Pos", "B.Pos"], ["C.Pos", "A.Pos", "B.Pos"]),
+        ] {
+            assert_eq!(read(groups, &names).unwrap(), read_as);
+        }
+        for (groups, names, told) in [
+            (&["XY", "Z"][..], &["X", "Y", "Z"][..], "\"X\" doesn't name its group"),
+            (&["XY", "Z"], &["XY.X", "XY.Y", "ZZ.Pos"], "the group \"ZZ\" of \"ZZ.Pos\" isn't among those of `xps`"),
+            (&["XY", "Z"], &["XY.X", "XY.X", "Z.Pos"], "\"XY.X\" is the positioner of two axes"),
+            (&["XYZ", "Z"], &["XYZ.X", "XYZ.Y", "XYZ.Z"], "the group \"Z\" of `xps` has none of the positioners"),
+            (&["XYZ"], &["X", "Y"], "names its positioners of x, y and z"),
+            (&[], &[], "names its positioners of x, y and z"),
+        ] {
+            let error = read(groups, names).unwrap_err();
+            assert!(error.contains(told), "{error}");
+        }
     }
 }

@@ -6,7 +6,7 @@ use crate::support::made_ready;
 use palpate::device::{DeviceError, Reins, Stage, StageUse};
 use palpate::driver::grbl::Grbl;
 use palpate::driver::process::ProcessStage;
-use palpate::driver::xps::{Group, Xps};
+use palpate::driver::xps::{Grouping, Xps};
 use palpate::driver::{AnyStage, Esp301};
 use palpate::emulator::{Instrument, Shared};
 use palpate::quantity::{Axis, Range, Stream, Travel, stream};
@@ -330,10 +330,8 @@ fn driver(
     match subject {
         Subject::Esp301 => AnyStage::Esp301(Esp301::new(link(Framing::Esp301), name())),
         Subject::Xps => {
-            let positioners = ["X", "Y", "Z"].map(str::to_owned);
-            let group = Group { name: "XYZ".to_owned(), positioners, home_search: true };
-            let links = [link(Framing::Xps), link(Framing::Xps), link(Framing::Xps)];
-            AnyStage::Xps(Box::new(Xps::new(links, name(), group, None)))
+            let grouping = Grouping::one("XYZ", ["X", "Y", "Z"], true);
+            AnyStage::Xps(Box::new(Xps::new(|| link(Framing::Xps), name(), grouping, None)))
         }
         Subject::Grbl => AnyStage::Grbl(Grbl::new(link(Framing::Grbl), name())),
         _ => AnyStage::Process(ProcessStage::new(link(Framing::Process), name(), START)),
