@@ -7,6 +7,7 @@
 mod analog;
 mod groups;
 mod guard;
+mod motion;
 mod ready;
 mod socket;
 mod stage;

@@ -1,25 +1,19 @@
 //! The stage: its groups, used over a socket for questions and two for each group.
 
 use super::CALL_DEADLINE;
-use super::groups::{Brakes, Group, Grouping, Motion, first_answer};
+use super::groups::{Brakes, Group, Grouping};
 use super::guard::Guard;
 use super::socket::Socket;
 use super::text::{GroupState, group_state, number_in};
 use crate::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
-use crate::quantity::Axis;
+use crate::quantity::{Axis, seconds};
 use crate::wire::Connector;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 /// Interval of questions for a group's status while waiting for something that no socket reports (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);
-
-/// Longest time from a motion's call until the group moves or has moved.
-const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
-
-/// Code with which an aborted motion is answered.
-const ABORTED: i32 = -27;
 
 /// Largest difference of two read-backs of an axis at rest, mm.
 pub(super) const AT_REST_MM: f64 = 0.001;
@@ -81,13 +75,13 @@ impl Xps {
     }
 
     /// Returns the groups that some axes are in.
-    fn groups_of(&self, axes: &[Axis]) -> Vec<usize> {
+    pub(super) fn groups_of(&self, axes: &[Axis]) -> Vec<usize> {
         let has_one = |group: &Group| group.axes.iter().any(|axis| axes.contains(axis));
         (0..self.groups.len()).filter(|&nth| has_one(&self.groups[nth])).collect()
     }
 
     /// Returns the position of an axis. An impossible position is refused.
-    async fn place_mm(&mut self, doing: &str, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+    pub(super) async fn place_mm(&mut self, doing: &str, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
         let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
         let Xps { asks, brakes, .. } = self;
         let [place_mm] = brakes.ready_during(reins, numbers(asks, doing, &call)).await?;
@@ -102,7 +96,7 @@ impl Xps {
     }
 
     /// Records the abort that the reins requested. The answers to the motions then report the abort and who requested it.
-    fn note_abort(&mut self, reins: &Reins) {
+    pub(super) fn note_abort(&mut self, reins: &Reins) {
         for motion in self.groups.iter_mut().filter(|_| reins.stopped()).filter_map(|group| group.under_way.as_mut()) {
             motion.aborted = true;
         }
@@ -131,7 +125,7 @@ impl Xps {
     }
 
     /// Sets the speed and the acceleration of a positioner's next motion.
-    async fn shape(&mut self, axis: Axis, speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn shape(&mut self, axis: Axis, speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
         let [_, _, jerk_least_s, jerk_most_s] = self.profiles[axis.index()];
         let profile = [speed_mm_s, self.acceleration_mm_s2, jerk_least_s, jerk_most_s];
         if self.profiles[axis.index()] != profile {
@@ -146,205 +140,6 @@ impl Xps {
         }
         Ok(())
     }
-
-    /// Returns the motions of the groups that some axes are in: one positioner, or the complete group. A group's other axes stay
-    /// where they were sent.
-    async fn motions_to(&mut self, targets: &[(Axis, f64)]) -> Result<Vec<(usize, Motion)>, DeviceError> {
-        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let mut motions = Vec::new();
-        for nth in self.groups_of(&axes) {
-            let Group { name, axes, .. } = &self.groups[nth];
-            let (name, axes) = (name.clone(), axes.clone());
-            let own: Vec<_> = targets.iter().copied().filter(|(axis, _)| axes.contains(axis)).collect();
-            let call = match own[..] {
-                [(axis, target_mm)] => format!("GroupMoveAbsolute({},{target_mm:.6})", self.positioner(axis)),
-                _ => {
-                    let mut places = String::new();
-                    for axis in axes {
-                        let target = own.iter().find(|(other, _)| *other == axis).map(|(_, target_mm)| *target_mm);
-                        let place_mm = match target.or(self.sent_mm[axis.index()]) {
-                            Some(place_mm) => place_mm,
-                            None => self.rest_mm(axis).await?,
-                        };
-                        places += &format!(",{place_mm:.6}");
-                    }
-                    format!("GroupMoveAbsolute({name}{places})")
-                }
-            };
-            motions.push((nth, Motion { call, targets: own, aborted: false }));
-        }
-        Ok(motions)
-    }
-
-    /// Returns the position of an axis that was stopped before its target. Two answers must agree, because the axis is commanded
-    /// to stay there.
-    async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        let doing = "reading the position of an axis";
-        let alone = Reins::default();
-        let (first_mm, again_mm) =
-            (self.place_mm(doing, axis, &alone).await?, self.place_mm(doing, axis, &alone).await?);
-        if (first_mm - again_mm).abs() > AT_REST_MM {
-            let told =
-                format!("{} is at {first_mm} mm and then at {again_mm} mm, although it doesn't move", axis.name());
-            return Err(self.error(doing, DeviceProblem::Motion(told)));
-        }
-        Ok(first_mm)
-    }
-
-    /// Sends motions, one to each group, and waits until each group moves or has moved. A stop during this time is sent at once.
-    /// If one group doesn't start, all are stopped.
-    async fn start(&mut self, motions: Vec<(usize, Motion)>, reins: &Reins) -> Result<(), DeviceError> {
-        let started = self.start_all(motions, reins).await;
-        self.all_or_none(started).await
-    }
-
-    async fn start_all(&mut self, motions: Vec<(usize, Motion)>, reins: &Reins) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
-        let mut sent = Vec::new();
-        for (nth, motion) in motions {
-            if reins.stopped() {
-                break;
-            }
-            motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
-            let group = &mut self.groups[nth];
-            group.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
-            group.under_way = Some(motion);
-            sent.push(nth);
-        }
-        for nth in sent {
-            self.until_taken(nth, doing, reins).await?;
-        }
-        Ok(())
-    }
-
-    /// Waits until a group moves or has moved.
-    async fn until_taken(&mut self, nth: usize, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
-        let until = Instant::now() + TAKEN_DEADLINE;
-        while Instant::now() < until {
-            let Xps { asks, brakes, groups, .. } = self;
-            let state = brakes.ready_during(reins, state(asks, &groups[nth].name, doing)).await?;
-            self.note_abort(reins);
-            if state == GroupState::Moving {
-                // an abort that overtook the motion found nothing to stop
-                if reins.stopped() {
-                    reins.take();
-                    self.stop().await?;
-                }
-                return Ok(());
-            }
-            if let Some(answer) = self.groups[nth].moves.answer_by(doing, Instant::now()).await? {
-                return self.ended(nth, doing, answer.code);
-            }
-        }
-        self.stop().await?;
-        Err(self.error(doing, DeviceProblem::Motion(format!("{} doesn't move", self.groups[nth].name))))
-    }
-
-    /// Evaluates the answer at the end of a group's motion.
-    fn ended(&mut self, nth: usize, doing: &str, code: i32) -> Result<(), DeviceError> {
-        let group = &mut self.groups[nth];
-        let Some(motion) = group.under_way.take() else { return Ok(()) };
-        match code {
-            0 => {
-                motion.targets.iter().for_each(|(axis, target_mm)| self.sent_mm[axis.index()] = Some(*target_mm));
-                Ok(())
-            }
-            ABORTED if motion.aborted => Ok(()),
-            ABORTED => {
-                let problem = match group.armed.take() {
-                    Some(armed) => DeviceProblem::Guarded { limit_n: armed.limit_n },
-                    None => {
-                        DeviceProblem::Motion("the motion was aborted at the controller, not by palpate".to_owned())
-                    }
-                };
-                Err(self.error(doing, problem))
-            }
-            code => Err(group.moves.refused(doing, &motion.call, code)),
-        }
-    }
-
-    /// Stops the other groups if one group failed. A single group has no others.
-    async fn all_or_none<T>(&mut self, done: Result<T, DeviceError>) -> Result<T, DeviceError> {
-        if done.is_err() && self.groups.len() > 1 && self.groups.iter().any(|group| group.under_way.is_some()) {
-            let _ = self.stop().await; // the failure is what is reported
-        }
-        done
-    }
-
-    /// Waits for the end of the motions of some groups. Returns `None` if the reins request something first. If one motion fails,
-    /// all are stopped.
-    async fn until_ended(
-        &mut self,
-        which: &[usize],
-        doing: &str,
-        until: Instant,
-        reins: &Reins,
-    ) -> Result<Option<()>, DeviceError> {
-        let ended = self.until_each_ended(which, doing, until, reins).await;
-        self.all_or_none(ended).await
-    }
-
-    async fn until_each_ended(
-        &mut self,
-        which: &[usize],
-        doing: &str,
-        until: Instant,
-        reins: &Reins,
-    ) -> Result<Option<()>, DeviceError> {
-        loop {
-            for &nth in which {
-                let group = &mut self.groups[nth];
-                if group.under_way.is_some() && !group.moves.is_owed() {
-                    // its socket was lost: what became of the motion is asked of the group
-                    group.under_way = None;
-                    self.until_still(nth, doing, MOTION_MARGIN).await?;
-                }
-            }
-            if which.iter().all(|&nth| self.groups[nth].under_way.is_none()) {
-                return Ok(Some(()));
-            }
-            tokio::select! {
-                biased;
-                () = reins.pulled().notified() => return Ok(None),
-                (nth, answer) = first_answer(&mut self.groups, which, doing, until) => match answer? {
-                    Some(answer) => self.ended(nth, doing, answer.code)?,
-                    None => {
-                        self.stop().await?;
-                        self.groups[nth].moves.close();
-                        let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                        return Err(self.error(doing, DeviceProblem::Motion(told)));
-                    }
-                },
-            }
-        }
-    }
-
-    /// Continues toward the same targets at another speed, with new motions. An S-gamma motion keeps its initial speed.
-    async fn change_speed(&mut self, which: &[usize], mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
-        let motions = which.iter().filter_map(|&nth| self.groups[nth].under_way.as_ref());
-        let targets: Vec<_> = motions.flat_map(|motion| motion.targets.clone()).collect();
-        if targets.is_empty() {
-            return Ok(());
-        }
-        self.abort(which).await?;
-        let until = Instant::now() + MOTION_MARGIN;
-        self.until_ended(which, "changing a speed", until, &Reins::default()).await?;
-        for (axis, _) in &targets {
-            self.shape(*axis, mm_s, reins).await?;
-        }
-        let motions = self.motions_to(&targets).await?;
-        self.start(motions, reins).await
-    }
-
-    /// Aborts the motions of some groups.
-    async fn abort(&mut self, which: &[usize]) -> Result<(), DeviceError> {
-        for &nth in which {
-            if let Some(motion) = &mut self.groups[nth].under_way {
-                motion.aborted = true;
-            }
-        }
-        self.brakes.abort(which).await
-    }
 }
 
 /// Returns the numbers in the answer to a call.
@@ -358,7 +153,7 @@ async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> 
 }
 
 /// Returns the state of a group.
-async fn state(asks: &mut Socket, group: &str, doing: &str) -> Result<GroupState, DeviceError> {
+pub(super) async fn state(asks: &mut Socket, group: &str, doing: &str) -> Result<GroupState, DeviceError> {
     let [status] = numbers(asks, doing, &format!("GroupStatusGet({group},int *)")).await?;
     group_state(status as i32).filter(|_| status.fract() == 0.0).ok_or_else(|| {
         let expected = "a group status".to_owned();
@@ -386,6 +181,22 @@ impl Stage for Xps {
                     the force limit";
         let warnings = homes.then(|| told.to_owned()).into_iter().collect();
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        if self.groups[0].axes != [Axis::Z] {
+            return Ok(false);
+        }
+        // an XPS refuses motions of a group that isn't homed
+        self.prepare(0, usage, reins).await?;
+        let end_mm = usage.travel.along(Axis::Z).end(usage.away);
+        let target_mm = self.position_mm(Axis::Z, reins).await? + usage.away * way_mm;
+        if (target_mm - end_mm) * usage.away > 0.0 {
+            return Ok(false);
+        }
+        self.begin(&[(Axis::Z, target_mm)], usage.home_speed_mm_s, reins).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
+        Ok(true)
     }
 
     async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
