@@ -7,7 +7,8 @@ use crate::control::Strategy;
 use crate::dataset::{Origins, Texts};
 use crate::document::TEXT_MAX_BYTES;
 use crate::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
-use crate::rig::{self, MappedDevice, RigSpec};
+use crate::rig::{self, OwnFile, RigSpec};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -109,8 +110,9 @@ impl Sources {
             None => recipe,
         };
         let spec = as_asked(spec, rig.simulate, rig.seed)?;
-        let maps = [spec.load_cell.driver.map(), spec.array.driver.map()].into_iter().flatten().filter_map(own_map);
-        let beside = maps.chain(rule).collect();
+        let files = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
+        let texts: BTreeMap<String, String> = files.into_iter().flatten().filter_map(own_file).collect();
+        let beside = texts.into_iter().chain(rule).collect();
         Ok(Sources { recipe, rig: spec, origins: Origins::new(recipe_text, rig_text, beside) })
     }
 
@@ -180,7 +182,7 @@ pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
     Ok((text, spec))
 }
 
-/// A rig's text understood, its register maps being those that a run's journal keeps.
+/// A rig's text understood, its register maps and line profiles being those that a run's journal keeps.
 pub fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
     rig::parse(&path.display().to_string(), text, &kept(texts)).map_err(Failure::usage)
 }
@@ -224,6 +226,6 @@ fn presses_max(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(within).ok_or_else(|| format!("expected a whole number, 1 to {PRESSES_CEILING}"))
 }
 
-fn own_map(device: &MappedDevice) -> Option<(String, String)> {
-    device.own_text.as_ref().map(|text| (device.name.clone(), text.clone()))
+fn own_file(file: &OwnFile) -> Option<(String, String)> {
+    file.text.as_ref().map(|text| (file.name.clone(), text.clone()))
 }

@@ -1,7 +1,7 @@
 //! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
 //! of its roles. The identity that a device reports is prepared for display here.
 
-use super::{daqmx, esp301, grbl, modbus, process, xps};
+use super::{daqmx, esp301, grbl, lines, modbus, process, xps};
 use crate::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::quantity::{Axis, ForceReading};
 use std::time::Duration;
@@ -117,6 +117,7 @@ stages! {
 
 load_cells! {
     Modbus(modbus::ModbusLoadCell),
+    Lines(lines::LineLoadCell),
     Xps(xps::XpsAnalog),
     Daqmx(daqmx::DaqmxLoadCell),
     Process(process::ProcessLoadCell),
@@ -124,6 +125,7 @@ load_cells! {
 
 arrays! {
     Modbus(modbus::ModbusArray),
+    Lines(lines::LineArray),
     Daqmx(daqmx::DaqmxArray),
     Process(process::ProcessArray),
 }

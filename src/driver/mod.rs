@@ -4,6 +4,7 @@ mod any;
 pub mod daqmx;
 mod esp301;
 pub mod grbl;
+pub mod lines;
 pub mod modbus;
 pub mod process;
 #[cfg(test)]

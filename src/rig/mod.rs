@@ -29,7 +29,7 @@ pub use open::OpenRig;
 pub use parse::parse;
 pub use simulated::{SceneProbe, SimulatedRig};
 pub use spec::{
-    ArrayDriver, ArraySpec, Driver, Home, LoadCellDriver, LoadCellSpec, MappedDevice, Misfit, RigSpec, StageDriver,
+    ArrayDriver, ArraySpec, Driver, Home, LoadCellDriver, LoadCellSpec, Misfit, OwnFile, RigSpec, StageDriver,
     StageSpec, Wiring,
 };
 pub use which_way::WhichWay;

@@ -10,7 +10,7 @@ use crate::emulator::{self, Instrument, Shared};
 use crate::quantity::Axis;
 use crate::scene::Scene;
 use crate::wire::{Claims, Connector, Link};
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 use tokio::io::duplex;
 use tokio::time::Instant;
 
@@ -76,7 +76,7 @@ impl RigSpec {
     /// # Errors
     /// A register map is unsuitable for the role, or NI's library is missing.
     pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
-        self.adjusted_cell(dial, &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new() })
+        self.adjusted_cell(dial, &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() })
     }
 
     fn adjusted_cell(&self, dial: Dial, wiring: &Wiring) -> Result<AdjustedCell, DeviceError> {
@@ -89,7 +89,7 @@ impl RigSpec {
         scene: Option<Shared<Scene>>,
         origin: Instant,
     ) -> Result<OpenRig, DeviceError> {
-        let wiring = Wiring { rig: self, origin, scene, acquisition: OnceCell::new() };
+        let wiring = Wiring { rig: self, origin, scene, acquisition: OnceCell::new(), line_ports: RefCell::default() };
         let instruments = Instruments {
             stage: self.stage_on(stage),
             load_cell: self.adjusted_cell(load_cell, &wiring)?,

@@ -5,7 +5,7 @@ use super::which_way::{Nobody, WhichWay};
 use crate::control::{Rule, Timing, Trip};
 use crate::device::DeviceError;
 use crate::driver::daqmx::SharedAcquisition;
-use crate::driver::modbus::Profile;
+use crate::driver::lines::{LinePort, LineProfile};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::{STAGE_TRAVEL_MM, Shared};
 use crate::quantity::{
@@ -15,7 +15,7 @@ use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
 use crate::wire::{ClaimError, Claims, Connector, Link};
 use std::any::Any;
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 use std::fmt::Debug;
 use std::sync::Arc;
 use tokio::time::Instant;
@@ -255,8 +255,8 @@ pub trait Driver: Any + Debug + Send + Sync {
         None
     }
 
-    /// Returns the register map that the driver uses, if it has one.
-    fn map(&self) -> Option<&MappedDevice> {
+    /// Returns the text that describes the driver's device, if it has one.
+    fn own_file(&self) -> Option<&OwnFile> {
         None
     }
 
@@ -360,15 +360,29 @@ pub struct Wiring<'a> {
     pub(super) scene: Option<Shared<Scene>>,
     /// Task that samples all NI inputs, after it was created.
     pub(super) acquisition: OnceCell<SharedAcquisition>,
+    /// Ports of devices that send lines, after they were created.
+    pub(super) line_ports: RefCell<Vec<(Link, LinePort)>>,
 }
 
-/// A Modbus register map and its origin.
-#[derive(Clone, Debug)]
-pub struct MappedDevice {
-    /// Name in the rig file: a map supplied with the program, or a file in the rig's folder.
+/// A text that describes a device, such as a register map or a line profile, and its origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnFile {
+    /// Name in the rig file: a text that is part of the program, or a file in the rig's folder.
     pub name: String,
-    /// Register map.
-    pub profile: Profile,
-    /// Text of the user's own map; `None` for a map supplied with the program.
-    pub own_text: Option<String>,
+    /// Text of the user's own file; `None` for one that is part of the program.
+    pub text: Option<String>,
+}
+
+impl Wiring<'_> {
+    /// Returns the port behind a link, which the roles on this link share.
+    pub(super) fn line_port(&self, link: &Link, profile: &LineProfile, dial: Dial) -> LinePort {
+        let mut ports = self.line_ports.borrow_mut();
+        let known = ports.iter().find(|(known, _)| *link != Link::Sim && known == link);
+        if let Some((_, port)) = known {
+            return port.clone();
+        }
+        let port = LinePort::new(dial(), profile.clone());
+        ports.push((link.clone(), port.clone()));
+        port
+    }
 }

@@ -24,7 +24,7 @@ pub enum Connector {
     /// A real port or socket.
     Real(Link),
     /// The near end of a stream whose far end is an emulator.
-    Memory(Box<dyn Fn() -> DuplexStream + Send>),
+    Memory(Box<dyn Fn() -> DuplexStream + Send + Sync>),
 }
 
 impl Connector {

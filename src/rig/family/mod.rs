@@ -6,6 +6,7 @@
 mod daqmx;
 mod esp301;
 mod grbl;
+mod lines;
 mod list;
 mod modbus;
 mod process;
@@ -14,9 +15,9 @@ mod xps;
 pub use list::FAMILIES;
 pub(super) use list::choices;
 
-use super::spec::{ArrayDriver, Driver, LoadCellDriver, StageDriver};
+use super::spec::{ArrayDriver, Driver, LoadCellDriver, OwnFile, StageDriver};
 use crate::device::{self, DeviceError};
-use crate::document::{Bounds, Key, Problem, Table};
+use crate::document::{Bounds, Key, Problem, Problems, Table, with_nearest};
 use crate::quantity::ArrayLayout;
 use std::any::Any;
 use std::sync::Arc;
@@ -85,6 +86,48 @@ fn read_newton_per_volt(table: &Table, key: &Key) -> Option<f64> {
         return None;
     }
     Some(newton_per_volt)
+}
+
+/// Reads a key that names what describes a device: one of the texts that are part of the program, or a file in the rig's folder.
+/// `what` it is called in messages.
+fn own_file<T>(
+    table: &Table,
+    key: &Key,
+    what: &str,
+    names: &[&'static str],
+    shipped: fn(&str) -> Option<T>,
+    parse: fn(&str, &str) -> Result<T, Problems>,
+    beside: Beside,
+) -> Option<(OwnFile, T)> {
+    let span = table.span_of(key);
+    let name = table.text(key)?;
+    if let Some(found) = shipped(name) {
+        return Some((OwnFile { name: name.to_owned(), text: None }, found));
+    }
+    let known = names.join(", ");
+    let plain = !name.contains(['/', '\\']) && name.ends_with(".toml");
+    if !plain {
+        let problem = Problem::new(span, format!("there is no {what} \"{name}\""));
+        let problem = problem.help(format!("shipped {what}s: {known}; or give a .toml file in the rig's folder"));
+        table.complain(with_nearest(problem, name, names));
+        return None;
+    }
+    let text = match beside(name) {
+        Ok(text) => text,
+        Err(error) => {
+            let help = format!("the file must be in the rig's folder; shipped {what}s: {known}");
+            table.complain(Problem::new(span, format!("{name}: {error}")).help(help));
+            return None;
+        }
+    };
+    match parse(name, &text) {
+        Ok(found) => Some((OwnFile { name: name.to_owned(), text: Some(text) }, found)),
+        Err(problems) => {
+            // each with the file's own line
+            problems.lines().into_iter().for_each(|line| table.complain(Problem::new(span.clone(), line)));
+            None
+        }
+    }
 }
 
 /// Returns the error of a driver that can't play a role.

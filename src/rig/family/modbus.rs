@@ -1,14 +1,14 @@
 //! Modbus transmitters and converters. A register map defines the meaning of registers.
 
-use super::{Beside, Family, Links, Role, counted, unfit};
+use super::{Beside, Family, Links, Role, counted, own_file, unfit};
 use crate::device::{self, DeviceError};
-use crate::document::{Problem, Table, keys, with_nearest};
+use crate::document::{Problem, Table, keys};
 use crate::driver::modbus::{Framing, ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
 use crate::driver::{AnyArray, AnyLoadCell};
 use crate::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
 use crate::quantity::ArrayLayout;
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, MappedDevice, Misfit, RigSpec, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, Wiring};
 use crate::scene::Device;
 use crate::wire::Link;
 use std::sync::Arc;
@@ -33,6 +33,13 @@ keys! {
     }
 }
 
+/// A device, its register map, and the map's origin.
+#[derive(Debug)]
+struct MappedDevice {
+    file: OwnFile,
+    profile: Profile,
+}
+
 #[derive(Debug)]
 struct LoadCell(MappedDevice);
 
@@ -49,51 +56,21 @@ fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
 
 /// Reads `modbus = "NAME"`: a map that is part of the program, or a file in the rig's folder.
 fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: Beside) -> Option<MappedDevice> {
-    let span = table.span_of(&driver::modbus);
-    let name = table.text(&driver::modbus)?;
-    let map = if let Some(profile) = Profile::shipped(name) {
-        MappedDevice { name: name.to_owned(), profile, own_text: None }
-    } else {
-        let known = || SHIPPED.map(|(name, _)| name).join(", ");
-        let plain = !name.contains(['/', '\\']) && name.ends_with(".toml");
-        if !plain {
-            let told = format!("there is no register map \"{name}\"");
-            let help = format!("shipped maps: {}; or give a .toml file in the rig's folder", known());
-            let problem = Problem::new(span, told).help(help);
-            table.complain(with_nearest(problem, name, &SHIPPED.map(|(name, _)| name)));
-            return None;
-        }
-        let text = match beside(name) {
-            Ok(text) => text,
-            Err(error) => {
-                let help = format!("the file must be in the rig's folder; shipped maps: {}", known());
-                table.complain(Problem::new(span, format!("{name}: {error}")).help(help));
-                return None;
-            }
-        };
-        match Profile::parse(name, &text) {
-            Ok(profile) => MappedDevice { name: name.to_owned(), profile, own_text: Some(text) },
-            Err(problems) => {
-                // each with the map's own line
-                problems.lines().into_iter().for_each(|line| table.complain(Problem::new(span.clone(), line)));
-                return None;
-            }
-        }
-    };
-    if !fits(&map.profile) {
+    let key = &driver::modbus;
+    let shipped = SHIPPED.map(|(name, _)| name);
+    let (file, profile) = own_file(table, key, "register map", &shipped, Profile::shipped, Profile::parse, beside)?;
+    if !fits(&profile) {
         let help = format!("name another map, or add [{part}]: `palpate reference register-map` lists its keys");
-        table.complain(
-            Problem::new(span, format!("the register map \"{name}\" has no [{part}], which this device needs"))
-                .help(help),
-        );
+        let told = format!("the register map \"{}\" has no [{part}], which this device needs", file.name);
+        table.complain(Problem::new(table.span_of(key), told).help(help));
         return None;
     }
-    Some(map)
+    Some(MappedDevice { file, profile })
 }
 
 impl Driver for LoadCell {
-    fn map(&self) -> Option<&MappedDevice> {
-        Some(&self.0)
+    fn own_file(&self) -> Option<&OwnFile> {
+        Some(&self.0.file)
     }
 
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
@@ -102,8 +79,8 @@ impl Driver for LoadCell {
 }
 
 impl Driver for Array {
-    fn map(&self) -> Option<&MappedDevice> {
-        Some(&self.0)
+    fn own_file(&self) -> Option<&OwnFile> {
+        Some(&self.0.file)
     }
 
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
@@ -116,13 +93,13 @@ impl LoadCellDriver for LoadCell {
         let cell = &wiring.rig.load_cell;
         let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
         let driver = ModbusLoadCell::new(dial(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
-        Ok(AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", &self.0.name))?))
+        Ok(AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", &self.0.file.name))?))
     }
 
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
         let (range_n, unit_id) =
             (RANGE_OVER_LIMIT * rig.full_scale_n.unwrap_or(rig.limits.force_n), self.0.profile.unit_id);
-        match self.0.name.as_str() {
+        match self.0.file.name.as_str() {
             "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
             "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
             "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id))),
@@ -138,11 +115,11 @@ impl ArrayDriver for Array {
         let array = &wiring.rig.array;
         let (link, units, profile) = (array.link.to_string(), array.layout.len(), self.0.profile.clone());
         let driver = ModbusArray::new(dial(), self.0.framing(&array.link), profile, &link, units);
-        Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.name))?))
+        Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.file.name))?))
     }
 
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
-        match self.0.name.as_str() {
+        match self.0.file.name.as_str() {
             "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::Array)))),
             _ => Err(self.0.not_emulated(Device::Array)),
         }
@@ -178,7 +155,7 @@ impl MappedDevice {
         let told = format!(
             "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
              seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
-            self.name
+            self.file.name
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
         DeviceError { device, doing, problem: device::DeviceProblem::Mismatch(told) }

@@ -1,0 +1,23 @@
+//! Devices that send lines or frames on a serial port or over TCP, by themselves or when asked: most Arduinos, many load cells and
+//! most public tactile sensors.
+//!
+//! A [`LineProfile`] states how a reading looks. A [`Framing`] finds readings in the bytes. A [`LinePort`] receives them all the
+//! time, keeps the newest, and remembers when its last byte arrived. [`LineLoadCell`] and [`LineArray`] read from it, and may share
+//! one port.
+
+mod columns;
+mod framing;
+mod hex;
+mod keys;
+mod moment;
+mod port;
+mod profile;
+mod roles;
+#[cfg(test)]
+mod tests;
+
+pub use framing::{Framing, Rejected};
+pub use keys::KEYS;
+pub use port::{LinePort, Received};
+pub use profile::{LineProfile, SHIPPED};
+pub use roles::{LineArray, LineLoadCell};
