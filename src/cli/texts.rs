@@ -19,6 +19,8 @@ pub enum Text {
     Rig,
     /// The Modbus registers of a load cell or an array
     RegisterMap,
+    /// The lines or frames that a load cell or an array sends
+    LineProfile,
     /// An acceptance rule in a file of its own
     Acceptance,
     /// What the columns of your own tables hold
@@ -39,6 +41,7 @@ impl Text {
             Text::Recipe => "Recipe",
             Text::Rig => "Rig",
             Text::RegisterMap => "Register map",
+            Text::LineProfile => "Line profile",
             Text::Acceptance => "Acceptance rule",
             Text::Columns => "Columns file",
             Text::Certificate => "Certificate file",
@@ -50,6 +53,7 @@ impl Text {
             Text::Recipe => recipe::KEYS,
             Text::Rig => rig::KEYS,
             Text::RegisterMap => driver::modbus::KEYS,
+            Text::LineProfile => driver::lines::KEYS,
             Text::Acceptance => recipe::RULE_KEYS,
             Text::Columns => COLUMN_KEYS,
             Text::Certificate => CERTIFICATE_KEYS,
@@ -62,6 +66,7 @@ impl Text {
             Text::Recipe => include_str!("texts/recipe.md"),
             Text::Rig => include_str!("texts/rig.md"),
             Text::RegisterMap => include_str!("texts/register-map.md"),
+            Text::LineProfile => include_str!("texts/line-profile.md"),
             Text::Acceptance => include_str!("texts/acceptance.md"),
             Text::Columns => include_str!("texts/columns.md"),
             Text::Certificate => include_str!("texts/certificate.md"),
@@ -110,10 +115,11 @@ enum Page {
 
 impl ValueEnum for Page {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [Page; 7] = [
+        const ALL: [Page; 8] = [
             Page::Keys(Text::Recipe),
             Page::Keys(Text::Rig),
             Page::Keys(Text::RegisterMap),
+            Page::Keys(Text::LineProfile),
             Page::Keys(Text::Acceptance),
             Page::Keys(Text::Columns),
             Page::Keys(Text::Certificate),

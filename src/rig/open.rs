@@ -76,7 +76,10 @@ impl RigSpec {
     /// # Errors
     /// A register map is unsuitable for the role, or NI's library is missing.
     pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
-        self.adjusted_cell(dial, &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() })
+        self.adjusted_cell(
+            dial,
+            &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() },
+        )
     }
 
     fn adjusted_cell(&self, dial: Dial, wiring: &Wiring) -> Result<AdjustedCell, DeviceError> {

@@ -8,7 +8,8 @@ use crate::support::alone::ran_alone;
 use crate::support::mutation::{INPUT_MOST, mutated};
 use crate::support::skips::asked;
 use palpate::device::{Reins, Stage};
-use palpate::driver::grbl::parse_report;
+use palpate::driver::grbl::{Build, parse_report};
+use palpate::driver::lines::{Finder, LineProfile};
 use palpate::driver::modbus::{Client, Function, Profile, Transport};
 use palpate::driver::process::answer_in;
 use palpate::driver::xps::parse_answer;
@@ -53,6 +54,30 @@ const XPS_CALLS: &[&str] = &[
     "GroupPositionCurrentGet(Group1,double *)",
     "GroupPositionCurrentGet(XYZ,double *,double *,double *)",
     "GroupKill(XYZ)",
+];
+const GRBL_VERSIONS: &[&str] = &[
+    "[VER:1.1h.20190825:]\n[OPT:V,15,128]",
+    "[VER:1.1f.20230610:]\n[OPT:VNMSL,100,1024,3,0]\n[FIRMWARE:grblHAL]",
+    "[VER:3.7 FluidNC v3.7.16:]\n[OPT:MPHS]",
+];
+/// What boards send that push lines or frames, and their profiles.
+const LINES: [(&str, &str, &[&[u8]]); 4] = [
+    (
+        "lines of text",
+        "name = \"a\"\n[text]\nbefore = \"F,\"\ncolumns = 4\n",
+        &[b"F,0.012,513,498,505\r\n", b"F,-1.5,0,1023,7\r\nF,1", b",2,3,4\n"],
+    ),
+    ("lines of tabs", "name = \"a\"\n[text]\nseparator = \"\\t\"\ncolumns = 3\n", &[b"500.00\t-1.5\t27.35\t\r\n"]),
+    (
+        "frames with a tail",
+        "name = \"a\"\n[frame]\nnumbers = [\"3 f32\"]\ntail = \"0D 0A\"\n",
+        &[b"\0\0\xC8\x41\0\0\xFA\x43\0\0\0\xBF\r\n\0\0\xC8\x41\0\0\xFA\x43\0\0\0\xBF\r\n"],
+    ),
+    (
+        "frames with a check sum",
+        "name = \"a\"\n[frame]\nhead = \"AA\"\nnumbers = [\"u16\", \"skip\", \"2 i8\"]\nchecksum = \"crc16-modbus\"\n",
+        &[b"\xAA\x01\x02\0\xFF\x7F\x18\x68\xAA\x01\x02\0\xFF\x7F\x18\x68"],
+    ),
 ];
 const GRBL_ANSWERS: &[&str] = &[
     "ok",
@@ -217,6 +242,20 @@ fn no_message_upsets_a_parser() {
     fuzz("grbl answers", &bytes(GRBL_ANSWERS), |input| {
         black_box(parse_report(&String::from_utf8_lossy(input)));
     });
+    fuzz("grbl versions", &bytes(GRBL_VERSIONS), |input| {
+        let texts: Vec<String> = String::from_utf8_lossy(input).lines().map(str::to_owned).collect();
+        black_box(Build::read(&texts));
+    });
+    for (name, profile, seeds) in LINES {
+        let profile = LineProfile::parse(name, profile).expect("a profile");
+        let mut finder = Finder::new(profile.framing, false);
+        fuzz(name, seeds, |input| {
+            finder.take(input);
+            while let Some(found) = finder.next() {
+                let _ = black_box(found);
+            }
+        });
+    }
     let mut call = 0;
     fuzz("xps answers", &bytes(XPS_ANSWERS), |input| {
         call = (call + 1) % XPS_CALLS.len();

@@ -6,7 +6,7 @@ use crate::support::safety::{rig_with, truthful};
 use crate::support::walks::in_virtual_time;
 use palpate::device::{LoadCell as _, Reins, Stage, StageUse};
 use palpate::driver::Esp301;
-use palpate::driver::modbus::{ModbusLoadCell, Transport};
+use palpate::driver::modbus::{ModbusLoadCell, Profile, Transport};
 use palpate::emulator::{Instrument, Shared, serve};
 use palpate::quantity::{Axis, Down};
 use palpate::rig::{RigSpec, SimulatedRig};
@@ -50,6 +50,7 @@ impl StageBench {
             home_speed_mm_s: 5.0,
             home_z_mm: -12.5 * spec.frame.down.sign(),
             homed: false,
+            by_hand: false,
         };
         let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
         StageBench { driver, instrument, scene, usage, origin }
@@ -301,7 +302,7 @@ fn a_reading_beyond_the_range_says_so_with_itself() {
         let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, |_| {
             Duration::ZERO
         });
-        let profile = spec.load_cell.driver.map().expect("a register map").profile.clone();
+        let profile = Profile::shipped("generic-rs485").expect("a register map");
         let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
         cell.prepare().await.unwrap();
         cell.read().await.unwrap();
@@ -326,7 +327,7 @@ fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
         // the fifth request is answered after the driver gave it up (200 ms) and found the line quiet
         let late = |count| Duration::from_millis(if count == 4 { 240 } else { 0 });
         let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, late);
-        let profile = spec.load_cell.driver.map().expect("a register map").profile.clone();
+        let profile = Profile::shipped("generic-rs485").expect("a register map");
         let mut cell = ModbusLoadCell::new(line, Transport::Rtu, profile, "line", 200.0, origin).unwrap();
         cell.prepare().await.unwrap(); // three requests
         assert_eq!(cell.read().await.unwrap().force_n, 0.0);

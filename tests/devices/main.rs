@@ -8,6 +8,7 @@ mod check_weight;
 mod driver_safety;
 #[cfg(unix)]
 mod endings;
+mod lines;
 mod rig_checks;
 mod rigs;
 mod unplugged;

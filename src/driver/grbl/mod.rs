@@ -7,6 +7,7 @@ mod report;
 mod settings;
 mod stage;
 
+pub use firmware::{Build, Firmware};
 pub use report::{Report, parse_report};
 pub use stage::Grbl;
 

@@ -139,10 +139,9 @@ fn next_line(inbox: &mut Vec<u8>, in_step: &mut bool) -> Option<Vec<u8>> {
 impl TextLine {
     fn parse(&self, line: &[u8]) -> Result<Vec<f64>, Rejected> {
         let text = String::from_utf8_lossy(line);
-        let numbers = self.numbers(text.trim_matches(['\r', '\n'])).ok_or_else(|| Rejected {
-            expected: self.to_string(),
-            received: text.trim_end().to_owned(),
-        })?;
+        let numbers = self
+            .numbers(text.trim_matches(['\r', '\n']))
+            .ok_or_else(|| Rejected { expected: self.to_string(), received: text.trim_end().to_owned() })?;
         Ok(numbers)
     }
 
@@ -205,8 +204,9 @@ impl Frame {
                 return if was_in_step { Some(Err(self.rejected(&skipped))) } else { self.next(inbox, in_step) };
             }
         }
-        // what a frame could still begin with stays, and the mark before it
-        let rest = inbox.len() - (length - 1 + self.tail.len()).min(inbox.len());
+        // a frame that may still be confirmed stays, and the mark before it
+        let frames = if self.checksum.is_some() { 1 } else { 2 };
+        let rest = inbox.len() - (frames * length - 1 + self.tail.len()).min(inbox.len());
         let skipped: Vec<u8> = inbox.drain(..rest).collect();
         was_in_step.then(|| Err(self.rejected(&skipped)))
     }

@@ -16,7 +16,7 @@ mod roles;
 #[cfg(test)]
 mod tests;
 
-pub use framing::{Framing, Rejected};
+pub use framing::{Finder, Framing, Rejected};
 pub use keys::KEYS;
 pub use port::{LinePort, Received};
 pub use profile::{LineProfile, SHIPPED};

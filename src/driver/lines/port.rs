@@ -158,7 +158,8 @@ impl LinePort {
     fn receive(&self) {
         let mut task = lock(&self.link.task);
         if task.as_ref().is_none_or(JoinHandle::is_finished) {
-            let (connector, mailbox, profile) = (self.link.connector.clone(), self.mailbox.clone(), self.profile.clone());
+            let (connector, mailbox, profile) =
+                (self.link.connector.clone(), self.mailbox.clone(), self.profile.clone());
             *task = Some(tokio::spawn(async move {
                 let ended = async {
                     let stream = connector.lock().await.open().await?;

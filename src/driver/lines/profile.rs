@@ -94,8 +94,7 @@ impl LineProfile {
                 let (column, unit_s) = (read_column(table, &time::column), table.number(&time::unit_s));
                 Some(TimeColumn { column: column?, unit_s: unit_s? })
             });
-            let counter =
-                optional(table.table(&root::counter), |table| read_column(table, &counter::column));
+            let counter = optional(table.table(&root::counter), |table| read_column(table, &counter::column));
             let profile = LineProfile {
                 name: name?.to_owned(),
                 start_s: start_s?,
@@ -170,24 +169,30 @@ fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>) -> 
 }
 
 fn read_framing(table: &Table) -> Option<Framing> {
-    match (table.table(&root::text), table.table(&root::frame)) {
-        (Some(line), None) => {
-            let columns = line.whole(&text::columns);
-            let own = |key: &Key| line.text(key).unwrap_or_default().to_owned();
-            let (separator, before, after) = (own(&text::separator), own(&text::before), own(&text::after));
-            Some(Framing::Text(TextLine { columns: columns? as usize, separator, before, after }))
-        }
-        (None, Some(frame)) => read_frame(&frame).map(Framing::Frame),
-        (Some(_), Some(frame)) => {
-            frame.complain(Problem::new(frame.span(), "a reading is [text] or [frame], not both"));
+    let (has_text, has_frame) = (table.has(&root::text), table.has(&root::frame));
+    let line = table.table(&root::text).and_then(|table| read_text(&table));
+    let frame = table.table(&root::frame).and_then(|table| read_frame(&table));
+    match (has_text, has_frame) {
+        (true, false) => line.map(Framing::Text),
+        (false, true) => frame.map(Framing::Frame),
+        (true, true) => {
+            let told = "a reading is [text] or [frame], not both";
+            table.complain(Problem::new(table.span_of(&root::frame), told));
             None
         }
-        (None, None) => {
+        (false, false) => {
             let problem = Problem::new(0..0, "it isn't stated how a reading looks");
             table.complain(problem.help("add [text] for lines of numbers, or [frame] for frames of bytes"));
             None
         }
     }
+}
+
+fn read_text(table: &Table) -> Option<TextLine> {
+    let columns = table.whole(&text::columns);
+    let own = |key: &Key| table.text(key).unwrap_or_default().to_owned();
+    let (separator, before, after) = (own(&text::separator), own(&text::before), own(&text::after));
+    Some(TextLine { columns: columns? as usize, separator, before, after })
 }
 
 fn read_frame(table: &Table) -> Option<Frame> {
@@ -197,7 +202,10 @@ fn read_frame(table: &Table) -> Option<Frame> {
         if numbers.as_ref().is_none_or(|numbers| numbers.is_empty() || numbers.len() as u64 > 8 * COLUMNS_MAX) {
             let told = "`numbers` is a list of types, each with a count before it if there are several";
             let problem = Problem::new(table.span_of(&frame::numbers), told);
-            table.complain(problem.help("such as [\"u16\", \"skip\", \"20 f32\"]; types: u8, i8, u16, i16, u32, i32, f32, f64, skip"));
+            table
+                .complain(problem.help(
+                    "such as [\"u16\", \"skip\", \"20 f32\"]; types: u8, i8, u16, i16, u32, i32, f32, f64, skip",
+                ));
             return None;
         }
         numbers
@@ -219,7 +227,8 @@ fn read_frame(table: &Table) -> Option<Frame> {
     };
     let frame = Frame { numbers: numbers?, order: order?, head: head?, tail: tail?, checksum: checksum? };
     if frame.head.is_empty() && frame.tail.is_empty() && frame.checksum.is_none() {
-        let problem = Problem::new(table.span(), "a frame without a head, a tail or a check sum can't be found in the bytes");
+        let problem =
+            Problem::new(table.span(), "a frame without a head, a tail or a check sum can't be found in the bytes");
         table.complain(problem.help("state the mark that the device sends"));
         return None;
     }

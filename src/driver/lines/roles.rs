@@ -50,7 +50,8 @@ impl LineLoadCell {
 impl LoadCell for LineLoadCell {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         let first = self.port.start().await;
-        let first = first.map_err(|why| failed(&self.port, "load cell", &self.link, "waiting for its first reading", why))?;
+        let first =
+            first.map_err(|why| failed(&self.port, "load cell", &self.link, "waiting for its first reading", why))?;
         self.nth = first.nth;
         Ok(identity(&self.port, "load_cell", &self.link, String::new()))
     }
@@ -78,7 +79,8 @@ impl LineArray {
 impl SensorArray for LineArray {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         let first = self.port.start().await;
-        let first = first.map_err(|why| failed(&self.port, "array", &self.link, "waiting for its first reading", why))?;
+        let first =
+            first.map_err(|why| failed(&self.port, "array", &self.link, "waiting for its first reading", why))?;
         self.nth = first.nth;
         Ok(identity(&self.port, "array", &self.link, format!(", {} outputs", self.units())))
     }

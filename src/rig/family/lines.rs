@@ -72,7 +72,8 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDrive
     force.newton_per_unit = table.number(&load_cell::newton_per_unit).or(force.newton_per_unit);
     force.offset = table.number(&load_cell::offset).unwrap_or(force.offset);
     if force.newton_per_unit.is_none_or(|factor| factor == 0.0) {
-        let problem = Problem::new(table.span(), format!("the line profile \"{name}\" doesn't state N per unit of its numbers"));
+        let problem =
+            Problem::new(table.span(), format!("the line profile \"{name}\" doesn't state N per unit of its numbers"));
         let help = "add newton_per_unit to `driver`: weigh a known mass, and divide its weight in N by the change of the number";
         table.complain(problem.help(help));
         return None;

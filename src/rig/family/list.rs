@@ -4,15 +4,8 @@ use super::{Family, daqmx, esp301, grbl, lines, modbus, process, xps};
 use crate::document::{Case, Keys, Kind};
 
 /// Every family, in the order in which messages name them.
-pub const FAMILIES: [&Family; 7] = [
-    &esp301::FAMILY,
-    &grbl::FAMILY,
-    &modbus::FAMILY,
-    &lines::FAMILY,
-    &xps::FAMILY,
-    &daqmx::FAMILY,
-    &process::FAMILY,
-];
+pub const FAMILIES: [&Family; 7] =
+    [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &lines::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
 
 /// Possible values of a role's `driver`, from the families that support the role.
 macro_rules! choice {

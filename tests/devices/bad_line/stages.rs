@@ -8,10 +8,11 @@ use palpate::driver::grbl::Grbl;
 use palpate::driver::process::ProcessStage;
 use palpate::driver::xps::{Grouping, Xps};
 use palpate::driver::{AnyStage, Esp301};
-use palpate::emulator::{Instrument, Shared};
+use palpate::emulator::{self, GrblBoard, Instrument, Shared};
 use palpate::quantity::{Axis, Range, Stream, Travel, stream};
 use palpate::scene::Scene;
 use rand::RngExt;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
@@ -81,7 +82,14 @@ pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
     let cell = if subject == Subject::ProcessStage { r#"{ process = ["x"] }"# } else { r#"{ modbus = "labjack-t7" }"# };
     let simulated = rig(stage, cell, cell).emulators(seed).expect("emulators");
     let scene = simulated.scene.clone();
-    let device = simulated.stage.instrument().expect("it has a link").clone();
+    let device: Shared<dyn Instrument> = match subject {
+        // its frame is that of the others, and counts from minus its travel
+        Subject::Grbl => {
+            let board = GrblBoard { plus_ends_mm: [12.5; 3], ..GrblBoard::default() };
+            Arc::new(Mutex::new(emulator::Grbl::new(board, &lock(&scene))))
+        }
+        _ => simulated.stage.instrument().expect("it has a link").clone(),
+    };
     let fate = Fate::new(seed, scene.clone(), origin);
     let mut rng = stream(seed, 1, "bad line");
     let power_on_mm = Axis::ALL.map(|axis| lock(&scene).motion(axis).end_mm());
@@ -95,7 +103,7 @@ pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
         rng,
         bad,
         outcome: Outcome::default(),
-        off_mm: power_on_mm.map(|place_mm| vec![0.0, place_mm]),
+        off_mm: power_on_mm.map(|place_mm| vec![-middle_mm(subject), place_mm]),
         // where each looks for home: an end, off it, or the middle
         sent_mm: power_on_mm.map(|place_mm| vec![place_mm, 0.0, -12.5, 12.0, 12.5]),
         stopped: false,
@@ -110,13 +118,14 @@ impl Trial {
         let clean = self.rng.random_bool(0.75);
         lock(&self.fate).bad = self.bad && !clean;
         let usage = StageUse {
-            travel: Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] },
+            travel: Travel { axes: [travel(self.subject); 3] },
             away: 1.0,
             speed_mm_s: 10.0,
             acceleration_mm_s2: 100.0,
             home_speed_mm_s: 5.0,
             home_z_mm: 12.5,
             homed: false,
+            by_hand: false,
         };
         let reins = Reins::default();
         let limit_s = deadlines(self.subject).prepare_s;
@@ -180,8 +189,9 @@ impl Trial {
         let gone = self.rng.random_range(0..3);
         axes.remove(gone);
         axes.truncate(self.rng.random_range(1..3));
-        let targets: Vec<(Axis, f64)> =
-            axes.iter().map(|&axis| (axis, (self.rng.random_range(-3.0..3.0f64) * 1e3).round() / 1e3)).collect();
+        let middle_mm = middle_mm(self.subject);
+        let mut target_mm = || (self.rng.random_range(-3.0..3.0f64) * 1e3).round() / 1e3 + middle_mm;
+        let targets: Vec<(Axis, f64)> = axes.iter().map(|&axis| (axis, target_mm())).collect();
         for (axis, target_mm) in &targets {
             let offs_mm = self.off_mm[axis.index()].clone();
             self.sent_mm[axis.index()].extend(offs_mm.iter().map(|off_mm| (target_mm + off_mm).clamp(-12.5, 12.5)));
@@ -267,7 +277,7 @@ impl Trial {
             self.outcome.values += 1;
             return;
         }
-        let in_range = place_mm.abs() <= 12.5 + 0.1;
+        let in_range = (place_mm - middle_mm(self.subject)).abs() <= 12.5 + 0.1;
         let (altered, stray) = fate.happened(from_s, to_s);
         drop(fate);
         let altered = altered || self.lost;
@@ -290,6 +300,16 @@ impl Trial {
         }
         came.ok()
     }
+}
+
+/// What a stage counts in the middle of its frame once it is homed, mm: a stock GRBL counts from minus its travel to 0.
+fn middle_mm(subject: Subject) -> f64 {
+    if subject == Subject::Grbl { -12.5 } else { 0.0 }
+}
+
+/// Its travel: a stock GRBL's ends off its switch.
+fn travel(subject: Subject) -> Range {
+    if subject == Subject::Grbl { Range { min: -25.0, max: -0.5 } } else { Range { min: -12.5, max: 12.5 } }
 }
 
 /// Does what it is asked within a limit of time and messages.
