@@ -102,7 +102,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         }
     }
 
-    /// Acts on a request and sends its answer. Returns the time at which the answer was sent; `None` without an answer.
+    /// Acts on a request and sends its answer. Returns the time at which sending began; `None` without an answer.
     async fn exchange<S: AsyncWrite + Unpin>(&self, stream: &mut S, request: &[u8]) -> io::Result<Option<Instant>> {
         let deaf_until = self.origin + seconds(lock(self.instrument).deaf_until_s());
         let mut now = Instant::now();
@@ -113,8 +113,10 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         let Some(latency) = self.latency(now) else { return Ok(None) };
         self.pass(stream, now + latency).await?;
         let answer = self.answer(request);
+        // taken before it is sent: a system that is busy may let this program go on only after the client has the answer
+        let now = Instant::now();
         send(stream, &answer).await?;
-        Ok((!answer.is_empty()).then(Instant::now))
+        Ok((!answer.is_empty()).then_some(now))
     }
 
     /// Waits for bytes, and returns their number. Owed answers are sent during the wait.

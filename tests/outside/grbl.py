@@ -31,21 +31,21 @@ def main(path):
     until("on_stateupdate", lambda mode, *_: mode == "Alarm")
     grbl.homing()
     until("on_stateupdate", lambda mode, *_: mode == "Idle")
-    assert grbl.cmpos == (12.0, 12.0, 12.0), grbl.cmpos  # pulled off its switches by $27
+    assert grbl.cmpos == (-0.5, -0.5, -0.5), grbl.cmpos  # pulled off its switches at 0 by $27
 
     # a job of short lines, more of them than the buffer holds, by counting characters
-    job = ["G21 G90 G94 F1500"] + [f"G1 X{0.1 * n:.1f} Y{-0.05 * n:.2f}" for n in range(1, 31)] + ["G4 P0.01"]
+    job = ["G21 G90 G94 F1500"] + [f"G1 X{-5 + 0.1 * n:.1f} Y{-5 - 0.05 * n:.2f}" for n in range(1, 31)] + ["G4 P0.01"]
     grbl.incremental_streaming = False
     grbl.write(job)
     grbl.job_run()
     until("on_job_completed")
-    until("on_stateupdate", lambda mode, place, _: mode == "Idle" and abs(place[0] - 3.0) < 1e-3)
-    assert abs(grbl.cmpos[1] + 1.5) < 1e-3, grbl.cmpos
+    until("on_stateupdate", lambda mode, place, _: mode == "Idle" and abs(place[0] + 2.0) < 1e-3)
+    assert abs(grbl.cmpos[1] + 6.5) < 1e-3, grbl.cmpos
 
     # its answers to $# and $G, taken apart by the client
     grbl.send_immediately("G92 X1")
     grbl.hash_state_requested = True
-    until("on_hash_stateupdate", lambda offsets: offsets["G92"] == (2.0, 0.0, 0.0))
+    until("on_hash_stateupdate", lambda offsets: offsets["G92"] == (-3.0, 0.0, 0.0))
     grbl.gcode_parser_state_requested = True
     until("on_read", lambda line: line == "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F1500 S0]")
 
@@ -54,7 +54,7 @@ def main(path):
     until("on_stateupdate", lambda mode, *_: mode == "Jog")
     grbl._iface.serialport.write(b"\x85")
     until("on_stateupdate", lambda mode, *_: mode == "Idle")
-    assert -3.0 < grbl.cmpos[0] < 3.0, grbl.cmpos
+    assert -8.0 < grbl.cmpos[0] < -2.0, grbl.cmpos
 
     # what it doesn't know is an error, what is beyond its travel an alarm
     grbl.send_immediately("G1 X1 Q0 H7")

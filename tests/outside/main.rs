@@ -9,3 +9,4 @@ mod outliers;
 mod programs;
 mod schemas;
 mod servers;
+mod skins;

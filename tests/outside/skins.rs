@@ -1,0 +1,57 @@
+//! Magnetic skins: the packages of PyPI read our emulator, and our driver reads a stand-in of their board.
+//!
+//! Needs `PALPATE_PYTHON`, an interpreter with the packages; without it the tests say that they are skipped, and pass.
+#![cfg(unix)]
+
+use crate::support::python::{Python, said};
+use crate::support::served::Served;
+use crate::support::{Bench, Live, exchanged, shipped_text};
+use palpate::emulator::lines::REST_MICROTESLA;
+use serde_json::Value;
+
+/// A rig whose array is a skin of five chips.
+fn rig(link: &str) -> String {
+    let array = format!(
+        "driver = {{ lines = \"reskin\" }}\nlink = \"{link}\"\nplaces_mm = [[0, 0], [-3, -3], [3, -3], [-3, 3], [3, 3]]\n\
+         channels_per_unit = 3\nunit = \"uT\"\n"
+    );
+    let text = shipped_text("rigs/esp301.toml");
+    let (before, rest) = text.split_once("[array]\n").expect("an array");
+    let (_, after) = rest.split_once("[limits]").expect("limits");
+    format!("{before}[array]\n{array}\n[limits]{after}")
+}
+
+#[test]
+fn anyskin_and_reskin_sensor_read_our_board() {
+    for (package, module) in [("anyskin", "anyskin.sensor"), ("reskin_sensor", "reskin_sensor.sensor")] {
+        let name = format!("{package} on a skin");
+        let Some(python) = Python::with(&name, &format!("import {module}")) else { continue };
+        let simulated = rig("sim").replace("serial:///dev/ttyUSB0?baud=921600", "sim");
+        let served = Served::new(&simulated.replace("serial:///dev/ttyUSB1?baud=115200", "sim"), "");
+        let told = said(python.script("skin_client.py", [package, served.address("array")]));
+        let means = told.lines().find_map(|line| line.strip_prefix("means ")).expect("means");
+        let means: Vec<f64> = means.split(' ').map(|mean| mean.parse().expect("a number")).collect();
+        assert_eq!(means.len(), 15, "{told}");
+        assert!(means.iter().all(|mean| (mean - REST_MICROTESLA).abs() < 1.0), "in air: {told}");
+    }
+}
+
+#[test]
+fn our_driver_reads_a_stand_in_of_their_board() {
+    let Some(python) = Python::with("a stand-in of a magnetic skin", "import struct, socket") else { return };
+    let stage = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
+    let board = Live::start(python.script("skin_board.py", ["430.0"]));
+    let address = board.line().expect("its address");
+    let mut text = rig(&format!("tcp://{address}"));
+    for (from, to) in [
+        ("serial:///dev/ttyUSB0?baud=921600", format!("tcp://{}", stage.address("stage"))),
+        ("serial:///dev/ttyUSB1?baud=115200", format!("serial://{}?baud=115200", stage.address("load_cell"))),
+    ] {
+        text = exchanged(&text, from, &to);
+    }
+    let bench = Bench::with([("rig.toml", text.as_str())]);
+    let told = bench.palpate_ends(0, "doctor rig.toml --json --confirmed down");
+    let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
+    let identity = told["devices"][2]["identity"]["identity"].as_str().unwrap_or_default();
+    assert_eq!(identity, "ReSkin or AnySkin, 5 chips, 15 outputs", "{told}");
+}
