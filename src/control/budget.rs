@@ -59,6 +59,19 @@ impl Budget {
         Some([cell_n?, zero_n, noise_n, resolution_n, hum_n].iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
+    /// Returns the budget of the force multiplied by a factor.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Budget {
+        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        Budget {
+            cell_n: cell_n.map(|n| factor * n),
+            zero_n: factor * zero_n,
+            noise_n: factor * noise_n,
+            resolution_n: factor * resolution_n,
+            hum_n: factor * hum_n,
+        }
+    }
+
     /// Returns the budget rounded to 0.1 uN.
     #[must_use]
     pub fn rounded(self) -> Budget {

@@ -1,7 +1,7 @@
 //! What the tests of this room share: a scene, and the near end of a wire to an instrument.
 
 use super::{Instrument, Shared, serve};
-use crate::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position};
+use crate::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position, Tilt};
 use crate::scene::{ContactLaw, Elastomer, Latencies, LoadCell, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -38,6 +38,7 @@ pub fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Sce
         relaxation: Vec::new(),
         mounting: None,
         surface_tilt_mm: 0.0,
+        surface_tilt: Tilt::LEVEL,
         surface_wave: None,
         relief: None,
         stiffness: None,
@@ -53,6 +54,7 @@ pub fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Sce
         surface_z_mm: 0.0,
         uncertainty_mm: 0.3,
         down: Down::Minus,
+        tilt: Tilt::LEVEL,
     };
     let setting = Surroundings {
         frame,

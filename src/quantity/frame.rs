@@ -1,5 +1,6 @@
 //! Axes, places, and the position of the specimen in stage coordinates.
 
+use super::Tilt;
 use serde::{Deserialize, Serialize};
 
 /// One of the stage's three axes.
@@ -109,6 +110,8 @@ pub struct Frame {
     pub uncertainty_mm: f64,
     /// Direction of the specimen.
     pub down: Down,
+    /// Tilt of the surface. The places and z of this frame don't contain it; the uncertainty of the surface does.
+    pub tilt: Tilt,
 }
 
 impl Frame {
@@ -132,12 +135,13 @@ impl Frame {
         Place::new(x_mm - self.origin.x_mm, y_mm - self.origin.y_mm).turned(-self.rotation_deg)
     }
 
-    /// Returns the frame of a specimen that is at `origin` in this frame, rotated by `rotation_deg` and deeper by `z_mm`.
+    /// Returns the frame of a specimen that is at `origin` in this frame, rotated by `turned_deg` and deeper by `z_mm`.
     #[must_use]
-    pub fn moved(&self, origin: Place, rotation_deg: f64, z_mm: f64) -> Frame {
+    pub fn moved(&self, origin: Place, turned_deg: f64, z_mm: f64) -> Frame {
         let Position { x_mm, y_mm, z_mm } = self.to_stage(origin, z_mm);
-        let rotation_deg = self.rotation_deg + rotation_deg;
-        Frame { origin: Place::new(x_mm, y_mm), rotation_deg, surface_z_mm: z_mm, ..*self }
+        let rotation_deg = self.rotation_deg + turned_deg;
+        let tilt = self.tilt.in_frame_turned(turned_deg);
+        Frame { origin: Place::new(x_mm, y_mm), rotation_deg, surface_z_mm: z_mm, tilt, ..*self }
     }
 }
 
@@ -149,7 +153,8 @@ mod tests {
     fn the_frame_leads_there_and_back_on_either_side() {
         for down in [Down::Plus, Down::Minus] {
             let origin = Place::new(1.0, -2.0);
-            let frame = Frame { origin, rotation_deg: 0.0, surface_z_mm: 3.0, uncertainty_mm: 0.3, down };
+            let tilt = Tilt { per_x: 0.02, per_y: 0.0 };
+            let frame = Frame { origin, rotation_deg: 0.0, surface_z_mm: 3.0, uncertainty_mm: 0.3, down, tilt };
             let stage = frame.to_stage(Place::new(0.5, 0.25), 0.75);
             assert_eq!(stage.z_mm, 3.0 + down.sign() * 0.75);
             assert_eq!(frame.z_from_stage(stage.z_mm), 0.75);
@@ -158,6 +163,7 @@ mod tests {
             let stage = turned.to_stage(Place::new(0.5, 0.25), 0.75);
             assert!((stage.x_mm - 0.95).abs() < 1e-12 && (stage.y_mm + 1.4).abs() < 1e-12, "{stage:?}");
             assert_eq!(turned.z_from_stage(stage.z_mm), 0.75);
+            assert!((turned.tilt.per_y + 0.02).abs() < 1e-12, "{:?}", turned.tilt);
             assert!(turned.place_from_stage(stage.x_mm, stage.y_mm).distance_mm(Place::new(0.5, 0.25)) < 1e-12);
         }
     }

@@ -13,6 +13,7 @@ mod limits;
 mod number;
 mod reading;
 mod stream;
+mod tilt;
 
 pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
 pub use frame::{Axis, Down, Frame, Place, Position};
@@ -21,6 +22,7 @@ pub use limits::{Limits, Range, Travel};
 pub use number::{percentile, round, seconds};
 pub use reading::{ForceReading, Health};
 pub use stream::{Stream, stream};
+pub use tilt::{TILT_MOST_DEG, Tilt};
 
 /// Standard gravity, m/s^2.
 pub const GRAVITY_M_S2: f64 = 9.806_65;

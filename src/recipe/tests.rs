@@ -3,7 +3,7 @@
 use super::{Ground, PRESSES_CEILING, PRESSES_MAX, Phase, Plan, Recipe, parse};
 use crate::control::Strategy;
 use crate::document::Problems;
-use crate::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Travel};
+use crate::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Tilt, Travel};
 
 fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
     plan_with(steps, seed, |recipe| recipe).map_err(|p| p.lines())
@@ -17,6 +17,7 @@ fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Resul
         surface_z_mm: 0.0,
         uncertainty_mm: 0.3,
         down: Down::Minus,
+        tilt: Tilt::LEVEL,
     };
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let layout = ArrayLayout::grid(3, 3, 4.5);

@@ -10,6 +10,8 @@ use crate::quantity::{COVERAGE, Down};
 
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const UNCERTAIN: Bounds = Bounds::above(0.0, 10.0, "mm");
+/// Limits of one slope of the surface; the angle is checked by itself.
+const SLOPE: Bounds = Bounds::within(-1.0, 1.0, "mm/mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 /// Limits of the conversion rate. A slower cell would count as stale between two of its readings.
@@ -168,6 +170,8 @@ keys! {
         surface_mm: Table(&surface_mm::KEYS), Refused, "position of the specimen's surface";
         origin_mm: Table(&origin_mm::KEYS), Allowed, "position of the middle of the specimen; without it (0, 0)";
         rotation_deg: Number(ROTATION), or(0.0), "rotation of the specimen, from x towards y", "0.0";
+        tilt_mm_per_mm: Table(&tilt_mm_per_mm::KEYS), Allowed,
+            "tilt of the surface, at most 5 degrees, measured by `palpate align`; depth and force are corrected by its cosine; without it, level";
         u_origin_mm: Number(UNCERTAIN), Allowed,
             "standard uncertainty of each coordinate of the origin, measured by `palpate align`", "0.02";
         down: Word(&words(&DOWN)), Refused, "direction of z that leads into the specimen", "\"-z\"";
@@ -187,6 +191,14 @@ keys! {
     origin_mm {
         x: Number(COORDINATE), Refused, "x of the middle", "0.0";
         y: Number(COORDINATE), Refused, "y of the middle", "0.0";
+    }
+}
+
+keys! {
+    /// `tilt_mm_per_mm` of `[frame]`, and of the surface of the scene.
+    tilt_mm_per_mm {
+        x: Number(SLOPE), or(0.0), "depth that the surface gains per mm along x of the specimen", "0.01";
+        y: Number(SLOPE), or(0.0), "depth that the surface gains per mm along y of the specimen", "-0.004";
     }
 }
 

@@ -3,15 +3,17 @@
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
-use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, travel_mm};
+use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, tilt_mm_per_mm,
+    travel_mm,
+};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::{Driver, Home};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
-use crate::document::{self, Problem, Problems, Span, Table};
-use crate::quantity::{Axis, Frame, Limits, Place, Range, Travel, round};
+use crate::document::{self, Key, Problem, Problems, Span, Table};
+use crate::quantity::{Axis, Frame, Limits, Place, Range, TILT_MOST_DEG, Tilt, Travel, round};
 use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
 
@@ -175,8 +177,24 @@ fn read_frame(table: &Table) -> Option<Frame> {
         }
     };
     let rotation_deg = table.number(&frame::rotation_deg);
+    let tilt = read_tilt(table, &frame::tilt_mm_per_mm);
+    if let Some(tilt) = tilt.filter(|tilt| !tilt.is_allowed()) {
+        let told = format!("the surface is tilted by {:.2} degrees, over {TILT_MOST_DEG}", tilt.degrees());
+        let help = "shim the specimen until it is level, and run `palpate align` again";
+        table.complain(Problem::new(table.span_of(&frame::tilt_mm_per_mm), told).help(help));
+        return None;
+    }
     let (surface_z_mm, uncertainty_mm) = surface?;
-    Some(Frame { origin: origin?, rotation_deg: rotation_deg?, surface_z_mm, uncertainty_mm, down: down? })
+    Some(Frame { origin: origin?, rotation_deg: rotation_deg?, surface_z_mm, uncertainty_mm, down: down?, tilt: tilt? })
+}
+
+/// Reads a tilt that may be missing; then the surface is level.
+pub(super) fn read_tilt(table: &Table, key: &Key) -> Option<Tilt> {
+    let tilt = or_wrong(table.table(key), |table| {
+        let (per_x, per_y) = (table.number(&tilt_mm_per_mm::x), table.number(&tilt_mm_per_mm::y));
+        Some(Tilt { per_x: per_x?, per_y: per_y? })
+    });
+    tilt.map(|tilt| tilt.unwrap_or(Tilt::LEVEL))
 }
 
 fn check_links(spec: &RigSpec, table: &Table) {

@@ -3,10 +3,11 @@
 use super::scene_keys::{
     contact, fault, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness, surface,
 };
+use super::parse::read_tilt;
 use super::skin::read_skin;
 use super::{KEYS, SIM_RIG, keys};
 use crate::document::{self, Key, Problem, Problems, Table, Value};
-use crate::quantity::{Place, Range};
+use crate::quantity::{Place, Range, Tilt};
 use crate::scene::{
     ContactLaw, Fault, FaultKind, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
     Stiffness, Wave,
@@ -44,8 +45,10 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
             [mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg].map(|key| table.number(&key));
         Some(Mounting { origin: Place::new(x?, y?), rotation_deg: rotation_deg?, z_mm: z_mm? })
     });
+    let surface = table.table(&scene::surface);
+    let surface_tilt = surface.as_ref().map_or(Some(Tilt::LEVEL), |table| read_tilt(table, &surface::tilt_mm_per_mm));
     let (surface_tilt_mm, surface_wave, relief) =
-        table.table(&scene::surface).and_then(|table| read_surface(&table)).unwrap_or((0.0, None, None));
+        surface.and_then(|table| read_surface(&table)).unwrap_or((0.0, None, None));
     let stiffness = table.table(&scene::stiffness).and_then(|table| {
         let (smooth_percent, white_percent) =
             (table.number(&stiffness::smooth_percent), table.number(&stiffness::white_percent));
@@ -65,6 +68,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         relaxation: relaxation?,
         mounting,
         surface_tilt_mm,
+        surface_tilt: surface_tilt?,
         surface_wave,
         relief,
         stiffness,

@@ -1,5 +1,6 @@
 //! Keys of a rig's `[scene]`, table by table. A physical term exists only if the scene names it.
 
+use super::keys::tilt_mm_per_mm;
 use crate::document::{Bounds, keys, words};
 use crate::mechanics::MOST_POISSON_RATIO;
 use crate::scene::{FaultKind, NoiseOf};
@@ -157,6 +158,7 @@ keys! {
     /// `surface` of the scene.
     surface {
         tilt_mm: Number(HEIGHT), or(0.0), "largest deviation of its plane in the loading area", "0.2";
+        tilt_mm_per_mm: Table(&tilt_mm_per_mm::KEYS), Allowed, "further tilt of its plane, with the cosine of depth and force";
         bumps_mm: Number(HEIGHT), Allowed, "largest height of its bumps, + and -; without it, no bumps", "0.005";
         bumps_wavelength_mm: Range(within(0.1, 1000.0, "mm")), or_range(6.0, 12.0),
             "smallest and largest wavelength of the bumps", "[6.0, 12.0]";

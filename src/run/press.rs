@@ -90,7 +90,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             by_n: after.force.mean_n - before.force.mean_n,
         };
         held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
-        let budgets: Vec<Budget> = held.iter().map(|held| self.budget(held, [&before, &after], &moved)).collect();
+        let along_normal = 1.0 / self.hand.frame.tilt.cosine();
+        let budget = |held: &Held| self.budget(held, [&before, &after], &moved).times(along_normal);
+        let budgets: Vec<Budget> = held.iter().map(budget).collect();
         let level = |((level, held), budget): ((usize, &Held), &Budget)| dataset::Press {
             u_force_n: budget.u_n(),
             air_before_n: Some(before.force.mean_n),
@@ -261,11 +263,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
     }
 
+    /// Returns the row of a level. Its force and depth are along the surface's normal; the loop and its flags go by those along z.
     fn row(&mut self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> dataset::Press {
         let Held { window, z_mm, .. } = held;
         let force_set_n = entry.task.levels[level].force_set_n;
         let in_contact = force_set_n > 0.0;
         let flags = self.flags(entry, level, held);
+        let tilt = self.hand.frame.tilt;
+        let along_z_mm = touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm);
         dataset::Press {
             press: entry.press,
             level: level as u64,
@@ -273,8 +278,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             x_mm: entry.place.x_mm,
             y_mm: entry.place.y_mm,
             force_set_n: Some(force_set_n),
-            force_n: Some(window.force_n),
-            depth_mm: Some(touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm)),
+            force_n: Some(tilt.normal_n(window.force_n)),
+            depth_mm: Some(tilt.normal_mm(along_z_mm)),
             t_s: Some(self.conditions.clock.at_s(window.began)),
             outputs: window.outputs.clone(),
             flags,

@@ -5,7 +5,7 @@ use super::{Cancel, Halt};
 use crate::control::{Permit, Rule, Timing, Watch, Zero};
 use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::driver::script::usage;
-use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place};
+use crate::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Tilt};
 use crate::wire::Claims;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
@@ -110,6 +110,7 @@ fn hand<'a>(
         surface_z_mm: 0.0,
         uncertainty_mm: 0.3,
         down: Down::Minus,
+        tilt: Tilt::LEVEL,
     };
     let usage = usage();
     let timing = Timing {

@@ -89,7 +89,7 @@ impl Scene {
     pub fn new(spec: SceneSpec, setting: Surroundings, seed: u64) -> Self {
         let power_on = setting.power_on;
         let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
-        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed);
+        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed).further(spec.surface_tilt);
         let relief = spec.relief.map(|relief| {
             let Relief { bumps_mm, bumps_wavelength_mm, roughness_mm } = relief;
             SpotMap::new(bumps_mm, bumps_wavelength_mm, roughness_mm, ["bumps", "roughness"], seed)
@@ -308,6 +308,8 @@ impl Scene {
         if let Some(relief) = &mut self.relief {
             depth.mm -= relief.at(place);
         }
+        let cosine = self.surface.cosine();
+        let depth = depth.times(cosine);
         let was_touching = self.contact.touching();
         let before_n = self.contact.force_n();
         if !was_touching {
@@ -321,7 +323,7 @@ impl Scene {
         self.taxels.follow(before_n, after_n, touching);
         let hung_n =
             self.weight.force_n() + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
-        self.load_cell.follow(dt_s, before_n + hung_n, after_n + hung_n);
+        self.load_cell.follow(dt_s, before_n * cosine + hung_n, after_n * cosine + hung_n);
         self.witness.follow(dt_s, before_n, after_n);
         let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
         if sideways && (touching || was_touching) {

@@ -2,7 +2,7 @@
 
 use super::faults::Fault;
 use super::skin::SkinSpec;
-use crate::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position};
+use crate::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
 use std::f64::consts::TAU;
 
 /// Physical terms of a scene. A term that is `None` or empty isn't modelled.
@@ -17,7 +17,10 @@ pub struct SceneSpec {
     /// Real position of the specimen; `None`: as stated in the rig file.
     pub mounting: Option<Mounting>,
     /// Largest distance of the surface plane from the nominal plane, anywhere in the loading area, mm; 0: flat.
+    /// It is small, so its cosine isn't modelled.
     pub surface_tilt_mm: f64,
+    /// Further tilt of the surface plane, whose cosine is modelled: the tip indents along the normal, without friction.
+    pub surface_tilt: Tilt,
     /// Rise and fall of the surface over time, mm; `None`: the surface doesn't move.
     pub surface_wave: Option<Wave>,
     /// Height of the surface over its plane; `None`: flat.

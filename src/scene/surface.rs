@@ -1,6 +1,6 @@
 //! Plane of the true surface.
 
-use crate::quantity::{Frame, stream};
+use crate::quantity::{Frame, Tilt, stream};
 use rand::RngExt;
 
 /// Plane of the specimen's true surface, near the nominal plane.
@@ -9,6 +9,8 @@ pub(super) struct Surface {
     frame: Frame,
     /// Distance of the surface beyond the nominal surface, into the specimen: at the origin (mm) and per mm of x and y.
     plane: [f64; 3],
+    /// Depth along the normal per depth along z; 1 if the cosine isn't modelled.
+    cosine: f64,
 }
 
 /// Depth of the indenter below the true surface, as a quadratic function of the time from now: mm, mm/s, mm/s^2.
@@ -26,10 +28,25 @@ impl Surface {
         let mut rng = stream(seed, 0, "surface");
         let mut third = || rng.random_range(-1.0..=1.0) * tilt_mm / 3.0;
         let plane = [third(), third() / half_extent_mm, third() / half_extent_mm];
-        Surface { frame: *frame, plane }
+        Surface { frame: *frame, plane, cosine: 1.0 }
     }
 
-    /// Returns the depth below the surface from the axes' (position, speed, acceleration) in the stage frame.
+    /// Returns the plane with a further tilt. The cosine of the whole tilt is then modelled.
+    pub fn further(self, tilt: Tilt) -> Self {
+        if tilt == Tilt::LEVEL {
+            return self;
+        }
+        let [height, per_x, per_y] = self.plane;
+        let whole = Tilt { per_x: per_x + tilt.per_x, per_y: per_y + tilt.per_y };
+        Surface { plane: [height, whole.per_x, whole.per_y], cosine: whole.cosine(), ..self }
+    }
+
+    /// Depth along the surface's normal per depth along z, and force along z per force along the normal.
+    pub fn cosine(&self) -> f64 {
+        self.cosine
+    }
+
+    /// Returns the depth below the surface, along z, from the axes' (position, speed, acceleration) in the stage frame.
     pub fn depth(&self, x: (f64, f64, f64), y: (f64, f64, f64), z: (f64, f64, f64)) -> Depth {
         let [height, per_x, per_y] = self.plane;
         let place = self.frame.place_from_stage(x.0, y.0);
@@ -43,6 +60,15 @@ impl Surface {
 }
 
 impl Depth {
+    /// Returns the depth, its speed and its acceleration multiplied by a factor.
+    pub fn times(self, factor: f64) -> Depth {
+        Depth {
+            mm: factor * self.mm,
+            speed_mm_s: factor * self.speed_mm_s,
+            acceleration_mm_s2: factor * self.acceleration_mm_s2,
+        }
+    }
+
     pub fn after(&self, dt_s: f64) -> f64 {
         self.mm + dt_s * (self.speed_mm_s + dt_s * self.acceleration_mm_s2 / 2.0)
     }

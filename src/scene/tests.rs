@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::mechanics::Medium;
-use crate::quantity::{ArrayLayout, Down, Frame, Place, Position};
+use crate::quantity::{ArrayLayout, Down, Frame, Place, Position, Tilt};
 
 const CONTACT: ContactLaw = ContactLaw { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
 
@@ -27,6 +27,7 @@ fn plain() -> SceneSpec {
         relaxation: vec![RelaxationBranch { share: 0.05, time_s: 0.3 }, RelaxationBranch { share: 0.05, time_s: 5.0 }],
         mounting: None,
         surface_tilt_mm: 0.0,
+        surface_tilt: Tilt::LEVEL,
         surface_wave: None,
         relief: None,
         stiffness: None,
@@ -45,6 +46,7 @@ fn scene(spec: SceneSpec, seed: u64) -> Scene {
         surface_z_mm: 0.0,
         uncertainty_mm: 0.3,
         down: Down::Minus,
+        tilt: Tilt::LEVEL,
     };
     let setting = Surroundings {
         frame,
