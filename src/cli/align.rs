@@ -21,7 +21,8 @@ Examples:
   palpate align rigs/sim.toml --dry-run
 
 Presses 5 x 5 places around the expected position of the array, with half of the force limit, and writes the result into
-[frame] of the rig file; the rest of the file doesn't change. A poor fit is refused and nothing is written.
+[frame] of the rig file; the rest of the file doesn't change. A poor fit and a tilt of more than 5 degrees are refused, and
+nothing is written.
 With --simulate, the frame of a real rig is not written either.";
 
 /// Locate the specimen by pressing it, and write the rig's [frame]
@@ -50,6 +51,9 @@ pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let found = found.map_err(|error| match error {
         AlignError::Halted(ending) => Failure::ended(*ending),
         AlignError::Plan(problems) => Failure::usage(problems),
+        tilted @ AlignError::Tilted { .. } => Failure::not_accepted(
+            Err::<(), _>(tilted).into_diagnostic().wrap_err("the rig file is unchanged").unwrap_err(),
+        ),
         other => Failure::not_accepted(
             Err::<(), _>(other)
                 .into_diagnostic()
@@ -73,9 +77,9 @@ pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
 }
 
 fn described(found: &Alignment) -> String {
-    let Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses } = found;
+    let Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses, .. } = found;
     let Placement { origin: at, rotation_deg: turned_deg, origin_sigma_mm, rotation_sigma_deg, misfit_mm } = placement;
-    let Frame { origin, rotation_deg, surface_z_mm, uncertainty_mm, .. } = frame;
+    let Frame { origin, rotation_deg, surface_z_mm, uncertainty_mm, tilt, .. } = frame;
     let lies = if *surface_mm < 0.0 { "higher" } else { "deeper" };
     let indent = " ".repeat(12);
     format!(
@@ -84,18 +88,27 @@ fn described(found: &Alignment) -> String {
          {indent}rotated by {turned_deg:+.2} degrees, +-{rotation_sigma_deg:.2}\n\
          {indent}its units are {misfit_mm:.3} mm off the layout (rms)\n  \
          surface   {:.3} mm {lies} than in the current frame\n\
-         {indent}its plane rises {tilt_mm:.3} mm to the edge; one touch: +-{touch_sigma_mm:.4} mm\n\n\
+         {indent}its plane rises {tilt_mm:.3} mm to the edge; one touch: +-{touch_sigma_mm:.4} mm\n  \
+         tilt      {:.2} degrees, +-{:.2}, deeper toward {:.0} degrees from x toward y\n\
+         {indent}a press travels {:.1} um sideways over the surface per mm of depth\n\n\
          [frame]\n\
          surface_mm = {{ z = {surface_z_mm:.3}, uncertainty = {uncertainty_mm:.3} }}\n\
          origin_mm = {{ x = {:.3}, y = {:.3} }}\n\
          u_origin_mm = {:.4}\n\
-         rotation_deg = {rotation_deg:.2}\n",
+         rotation_deg = {rotation_deg:.2}\n\
+         tilt_mm_per_mm = {{ x = {:.5}, y = {:.5} }}\n",
         at.x_mm,
         at.y_mm,
         surface_mm.abs(),
+        tilt.degrees(),
+        found.tilt_sigma_deg(),
+        tilt.direction_deg(),
+        1000.0 * tilt.tangent(),
         origin.x_mm,
         origin.y_mm,
-        origin_sigma_mm.max(LEAST_MM)
+        origin_sigma_mm.max(LEAST_MM),
+        tilt.per_x,
+        tilt.per_y
     )
 }
 
@@ -103,21 +116,24 @@ fn described(found: &Alignment) -> String {
 fn with_frame(text: &str, found: &Alignment) -> Result<String, toml_edit::TomlError> {
     let mut document: DocumentMut = text.parse()?;
     let Alignment { frame, placement, .. } = found;
-    let table = |entries: [(&str, f64); 2]| {
+    let table = |entries: [(&str, f64); 2], digits| {
         let mut table = InlineTable::new();
-        table.extend(entries.map(|(key, mm)| (key, Value::from(round(mm, 3)))));
+        table.extend(entries.map(|(key, mm)| (key, Value::from(round(mm, digits)))));
         table.fmt();
         value(table)
     };
-    let surface = table([("z", frame.surface_z_mm), ("uncertainty", frame.uncertainty_mm)]);
-    let origin = table([("x", frame.origin.x_mm), ("y", frame.origin.y_mm)]);
+    let surface = table([("z", frame.surface_z_mm), ("uncertainty", frame.uncertainty_mm)], 3);
+    let origin = table([("x", frame.origin.x_mm), ("y", frame.origin.y_mm)], 3);
+    let tilt = table([("x", frame.tilt.per_x), ("y", frame.tilt.per_y)], 5);
     let turned = value(round(frame.rotation_deg, 2));
     document["frame"]["u_origin_mm"] = value(round(placement.origin_sigma_mm, 4).max(LEAST_MM));
     let known = |sigma: f64, unit: &str| format!("  # aligned, +-{sigma:.3} {unit} (1 sd)");
+    let of_tilt = format!("  # aligned, +-{:.5} (1 sd)", found.tilt_sigma);
     for (key, mut new, comment) in [
         ("surface_mm", surface, None),
         ("origin_mm", origin, None),
         ("rotation_deg", turned, Some(known(placement.rotation_sigma_deg, "degrees"))),
+        ("tilt_mm_per_mm", tilt, Some(of_tilt)),
     ] {
         if let (Some(comment), Item::Value(new)) = (comment, &mut new) {
             new.decor_mut().set_suffix(comment);

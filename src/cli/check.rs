@@ -5,7 +5,7 @@ use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print, tell};
 use super::tables::filled;
 use crate::control::safe_speed_mm_s;
-use crate::quantity::COVERAGE;
+use crate::quantity::{COVERAGE, Tilt};
 use crate::recipe::{Entry, Phase, Plan, Recipe};
 use crate::rig::RigSpec;
 use crate::run::{estimated_s, first_descent};
@@ -50,6 +50,8 @@ pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
 fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     /// Press time above which the time was probably given in milliseconds, s.
     const LONG_S: f64 = 60.0;
+    /// Least excess of the normal force over the limit that is worth a warning, N.
+    const OVER_N: f64 = 0.001;
     let mut warnings = Vec::new();
     let has = |phase| plan.entries.iter().any(|entry| entry.phase == phase);
     if recipe.rule().is_some() && !has(Phase::Test) {
@@ -60,6 +62,22 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     let longest_s = plan.entries.iter().map(|entry| entry.task.hold_s + entry.task.sample_s).fold(0.0, f64::max);
     if longest_s > LONG_S {
         warnings.push(format!("a press takes over {longest_s} s: `hold_s` and `sample_s` are in seconds"));
+    }
+    let height_mm = heights_mm(plan, rig);
+    if height_mm > 2.0 * rig.frame.uncertainty_mm {
+        warnings.push(format!(
+            "the tilted surface is {height_mm:.3} mm deeper at one place than at another, over + and - \
+             `frame.surface_mm.uncertainty` of {} mm: raise it, or level the specimen",
+            rig.frame.uncertainty_mm
+        ));
+    }
+    let normal_n = rig.frame.tilt.normal_n(plan.most_n());
+    if normal_n > rig.limits.force_n + OVER_N {
+        warnings.push(format!(
+            "the largest force is {normal_n:.4} N along the tilted surface's normal, over the limit of {} N: lower it, or \
+             level the specimen",
+            rig.limits.force_n
+        ));
     }
     if true_n(plan, rig).is_some_and(|true_n| true_n > rig.limits.force_n) {
         warnings.push(
@@ -90,6 +108,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let limits = &rig.limits;
     let _ = writeln!(text, "  largest force {} N, limit {} N{}", plan.most_n(), limits.force_n, distance(plan, rig));
     let _ = writeln!(text, "  depth at most {} mm below the measured surface", limits.depth_mm);
+    text.push_str(&tilted(plan, rig));
     let (steps, descent_s) = first_descent(rig);
     let _ = writeln!(
         text,
@@ -101,6 +120,29 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
     text
+}
+
+/// Describes the tilt of the surface that the rig states; nothing if it states none.
+fn tilted(plan: &Plan, rig: &RigSpec) -> String {
+    let tilt = rig.frame.tilt;
+    if tilt == Tilt::LEVEL {
+        return String::new();
+    }
+    format!(
+        "  surface tilted by {:.2} degrees, deeper toward {:.0} degrees from x toward y:\n  \
+         {:.1} um sideways per mm of depth, {:.3} mm of height over the pressed area\n",
+        tilt.degrees(),
+        tilt.direction_deg(),
+        1000.0 * tilt.tangent(),
+        heights_mm(plan, rig),
+    )
+}
+
+/// Returns the difference in height of the tilted surface between the highest and the deepest place of the plan, mm.
+fn heights_mm(plan: &Plan, rig: &RigSpec) -> f64 {
+    let heights = plan.entries.iter().map(|entry| rig.frame.tilt.height_mm(entry.place));
+    let (least, most) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mm| (a.min(mm), b.max(mm)));
+    (most - least).max(0.0)
 }
 
 /// Describes the effect of the load cell's stated error on the largest set force.

@@ -329,6 +329,20 @@ mod tests {
     }
 
     #[test]
+    fn a_tilt_above_five_degrees_is_refused_at_its_line() {
+        let with = |tilt: &str| SIM_RIG.replacen("down = \"-z\"", &format!("down = \"-z\"\ntilt_mm_per_mm = {tilt}"), 1);
+        let read = |tilt: &str| parse("rig.toml", &with(tilt), &|_| unreachable!());
+        let tilt = read("{ x = 0.06, y = -0.06 }").unwrap().frame.tilt;
+        assert_eq!(tilt, Tilt { per_x: 0.06, per_y: -0.06 });
+        assert_eq!(read("{ y = 0.01 }").unwrap().frame.tilt, Tilt { per_x: 0.0, per_y: 0.01 });
+        let line = 1 + with("{ x = 0.07, y = 0.06 }").lines().position(|line| line.starts_with("tilt_mm")).unwrap();
+        let told = read("{ x = 0.07, y = 0.06 }").unwrap_err().lines();
+        let expected = format!("rig.toml:{line}:18: the surface is tilted by 5.27 degrees, over 5");
+        assert!(told.len() == 1 && told[0].starts_with(&expected), "{expected} {told:?}");
+        assert!(read("{ x = nan, y = 0.0 }").is_err() && read("{ x = 0.01, z = 0.0 }").is_err());
+    }
+
+    #[test]
     fn a_specimen_out_of_the_stages_reach_is_refused() {
         let told = problems("z = 0.0", "z = -12.0");
         assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");

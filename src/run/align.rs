@@ -1,14 +1,14 @@
-//! Finds the real position of the specimen: presses around its expected position, and evaluates the results.
+//! Finds the real position and tilt of the specimen: presses around its expected position, and evaluates the results.
 
 use super::Cancel;
 use super::walk::{Ending, Listener, Walk, walk};
 use crate::dataset::{Memory, Press};
 use crate::document::Problems;
-use crate::quantity::{Frame, Place};
+use crate::quantity::{Frame, Place, TILT_MOST_DEG, Tilt};
 use crate::recipe::{Load, Manner, Phase, Places, Plan, Recipe, Step};
 use crate::rig::RigSpec;
 use crate::solver::{
-    Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, place_array, plane_through,
+    Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, Plane, place_array,
 };
 
 /// Number of presses along each edge of the array.
@@ -31,12 +31,14 @@ const SURFACE_LEAST_MM: f64 = 0.02;
 /// Real position of a specimen, and its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub struct Alignment {
-    /// Resulting frame: origin, rotation, surface and the surface's uncertainty.
+    /// Resulting frame: origin, rotation, tilt, surface and the surface's uncertainty.
     pub frame: Frame,
     /// Array in the frame that was assumed before.
     pub placement: Placement,
     /// Surface at the new origin in the frame that was assumed before, mm into the specimen.
     pub surface_mm: f64,
+    /// Standard deviation of the slope of the surface, mm/mm.
+    pub tilt_sigma: f64,
     /// Rise of the surface's plane over the pressed area, from its middle, mm.
     pub tilt_mm: f64,
     /// Standard deviation of one touch about the plane, mm.
@@ -63,6 +65,30 @@ pub enum AlignError {
     /// The touches don't form a plane.
     #[error("the touched points don't fit a plane")]
     Surface,
+    /// The surface isn't level enough.
+    #[error(
+        "the surface is tilted by {:.2} degrees, +-{sigma_deg:.2}, deeper toward {:.0} degrees from x toward y; at most \
+         {TILT_MOST_DEG} degrees are allowed: shim the specimen and align again",
+        tilt.degrees(), tilt.direction_deg()
+    )]
+    Tilted {
+        /// Tilt that was found, in the specimen frame.
+        tilt: Tilt,
+        /// Standard deviation of the angle, degrees.
+        sigma_deg: f64,
+    },
+}
+
+impl Alignment {
+    /// Returns the standard deviation of the tilt, degrees.
+    pub fn tilt_sigma_deg(&self) -> f64 {
+        sigma_deg(&self.frame.tilt, self.tilt_sigma)
+    }
+}
+
+/// Returns the standard deviation of a tilt's angle, degrees, from that of its slope.
+fn sigma_deg(tilt: &Tilt, sigma: f64) -> f64 {
+    (sigma * tilt.cosine().powi(2)).to_degrees()
 }
 
 /// Presses around the expected position of the array. The touches show the position of its surface, and its outputs show the
@@ -117,16 +143,26 @@ fn found(spec: &RigSpec, presses: &[&Press]) -> Result<Alignment, AlignError> {
     let placement = place_array(&Calibration::new(&points)?, &spec.array.layout)?;
     let touched: Vec<(Place, f64)> = presses
         .iter()
-        .filter_map(|press| Some((press.place(), spec.frame.z_from_stage(press.z_mm?) - press.depth_mm?)))
+        .filter_map(|press| Some((press.place(), touched_mm(spec, press)?)))
         .collect();
-    let ([height, per_x, per_y], touch_sigma_mm) = plane_through(&touched).ok_or(AlignError::Surface)?;
-    let surface_mm = height + per_x * placement.origin.x_mm + per_y * placement.origin.y_mm;
+    let plane = Plane::through(&touched).ok_or(AlignError::Surface)?;
+    let Plane { tilt: Tilt { per_x, per_y }, scatter_mm: touch_sigma_mm, tilt_sigma, .. } = plane;
+    let surface_mm = plane.at_mm(placement.origin);
     let (half_x, half_y) = half_mm(spec);
     let tilt_mm = LATER_SHARE * (per_x.abs() * half_x + per_y.abs() * half_y);
     let uncertainty_mm = tilt_mm + SURFACE_SIGMAS * touch_sigma_mm + SURFACE_LEAST_MM;
     let moved = spec.frame.moved(placement.origin, placement.rotation_deg, surface_mm);
-    let frame = Frame { uncertainty_mm, ..moved };
-    Ok(Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses: presses.len() })
+    let tilt = plane.tilt.in_frame_turned(placement.rotation_deg);
+    if !tilt.is_allowed() {
+        return Err(AlignError::Tilted { tilt, sigma_deg: sigma_deg(&tilt, tilt_sigma) });
+    }
+    let frame = Frame { uncertainty_mm, tilt, ..moved };
+    Ok(Alignment { frame, placement, surface_mm, tilt_sigma, tilt_mm, touch_sigma_mm, presses: presses.len() })
+}
+
+/// Returns the z at which a press touched the surface, specimen frame, mm. The row has its depth along the surface's normal.
+fn touched_mm(spec: &RigSpec, press: &Press) -> Option<f64> {
+    Some(spec.frame.z_from_stage(press.z_mm?) - spec.frame.tilt.along_z_mm(press.depth_mm?))
 }
 
 /// Half of the sides of the box around the units, mm.

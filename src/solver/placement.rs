@@ -3,7 +3,6 @@
 use super::physics::unit_places;
 use super::{Calibration, FitError};
 use crate::quantity::{ArrayLayout, Place};
-use nalgebra::{DMatrix, DVector};
 
 /// Largest deviation of units from their places in the fitted array, as a fraction of the distance between neighbours (root mean
 /// square). A swapped channel, a dead unit or a wrong pitch exceeds it clearly.
@@ -116,27 +115,6 @@ pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Pl
     Ok(Placement { origin, rotation_deg, origin_sigma_mm, rotation_sigma_deg, misfit_mm })
 }
 
-/// Returns the plane through heights at places, by least squares: height at the origin, slope along x and y, and the standard
-/// deviation of one height about the plane. `None` for fewer than four places, or for places in a line.
-pub fn plane_through(heights: &[(Place, f64)]) -> Option<([f64; 3], f64)> {
-    if heights.len() < 4 {
-        return None;
-    }
-    let basis = DMatrix::from_fn(heights.len(), 3, |row, column| {
-        let place = heights[row].0;
-        [1.0, place.x_mm, place.y_mm][column]
-    });
-    let values = DVector::from_iterator(heights.len(), heights.iter().map(|(_, height)| *height));
-    let svd = basis.clone().svd(true, true);
-    if svd.rank(1e-9 * svd.singular_values.max()) < 3 {
-        return None;
-    }
-    let plane = svd.solve(&values, 0.0).ok()?;
-    let left = (&basis * &plane - values).norm_squared();
-    let sigma = (left / (heights.len() - 3) as f64).sqrt();
-    Some(([plane[0], plane[1], plane[2]], sigma))
-}
-
 /// Returns the mean distance of a unit to its nearest neighbour, mm; `None` if two units share a place.
 fn neighbours_mm(layout: &ArrayLayout) -> Option<f64> {
     let places = layout.places();
@@ -241,14 +219,5 @@ mod tests {
         let smaller = ArrayLayout::grid(3, 3, 3.0);
         let shrunk = place_array(&pressed(&smaller, Place::default(), 0.0, &straight), &layout);
         assert!(matches!(shrunk, Err(PlacementError::Poor { .. })), "{shrunk:?}");
-    }
-
-    #[test]
-    fn a_plane_is_found_with_its_scatter_and_a_line_has_none() {
-        let height = |x: f64, y: f64| (Place::new(x, y), 0.1 + 0.02 * x - 0.01 * y);
-        let (plane, sigma) =
-            plane_through(&[height(0.0, 0.0), height(1.0, 0.0), height(0.0, 1.0), height(3.0, 2.0)]).unwrap();
-        assert!((plane[0] - 0.1).abs() < 1e-12 && (plane[1] - 0.02).abs() < 1e-12 && sigma < 1e-12);
-        assert_eq!(plane_through(&[0.0, 1.0, 2.0, 3.0].map(|x| height(x, 0.0))), None);
     }
 }

@@ -12,6 +12,7 @@ mod host;
 mod machine;
 mod reaction;
 mod safety;
+mod tilt;
 mod trips;
 mod uncertainty;
 mod unzeroed;

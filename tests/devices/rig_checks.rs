@@ -111,12 +111,43 @@ fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
     assert!((numbers(&of("surface_mm"))[0] + 0.1).abs() < 0.08, "{}", of("surface_mm"));
     assert!((1e-4..0.15).contains(&numbers(&of("u_origin_mm"))[0]), "{}", of("u_origin_mm"));
     assert!(of("rotation_deg").contains("# aligned, +-"), "{written}");
+    // the specimen is level; a slope of 0.001 is 6 um to the edge
+    let tilt = numbers(&of("tilt_mm_per_mm"));
+    assert!(tilt.len() == 2 && tilt[0].hypot(tilt[1]) < 1e-3, "{tilt:?}");
+    assert!(of("tilt_mm_per_mm").contains("# aligned, +-") && told.out.contains("um sideways over the surface"), "{}", told.out);
     let others = |text: &str| -> Vec<String> {
-        let own = ["surface_mm", "origin_mm", "u_origin_mm", "rotation_deg"];
+        let own = ["surface_mm", "origin_mm", "u_origin_mm", "rotation_deg", "tilt_mm_per_mm"];
         text.lines().filter(|line| !own.iter().any(|key| line.starts_with(key))).map(str::to_owned).collect()
     };
     assert_eq!(others(&written), others(&rig));
     bench.palpate_ends(0, &format!("check {} --rig rig.toml", shipped("recipes/paper.toml").display()));
+}
+
+/// A specimen of this slope along x, and room for it.
+fn sloped(per_x: f64) -> String {
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "uncertainty = 0.3", "uncertainty = 0.6");
+    let slope = format!("surface = {{ tilt_mm_per_mm = {{ x = {per_x}, y = 0.0 }} }}\nload_cell = {{");
+    exchanged(&rig, "load_cell = {", &slope)
+}
+
+#[test]
+fn a_tilt_is_aligned_stated_by_check_and_refused_above_five_degrees() {
+    let (sloped_rig, steep_rig) = (sloped(-0.05), sloped(0.1));
+    let bench = Bench::with([("rig.toml", sloped_rig.as_str()), ("steep.toml", &steep_rig), ("r.toml", SMALL)]);
+    let told = bench.palpate_ends(0, "align rig.toml");
+    assert!(told.out.contains("tilt      2.8") && told.out.contains("travels 5"), "{}", told.out);
+    let told = bench.palpate_ends(0, "check r.toml --rig rig.toml");
+    for expected in ["tilted by 2.8", "deeper toward 1", "um sideways per mm of depth", "mm of height over the pressed area"] {
+        assert!(told.out.contains(expected), "no {expected:?} in\n{}", told.out);
+    }
+    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let level = bench.palpate_ends(0, &format!("check r.toml --rig {}", shipped("rigs/sim.toml").display()));
+    assert!(!level.out.contains("tilted"), "{}", level.out);
+
+    let told = bench.palpate_ends(1, "align steep.toml");
+    let said = told.running();
+    assert!(said.contains("tilted by 5.7") && said.contains("shim the specimen"), "{said}");
+    assert_eq!(bench.read("steep.toml"), steep_rig);
 }
 
 #[test]
