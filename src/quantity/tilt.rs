@@ -3,8 +3,8 @@
 use super::Place;
 
 /// Largest tilt that a rig may have, degrees. There the tip travels 87 um sideways over the surface per mm of depth, about as much
-/// as the location errors of a good sensor. The cosine changes a force by 0.4 %. Friction of 0.5, which isn't corrected, changes
-/// it by up to 4 %.
+/// as the location errors of a good sensor. The cosine changes a force by 0.4 %, and a contact that sticks makes this correction too
+/// large by up to 0.8 %.
 pub const TILT_MOST_DEG: f64 = 5.0;
 
 /// Plane of the specimen's surface: its slopes in the specimen frame, mm into the specimen per mm of x and of y. z is the direction

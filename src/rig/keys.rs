@@ -10,7 +10,7 @@ use crate::quantity::{COVERAGE, Down};
 
 const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const UNCERTAIN: Bounds = Bounds::above(0.0, 10.0, "mm");
-/// Limits of one slope of the surface; the angle is checked by itself.
+/// Limits of one slope of the surface; the angle is checked separately.
 const SLOPE: Bounds = Bounds::within(-1.0, 1.0, "mm/mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");

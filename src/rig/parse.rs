@@ -3,8 +3,8 @@
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
-use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, tilt_mm_per_mm,
-    travel_mm,
+use super::keys::{
+    self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, tilt_mm_per_mm, travel_mm,
 };
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
@@ -330,7 +330,8 @@ mod tests {
 
     #[test]
     fn a_tilt_above_five_degrees_is_refused_at_its_line() {
-        let with = |tilt: &str| SIM_RIG.replacen("down = \"-z\"", &format!("down = \"-z\"\ntilt_mm_per_mm = {tilt}"), 1);
+        let with =
+            |tilt: &str| SIM_RIG.replacen("down = \"-z\"", &format!("down = \"-z\"\ntilt_mm_per_mm = {tilt}"), 1);
         let read = |tilt: &str| parse("rig.toml", &with(tilt), &|_| unreachable!());
         let tilt = read("{ x = 0.06, y = -0.06 }").unwrap().frame.tilt;
         assert_eq!(tilt, Tilt { per_x: 0.06, per_y: -0.06 });

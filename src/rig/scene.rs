@@ -1,9 +1,9 @@
 //! Reads a rig's `[scene]` into a [`SceneSpec`].
 
+use super::parse::read_tilt;
 use super::scene_keys::{
     contact, fault, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness, surface,
 };
-use super::parse::read_tilt;
 use super::skin::read_skin;
 use super::{KEYS, SIM_RIG, keys};
 use crate::document::{self, Key, Problem, Problems, Table, Value};

@@ -7,9 +7,7 @@ use crate::document::Problems;
 use crate::quantity::{Frame, Place, TILT_MOST_DEG, Tilt};
 use crate::recipe::{Load, Manner, Phase, Places, Plan, Recipe, Step};
 use crate::rig::RigSpec;
-use crate::solver::{
-    Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, Plane, place_array,
-};
+use crate::solver::{Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, Plane, place_array};
 
 /// Number of presses along each edge of the array.
 const PRESSES_A_SIDE: usize = 5;
@@ -141,10 +139,8 @@ fn found(spec: &RigSpec, presses: &[&Press]) -> Result<Alignment, AlignError> {
         })
         .collect();
     let placement = place_array(&Calibration::new(&points)?, &spec.array.layout)?;
-    let touched: Vec<(Place, f64)> = presses
-        .iter()
-        .filter_map(|press| Some((press.place(), touched_mm(spec, press)?)))
-        .collect();
+    let touched: Vec<(Place, f64)> =
+        presses.iter().filter_map(|press| Some((press.place(), touched_mm(spec, press)?))).collect();
     let plane = Plane::through(&touched).ok_or(AlignError::Surface)?;
     let Plane { tilt: Tilt { per_x, per_y }, scatter_mm: touch_sigma_mm, tilt_sigma, .. } = plane;
     let surface_mm = plane.at_mm(placement.origin);

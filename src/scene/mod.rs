@@ -89,7 +89,8 @@ impl Scene {
     pub fn new(spec: SceneSpec, setting: Surroundings, seed: u64) -> Self {
         let power_on = setting.power_on;
         let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
-        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed).further(spec.surface_tilt);
+        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed)
+            .further(spec.surface_tilt);
         let relief = spec.relief.map(|relief| {
             let Relief { bumps_mm, bumps_wavelength_mm, roughness_mm } = relief;
             SpotMap::new(bumps_mm, bumps_wavelength_mm, roughness_mm, ["bumps", "roughness"], seed)

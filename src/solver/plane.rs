@@ -55,8 +55,7 @@ mod tests {
     #[test]
     fn a_plane_is_found_with_its_scatter_and_a_line_has_none() {
         let height = |x: f64, y: f64| (Place::new(x, y), 0.1 + 0.02 * x - 0.01 * y);
-        let plane =
-            Plane::through(&[height(0.0, 0.0), height(1.0, 0.0), height(0.0, 1.0), height(3.0, 2.0)]).unwrap();
+        let plane = Plane::through(&[height(0.0, 0.0), height(1.0, 0.0), height(0.0, 1.0), height(3.0, 2.0)]).unwrap();
         assert!((plane.height_mm - 0.1).abs() < 1e-12 && (plane.tilt.per_x - 0.02).abs() < 1e-12, "{plane:?}");
         assert!(plane.scatter_mm < 1e-12 && plane.tilt_sigma < 1e-12, "{plane:?}");
         assert!((plane.at_mm(Place::new(2.0, 3.0)) - 0.11).abs() < 1e-12);

@@ -103,7 +103,8 @@ fn align_refuses_a_specimen_that_is_not_level_enough() {
     assert!(told.contains("deeper toward 200 degrees") || told.contains("deeper toward 199 degrees"), "{told}");
 }
 
-/// Mean errors of what was recorded, and the means of what was: forces, and the depths gained from the first level to the deepest.
+/// Mean errors of what was recorded, and the means of what was: forces, and the depths gained from the first
+/// level in contact to the deepest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Recorded {
     force_off_n: f64,
@@ -123,7 +124,7 @@ fn recorded(spec: &RigSpec, plan: &Plan) -> Recorded {
             levels += 1.0;
         }
         let deepest = contact.levels.len() / 2;
-        let gained = |of: &dyn Fn(usize) -> f64| of(deepest) - of(0);
+        let gained = |of: &dyn Fn(usize) -> f64| of(deepest) - of(1); // level 0 is in air
         // nothing relaxes, so that the true force tells the depth along the normal
         let real_mm = gained(&|level| spec.scene.contact.depth_mm(contact.truth[level].force_true_n));
         sum.depth_off_mm += gained(&|level| contact.levels[level].depth_mm.expect("a depth")) - real_mm;

@@ -114,7 +114,11 @@ fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
     // the specimen is level; a slope of 0.001 is 6 um to the edge
     let tilt = numbers(&of("tilt_mm_per_mm"));
     assert!(tilt.len() == 2 && tilt[0].hypot(tilt[1]) < 1e-3, "{tilt:?}");
-    assert!(of("tilt_mm_per_mm").contains("# aligned, +-") && told.out.contains("um sideways over the surface"), "{}", told.out);
+    assert!(
+        of("tilt_mm_per_mm").contains("# aligned, +-") && told.out.contains("um sideways over the surface"),
+        "{}",
+        told.out
+    );
     let others = |text: &str| -> Vec<String> {
         let own = ["surface_mm", "origin_mm", "u_origin_mm", "rotation_deg", "tilt_mm_per_mm"];
         text.lines().filter(|line| !own.iter().any(|key| line.starts_with(key))).map(str::to_owned).collect()
@@ -137,7 +141,9 @@ fn a_tilt_is_aligned_stated_by_check_and_refused_above_five_degrees() {
     let told = bench.palpate_ends(0, "align rig.toml");
     assert!(told.out.contains("tilt      2.8") && told.out.contains("travels 5"), "{}", told.out);
     let told = bench.palpate_ends(0, "check r.toml --rig rig.toml");
-    for expected in ["tilted by 2.8", "deeper toward 1", "um sideways per mm of depth", "mm of height over the pressed area"] {
+    for expected in
+        ["tilted by 2.8", "deeper toward 1", "um sideways per mm of depth", "mm of height over the pressed area"]
+    {
         assert!(told.out.contains(expected), "no {expected:?} in\n{}", told.out);
     }
     assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
