@@ -21,8 +21,8 @@ Examples:
   palpate align rigs/sim.toml --dry-run
 
 Presses 5 x 5 places around the expected position of the array, with half of the force limit, and writes the result into
-[frame] of the rig file; the rest of the file doesn't change. A poor fit and a tilt of more than 5 degrees are refused, and
-nothing is written.
+[frame] of the rig file; the rest of the file doesn't change.
+A poor fit and a tilt of more than 5 degrees are refused, and nothing is written.
 With --simulate, the frame of a real rig is not written either.";
 
 /// Locate the specimen by pressing it, and write the rig's [frame]
