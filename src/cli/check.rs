@@ -5,7 +5,7 @@ use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print, tell};
 use super::tables::filled;
 use crate::control::safe_speed_mm_s;
-use crate::quantity::{COVERAGE, Tilt};
+use crate::quantity::{Axis, COVERAGE, round, Tilt};
 use crate::recipe::{Entry, Phase, Plan, Recipe};
 use crate::rig::RigSpec;
 use crate::run::{estimated_s, first_descent};
@@ -85,6 +85,39 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
                 .to_owned(),
         );
     }
+    warnings.extend(of_steps(plan, rig));
+    warnings
+}
+
+/// Returns warnings about forces that a stage with steps can't reach.
+fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
+    let (steps, limits) = (rig.stage.steps, &rig.limits);
+    let mut warnings = Vec::new();
+    let tolerance_n = plan.entries.iter().map(|entry| entry.task.force_tolerance_n).fold(f64::INFINITY, f64::min);
+    let reach_n = steps.reach_n(limits.stiffness_n_mm);
+    if tolerance_n < reach_n {
+        warnings.push(format!(
+            "the force tolerance is {tolerance_n} N, but a step of z of {} mm changes the force by up to {} N, so a force is reached \
+             only to within {} N and the noise: presses beyond the tolerance are flagged. Use a larger `force_tolerance_n`, or finer \
+             steps",
+            steps.along(Axis::Z),
+            round(2.0 * reach_n, 4),
+            round(reach_n, 4),
+        ));
+    }
+    // the permit keeps this much below the limit, because z may end deeper than its target
+    let kept_n = limits.stiffness_n_mm * steps.reserve_mm();
+    let most_n = limits.force_n - kept_n + tolerance_n;
+    if kept_n > 0.0 && plan.most_n() > most_n {
+        warnings.push(format!(
+            "the largest force is {} N, but the steps of z keep {} N below the limit of {} N: the run will end with `out-of-reach`. \
+             Set at most {} N",
+            plan.most_n(),
+            round(kept_n, 4),
+            limits.force_n,
+            round(limits.force_n - kept_n, 3),
+        ));
+    }
     warnings
 }
 
@@ -107,6 +140,16 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
     let limits = &rig.limits;
     let _ = writeln!(text, "  largest force {} N, limit {} N{}", plan.most_n(), limits.force_n, distance(plan, rig));
+    if !rig.stage.steps.is_fine() {
+        let reach_n = round(rig.stage.steps.reach_n(limits.stiffness_n_mm), 4);
+        let step_mm = rig.stage.steps.along(Axis::Z);
+        let _ = writeln!(
+            text,
+            "  steps of z of {step_mm} mm: a force is reached to within {reach_n} N at {} N/mm,\n  \
+             and the noise of the load cell",
+            limits.stiffness_n_mm
+        );
+    }
     let _ = writeln!(text, "  depth at most {} mm below the measured surface", limits.depth_mm);
     text.push_str(&tilted(plan, rig));
     let (steps, descent_s) = first_descent(rig);

@@ -3,7 +3,7 @@
 use super::speed::safe_speed_mm_s;
 use super::trip::{Rule, Trip};
 use super::zero::Zero;
-use crate::quantity::Limits;
+use crate::quantity::{Limits, Steps};
 
 /// Part of the depth limit that is reserved for the error of the touched surface, mm.
 pub(super) const DEPTH_MARGIN_MM: f64 = 0.03;
@@ -99,19 +99,41 @@ pub struct Permit {
     detect_n: f64,
     /// Standard deviation of one reading, N.
     sigma_n: f64,
+    /// Steps of the stage, which end a motion deeper than its target.
+    steps: Steps,
 }
 
 impl Permit {
     /// Creates the permit of a rig from its limits, its measured reaction time, its acceleration, and the force that counts as
     /// contact.
     pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
-        Permit { limits, reaction_s, acceleration_mm_s2, detect_n: zero.detect_n(), sigma_n: zero.sigma_n }
+        Permit {
+            limits,
+            reaction_s,
+            acceleration_mm_s2,
+            detect_n: zero.detect_n(),
+            sigma_n: zero.sigma_n,
+            steps: Steps::FINE,
+        }
+    }
+
+    /// Returns the permit for a stage with these steps. Every motion may then end deeper than its target, and the position from
+    /// which it begins may be deeper than it was read back: together by [`Steps::reserve_mm`].
+    #[must_use]
+    pub fn on(self, steps: Steps) -> Self {
+        Permit { steps, ..self }
+    }
+
+    /// Steps of the stage.
+    pub fn steps(&self) -> Steps {
+        self.steps
     }
 
     /// Returns the deepest end point that would be permitted, mm.
     ///
     /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
-    /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface.
+    /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface. Both count the steps
+    /// of the stage.
     pub fn deepest_mm(&self, standing: &Standing) -> f64 {
         let Standing { z_mm, force_n, sigma_n, first_mm, .. } = *standing;
         if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) {
@@ -122,7 +144,7 @@ impl Permit {
         let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
         let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
         let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
-        by_force.min(by_depth)
+        by_force.min(by_depth) - self.steps.reserve_mm()
     }
 
     /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact.
@@ -134,7 +156,7 @@ impl Permit {
     /// Returns the largest force at `z_mm`, N, of a contact no stiffer than declared (E+). The motion began at a position
     /// `from_mm` with a force `from_n`. If the contact pushes harder, it isn't the specimen that the limits were declared for.
     pub fn most_n(&self, (from_mm, from_n): (f64, f64), first_mm: f64, z_mm: f64) -> f64 {
-        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0);
+        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0) + self.steps.reserve_mm();
         from_n.max(0.0) + self.limits.stiffness_n_mm * way_mm + HARD_N.max(HARD_SIGMAS * self.sigma_n)
     }
 
@@ -192,7 +214,7 @@ impl Permit {
     /// # Errors
     /// A trip if z isn't clear.
     pub fn sideways(&self, z_mm: f64, first_mm: f64, force_n: f64) -> Result<Sideways, Trip> {
-        let clear_mm = first_mm - SIDEWAYS_MM;
+        let clear_mm = self.clear_mm(first_mm);
         let (is_clear, is_free) = (z_mm <= clear_mm, force_n.abs() < self.detect_n);
         if !is_clear {
             return Err(Trip::new(Rule::NotPermitted, z_mm, clear_mm, "mm"));
@@ -204,8 +226,8 @@ impl Permit {
     }
 
     /// Returns the z at which x and y may move, mm, if contact is possible from `first_mm` on.
-    pub fn clear_mm(first_mm: f64) -> f64 {
-        first_mm - SIDEWAYS_MM
+    pub fn clear_mm(&self, first_mm: f64) -> f64 {
+        first_mm - SIDEWAYS_MM - self.steps.reserve_mm()
     }
 
     /// Force that counts as contact, N.
@@ -278,6 +300,26 @@ mod tests {
             if let Ok(granted) = permit().advance(&standing, wish, 5.0) {
                 prop_assert!(force_at(granted.z_mm()) <= LIMITS.force_n + 1e-9);
                 prop_assert!(granted.z_mm() - surface <= LIMITS.depth_mm);
+            }
+        }
+
+        /// The same on a stage with steps: it stands where the nearest step is, reads back the same or half a step off, and ends
+        /// as far beyond its target as counts as in position.
+        #[test]
+        fn no_granted_end_point_exceeds_a_limit_on_a_stage_with_steps(
+            surface in -0.3..0.3f64, k in 0.05..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, wish in -1.0..3.0f64,
+            step in 0.0005..0.04f64, off in -0.5..0.5f64,
+        ) {
+            let steps = Steps { mm: [0.0, 0.0, step] };
+            let force_at = |z: f64| k * (z - surface).max(0.0);
+            let start = start.min(surface + 1.9 / k);
+            let standing = Standing {
+                z_mm: start + off * step, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
+            };
+            if let Ok(granted) = permit().on(steps).advance(&standing, wish, 5.0) {
+                let deepest_mm = granted.z_mm() + steps.in_position_mm(crate::quantity::Axis::Z);
+                prop_assert!(deepest_mm <= start || force_at(deepest_mm) <= LIMITS.force_n + 1e-9);
+                prop_assert!(deepest_mm - surface <= LIMITS.depth_mm);
             }
         }
     }

@@ -83,7 +83,7 @@ impl Diagnostic for DeviceError {
             DeviceProblem::Mismatch(_) => "change the rig file or the device's settings so that they agree",
             DeviceProblem::Guarded { .. } => "check the specimen and the load cell before you continue",
             DeviceProblem::Coarse(_) => {
-                "use a finer resolution (microsteps, encoder) or a finer stage; also check the axis for friction and backlash"
+                "state the stage's steps as `step_mm` of [stage], or use finer ones (microsteps, encoder); also check the axis for friction and backlash"
             }
             DeviceProblem::Motion(_) => {
                 "find what blocks the stage and clear it; then repeat the command, or continue a run with `palpate resume`"

@@ -12,7 +12,7 @@ pub use error::{DeviceError, DeviceProblem};
 pub use reins::{MotionOrder, Reins};
 pub use shown::{SHOWN_MAX_CHARS, shown};
 
-use crate::quantity::{Axis, ForceReading, Range, Travel};
+use crate::quantity::{Axis, ForceReading, Range, Steps, Travel};
 use serde::{Deserialize, Serialize};
 use std::future::Future;
 use std::time::Duration;
@@ -59,6 +59,8 @@ pub struct StageUse {
     pub by_hand: bool,
     /// Whether the rig states that axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
+    /// Steps of the axes.
+    pub steps: Steps,
 }
 
 /// Largest distance beyond its travel at which an axis may be read back, mm. It covers the position before the preparation, and

@@ -2,7 +2,7 @@
 //! script.
 
 use crate::device::{DeviceError, Identity, Reins, Stage, StageUse};
-use crate::quantity::{Range, Travel};
+use crate::quantity::{Range, Steps, Travel};
 use crate::wire::Connector;
 use std::sync::Mutex;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
@@ -77,6 +77,7 @@ pub fn usage() -> StageUse {
         home_z_mm: 12.5,
         homed: false,
         by_hand: false,
+        steps: Steps::FINE,
     }
 }
 

@@ -12,6 +12,7 @@ mod layout;
 mod limits;
 mod number;
 mod reading;
+mod steps;
 mod stream;
 mod tilt;
 
@@ -21,6 +22,7 @@ pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};
 pub use number::{percentile, round, seconds};
 pub use reading::{ForceReading, Health};
+pub use steps::Steps;
 pub use stream::{Stream, stream};
 pub use tilt::{TILT_MOST_DEG, Tilt};
 

@@ -12,6 +12,8 @@ const COORDINATE: Bounds = Bounds::within(-10_000.0, 10_000.0, "mm");
 const UNCERTAIN: Bounds = Bounds::above(0.0, 10.0, "mm");
 /// Limits of one slope of the surface; the angle is checked separately.
 const SLOPE: Bounds = Bounds::within(-1.0, 1.0, "mm/mm");
+/// Limits of a step. A coarser one couldn't press by force.
+const STEP: Bounds = Bounds::above(0.0, 0.05, "mm");
 const SPEED: Bounds = Bounds::above(0.0, 1000.0, "mm/s");
 const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 /// Limits of the conversion rate. A slower cell would count as stale between two of its readings.
@@ -55,6 +57,8 @@ keys! {
         approach_mm_s: Number(SPEED), or(FIRST_APPROACH_MM_S),
             "largest approach speed before the first touch of the specimen", "0.5";
         settle_ms: Number(LATER), or(SETTLE_MS), "how long it still moves after its controller reports the end of a motion", "10.0";
+        step_mm: Table(&step_mm::KEYS), Allowed,
+            "smallest steps of a coarse stage, such as a printer; without it, they are too fine to matter (under 3 um)";
         home: Word(&words(&HOMES)), or_word("switches"),
             "how its position becomes known at each start: by its own switches, or by a person who brings it to the zero of `travel_mm` \
              (GRBL without switches)", "\"by hand\"";
@@ -63,6 +67,15 @@ keys! {
         homed: Flag, or_flag(false),
             "ESP301: whether axes whose motors are on are homed; without it, z homes away from the specimen at each start", "true";
         certificate: Table(&stage_certificate::KEYS), Allowed, "its calibration certificate";
+    }
+}
+
+keys! {
+    /// `step_mm` of `[stage]`.
+    step_mm {
+        x: Number(STEP), Refused, "smallest step of x", "0.0125";
+        y: Number(STEP), Refused, "smallest step of y", "0.0125";
+        z: Number(STEP), Refused, "smallest step of z; half of it limits the force that can be reached", "0.0025";
     }
 }
 

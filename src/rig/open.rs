@@ -109,6 +109,7 @@ impl RigSpec {
             home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.stage.travel.along(Axis::Z).end(away)),
             homed: self.stage.homed,
             by_hand: self.stage.home == Home::ByHand,
+            steps: self.stage.steps,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
     }

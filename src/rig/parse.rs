@@ -3,9 +3,7 @@
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
-use super::keys::{
-    self, array, frame, limits, load_cell, origin_mm, root, stage, surface_mm, tilt_mm_per_mm, travel_mm,
-};
+use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::{Driver, Home};
@@ -13,7 +11,7 @@ use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
 use crate::document::{self, Key, Problem, Problems, Span, Table};
-use crate::quantity::{Axis, Frame, Limits, Place, Range, TILT_MOST_DEG, Tilt, Travel, round};
+use crate::quantity::{Axis, Frame, Limits, Place, Range, round, Steps, Tilt, TILT_MOST_DEG, Travel};
 use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
 
@@ -59,6 +57,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         };
         check_links(&spec, table);
         check_zero(&spec, table);
+        check_steps(&spec, table);
         check_drivers(&spec, table);
         check_room(&spec, table);
         Some(spec)
@@ -76,6 +75,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
     let approach_mm_s = table.number(&stage::approach_mm_s);
     let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
+    let steps = or_wrong(table.table(&stage::step_mm), read_steps);
     let certificate = or_wrong(table.table(&stage::certificate), read_stage_certificate);
     let homed = table.flag(&stage::homed);
     let home = table.word(&stage::home, &keys::HOMES);
@@ -92,11 +92,19 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         acceleration_mm_s2: acceleration_mm_s2?,
         approach_mm_s: approach_mm_s?,
         settle_s: settle_s?,
+        steps: steps?.unwrap_or(Steps::FINE),
         certificate: certificate?,
         home_z_mm: table.number(&stage::home_z_mm),
         homed: homed?,
         home: home?,
     })
+}
+
+fn read_steps(table: &Table) -> Option<Steps> {
+    let [Some(x), Some(y), Some(z)] = [step_mm::x, step_mm::y, step_mm::z].map(|axis| table.number(&axis)) else {
+        return None;
+    };
+    Some(Steps { mm: [x, y, z] })
 }
 
 fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
@@ -213,6 +221,28 @@ fn check_zero(spec: &RigSpec, table: &Table) {
     if let (Home::ByHand, Some(axis)) = (spec.stage.home, outside) {
         let told = format!("`home = \"by hand\"` begins at 0, which `travel_mm.{}` doesn't contain", axis.name());
         let help = "state the travel from the place to which a person brings the stage";
+        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+    }
+}
+
+/// Largest part of the force limit that one step of z may add. With more, hardly a motion would be permitted.
+const STEP_SHARE: f64 = 0.05;
+
+/// Checks that the steps of z are fine enough for the limits.
+fn check_steps(spec: &RigSpec, table: &Table) {
+    let limits = &spec.limits;
+    let (step_mm, most_n) = (spec.stage.steps.along(Axis::Z), STEP_SHARE * limits.force_n);
+    let step_n = limits.stiffness_n_mm * step_mm;
+    if step_n > most_n {
+        let told = format!(
+            "a step of z of {step_mm} mm changes the force by up to {} N at `stiffness_n_mm` = {}, over {} N, which is {} % of \
+             `force_n`: it is too coarse to press by force",
+            round(step_n, 4),
+            limits.stiffness_n_mm,
+            round(most_n, 4),
+            100.0 * STEP_SHARE,
+        );
+        let help = "use finer steps of z (more microsteps, a finer screw), or put a softer layer or a spring under the specimen";
         table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
     }
 }
@@ -347,6 +377,27 @@ mod tests {
     fn a_specimen_out_of_the_stages_reach_is_refused() {
         let told = problems("z = 0.0", "z = -12.0");
         assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");
+    }
+
+    #[test]
+    fn steps_are_of_all_axes_and_not_too_coarse_for_the_limits() {
+        let steps = |text: &str| problems("settle_ms = 10.0", &format!("settle_ms = 10.0\nstep_mm = {text}"));
+        assert_eq!(steps("{ x = 0.0125, y = 0.0125, z = 0.0025 }"), [""; 0]);
+        assert_eq!(
+            steps("{ x = 0.0125, y = 0.0125 }"),
+            ["`z` is missing in `stage.step_mm`: a number in mm, over 0, at most 0.05"]
+        );
+        assert_eq!(steps("{ x = 0.1, y = 0.01, z = 0.0025 }"), ["`x` is 0.1, must be over 0, at most 0.05 mm"]);
+        assert_eq!(
+            problems(
+                "stiffness_n_mm = 2.0",
+                "stiffness_n_mm = 50.0\n[stage.step_mm]\nx = 0.0125\ny = 0.0125\nz = 0.0025"
+            ),
+            [
+                "a step of z of 0.0025 mm changes the force by up to 0.125 N at `stiffness_n_mm` = 50, over 0.1 N, which is 5 % of \
+              `force_n`: it is too coarse to press by force"
+            ]
+        );
     }
 
     #[test]

@@ -52,7 +52,7 @@ impl RigSpec {
         }
         // z travels to its end to withdraw; x and y go no further than to where they press
         let z = self.stage.travel.along(Axis::Z);
-        let most = self.stage.driver.simulated_z_mm(z);
+        let most = self.stage.driver.simulated_z_mm(&self.stage);
         if z.min < most.min || z.max > most.max {
             let wide = format!(
                 "z of a simulated stage goes from {} to {} mm, and `stage.travel_mm.z` has {} to {}: narrow it for a \

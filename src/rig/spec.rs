@@ -9,7 +9,8 @@ use crate::driver::lines::{LinePort, LineProfile};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator::{STAGE_TRAVEL_MM, Shared};
 use crate::quantity::{
-    ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, StageCertificate, Travel, WeightCheck,
+    ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, StageCertificate, Steps, Travel,
+    WeightCheck,
 };
 use crate::recipe::Ground;
 use crate::scene::{Device, Scene, SceneSpec};
@@ -71,6 +72,8 @@ pub struct StageSpec {
     pub approach_mm_s: f64,
     /// Time during which the stage still moves after its controller reports standstill, s.
     pub settle_s: f64,
+    /// Steps of the axes.
+    pub steps: Steps,
     /// Calibration certificate of the stage.
     pub certificate: Option<StageCertificate>,
     /// How the position of the axes becomes known.
@@ -294,9 +297,9 @@ pub trait StageDriver: Driver {
     /// Returns the emulator that answers the driver in a simulated rig.
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
 
-    /// Returns the range of z of its emulator for a rig with this travel along z, mm.
-    fn simulated_z_mm(&self, travel: Range) -> Range {
-        let _ = travel;
+    /// Returns the range of z of its emulator for this stage, mm.
+    fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
+        let _ = stage;
         Range { min: -STAGE_TRAVEL_MM, max: STAGE_TRAVEL_MM }
     }
 

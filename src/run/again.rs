@@ -5,7 +5,7 @@ use super::past::{Past, TouchedPlace};
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::shift::sideways_shift;
 use super::walk::{Listener, Standby, Walker};
-use crate::control::{Permit, Rule, Standing, Strategy, Task, Trip};
+use crate::control::{Rule, Standing, Strategy, Task, Trip};
 use crate::dataset::{Air, Ledger, Record, Retouch};
 use crate::device::{LoadCell, SensorArray, Stage};
 use crate::quantity::Place;
@@ -98,7 +98,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let zero = *self.hand.cell.watch.zero();
         let first_mm = self.map.expect(place).first_mm;
         // no nearer, even if a journal says so, than x and y may move
-        let back_mm = before.z_mm.min(Permit::clear_mm(first_mm));
+        let back_mm = before.z_mm.min(self.permit.clear_mm(first_mm));
         if self.hand.z_mm < back_mm {
             let standing = Standing {
                 z_mm: self.hand.z_mm,

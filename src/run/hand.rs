@@ -56,6 +56,8 @@ pub(super) struct Hand<'a, S, C, A> {
     /// Position of the indenter: specimen frame, read back.
     pub place: Place,
     pub z_mm: f64,
+    /// Place at which a stage with steps really stands, read back; the target of any other.
+    pub pressed: Place,
     /// Claims on the links, so that nobody else drives the instruments during this time.
     _claims: Claims,
 }
@@ -339,6 +341,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         let Instruments { stage, load_cell: cell, array } = instruments;
         let (air, air_sigmas) = (vec![0.0; array.units()], Vec::new());
         let (place, z_mm, outputs_in_air) = (Place::default(), 0.0, OutputMeans::default());
+        let pressed = place;
         Hand {
             stage,
             cell,
@@ -352,6 +355,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
             outputs_in_air,
             place,
             z_mm,
+            pressed,
             _claims: claims,
         }
     }

@@ -11,11 +11,8 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 
-/// Largest distance of a read-back from the axis' target, mm.
-const IN_POSITION_MM: f64 = 0.003;
-
-/// Largest distance from the target, mm, without an error, that a coarse stage explains. At a larger distance something blocks
-/// the axis.
+/// Largest distance from the target, mm, without an error, that a stage with coarser steps than stated explains. At a larger
+/// distance something blocks the axis.
 const COARSE_MM: f64 = 0.05;
 
 /// Number of readings averaged before x and y move from rest. Nothing moves sideways in contact.
@@ -61,7 +58,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;
         }
         let at_mm = self.stage_z_mm(self.z_mm);
-        let way = Range { min: from_mm.min(target_mm) - IN_POSITION_MM, max: from_mm.max(target_mm) + IN_POSITION_MM };
+        let way = Range { min: from_mm.min(target_mm), max: from_mm.max(target_mm) };
+        let way = way.widened(self.usage.steps.in_position_mm(Axis::Z));
         if !way.contains(at_mm) {
             let told = format!("z moved from {from_mm:.4} toward {target_mm:.4} mm but reports {at_mm:.4} mm");
             return Err(lost(DeviceProblem::Motion(told)));
@@ -89,7 +87,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let sideways = SIDEWAYS.map(|axis| (axis, there.along(axis)));
         let withdrawal =
             MotionProfile::new(granted.z_mm() - self.z_mm, granted.speed_mm_s(), self.usage.acceleration_mm_s2);
-        let clears_s = withdrawal.reaches_s(self.z_mm - Permit::clear_mm(first_mm));
+        let clears_s = withdrawal.reaches_s(self.z_mm - permit.clear_mm(first_mm));
         let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
         let travel_s = MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
         let due_after = seconds(withdrawal.duration_s() + travel_s);
@@ -237,6 +235,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
         let y_mm = self.stage.position_mm(Axis::Y, &Reins::default()).await?;
         self.place = self.frame.place_from_stage(x_mm, y_mm);
+        self.pressed = self.place;
         self.read_back_z().await
     }
 
@@ -278,13 +277,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             self.check_arrival(axis, *at_mm, target_mm).await?;
         }
         self.place = place;
+        self.pressed = match *at_mm {
+            [x_mm, y_mm, ..] if !self.usage.steps.is_fine() => self.frame.place_from_stage(x_mm, y_mm),
+            _ => place,
+        };
         Ok(())
     }
 
-    /// Checks that z is at its target. The read-back may still be short by the stage's settling distance.
+    /// Checks that z is at its target. The read-back may still be short by the stage's settling distance, so it only counts where a
+    /// stage with steps can't go to its target.
     async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
-        self.check_arrival(Axis::Z, at_mm.unwrap_or(f64::NAN), target_mm).await?;
-        self.z_mm = self.frame.z_from_stage(target_mm);
+        let at_mm = at_mm.unwrap_or(f64::NAN);
+        self.check_arrival(Axis::Z, at_mm, target_mm).await?;
+        let has_steps = self.usage.steps.along(Axis::Z) > 0.0;
+        self.z_mm = self.frame.z_from_stage(if has_steps { at_mm } else { target_mm });
         Ok(())
     }
 
@@ -305,10 +311,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Checks that an axis arrived. A controller that refused a motion is detected here, and its error queue states the reason.
     async fn check_arrival(&mut self, axis: Axis, position_mm: f64, target_mm: f64) -> Result<(), Halt> {
-        if (position_mm - target_mm).abs() <= IN_POSITION_MM {
+        let most_mm = self.usage.steps.in_position_mm(axis);
+        if (position_mm - target_mm).abs() <= most_mm {
             return Ok(());
         }
-        Err(lost(missed(axis, position_mm, target_mm, &self.stage.complaints().await?)))
+        Err(lost(missed(axis, (position_mm, target_mm, most_mm), &self.stage.complaints().await?)))
     }
 
     fn stage_z_mm(&self, z_mm: f64) -> f64 {
@@ -426,14 +433,14 @@ fn way_mm(from: Place, to: Place) -> f64 {
     (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
 }
 
-/// Returns why an axis isn't at its target. A small distance without an error indicates a coarse stage.
-fn missed(axis: Axis, position_mm: f64, target_mm: f64, complaints: &[String]) -> DeviceProblem {
+/// Returns why an axis isn't at its target within this distance. A small distance without an error indicates a coarse stage.
+fn missed(axis: Axis, (position_mm, target_mm, most_mm): (f64, f64, f64), complaints: &[String]) -> DeviceProblem {
     let (off_mm, name) = ((position_mm - target_mm).abs(), axis.name());
     let told = format!("{name} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm");
     match complaints {
         [] if off_mm <= COARSE_MM => DeviceProblem::Coarse(format!(
-            "{told}, {off_mm:.4} mm off without an error: the stage's resolution is coarser than the {IN_POSITION_MM} mm \
-             that palpate requires"
+            "{told}, {off_mm:.4} mm off without an error: the stage's steps are coarser than the {most_mm} mm that count as in \
+             position"
         )),
         [] => DeviceProblem::Motion(format!("{told}; it reports no error")),
         _ => DeviceProblem::Motion(format!("{told}; {}", complaints.join("; "))),
@@ -451,18 +458,18 @@ mod tests {
 
     #[test]
     fn a_coarse_stage_is_told_from_one_that_is_blocked() {
-        let coarse = missed(Axis::X, 1.02, 1.0125, &[]);
+        let coarse = missed(Axis::X, (1.02, 1.0125, 0.003), &[]);
         assert_eq!(
             coarse.to_string(),
-            "x was commanded to 1.0125 mm but is at 1.0200 mm, 0.0075 mm off without an error: the stage's resolution is \
-             coarser than the 0.003 mm that palpate requires"
+            "x was commanded to 1.0125 mm but is at 1.0200 mm, 0.0075 mm off without an error: the stage's steps are coarser \
+             than the 0.003 mm that count as in position"
         );
         assert!(matches!(coarse, DeviceProblem::Coarse(_)));
         assert!(
-            matches!(missed(Axis::X, 1.5, 1.0, &[]), DeviceProblem::Motion(_)),
+            matches!(missed(Axis::X, (1.5, 1.0, 0.003), &[]), DeviceProblem::Motion(_)),
             "half a millimetre is no resolution"
         );
-        let refused = missed(Axis::X, 1.02, 1.0125, &["following error".to_owned()]);
+        let refused = missed(Axis::X, (1.02, 1.0125, 0.003), &["following error".to_owned()]);
         assert!(matches!(refused, DeviceProblem::Motion(_)) && refused.to_string().ends_with("; following error"));
     }
 }

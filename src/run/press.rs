@@ -51,6 +51,8 @@ impl Pressed {
 /// One level that was held.
 struct Held {
     window: Window,
+    /// Place where it was held; on a stage with steps, as read back.
+    place: Place,
     z_mm: f64,
     truth: Option<PressTruth>,
 }
@@ -177,7 +179,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 Command::Sample(seconds) => {
                     let window = self.hand.sample(seconds, self.conditions.spec.array.range_v).await?;
                     let force_n = window.force_n;
-                    levels.push(Held { window, z_mm: self.hand.z_mm, truth: self.truth() });
+                    let (place, z_mm) = (self.hand.pressed, self.hand.z_mm);
+                    levels.push(Held { window, place, z_mm, truth: self.truth() });
                     Event::Sampled { force_n }
                 }
                 Command::Done => break,
@@ -275,8 +278,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             press: entry.press,
             level: level as u64,
             phase: Some(entry.phase),
-            x_mm: entry.place.x_mm,
-            y_mm: entry.place.y_mm,
+            x_mm: held.place.x_mm,
+            y_mm: held.place.y_mm,
             force_set_n: Some(force_set_n),
             force_n: Some(tilt.normal_n(window.force_n)),
             depth_mm: Some(tilt.normal_mm(along_z_mm)),

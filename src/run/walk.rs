@@ -159,6 +159,7 @@ fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks
 
 fn permit<S, C, A>(hand: &Hand<'_, S, C, A>, spec: &RigSpec, reaction: &Reaction) -> Permit {
     Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero())
+        .on(spec.stage.steps)
 }
 
 /// Position where the indenter waits for the next press.

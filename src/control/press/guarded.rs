@@ -63,7 +63,7 @@ impl ForceLoop {
     /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
     pub(super) fn approach(&mut self) -> Result<Command, Trip> {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
-        let target_mm = self.context.permit.deepest_mm(&self.standing()).min(search_mm);
+        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()).min(search_mm));
         self.steps += 1;
         let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
         if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
@@ -160,7 +160,8 @@ impl ForceLoop {
             }
             _ => declared,
         };
-        let step_mm = side * (gap_n / stiffness).max(STEP_LEAST_MM);
+        let Some(way_mm) = self.way_mm(gap_n / stiffness) else { return self.reached() };
+        let step_mm = side * way_mm;
         if side < 0.0 {
             let z_mm = self.z_mm + step_mm;
             let granted = self.withdraw_to(z_mm)?;
@@ -169,9 +170,24 @@ impl ForceLoop {
         self.step_to(State::Stepping, self.z_mm + step_mm)
     }
 
+    /// Returns the distance that closes a gap, mm: the nearest that the stage can go. `None` if the gap is under half a step, so
+    /// nothing is nearer than here.
+    pub(super) fn way_mm(&self, gap_mm: f64) -> Option<f64> {
+        let steps = self.context.permit.steps();
+        if steps.is_fine() {
+            return Some(gap_mm.max(STEP_LEAST_MM));
+        }
+        Some(steps.nearest_mm(gap_mm)).filter(|way_mm| *way_mm >= STEP_LEAST_MM)
+    }
+
+    /// Returns the deepest z, mm, no deeper than wanted, at which the stage can stand.
+    pub(super) fn in_steps_mm(&self, wanted_mm: f64) -> f64 {
+        self.context.permit.steps().no_deeper_mm(self.z_mm, wanted_mm)
+    }
+
     /// Moves deeper as far as permitted. If no further motion is permitted, a force within the tolerance is accepted.
     pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
-        let deepest_mm = self.context.permit.deepest_mm(&self.standing());
+        let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));
         if deepest_mm - self.z_mm < STEP_LEAST_MM {
             let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
             if force_set_n - self.force_n <= self.task.force_tolerance_n {

@@ -297,6 +297,7 @@ impl ForceLoop {
     }
 
     fn advance(&mut self, state: State, z_mm: f64, speed_mm_s: f64) -> Result<Command, Trip> {
+        let z_mm = self.in_steps_mm(z_mm);
         let granted = self.context.permit.advance(&self.standing(), z_mm, speed_mm_s)?;
         let profile =
             MotionProfile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
@@ -325,6 +326,7 @@ impl ForceLoop {
     /// Withdraws from the specimen. No force rule has to limit this motion.
     fn withdraw_to(&mut self, z_mm: f64) -> Result<Permitted, Trip> {
         self.motion = None;
+        let z_mm = self.in_steps_mm(z_mm);
         self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)
     }
 

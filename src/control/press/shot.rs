@@ -93,9 +93,9 @@ impl ForceLoop {
             shot.stiffness_n_mm(set_n, landing.z_mm, landing.force_n).min(declared)
         };
         self.leave(self.force_n);
-        if gap_n < STEP_LEAST_MM * stiffness {
+        let Some(way_mm) = self.way_mm(gap_n / stiffness).filter(|_| gap_n >= STEP_LEAST_MM * stiffness) else {
             return self.reached();
-        }
+        };
         self.steps += 1;
         if self.steps > STEPS_MAX {
             return Err(Trip::new(Rule::NoConvergence, self.force_n, set_n, "N"));
@@ -104,7 +104,8 @@ impl ForceLoop {
         if gap_n > trim_most_n {
             // short of it, but near enough for the trim to be the last
             let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n).min(trim_most_n / 2.0);
-            return self.step_to(State::Stepping, self.z_mm + (gap_n - short_n) / stiffness);
+            let short_mm = self.way_mm((gap_n - short_n) / stiffness).unwrap_or(way_mm);
+            return self.step_to(State::Stepping, self.z_mm + short_mm);
         }
         // what is trimmed late has less time to fade
         let trim_s = self.trim_s(gap_n / stiffness);
@@ -113,7 +114,7 @@ impl ForceLoop {
             return self.go(State::Lingering, Command::Dwell(linger_s));
         }
         let before_mm = self.z_mm;
-        let command = self.step_to(State::Trimming, before_mm + gap_n / stiffness)?;
+        let command = self.step_to(State::Trimming, before_mm + way_mm)?;
         if let Command::Move(granted) = &command {
             self.leave(self.force_n + stiffness * (granted.z_mm() - before_mm));
         }

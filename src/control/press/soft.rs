@@ -74,7 +74,7 @@ impl ForceLoop {
         // a force that hasn't risen is compared as if it had: by then the way was long enough for it
         let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
         let longest_mm = taught.way_mm((from_n - noise_n).max(0.0), to_n);
-        if TAUGHT_SHARE * way_mm > longest_mm + WAY_MM {
+        if TAUGHT_SHARE * way_mm > longest_mm + WAY_MM + self.context.permit.steps().reserve_mm() {
             return Err(Trip::new(Rule::SofterThanTaught, rose_n / way_mm, TAUGHT_SHARE * expected_n / way_mm, "N/mm"));
         }
         Ok(())

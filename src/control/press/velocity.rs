@@ -23,7 +23,7 @@ impl ForceLoop {
         let Some((_, level)) = self.level() else { return self.depart() };
         let goal_n = level.force_set_n.min(self.context.limits.force_n) - BELOW_SIGMAS * self.sigma_n;
         let speed_mm_s = self.speed_for(goal_n - self.force_n).min(self.context.speed_mm_s);
-        let target_mm = self.context.permit.deepest_mm(&self.standing());
+        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));
         if speed_mm_s < SLOWEST_MM_S || target_mm - self.z_mm < STEP_LEAST_MM {
             return self.pursue();
         }

@@ -6,7 +6,7 @@ use crate::driver::grbl::Grbl;
 use crate::emulator::{GRBL_ROOM_MM, Grbl as Emulator, GrblBoard};
 use crate::quantity::{Axis, Range, Travel};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, Home, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, Home, RigSpec, StageDriver, StageSpec};
 use crate::scene::Scene;
 use std::sync::Arc;
 
@@ -33,8 +33,8 @@ impl StageDriver for Stage {
         EmulatedDevice::serial(Emulator::new(board(rig), scene), "grbl")
     }
 
-    fn simulated_z_mm(&self, travel: Range) -> Range {
-        travel
+    fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
+        stage.travel.along(Axis::Z)
     }
 
     fn homes_by_hand(&self) -> bool {
