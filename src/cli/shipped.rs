@@ -25,6 +25,7 @@ pub const RECIPES: &[Shipped] = &shipped!("recipes": "paper", "calibrate", "char
 /// The rigs: `rigs/NAME.toml`.
 pub const RIGS: &[Shipped] =
     &shipped!("rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process");
+    &shipped!("rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "process", "printer");
 
 /// The shipped file that a path names, where nothing is at the path: `paper`, `paper.toml` or `recipes/paper.toml`.
 pub fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {

@@ -32,7 +32,7 @@ pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301;
 pub use grbl::{Board as GrblBoard, Grbl, ROOM_MM as GRBL_ROOM_MM};
 pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
-pub use process::{ProcessArray, ProcessLoadCell, ProcessStage};
+pub use process::{Printer, ProcessArray, ProcessLoadCell, ProcessStage};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::Xps;
 

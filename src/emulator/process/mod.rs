@@ -7,7 +7,7 @@ mod stage;
 #[cfg(test)]
 mod tests;
 
-pub use stage::ProcessStage;
+pub use stage::{Printer, ProcessStage};
 
 use super::Instrument;
 use crate::scene::{Device, Scene};
@@ -92,6 +92,10 @@ impl Request {
 
     fn number(&self, key: &str) -> Result<f64, String> {
         self.0.get(key).and_then(Value::as_f64).ok_or_else(|| format!("{key} is not a number"))
+    }
+
+    fn word(&self, key: &str) -> Option<&str> {
+        self.0.get(key).and_then(Value::as_str)
     }
 
     fn object(&self, key: &str) -> Result<&Map<String, Value>, String> {

@@ -2,14 +2,14 @@
 
 use super::{Answer, Instrument, Request, identity, object, reply, reply_line, take_line, unknown};
 use crate::emulator::Owed;
-use crate::quantity::{Axis, Range};
+use crate::quantity::{Axis, Range, Steps};
 use crate::scene::{Device, Scene, Trajectory};
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
 use tokio::sync::Notify;
 
-/// Distance of each axis from its middle to either end, true mm.
-const END_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
+/// Ends of each axis of the stage that isn't a printer, true mm.
+const ENDS_MM: Range = Range { min: -crate::emulator::STAGE_TRAVEL_MM, max: crate::emulator::STAGE_TRAVEL_MM };
 /// Largest speed, mm/s.
 const MOST_MM_S: f64 = 25.0;
 /// Largest acceleration, mm/s^2.
@@ -21,12 +21,30 @@ const COUNTS_PER_MM: f64 = 1e4;
 /// Longest search for home, s.
 const SEARCH_MOST_S: f64 = 110.0;
 
+/// Mechanics behind a program that moves like a printer: stepper motors without encoders.
+///
+/// An axis rests on whole steps only. It counts the steps that were sent, and reads back this count. A stop ends at the next step
+/// after the way of braking.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Printer {
+    /// Ends of the axes, true mm.
+    pub ends_mm: [Range; 3],
+    /// Steps of the axes, counted from zero.
+    pub steps: Steps,
+    /// Whether it was homed before it is connected, as a printer is whose host has been running.
+    pub homed: bool,
+}
+
 /// A stage of the process protocol: 12.5 mm to either side, 25 mm/s, 100 mm/s^2. Until it is homed, its place at power-on counts
 /// as zero. Each axis moves at the requested speed. A new target is accepted during a motion too.
 ///
-/// Homing moves z to its `away` end, then x and y to the marks in the middle of their travel. Until homing is done, or ended by a
-/// `stop`, a `move` and another `prepare` are errors.
+/// Homing moves z to its `away` end (with `"home_side": "toward"` to the other), then x and y to the marks in the middle of their
+/// travel. Until homing is done, or ended by a `stop`, a `move` and another `prepare` are errors.
 pub struct ProcessStage {
+    ends_mm: [Range; 3],
+    steps: Steps,
+    /// Whether `status` reports that home is known.
+    reports_home: bool,
     /// True place minus counted place, mm; zero once homed.
     offset_mm: [f64; 3],
     homed: bool,
@@ -50,6 +68,9 @@ impl ProcessStage {
     /// Creates a stage that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
         ProcessStage {
+            ends_mm: [ENDS_MM; 3],
+            steps: Steps::FINE,
+            reports_home: false,
             offset_mm: Axis::ALL.map(|axis| scene.motion(axis).end_mm()),
             homed: false,
             limits_mm: None,
@@ -57,6 +78,13 @@ impl ProcessStage {
             preparing: None,
             bell: Arc::default(),
         }
+    }
+
+    /// Creates a stage with the mechanics of a printer.
+    pub fn printer(scene: &Scene, printer: Printer) -> Self {
+        let Printer { ends_mm, steps, homed } = printer;
+        let stage = ProcessStage { ends_mm, steps, homed, reports_home: true, ..ProcessStage::new(scene) };
+        if homed { ProcessStage { offset_mm: [0.0; 3], ..stage } } else { stage }
     }
 }
 
@@ -118,12 +146,12 @@ impl ProcessStage {
 
     fn begin(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> Result<[Range; 3], String> {
         let travel_mm = request.object("travel_mm")?;
-        let mut limits_mm = [Range { min: -END_MM, max: END_MM }; 3];
+        let mut limits_mm = self.ends_mm;
         for (limits_mm, axis) in limits_mm.iter_mut().zip(Axis::ALL) {
             let ends_mm =
                 travel_mm.get(axis.name()).and_then(|ends| serde_json::from_value::<[f64; 2]>(ends.clone()).ok());
             let [min, max] = ends_mm.ok_or_else(|| format!("travel_mm has no range for {}", axis.name()))?;
-            if !(-END_MM <= min && min < max && max <= END_MM) {
+            if !(limits_mm.min <= min && min < max && max <= limits_mm.max) {
                 return Err(format!("{} can't travel from {min} to {max} mm", axis.name()));
             }
             *limits_mm = Range { min, max };
@@ -132,6 +160,11 @@ impl ProcessStage {
         if away.abs() != 1.0 {
             return Err("away must be +1 or -1".into());
         }
+        let home_end = match request.word("home_side") {
+            Some("none") if !self.homed => return Err("home isn't known".into()),
+            Some("toward") => -away,
+            _ => away,
+        };
         let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
         let acceleration_mm_s2 = within(request.number("acceleration_mm_s2")?, MOST_MM_S2, "mm/s^2")?;
         // with the old one: a weaker brake could carry an axis past the end
@@ -139,9 +172,12 @@ impl ProcessStage {
         self.acceleration_mm_s2 = acceleration_mm_s2;
         if !self.homed {
             let mut from_s = now_s;
-            for (axes, home_mm) in [(&[Axis::Z][..], away * END_MM), (&[Axis::X, Axis::Y], 0.0)] {
+            for axes in [&[Axis::Z][..], &[Axis::X, Axis::Y]] {
                 let mut end_s = from_s;
                 for &axis in axes {
+                    let ends_mm = self.ends_mm[axis.index()];
+                    let middle_mm = (ends_mm.min + ends_mm.max) / 2.0;
+                    let home_mm = if axis == Axis::Z { ends_mm.end(home_end) } else { middle_mm };
                     let brake = scene.motion(axis).clone();
                     let start_s = brake.end_s().max(from_s);
                     let state = (brake.end_mm(), 0.0);
@@ -184,7 +220,8 @@ impl ProcessStage {
             if !limits_mm[axis.index()].contains(target_mm) {
                 return Err(format!("{name} = {target_mm} mm exceeds the travel"));
             }
-            targets_mm[axis.index()] = Some(scene.target_mm(target_mm).clamp(-END_MM, END_MM));
+            let Range { min, max } = self.ends_mm[axis.index()];
+            targets_mm[axis.index()] = Some(self.nearest_mm(axis, scene.target_mm(target_mm)).clamp(min, max));
         }
         if targets_mm == [None; 3] {
             return Err("to_mm names no axis".into());
@@ -219,8 +256,7 @@ impl ProcessStage {
 
     fn stop(&mut self, scene: &mut Scene, now_s: f64) {
         for axis in Axis::ALL {
-            let state = commanded(axis, scene, now_s);
-            scene.set_motion(axis, Trajectory::stop(now_s, state, self.acceleration_mm_s2), now_s);
+            scene.set_motion(axis, self.brake(axis, scene, now_s), now_s);
         }
         if let Some(preparing) = &mut self.preparing {
             preparing.outcome = Err("stopped while it was being prepared".into());
@@ -228,14 +264,40 @@ impl ProcessStage {
         }
     }
 
+    /// Motion that brakes an axis: to rest, or to the next step after it.
+    fn brake(&self, axis: Axis, scene: &Scene, now_s: f64) -> Trajectory {
+        let state = commanded(axis, scene, now_s);
+        let brake = Trajectory::stop(now_s, state, self.acceleration_mm_s2);
+        let (step_mm, speed_mm_s) = (self.steps.along(axis), state.1);
+        if step_mm == 0.0 || speed_mm_s == 0.0 {
+            return brake;
+        }
+        let end_mm = (brake.end_mm() * speed_mm_s.signum() / step_mm).ceil() * step_mm * speed_mm_s.signum();
+        Trajectory::to(now_s, state, end_mm, speed_mm_s.abs(), self.acceleration_mm_s2)
+    }
+
+    /// Position of an axis in whole steps, mm.
+    fn nearest_mm(&self, axis: Axis, mm: f64) -> f64 {
+        let step_mm = self.steps.along(axis);
+        if step_mm > 0.0 { (mm / step_mm).round() * step_mm } else { mm }
+    }
+
     fn status(&self, scene: &mut Scene, now_s: f64) -> Map<String, Value> {
         let moving = Axis::ALL.into_iter().any(|axis| scene.motion(axis).moving(now_s));
         let place_mm = |axis: Axis| {
-            let count_mm = scene.axis(axis, now_s).0 - self.offset_mm[axis.index()];
+            let offset_mm = self.offset_mm[axis.index()];
+            let count_mm = match self.steps.along(axis) {
+                0.0 => scene.axis(axis, now_s).0 - offset_mm,
+                _ => self.nearest_mm(axis, scene.motion(axis).position_mm(now_s) - offset_mm),
+            };
             (axis.name().to_owned(), json!((count_mm * COUNTS_PER_MM).round() / COUNTS_PER_MM + 0.0))
         };
         let position_mm: Map<String, Value> = Axis::ALL.into_iter().map(place_mm).collect();
-        object(json!({ "moving": moving, "position_mm": position_mm }))
+        let mut status = object(json!({ "moving": moving, "position_mm": position_mm }));
+        if self.reports_home {
+            status.insert("homed".into(), json!(self.homed));
+        }
+        status
     }
 }
 

@@ -6,9 +6,9 @@ use crate::document::{Bounds, Problem, Table, keys};
 use crate::driver::process::{ProcessArray, ProcessLoadCell, ProcessStage};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator;
-use crate::quantity::seconds;
+use crate::quantity::{Axis, Range, seconds};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, RigSpec, StageDriver, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring};
 use crate::scene::Scene;
 use crate::wire::Link;
 use std::sync::Arc;
@@ -81,8 +81,23 @@ impl StageDriver for Program {
         AnyStage::Process(ProcessStage::new(dial(), rig.stage.link.to_string(), self.start))
     }
 
-    fn emulated(&self, scene: &Scene, _: &RigSpec) -> EmulatedDevice {
-        EmulatedDevice::pipe(emulator::ProcessStage::new(scene), "process")
+    fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
+        let StageSpec { steps, travel, .. } = rig.stage;
+        let stage = match steps.is_fine() {
+            true => emulator::ProcessStage::new(scene),
+            false => {
+                let printer = emulator::Printer { ends_mm: travel.axes, steps, homed: false };
+                emulator::ProcessStage::printer(scene, printer)
+            }
+        };
+        EmulatedDevice::pipe(stage, "process")
+    }
+
+    fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
+        match stage.steps.is_fine() {
+            true => Range { min: -emulator::STAGE_TRAVEL_MM, max: emulator::STAGE_TRAVEL_MM },
+            false => stage.travel.along(Axis::Z),
+        }
     }
 }
 
