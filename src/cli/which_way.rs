@@ -1,8 +1,9 @@
-//! The person who confirms which way z goes and where the zero of a stage without switches is, and what was confirmed before.
+//! The person who confirms which way z goes, where the zero of a stage without switches is, and that z may home toward the specimen,
+//! and what was confirmed before.
 
 use super::signals::is_attended;
 use super::summary::tell;
-use crate::device::Identity;
+use crate::device::{HomeSearch, Identity};
 use crate::quantity::Down;
 use crate::rig::{RigSpec, WhichWay};
 use sha2::{Digest, Sha256};
@@ -28,12 +29,14 @@ pub enum Confirmed {
     Down,
     /// A stage with `home = "by hand"` stands at the zero of `travel_mm`
     Home,
+    /// Nothing is in the way of z while it homes on the specimen's side (`home_side = "toward"`), and it stays so
+    Clear,
 }
 
 /// What a person has made sure of before a rig that isn't simulated moves.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ConfirmArgs {
-    /// Confirm without a terminal what a person would be asked: that `frame.down` is right, or that the stage is at its zero
+    /// Confirm without a terminal what a person would be asked: that `frame.down` is right, that the stage is at its zero, or that it may home toward the specimen
     #[arg(long, value_name = "WHAT", value_enum)]
     pub confirmed: Vec<Confirmed>,
 }
@@ -42,7 +45,12 @@ impl ConfirmArgs {
     /// The rig, with whom it asks which way z goes.
     pub fn of(&self, spec: RigSpec) -> RigSpec {
         let has = |what| self.confirmed.contains(&what);
-        let person = Person { confirmed: has(Confirmed::Down), at_zero: has(Confirmed::Home), kept: kept_path() };
+        let person = Person {
+            confirmed: has(Confirmed::Down),
+            at_zero: has(Confirmed::Home),
+            clear: has(Confirmed::Clear),
+            kept: kept_path(),
+        };
         RigSpec { which_way: Some(Arc::new(person)), ..spec }
     }
 }
@@ -54,6 +62,8 @@ struct Person {
     confirmed: bool,
     /// Whether the stage is at its zero, confirmed on the command line.
     at_zero: bool,
+    /// Whether nothing is in the way of a search for home toward the specimen, confirmed on the command line.
+    clear: bool,
     /// Where it is kept what a person saw; none where the system names no such folder.
     kept: Option<PathBuf>,
 }
@@ -69,7 +79,7 @@ impl WhichWay for Person {
         self.confirmed || self.kept.as_ref().is_some_and(known)
     }
 
-    fn announce(&self, stage: &Identity, way_mm: f64) -> Result<(), String> {
+    fn announce(&self, stage: &Identity, way_mm: f64, search: HomeSearch) -> Result<(), String> {
         let Identity { identity, link, .. } = stage;
         if !is_attended() {
             return Err(format!(
@@ -77,9 +87,14 @@ impl WhichWay for Person {
                  nothing was moved. Run `palpate doctor` at a terminal once, or add --confirmed down if `frame.down` is right"
             ));
         }
+        let way = match search {
+            HomeSearch::Away => format!("z now moves {way_mm} mm away from the specimen, or homes there."),
+            HomeSearch::Toward => format!("z now homes toward the specimen, and then moves {way_mm} mm away from it."),
+            HomeSearch::Never => format!("z now moves {way_mm} mm away from the specimen."),
+        };
         let told = format!(
             "\n{identity} at {link} moves for the first time with this `frame.down`.\n\
-             z now moves {way_mm} mm away from the specimen, or homes there. Watch it.\n\
+             {way} Watch it.\n\
              If z is already at that end and can't move, answer no, move it a few mm by hand and start again.\n"
         );
         tell(&told).map_err(|_| "the terminal is closed: nothing was moved".to_owned())
@@ -96,6 +111,43 @@ impl WhichWay for Person {
             let _ = tell(&format!("the answer can't be stored ({error}): palpate will ask again\n"));
         }
         Ok(())
+    }
+
+    fn confirm_clear(&self, stage: &Identity, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
+        let Identity { identity, link, .. } = stage;
+        if self.clear {
+            return Ok(());
+        }
+        if !is_attended() {
+            return Err(format!(
+                "this stage ({identity} at {link}) homes z toward the specimen, it isn't confirmed that nothing is in the way, and \
+                 there is no terminal to ask at: nothing was moved. Take the indenter off or the specimen away, then add \
+                 --confirmed clear"
+            ));
+        }
+        let told = format!(
+            "\n{identity} at {link} homes z toward the specimen.\n\
+             Take the indenter off, or the specimen away, unless z goes there beside it.\n\
+             Is nothing in the way of z to its end on that side? [y/N] "
+        );
+        let _ = tell(&told);
+        if is_yes(typed_line(is_cancelled)) {
+            return Ok(());
+        }
+        Err("z may not search for home toward the specimen: nothing was moved".to_owned())
+    }
+
+    fn confirm_back(&self, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
+        if self.clear || !is_attended() {
+            return Ok(());
+        }
+        let _ = tell(
+            "\nz is home, and away from the specimen. Put back what you took away.\nIs it all in its place? [y/N] ",
+        );
+        if is_yes(typed_line(is_cancelled)) {
+            return Ok(());
+        }
+        Err("indenter or specimen isn't in its place: put it back, then start again".to_owned())
     }
 
     fn confirm_zero(&self, stage: &Identity, at_mm: [f64; 3], is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
@@ -184,6 +236,7 @@ mod tests {
         let person = |confirmed| Person {
             confirmed,
             at_zero: false,
+            clear: false,
             kept: Some(folder.path().join("state/confirmed-down.txt")),
         };
         let (here, there) = (stage("serial:///dev/ttyUSB0"), stage("serial:///dev/ttyUSB1"));

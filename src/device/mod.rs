@@ -61,6 +61,20 @@ pub struct StageUse {
     pub homed: bool,
     /// Steps of the axes.
     pub steps: Steps,
+    /// How z may search for home.
+    pub home_search: HomeSearch,
+}
+
+/// How z may search for home.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HomeSearch {
+    /// Away from the specimen.
+    #[default]
+    Away,
+    /// Toward the specimen: a person confirmed that nothing is in the way.
+    Toward,
+    /// Not at all: home must be known.
+    Never,
 }
 
 /// Largest distance beyond its travel at which an axis may be read back, mm. It covers the position before the preparation, and
@@ -91,6 +105,12 @@ pub trait Stage {
         reins: &Reins,
     ) -> impl Future<Output = Result<bool, DeviceError>> {
         let _ = (way_mm, usage, reins);
+        async { Ok(false) }
+    }
+
+    /// Whether home is known, so that nothing moves to find it. `false` if the stage doesn't report it. The stage was
+    /// [identified](Stage::identify) before.
+    fn is_homed(&mut self) -> impl Future<Output = Result<bool, DeviceError>> {
         async { Ok(false) }
     }
 

@@ -21,6 +21,10 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.nudge_away(way_mm, usage, reins).await,)+ }
             }
 
+            async fn is_homed(&mut self) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.is_homed().await,)+ }
+            }
+
             async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
                 match self { $(Self::$name(it) => it.home_z(usage, reins).await,)+ }
             }

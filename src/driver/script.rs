@@ -1,7 +1,7 @@
 //! Counterpart for a driver's tests: the far end of a link. It expects the sent bytes exactly, and answers as defined in a
 //! script.
 
-use crate::device::{DeviceError, Identity, Reins, Stage, StageUse};
+use crate::device::{DeviceError, HomeSearch, Identity, Reins, Stage, StageUse};
 use crate::quantity::{Range, Steps, Travel};
 use crate::wire::Connector;
 use std::sync::Mutex;
@@ -78,6 +78,7 @@ pub fn usage() -> StageUse {
         homed: false,
         by_hand: false,
         steps: Steps::FINE,
+        home_search: HomeSearch::Away,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
-use super::spec::Home;
+use super::spec::{Home, HomeSide};
 use crate::control::FIRST_APPROACH_MM_S;
 use crate::document::layout::{CHANNELS_MAX, GRID};
 use crate::document::{Bounds, keys, words};
@@ -31,6 +31,7 @@ const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 const SETTLE_MS: f64 = 10.0;
 
 pub(super) const HOMES: [(&str, Home); 2] = [("switches", Home::Switches), ("by hand", Home::ByHand)];
+pub(super) const HOME_SIDES: [(&str, HomeSide); 2] = [("away", HomeSide::Away), ("toward", HomeSide::Toward)];
 pub(super) const DOWN: [(&str, Down); 2] = [("-z", Down::Minus), ("+z", Down::Plus)];
 
 keys! {
@@ -62,6 +63,9 @@ keys! {
         home: Word(&words(&HOMES)), or_word("switches"),
             "how its position becomes known at each start: by its own switches, or by a person who brings it to the zero of `travel_mm` \
              (GRBL without switches)", "\"by hand\"";
+        home_side: Word(&words(&HOME_SIDES)), or_word("away"),
+            "end of z at which it homes; `toward` (a program only) is on the specimen's side, as on most printers: a person confirms \
+             before each search that nothing is in the way", "\"toward\"";
         home_z_mm: Number(COORDINATE), Allowed,
             "ESP301: position of z at the limit where it homes; without it, the end of `travel_mm.z` away from the specimen", "12.5";
         homed: Flag, or_flag(false),

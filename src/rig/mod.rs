@@ -31,6 +31,8 @@ pub use simulated::{SceneProbe, SimulatedRig};
 pub use spec::{
     ArrayDriver, ArraySpec, Driver, Home, LoadCellDriver, LoadCellSpec, Misfit, OwnFile, RigSpec, StageDriver,
     StageSpec, Wiring,
+    ArrayDriver, ArraySpec, Driver, Home, HomeSide, LoadCellDriver, LoadCellSpec, MappedDevice, Misfit, RigSpec,
+    StageDriver, StageSpec, Wiring,
 };
 pub use which_way::WhichWay;
 

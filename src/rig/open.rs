@@ -4,7 +4,7 @@ use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
 use super::simulated::{SceneProbe, SimulatedRig};
 use super::spec::{Dial, Driver, Home, RigSpec, Wiring};
-use crate::device::{DeviceError, DeviceProblem, Instruments, StageUse};
+use crate::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
 use crate::driver::{AnyArray, AnyStage};
 use crate::emulator::{self, Instrument, Shared};
 use crate::quantity::Axis;
@@ -110,6 +110,7 @@ impl RigSpec {
             homed: self.stage.homed,
             by_hand: self.stage.home == Home::ByHand,
             steps: self.stage.steps,
+            home_search: HomeSearch::Away,
         };
         Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
     }

@@ -6,7 +6,7 @@ use super::family::Beside;
 use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
-use super::spec::{Driver, Home};
+use super::spec::{Driver, Home, HomeSide};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
@@ -79,7 +79,12 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let certificate = or_wrong(table.table(&stage::certificate), read_stage_certificate);
     let homed = table.flag(&stage::homed);
     let home = table.word(&stage::home, &keys::HOMES);
+    let home_side = table.word(&stage::home_side, &keys::HOME_SIDES);
     let (driver, link) = driver?;
+    if home_side == Some(HomeSide::Toward) && !driver.homes_toward() {
+        let told = "this stage homes away from the specimen: `home_side = \"toward\"` is for a program of your own";
+        table.complain(Problem::new(table.span_of(&stage::home_side), told).help("remove `home_side`"));
+    }
     if home == Some(Home::ByHand) && !driver.homes_by_hand() {
         let told = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
         table.complain(Problem::new(table.span_of(&stage::home), told).help("remove `home`"));
@@ -97,6 +102,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         home_z_mm: table.number(&stage::home_z_mm),
         homed: homed?,
         home: home?,
+        home_side: home_side?,
     })
 }
 
@@ -398,6 +404,18 @@ mod tests {
               `force_n`: it is too coarse to press by force"
             ]
         );
+    }
+
+    #[test]
+    fn only_a_program_homes_on_the_specimens_side() {
+        assert_eq!(
+            problems("settle_ms = 10.0", "home_side = \"toward\""),
+            ["this stage homes away from the specimen: `home_side = \"toward\"` is for a program of your own"]
+        );
+        let rig = SIM_RIG.replacen("\"esp301\"", "{ process = [\"a\"] }", 1);
+        let rig = rig.replacen("settle_ms = 10.0", "home_side = \"toward\"", 1);
+        let read = parse("rig.toml", &rig, &|_| unreachable!()).expect("a rig");
+        assert_eq!(read.stage.home_side, HomeSide::Toward);
     }
 
     #[test]

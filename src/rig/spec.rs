@@ -78,6 +78,8 @@ pub struct StageSpec {
     pub certificate: Option<StageCertificate>,
     /// How the position of the axes becomes known.
     pub home: Home,
+    /// End of z at which the stage homes, as seen from the specimen.
+    pub home_side: HomeSide,
     /// Count of z at the limit where it homes, mm; `None`: the end of its travel. Only for controllers that let the program choose it.
     pub home_z_mm: Option<f64>,
     /// Whether axes whose motors are on are homed; only for controllers that don't report it.
@@ -91,6 +93,15 @@ pub enum Home {
     Switches,
     /// A person brings the axes to the rig's zero and confirms it. There are no switches, and no limits but this program's.
     ByHand,
+}
+
+/// End of z at which a stage homes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HomeSide {
+    /// Away from the specimen.
+    Away,
+    /// On the specimen's side. A person confirms before each search that nothing is in the way.
+    Toward,
 }
 
 /// Load cell section of a rig file.
@@ -301,6 +312,11 @@ pub trait StageDriver: Driver {
     fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
         let _ = stage;
         Range { min: -STAGE_TRAVEL_MM, max: STAGE_TRAVEL_MM }
+    }
+
+    /// Whether it can home z on the specimen's side, and reports whether home is known.
+    fn homes_toward(&self) -> bool {
+        false
     }
 
     /// Whether its axes can do without switches, so that a person brings them to the rig's zero.

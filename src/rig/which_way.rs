@@ -1,6 +1,7 @@
-//! What no measurement in air shows of a rig, and a person confirms: the direction of z, and the zero of a stage without switches.
+//! What no measurement in air shows of a rig, and a person confirms: the direction of z, the zero of a stage without switches, and
+//! that nothing is in the way of a search for home toward the specimen.
 
-use crate::device::Identity;
+use crate::device::{HomeSearch, Identity};
 use crate::quantity::Down;
 use std::fmt::Debug;
 
@@ -9,11 +10,23 @@ pub trait WhichWay: Debug + Send + Sync {
     /// Whether a person has already confirmed the direction, with this stage on this link.
     fn is_known(&self, stage: &Identity, down: Down) -> bool;
 
-    /// Announces that z is about to move by this distance, mm.
+    /// Announces that z is about to move by this distance, mm, away from the specimen, or to search for home like this.
     ///
     /// # Errors
     /// Returns an error with advice if there is nobody to watch. Nothing has moved.
-    fn announce(&self, stage: &Identity, way_mm: f64) -> Result<(), String>;
+    fn announce(&self, stage: &Identity, way_mm: f64, search: HomeSearch) -> Result<(), String>;
+
+    /// Asks whether z may search for home on the specimen's side, because nothing is in its way.
+    ///
+    /// # Errors
+    /// Returns an error if something is, or nobody confirms it. Nothing has moved.
+    fn confirm_clear(&self, stage: &Identity, is_cancelled: &dyn Fn() -> bool) -> Result<(), String>;
+
+    /// Asks for what was taken out of the way of that search to be put back, now that z is home and away from the specimen.
+    ///
+    /// # Errors
+    /// Returns an error if it isn't put back.
+    fn confirm_back(&self, is_cancelled: &dyn Fn() -> bool) -> Result<(), String>;
 
     /// Asks whether z moved away from the specimen, and remembers it if so. `is_cancelled` returns whether the person wants a
     /// stop instead.
@@ -38,8 +51,16 @@ impl WhichWay for Nobody {
         false
     }
 
-    fn announce(&self, _: &Identity, _: f64) -> Result<(), String> {
+    fn announce(&self, _: &Identity, _: f64, _: HomeSearch) -> Result<(), String> {
         Err("the direction of z isn't confirmed".to_owned())
+    }
+
+    fn confirm_clear(&self, _: &Identity, _: &dyn Fn() -> bool) -> Result<(), String> {
+        Err("nobody confirms that z may search for home toward the specimen".to_owned())
+    }
+
+    fn confirm_back(&self, _: &dyn Fn() -> bool) -> Result<(), String> {
+        Err("nobody confirms that indenter and specimen are back".to_owned())
     }
 
     fn confirm(&self, _: &Identity, _: Down, _: &dyn Fn() -> bool) -> Result<(), String> {

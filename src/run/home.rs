@@ -5,10 +5,10 @@ use super::hand::{Gauge, Hand};
 use super::motion::{unless_it_rises, watched};
 use super::{Cancel, Halt};
 use crate::control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
-use crate::device::{DeviceError, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
+use crate::device::{DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
 use crate::driver::{AnyArray, AnyStage};
 use crate::quantity::{Axis, seconds};
-use crate::rig::{AdjustedCell, Home, OpenRig, RigSpec};
+use crate::rig::{AdjustedCell, Home, HomeSide, OpenRig, RigSpec};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
@@ -31,6 +31,10 @@ const HOMING_LEAST_MM_S: f64 = 0.5;
 
 /// Distance that z moves to show its direction to the operator, mm.
 const NUDGE_MM: f64 = 1.0;
+
+/// Reason why z isn't withdrawn by a stage that would search for home toward the specimen first.
+const NO_WITHDRAWAL: &str = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. \
+                             Bring z away from the specimen by hand";
 
 /// Longest wait for a stage that was stopped during homing, and for the stop to be sent again.
 const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
@@ -89,7 +93,13 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
     let identity = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await??;
     if let Some(which_way) = spec.which_way().filter(|way| !way.is_known(&identity, spec.frame.down)) {
-        which_way.announce(&identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
+        which_way.announce(&identity, NUDGE_MM, HomeSearch::Away).map_err(Halt::Unconfirmed)?;
+    }
+    if spec.stage.home_side == HomeSide::Toward {
+        if !hand.stage.is_homed().await? {
+            return Err(Halt::Unconfirmed(NO_WITHDRAWAL.to_owned()));
+        }
+        hand.usage.home_search = HomeSearch::Never;
     }
     hand.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
     if load_cell.is_ok() {
@@ -200,6 +210,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Homes the stage and moves z to the top.
     async fn come_home(&mut self, spec: &RigSpec, identity: &Identity, reaction: &Reaction) -> Result<(), Unmoved> {
         self.confirm_zero(spec, identity).await?;
+        self.confirm_clear(spec, identity).await?;
         self.watch_from_rest(spec).await?;
         self.confirm_away(spec, identity).await?;
         // x and y are homed once nothing touches
@@ -246,16 +257,50 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(confirmed.map_err(Halt::Unconfirmed)?)
     }
 
+    /// Asks the operator to confirm that z may search for home on the specimen's side. A stage that knows its home doesn't search.
+    async fn confirm_clear(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+        if spec.stage.home_side == HomeSide::Away {
+            return Ok(());
+        }
+        self.usage.home_search = HomeSearch::Never;
+        let Some(person) = spec.which_way() else { return Ok(()) };
+        if self.stage.is_homed().await.map_err(Unmoved::Stage)? {
+            return Ok(());
+        }
+        let cancel = self.cell.cancel;
+        let confirmed = person.confirm_clear(identity, &|| cancel.asked());
+        cancel.check()?;
+        confirmed.map_err(Halt::Unconfirmed)?;
+        self.usage.home_search = HomeSearch::Toward;
+        Ok(())
+    }
+
+    /// Asks the operator to put back what was in the way of a search for home. Only then is the air read.
+    async fn confirm_back(&mut self, spec: &RigSpec) -> Result<(), Halt> {
+        let Some(person) = spec.which_way().filter(|_| self.usage.home_search == HomeSearch::Toward) else {
+            return Ok(());
+        };
+        let cancel = self.cell.cancel;
+        let confirmed = person.confirm_back(&|| cancel.asked());
+        cancel.check()?;
+        confirmed.map_err(Halt::Unconfirmed)?;
+        self.watch_from_rest(spec).await
+    }
+
     /// Asks the operator to confirm that z moves away from the specimen, when this stage is first moved along z in this
     /// direction. No measurement in air shows the direction.
     async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
         let down = spec.frame.down;
         let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
-        which_way.announce(identity, NUDGE_MM).map_err(Halt::Unconfirmed)?;
+        which_way.announce(identity, NUDGE_MM, self.usage.home_search).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
         if !self.nudge_away(Reading::Watched).await? {
             // what can't move a little before it is homed is watched while it homes
             self.home_all(Reading::Watched).await?;
+            if spec.stage.home_side == HomeSide::Toward {
+                self.find_itself().await?;
+                self.creep((self.z_mm - NUDGE_MM).max(spec.end_mm())).await?;
+            }
         }
         let cancel = self.cell.cancel;
         let confirmed = which_way.confirm(identity, down, &|| cancel.asked());
@@ -314,6 +359,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
             self.creep(top_mm).await?;
         }
+        self.confirm_back(spec).await?;
         let (here, taken) = (self.at_rest().await?, Instant::now());
         let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &here);
         let permit = permit.on(spec.stage.steps);

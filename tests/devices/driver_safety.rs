@@ -4,11 +4,11 @@
 use crate::support::made_ready;
 use crate::support::safety::{rig_with, truthful};
 use crate::support::walks::in_virtual_time;
-use palpate::device::{LoadCell as _, Reins, Stage, StageUse};
+use palpate::device::{HomeSearch, LoadCell as _, Reins, Stage, StageUse};
 use palpate::driver::Esp301;
 use palpate::driver::modbus::{ModbusLoadCell, Profile, Transport};
 use palpate::emulator::{Instrument, Shared, serve};
-use palpate::quantity::{Axis, Down};
+use palpate::quantity::{Axis, Down, Steps};
 use palpate::rig::{RigSpec, SimulatedRig};
 use palpate::scene::{Scene, Trajectory};
 use palpate::wire::Connector;
@@ -51,6 +51,8 @@ impl StageBench {
             home_z_mm: -12.5 * spec.frame.down.sign(),
             homed: false,
             by_hand: false,
+            steps: Steps::FINE,
+            home_search: HomeSearch::Away,
         };
         let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
         StageBench { driver, instrument, scene, usage, origin }

@@ -37,6 +37,8 @@ while read -r line; do
             [ "$role" != stage ] && misbehave && continue
             tell ", \"role\": \"$role\", \"protocol\": 1, \"units\": 9, \"identity\": \"a script\"" ;;
         *'"prepare"'*)
+            note prepared
+            case $line in *'"home_side":"toward"'*) note toward ;; esac
             misbehave && continue
             z=12.5
             tell ;;
@@ -103,6 +105,14 @@ impl Scripts {
         let rig = exchanged(&rig, r#"["python3", "examples/load_cell.py"]"#, &program("load_cell", load_cell));
         let rig = exchanged(&rig, r#"["python3", "examples/array.py", "9"]"#, &program("array", array));
         Scripts { bench: Bench::with([("rig.toml", rig.as_str()), ("device.sh", DEVICE), ("r.toml", SMALL)]) }
+    }
+
+    /// The same, whose stage homes toward the specimen.
+    fn that_homes_toward() -> Scripts {
+        let scripts = Scripts::new("sound", "sound", "sound");
+        let rig = exchanged(&scripts.bench.read("rig.toml"), "settle_ms = 10.0", "home_side = \"toward\"");
+        scripts.bench.write("rig.toml", &rig);
+        scripts
     }
 
     fn run(&self) -> Live {
@@ -174,6 +184,24 @@ fn ended(live: Live, from: SystemTime) -> (Told, f64) {
 fn assert_within(what: &str, s: f64, least_s: f64, most_s: f64) {
     eprintln!("{what}: {s:.3} s");
     assert!((least_s - CLOCK_S..most_s).contains(&s), "{what}: {s:.3} s isn't within {least_s} to {most_s} s");
+}
+
+#[test]
+fn a_search_for_home_toward_the_specimen_waits_for_a_person_who_confirms_it() {
+    let scripts = Scripts::that_homes_toward();
+    let told = Live::start(scripts.bench.command("doctor rig.toml --confirmed down")).end();
+    let said = told.running();
+    let expected = "homes z toward the specimen, it isn't confirmed that nothing is in the way, and there is no terminal to ask \
+                    at: nothing was moved. Take the indenter off or the specimen away, then add --confirmed clear";
+    assert!(said.contains(expected), "{said}");
+    assert!(!scripts.bench.has("stage.prepared"), "it was prepared");
+    let told = Live::start(scripts.bench.command("withdraw rig.toml --confirmed down")).end();
+    let expected = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. Bring z \
+                    away from the specimen by hand";
+    assert!(told.running().contains(expected), "{}", told.err);
+    assert!(!scripts.bench.has("stage.prepared"), "it was prepared");
+    Live::start(scripts.bench.command("doctor rig.toml --confirmed down --confirmed clear")).end();
+    assert!(scripts.bench.has("stage.toward"), "it was not sent home");
 }
 
 #[test]

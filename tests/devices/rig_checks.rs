@@ -2,7 +2,7 @@
 
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 
-const RIGS: [&str; 8] = ["sim", "paper", "esp301", "xps", "grbl", "process", "bench-fast", "bench-esp301"];
+const RIGS: [&str; 9] = ["sim", "paper", "esp301", "xps", "grbl", "process", "printer", "bench-fast", "bench-esp301"];
 
 /// The one thing that no shipped rig can say of itself.
 const NEITHER: &str = "- load_cell: it has neither a certificate nor a check";

@@ -1,7 +1,7 @@
 //! Stage behind a program of the user.
 
 use super::port::{Object, PREPARE_DEADLINE, ProgramPort};
-use crate::device::{DeviceError, DeviceProblem, Identity, Reins, Stage, StageUse};
+use crate::device::{DeviceError, DeviceProblem, HomeSearch, Identity, Reins, Stage, StageUse};
 use crate::driver::MOTION_MARGIN;
 use crate::quantity::Axis;
 use crate::wire::Connector;
@@ -26,6 +26,8 @@ pub struct ProcessStage {
 struct Status {
     moving: bool,
     position_mm: [f64; 3],
+    /// Whether home is known; `false` if the program doesn't report it.
+    homed: bool,
 }
 
 impl ProcessStage {
@@ -47,8 +49,9 @@ impl ProcessStage {
             let reachable = self.usage.as_ref().is_none_or(|usage| usage.reach(axis).contains(place_mm));
             (place_mm.is_finite() && reachable).then_some(place_mm)
         };
+        let homed = said.get("homed").and_then(Value::as_bool).unwrap_or(false);
         match (said.get("moving").and_then(Value::as_bool), along(Axis::X), along(Axis::Y), along(Axis::Z)) {
-            (Some(moving), Some(x), Some(y), Some(z)) => Ok(Status { moving, position_mm: [x, y, z] }),
+            (Some(moving), Some(x), Some(y), Some(z)) => Ok(Status { moving, position_mm: [x, y, z], homed }),
             _ => {
                 let expected = "\"moving\", and \"position_mm\" with x, y and z within the travel".to_owned();
                 Err(self.port.misfit(doing, &said, expected))
@@ -63,6 +66,10 @@ impl Stage for ProcessStage {
         Ok(identity)
     }
 
+    async fn is_homed(&mut self) -> Result<bool, DeviceError> {
+        Ok(self.status("asking whether home is known", None).await?.homed)
+    }
+
     async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
         let range = |axis: Axis| json!([usage.travel.along(axis).min, usage.travel.along(axis).max]);
         let request = json!({
@@ -72,7 +79,13 @@ impl Stage for ProcessStage {
             "acceleration_mm_s2": usage.acceleration_mm_s2,
             "home_speed_mm_s": usage.home_speed_mm_s,
         });
-        let request = request.as_object().cloned().unwrap_or_default();
+        let mut request = request.as_object().cloned().unwrap_or_default();
+        let home_side = match usage.home_search {
+            HomeSearch::Away => None,
+            HomeSearch::Toward => Some("toward"),
+            HomeSearch::Never => Some("none"),
+        };
+        request.extend(home_side.map(|side| ("home_side".to_owned(), json!(side))));
         let doing = "preparing it";
         self.port.ask_within(doing, "prepare", request, Some(reins), PREPARE_DEADLINE).await?;
         if self.status(doing, None).await?.moving {
@@ -109,7 +122,7 @@ impl Stage for ProcessStage {
                 () = reins.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
-            let Status { moving, position_mm } = self.status(doing, Some(reins)).await?;
+            let Status { moving, position_mm, .. } = self.status(doing, Some(reins)).await?;
             if !moving {
                 return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect());
             }

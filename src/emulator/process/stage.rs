@@ -186,6 +186,14 @@ impl ProcessStage {
                     scene.set_motion(axis, brake.then(&search), now_s);
                 }
                 from_s = end_s;
+                if home_end != away && axes == [Axis::Z] {
+                    let motion = scene.motion(Axis::Z).clone();
+                    let Range { min, max } = limits_mm[Axis::Z.index()];
+                    let back = (motion.end_mm(), motion.end_mm().clamp(min, max));
+                    let back = Trajectory::to(from_s, (back.0, 0.0), back.1, speed_mm_s, self.acceleration_mm_s2);
+                    from_s = back.end_s().max(from_s);
+                    scene.set_motion(Axis::Z, motion.then(&back), now_s);
+                }
             }
             if from_s > now_s + SEARCH_MOST_S {
                 self.stop(scene, now_s);

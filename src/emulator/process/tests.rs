@@ -3,7 +3,7 @@
 use super::*;
 use crate::emulator::tests::{POWER_ON, Wire, pressed, scene, shared};
 use crate::emulator::{INBOX_MOST, Owed};
-use crate::quantity::Axis;
+use crate::quantity::{Axis, Range, Steps};
 use proptest::prelude::*;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -63,6 +63,47 @@ fn a_stage_homes_and_moves_as_the_page_says() {
     ] {
         assert_eq!(ask(&mut stage, &mut scene, now_s, asked), answered, "{asked} at {now_s} s");
     }
+}
+
+fn printer(homed: bool) -> (ProcessStage, Scene) {
+    let scene = scene();
+    let steps = Steps { mm: [0.0125, 0.0125, 0.0025] };
+    let stage = ProcessStage::printer(&scene, Printer { ends_mm: [Range { min: -12.5, max: 12.5 }; 3], steps, homed });
+    (stage, scene)
+}
+
+#[test]
+fn a_printer_rests_on_whole_steps_and_reads_them_back() {
+    let (mut stage, mut scene) = printer(false);
+    assert_eq!(ask(&mut stage, &mut scene, 0.0, PREPARE), r#"{"id":2}"#);
+    let to = r#"{"id": 3, "do": "move", "to_mm": {"x": 1.006, "z": 12.4012}, "speed_mm_s": 10}"#;
+    assert_eq!(ask(&mut stage, &mut scene, 10.0, to), r#"{"id":3}"#);
+    let at = r#"{"homed":true,"id":4,"moving":false,"position_mm":{"x":1.0,"y":0.0,"z":12.4}}"#;
+    assert_eq!(ask(&mut stage, &mut scene, 12.0, r#"{"id": 4, "do": "status"}"#), at);
+    assert!((scene.axis(Axis::X, 12.0).0 - 1.0).abs() < 1e-9 && (scene.axis(Axis::Z, 12.0).0 - 12.4).abs() < 1e-9);
+    // a stop ends on the first step after the way of braking
+    ask(&mut stage, &mut scene, 12.0, r#"{"id": 5, "do": "move", "to_mm": {"x": -5}, "speed_mm_s": 10}"#);
+    ask(&mut stage, &mut scene, 12.2013, r#"{"do": "stop"}"#);
+    let braked_mm = 1.0 - 0.5 - 1.013 - 0.5;
+    let x_mm = scene.axis(Axis::X, 20.0).0;
+    assert!(x_mm <= braked_mm && x_mm > braked_mm - 0.0125, "{x_mm}");
+    assert!((x_mm / 0.0125 - (x_mm / 0.0125).round()).abs() < 1e-9, "{x_mm}");
+}
+
+#[test]
+fn a_printer_searches_toward_the_specimen_only_if_it_is_told_to_and_ends_within_its_limits() {
+    let prepare = |side: &str| {
+        let prepare = PREPARE.replace(r#""z": [-12.5, 12.5]"#, r#""z": [-2.0, 12.5]"#);
+        prepare.replace(r#""away""#, &format!(r#""home_side": "{side}", "away""#))
+    };
+    let (mut stage, mut scene) = printer(false);
+    let refused = ask(&mut stage, &mut scene, 0.0, &prepare("none"));
+    assert_eq!(refused, r#"{"error":"home isn't known","id":2}"#);
+    assert_eq!(scene.axis(Axis::Z, 9.0).0, POWER_ON.z_mm, "nothing moved");
+    assert_eq!(ask(&mut stage, &mut scene, 10.0, &prepare("toward")), r#"{"id":2}"#);
+    assert!(scene.axis(Axis::Z, 12.8).0 < -12.4, "at the specimen's side");
+    assert_eq!(scene.axis(Axis::Z, 60.0).0, -2.0);
+    assert_eq!(ask(&mut stage, &mut scene, 60.0, &prepare("none")), r#"{"id":2}"#, "home is known now");
 }
 
 #[test]

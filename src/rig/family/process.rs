@@ -8,7 +8,7 @@ use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator;
 use crate::quantity::{Axis, Range, seconds};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring};
 use crate::scene::Scene;
 use crate::wire::Link;
 use std::sync::Arc;
@@ -83,18 +83,24 @@ impl StageDriver for Program {
 
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
         let StageSpec { steps, travel, .. } = rig.stage;
-        let stage = match steps.is_fine() {
+        // nobody takes a simulated specimen away for a search toward it
+        let homed = rig.stage.home_side == HomeSide::Toward;
+        let stage = match steps.is_fine() && !homed {
             true => emulator::ProcessStage::new(scene),
             false => {
-                let printer = emulator::Printer { ends_mm: travel.axes, steps, homed: false };
+                let printer = emulator::Printer { ends_mm: travel.axes, steps, homed };
                 emulator::ProcessStage::printer(scene, printer)
             }
         };
         EmulatedDevice::pipe(stage, "process")
     }
 
+    fn homes_toward(&self) -> bool {
+        true
+    }
+
     fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
-        match stage.steps.is_fine() {
+        match stage.steps.is_fine() && stage.home_side == HomeSide::Away {
             true => Range { min: -emulator::STAGE_TRAVEL_MM, max: emulator::STAGE_TRAVEL_MM },
             false => stage.travel.along(Axis::Z),
         }

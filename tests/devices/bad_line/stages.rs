@@ -3,13 +3,13 @@
 use super::{Outcome, Subject, rig};
 use crate::support::bad_line::{Fate, Framing, connector, lock};
 use crate::support::made_ready;
-use palpate::device::{DeviceError, Reins, Stage, StageUse};
+use palpate::device::{DeviceError, HomeSearch, Reins, Stage, StageUse};
 use palpate::driver::grbl::Grbl;
 use palpate::driver::process::ProcessStage;
 use palpate::driver::xps::{Grouping, Xps};
 use palpate::driver::{AnyStage, Esp301};
 use palpate::emulator::{self, GrblBoard, Instrument, Shared};
-use palpate::quantity::{Axis, Range, Stream, Travel, stream};
+use palpate::quantity::{Axis, Range, Steps, stream, Stream, Travel};
 use palpate::scene::Scene;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -126,6 +126,8 @@ impl Trial {
             home_z_mm: 12.5,
             homed: false,
             by_hand: false,
+            steps: Steps::FINE,
+            home_search: HomeSearch::Away,
         };
         let reins = Reins::default();
         let limit_s = deadlines(self.subject).prepare_s;
