@@ -15,6 +15,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate init my-sensor
   palpate init my-skin --from magnetic
+  palpate init my-bench --from printer
   palpate init my-data --from tables";
 
 /// Write a recipe and a rig to begin with, or a columns file, and their schemas for editors
@@ -39,6 +40,8 @@ enum Start {
     Magnetic,
     /// 4 x 4 barometers
     Barometer,
+    /// A 3D printer as the stage, behind a program of yours
+    Printer,
     /// Tables of presses that another program recorded
     Tables,
     /// The example files that the book uses
@@ -65,6 +68,14 @@ impl Start {
             }
             Start::Barometer => {
                 bench(skin("barometer"), include_str!("init/barometer-rig.toml"), "barometer", " --simulate")
+            }
+            Start::Printer => {
+                let rig = shipped(RIGS, "printer").replace("examples/printer.py", "stage.py").replace("examples/", "");
+                let recipe = include_str!("init/printer-recipe.toml").to_owned();
+                let mut template = bench(recipe, &rig, "printer", " --simulate");
+                template.files.extend(PRINTER.map(|(name, text)| (name.to_owned(), text.to_owned())));
+                template.next += "Replace the class Printer of stage.py by one for your printer.\n";
+                template
             }
             Start::Example => Template {
                 files: EXAMPLE.map(|(name, text)| (name.to_owned(), text.to_owned())).to_vec(),
@@ -110,6 +121,13 @@ const EXAMPLE: [(&str, &str); 9] = [
     ("calibration.csv", include_str!("../../data/example/calibration.csv")),
     ("test.csv", include_str!("../../data/example/test.csv")),
     ("stage.py", include_str!("../../examples/stage.py")),
+    ("load_cell.py", include_str!("../../examples/load_cell.py")),
+    ("array.py", include_str!("../../examples/array.py")),
+];
+
+/// Programs of a printer's bench.
+const PRINTER: [(&str, &str); 3] = [
+    ("stage.py", include_str!("../../examples/printer.py")),
     ("load_cell.py", include_str!("../../examples/load_cell.py")),
     ("array.py", include_str!("../../examples/array.py")),
 ];

@@ -131,6 +131,32 @@ fn the_examples_are_devices_of_a_rig() {
     assert!(told["noise_n"].as_f64().is_some_and(|noise_n| noise_n > 0.0), "{told}");
 }
 
+#[test]
+fn a_printer_behind_a_real_process_presses() {
+    let test = "a printer behind a real process";
+    if Command::new("python3").arg("--version").output().is_err() {
+        return skipped(test, "there is no python3");
+    }
+    let script = shipped("tests/outside/printer_bench.py");
+    let command = |role: &str| format!("[\"python3\", {:?}, \".\", \"{role}\"]", script.display().to_string());
+    let rig = shipped_text("rigs/printer.toml");
+    let rig = exchanged(&rig, r#"["python3", "examples/printer.py"]"#, &command("stage"));
+    let rig = exchanged(&rig, r#"["python3", "examples/load_cell.py"]"#, &command("load_cell"));
+    let rig = exchanged(&rig, r#"["python3", "examples/array.py", "9"]"#, &command("array"));
+    // the way down is short, so that the test is
+    let rig = exchanged(&rig, "z = [0.0, 25.0]", "z = [0.0, 11.5]");
+    let recipe = "name = \"few\"\n[press]\nstrategy = \"guarded\"\n[[step]]\nphase = \"calibration\"\n\
+                  grid = { x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0], spacing_mm = 2.0 }\nforce_n = 0.5\n";
+    let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", recipe)]);
+    std::fs::write(bench.path("tip"), 1e3f64.to_le_bytes()).expect("a file");
+    said(bench.command("run r.toml --rig rig.toml --confirmed down --out run"));
+    let number = |text: String| text.trim().parse::<f64>().expect("a number");
+    let forces: Vec<f64> = bench.column("run/presses.csv", "force_n").into_iter().map(number).collect();
+    assert!(forces.len() == 4 && forces.iter().all(|force_n| (force_n - 0.5).abs() < 0.05), "{forces:?}");
+    let peak_n = number(bench.read("peak"));
+    assert!(peak_n < 0.55, "{peak_n} N");
+}
+
 /// The simulated rig with another transmitter.
 fn with_cell(map: &str) -> String {
     exchanged(&shipped_text("rigs/sim.toml"), "\"generic-rs485\"", &format!("\"{map}\""))

@@ -4,7 +4,8 @@ use crate::support::skips::skipped;
 use crate::support::{Bench, shipped, shipped_text};
 use std::process::Command;
 
-const SENSORS: [(&str, &str); 3] = [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate")];
+const SENSORS: [(&str, &str); 4] =
+    [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate"), ("printer", " --simulate")];
 
 #[test]
 fn each_sensor_of_init_can_be_checked_as_it_is_printed() {

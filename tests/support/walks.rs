@@ -4,7 +4,7 @@
 
 use palpate::dataset::Memory;
 use palpate::device::Identity;
-use palpate::emulator::{Instrument, Shared};
+use palpate::emulator::{Instrument, Owed, Shared};
 use palpate::quantity::Axis;
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec, SimulatedRig};
@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, timeout};
 
 /// The benches, by name.
@@ -206,6 +207,14 @@ impl Instrument for Eye {
 
     fn deaf_until_s(&self) -> f64 {
         self.stage.lock().expect("a device that lives").deaf_until_s()
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        self.stage.lock().expect("a device that lives").bell()
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        self.stage.lock().expect("a device that lives").owed(scene, now_s)
     }
 }
 

@@ -1,0 +1,114 @@
+//! A stage with a printer's steps under faults: whatever fails, and wherever the surface is, the specimen bears no more than its
+//! limits. Judged by the scene's truth.
+//!
+//! `PALPATE_PRINTER_RUNS=1000 cargo test --release --test control printer -- --nocapture` for as many runs of 49 presses.
+
+use crate::support::shipped_text;
+use crate::support::walks::{end_of, in_parallel, must_be_none, plan, walked};
+use palpate::control::Strategy;
+use palpate::quantity::{Place, Steps, stream};
+use palpate::recipe::Plan;
+use palpate::rig::{self, RigSpec};
+use palpate::scene::{Fault, FaultKind, Mounting};
+use rand::RngExt;
+use std::collections::BTreeMap;
+
+/// Runs, unless others are asked for.
+const RUNS: u64 = if cfg!(debug_assertions) { 8 } else { 60 };
+
+/// The force of the presses, N.
+const FORCE_N: f64 = 0.5;
+
+/// How much of a peak a scene may pass over between two looks, N.
+const PEAK_N: f64 = 0.0005;
+
+/// Steps of z, mm: of printers with finer and coarser screws.
+const STEPS_MM: [f64; 4] = [0.000_625, 0.0025, 0.005, 0.01];
+
+/// The faults. A contact far harder than declared isn't one of them: a rig's speed is safe for what it declares.
+fn kinds() -> Vec<FaultKind> {
+    FaultKind::ALL.iter().map(|&(_, kind)| kind).filter(|kind| *kind != FaultKind::HardContact).collect()
+}
+
+fn printer() -> RigSpec {
+    let text = shipped_text("rigs/printer.toml");
+    rig::parse("printer.toml", &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+}
+
+fn seven_by_seven(spec: &RigSpec, strategy: Strategy, seed: u64) -> Plan {
+    let text = format!(
+        "name = \"printer\"\n[press]\nforce_tolerance_n = 0.02\nstrategy = \"{}\"\n[[step]]\nphase = \"calibration\"\n\
+         grid = {{ x_mm = [-4.5, 4.5], y_mm = [-4.5, 4.5], spacing_mm = 1.5 }}\nforce_n = {FORCE_N}\n",
+        strategy.name()
+    );
+    plan(spec, &text, seed)
+}
+
+#[test]
+fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stood() {
+    for strategy in Strategy::ALL {
+        let spec = printer();
+        let walked = walked(&spec, &seven_by_seven(&spec, strategy, 1));
+        assert!(walked.ending.halt.is_none(), "{strategy:?}: {:?}", walked.ending.told());
+        let rows: Vec<_> = walked.ledger.contacts().collect();
+        let (mut worst_n, mut presses) = (0.0f64, 0);
+        for contact in &rows {
+            let (press, truth) = (&contact.levels[0], &contact.truth[0]);
+            if press.phase.is_some_and(|phase| phase.name() == "calibration") {
+                presses += 1;
+                worst_n = worst_n.max((truth.force_true_n - FORCE_N).abs());
+            }
+            for (at_mm, step_mm) in [(press.x_mm, 0.0125), (press.y_mm, 0.0125), (press.z_mm.unwrap(), 0.0025)] {
+                let steps = at_mm / step_mm;
+                assert!((steps - steps.round()).abs() < 1e-3, "{strategy:?}: {at_mm} mm is no step");
+            }
+        }
+        println!("{strategy:?}: {presses} presses, {worst_n:.4} N off at most; peak {:.4} N", walked.truth.force_n);
+        assert!(presses == 49 && worst_n < 0.02 && walked.truth.force_n < FORCE_N + 0.02, "{strategy:?}");
+    }
+}
+
+#[test]
+fn whatever_fails_on_a_printer_the_specimen_bears_no_more_than_its_limits() {
+    let runs = std::env::var("PALPATE_PRINTER_RUNS").map_or(RUNS, |runs| runs.parse().expect("a number"));
+    // a sound run says when anything may fail
+    let sound: Vec<(f64, f64)> = Strategy::ALL
+        .map(|strategy| {
+            let spec = printer();
+            let walked = walked(&spec, &seven_by_seven(&spec, strategy, 1));
+            (walked.ready_s, walked.virtual_s)
+        })
+        .to_vec();
+    let seeds: Vec<u64> = (1..=runs).collect();
+    let seen = in_parallel(&seeds, |&seed| {
+        let mut rng = stream(seed, 0, "printer");
+        let nth = rng.random_range(0..Strategy::ALL.len());
+        let kinds = kinds();
+        let kind = kinds[rng.random_range(0..kinds.len())];
+        let from_s = if rng.random_bool(0.2) { 0.0..sound[nth].0 } else { sound[nth].0..sound[nth].1 };
+        let mut spec = printer();
+        spec.stage.steps = Steps { mm: [0.0125, 0.0125, STEPS_MM[rng.random_range(0..STEPS_MM.len())]] };
+        // where the steps lie under the surface isn't known
+        let off_mm = rng.random_range(-0.25..0.25);
+        spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
+        spec.scene.faults = vec![Fault { kind, from_s: rng.random_range(from_s), value: None }];
+        let walked = walked(&spec, &seven_by_seven(&spec, Strategy::ALL[nth], seed));
+        (seed, kind, end_of(&walked.ending), walked.truth, spec)
+    });
+    let mut ends = BTreeMap::<&str, usize>::new();
+    let (mut force_n, mut depth_mm, mut broken) = (0.0f64, 0.0f64, Vec::new());
+    for (seed, kind, end, worst, spec) in &seen {
+        *ends.entry(end).or_default() += 1;
+        (force_n, depth_mm) = (force_n.max(worst.force_n), depth_mm.max(worst.depth_mm));
+        let is_within = worst.force_n <= spec.limits.force_n + PEAK_N && worst.depth_mm <= spec.limits.depth_mm;
+        if !is_within || worst.slid_mm > 0.0 {
+            broken.push(format!("seed {seed}, {kind:?}, {end}: {:.3} N, {:.3} mm", worst.force_n, worst.depth_mm));
+        }
+        // a motion that the permit refuses is a fault of the loop
+        if *end == "not-permitted" {
+            broken.push(format!("seed {seed}, {kind:?}: a motion wasn't permitted"));
+        }
+    }
+    println!("{runs} runs: at most {force_n:.3} N and {depth_mm:.3} mm; ends: {ends:?}");
+    must_be_none(&broken);
+}
