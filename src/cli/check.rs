@@ -5,7 +5,7 @@ use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print, tell};
 use super::tables::filled;
 use crate::control::safe_speed_mm_s;
-use crate::quantity::{Axis, COVERAGE, round, Tilt};
+use crate::quantity::{Axis, COVERAGE, Tilt, round};
 use crate::recipe::{Entry, Phase, Plan, Recipe};
 use crate::rig::RigSpec;
 use crate::run::{estimated_s, first_descent};

@@ -23,9 +23,9 @@ macro_rules! shipped {
 pub const RECIPES: &[Shipped] = &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench");
 
 /// The rigs: `rigs/NAME.toml`.
-pub const RIGS: &[Shipped] =
-    &shipped!("rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process");
-    &shipped!("rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "process", "printer");
+pub const RIGS: &[Shipped] = &shipped!(
+    "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer"
+);
 
 /// The shipped file that a path names, where nothing is at the path: `paper`, `paper.toml` or `recipes/paper.toml`.
 pub fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {

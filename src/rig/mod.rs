@@ -29,9 +29,7 @@ pub use open::OpenRig;
 pub use parse::parse;
 pub use simulated::{SceneProbe, SimulatedRig};
 pub use spec::{
-    ArrayDriver, ArraySpec, Driver, Home, LoadCellDriver, LoadCellSpec, Misfit, OwnFile, RigSpec, StageDriver,
-    StageSpec, Wiring,
-    ArrayDriver, ArraySpec, Driver, Home, HomeSide, LoadCellDriver, LoadCellSpec, MappedDevice, Misfit, RigSpec,
+    ArrayDriver, ArraySpec, Driver, Home, HomeSide, LoadCellDriver, LoadCellSpec, Misfit, OwnFile, RigSpec,
     StageDriver, StageSpec, Wiring,
 };
 pub use which_way::WhichWay;

@@ -3,7 +3,9 @@
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
-use super::keys::{self, array, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm};
+use super::keys::{
+    self, array, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm,
+};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::{Driver, Home, HomeSide};
@@ -11,7 +13,7 @@ use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
 use crate::document::{self, Key, Problem, Problems, Span, Table};
-use crate::quantity::{Axis, Frame, Limits, Place, Range, round, Steps, Tilt, TILT_MOST_DEG, Travel};
+use crate::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
 use crate::scene::SKIN_CHANNELS_MAX;
 use crate::wire::Link;
 

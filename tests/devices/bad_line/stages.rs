@@ -9,7 +9,7 @@ use palpate::driver::process::ProcessStage;
 use palpate::driver::xps::{Grouping, Xps};
 use palpate::driver::{AnyStage, Esp301};
 use palpate::emulator::{self, GrblBoard, Instrument, Shared};
-use palpate::quantity::{Axis, Range, Steps, stream, Stream, Travel};
+use palpate::quantity::{Axis, Range, Steps, Stream, Travel, stream};
 use palpate::scene::Scene;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
