@@ -233,9 +233,9 @@ proptest! {
             rig.stage.replace(Arc::new(Mutex::new(Sideways { stage, seen: seen.clone() })));
         });
         let Seen { commands, under_n } = *seen.lock().expect("one thread");
+        prop_assert_eq!((under_n, walked.truth.slid_mm), (0.0, 0.0));
         prop_assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.told());
         prop_assert!(commands >= 5, "{} commands", commands);
-        prop_assert_eq!((under_n, walked.truth.slid_mm), (0.0, 0.0));
         prop_assert!(walked.truth.is_within(&spec), "{:?}", walked.truth);
     }
 }
