@@ -27,9 +27,9 @@ const KEPT_MAX_BYTES: u64 = 1 << 20;
 pub enum Confirmed {
     /// `frame.down` is right: z moves away from the specimen when it is sent away
     Down,
-    /// A stage with `home = "by hand"` stands at the zero of `travel_mm`
+    /// A stage without switches is at the zero of `travel_mm` (`home` of the rig: by hand)
     Home,
-    /// Nothing is in the way of z while it homes on the specimen's side (`home_side = "toward"`), and it stays so
+    /// Nothing is in the way of z while it homes on the specimen's side (`home_side` of the rig: toward), and it stays so
     Clear,
 }
 
@@ -127,7 +127,7 @@ impl WhichWay for Person {
         }
         let told = format!(
             "\n{identity} at {link} homes z toward the specimen.\n\
-             Take the indenter off, or the specimen away, unless z goes there beside it.\n\
+             Take the indenter off, or the specimen away, unless z misses it there.\n\
              Is nothing in the way of z to its end on that side? [y/N] "
         );
         let _ = tell(&told);

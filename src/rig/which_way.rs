@@ -56,11 +56,11 @@ impl WhichWay for Nobody {
     }
 
     fn confirm_clear(&self, _: &Identity, _: &dyn Fn() -> bool) -> Result<(), String> {
-        Err("nobody confirms that z may search for home toward the specimen".to_owned())
+        Err("it isn't confirmed that z may search for home toward the specimen".to_owned())
     }
 
     fn confirm_back(&self, _: &dyn Fn() -> bool) -> Result<(), String> {
-        Err("nobody confirms that indenter and specimen are back".to_owned())
+        Err("it isn't confirmed that indenter and specimen are back".to_owned())
     }
 
     fn confirm(&self, _: &Identity, _: Down, _: &dyn Fn() -> bool) -> Result<(), String> {

@@ -87,7 +87,7 @@ fn an_unknown_command_is_refused_with_the_known_ones() {
 
 #[test]
 fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
-    let wide = shipped_text("rigs/grbl.toml").replace("z = [-12.5, 12.5]", "z = [-40.0, 12.5]");
+    let wide = shipped_text("rigs/process.toml").replace("z = [-12.5, 12.5]", "z = [-40.0, 12.5]");
     let bench = Bench::with([("rig.toml", wide.as_str())]);
     for words in ["check", "run"] {
         let told = bench.palpate_ends(2, &format!("{words} recipes/paper.toml --rig rig.toml --simulate"));
