@@ -341,7 +341,7 @@ mod tests {
             ("{ modbus = \"labjack-t7\" }", "3", "`driver` is an integer, expected a table"),
             ("\"esp301\"", "3", "`driver` is an integer, expected a table"),
             ("\"esp301\"", "{}", "unknown driver: expected one of xps, process, or only a name: esp301, esp300, grbl"),
-            ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, daqmx, process"),
+            ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, lines, daqmx, process"),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
         ] {
             assert_eq!(problems(from, to)[0], told);

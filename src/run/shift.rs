@@ -88,8 +88,9 @@ mod tests {
     #[test]
     fn where_too_little_was_pressed_nothing_is_known() {
         let pair = (felt(0.0, 0.0, 1.0), felt(0.5, 0.0, 1.0));
-        assert_eq!(sideways_shift(&[pair.clone()], &[]), None);
+        let pair = [pair];
+        assert_eq!(sideways_shift(&pair, &[]), None);
         let line: Vec<Felt> = (1..5).map(|n| felt(f64::from(n), 0.0, 1.0)).collect();
-        assert_eq!(sideways_shift(&[pair], &line), None, "along one line");
+        assert_eq!(sideways_shift(&pair, &line), None, "along one line");
     }
 }

@@ -167,6 +167,14 @@ impl Settings {
                     counts.min, counts.max, travel.min, travel.max
                 ));
             }
+            if !usage.reach(axis).contains(home) {
+                let name = axis.name();
+                return Err(format!(
+                    "{name} is at {home:.3} mm after homing (${PULL_OFF_MM}={off_mm:.3}), but `travel_mm.{name}` goes from \
+                     {} to {} mm: widen it to that place",
+                    travel.min, travel.max
+                ));
+            }
         }
         Ok(Some(home_mm))
     }

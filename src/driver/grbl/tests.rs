@@ -115,6 +115,11 @@ async fn settings_that_would_be_unsafe_are_refused() {
             "$27=3.000",
             "x counts from -25.000 to -3.000 mm ($130=25.000, home at -3.000), but `travel_mm.x`",
         ),
+        (
+            "$27=1.000",
+            "$27=0.500",
+            "x is at -0.500 mm after homing ($27=0.500), but `travel_mm.x` goes from -25 to -1 mm",
+        ),
         ("$132=25", "$132=20", "z counts from -20.000 to -1.000 mm ($132=20.000, home at -1.000), but `travel_mm.z`"),
         ("$112=1500", "$112=300", "z reaches at most 5.00 mm/s; send $112=600"),
         ("$121=100", "$121=10", "y accelerates with 10 mm/s^2; send $121=100, or lower the rig's"),

@@ -43,7 +43,7 @@ keys! {
         start_s: Number(START), or(5.0),
             "longest wait for the first reading after the port is opened, which restarts many boards", "5.0";
         on_start: Text, Allowed, "command that is sent when the device is ready, such as one that starts its output", "\"AOUT50\\r\"";
-        ask: Text, Allowed, "command that asks for one reading; without it, the device sends by itself", "\"?\\r\"";
+        ask: Text, Allowed, "command that asks for one reading; without it, the device sends without a command", "\"?\\r\"";
         text: Table(&text::KEYS), Allowed, "a reading is a line of text; either this or [frame]";
         frame: Table(&frame::KEYS), Allowed, "a reading is a frame of bytes; either this or [text]";
         force: Table(&force::KEYS), Allowed, "the number that is a load cell's force";
@@ -57,7 +57,7 @@ keys! {
     /// `[text]`
     text {
         columns: Whole(1, COLUMNS_MAX), Refused, "how many numbers a line has; a line with another count is ignored", "16";
-        separator: Text, Allowed, "what stands between two numbers; without it, commas, semicolons, tabs and blanks", "\",\"";
+        separator: Text, Allowed, "text between two numbers; without it, commas, semicolons, tabs and blanks", "\",\"";
         before: Text, Allowed, "text before the first number", "\"F,\"";
         after: Text, Allowed, "text after the last number, such as a unit", "\" N\"";
     }

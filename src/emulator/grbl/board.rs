@@ -47,7 +47,8 @@ impl Board {
 
     /// Returns the switch that an axis homes to, and the place at which homing leaves it, mm in the scene.
     pub fn switch_mm(&self, axis: usize) -> (f64, f64) {
-        let ((min_mm, max_mm), off_mm) = (self.ends_mm(axis), self.settings.pull_off_mm());
+        let (min_mm, max_mm) = self.ends_mm(axis);
+        let off_mm = self.settings.pull_off_mm().min(self.lengths_mm[axis]); // the other end stops it
         if self.settings.homes_to_minus(axis) { (min_mm, min_mm + off_mm) } else { (max_mm, max_mm - off_mm) }
     }
 
