@@ -251,7 +251,7 @@ fn no_message_upsets_a_parser() {
         let mut finder = Finder::new(profile.framing, false);
         fuzz(name, seeds, |input| {
             finder.take(input);
-            while let Some(found) = finder.next() {
+            while let Some(found) = finder.find() {
                 let _ = black_box(found);
             }
         });

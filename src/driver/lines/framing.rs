@@ -107,7 +107,7 @@ impl Finder {
     }
 
     /// Returns the next reading or what was rejected; `None` if more bytes are needed. At most one incomplete line or frame stays.
-    pub fn next(&mut self) -> Option<Result<Vec<f64>, Rejected>> {
+    pub fn find(&mut self) -> Option<Result<Vec<f64>, Rejected>> {
         match &self.framing {
             Framing::Text(line) => {
                 let found = next_line(&mut self.inbox, &mut self.in_step)?;

@@ -223,7 +223,7 @@ impl<'a> Receiver<'a> {
     fn take(&mut self, bytes: &[u8], state: &mut State) {
         let arrived = Instant::now();
         self.finder.take(bytes);
-        while let Some(found) = self.finder.next() {
+        while let Some(found) = self.finder.find() {
             let possible = found.and_then(|numbers| match self.profile.is_possible(&numbers) {
                 true => Ok(numbers),
                 false => Err(Rejected {

@@ -21,7 +21,7 @@ fn readings(framing: &Framing, in_step: bool, bytes: &[u8]) -> Vec<Vec<f64>> {
     // byte by byte: nothing depends on the pieces in which they come
     for byte in bytes {
         finder.take(&[*byte]);
-        while let Some(next) = finder.next() {
+        while let Some(next) = finder.find() {
             found.extend(next);
         }
     }
