@@ -85,7 +85,7 @@ impl Cells {
         if is_open {
             return Ok(Held::Bad(open_quote()));
         }
-        Ok(match columns.fill(file, &self.cells, reading) {
+        Ok(match columns.fill(file, &self.cells, &self.mapping, reading) {
             Ok(()) => Held::Reading,
             Err(error) => Held::Bad(error),
         })
@@ -151,13 +151,23 @@ impl Columns {
     }
 
     /// Reads a row into a reading. The labels are read first, so that a row with an invalid output keeps them.
-    fn fill(&self, file: &str, cells: &ByteRecord, reading: &mut Reading) -> Result<(), ReadingError> {
+    fn fill(
+        &self,
+        file: &str,
+        cells: &ByteRecord,
+        mapping: &Mapping,
+        reading: &mut Reading,
+    ) -> Result<(), ReadingError> {
         self.check_length(file, reading.line, cells)?;
         let label = |column: Option<usize>| column.and_then(|column| cells.get(column)).map(label);
         (reading.id, reading.t_s) = (label(self.id), label(self.t_s));
         reading.outputs.clear();
         for &column in &self.outputs {
-            let output = cells.get(column).and_then(output_in);
+            let is_missing = |cell: &&[u8]| std::str::from_utf8(cell).is_ok_and(|cell| mapping.is_missing(cell.trim()));
+            let output = match cells.get(column) {
+                Some(cell) if is_missing(&cell) => Some(f64::NAN),
+                cell => cell.and_then(output_in),
+            };
             reading.outputs.push(output.ok_or_else(|| self.wrong(file, reading.line, column, cells))?);
         }
         Ok(())

@@ -262,6 +262,20 @@ mod tests {
     }
 
     #[test]
+    fn a_cell_that_the_columns_file_calls_missing_is_nan() {
+        let mapping = Mapping::parse("columns.toml", "outputs = [\"a\", \"b\"]\nmissing = [\"-999\"]\n").unwrap();
+        let mut readings = Readings::new("stdin", 2, None, mapping);
+        let mut found = Vec::new();
+        for line in ["a,b", "-999,1", "-998, -999 "] {
+            if matches!(readings.read(line.as_bytes()), Ok(Held::Reading)) {
+                found.push(readings.reading().outputs.clone());
+            }
+        }
+        assert!(found[0][0].is_nan() && found[0][1] == 1.0, "{found:?}");
+        assert!(found[1][0] == -998.0 && found[1][1].is_nan(), "{found:?}");
+    }
+
+    #[test]
     fn after_a_bad_line_the_next_one_is_read() {
         let long = format!("1,2\n{}\n3,4\n", "1".repeat(2 * MAX_LINE_BYTES));
         for text in [

@@ -90,7 +90,11 @@ impl Grbl {
         self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
         if build.firmware == Firmware::FluidNc {
             for name in [FLUIDNC_IDLE, FLUIDNC_INCHES] {
-                self.port.line(doing, name, ANSWER_DEADLINE, None).await?;
+                match self.port.line(doing, name, ANSWER_DEADLINE, None).await {
+                    // a version without this name: the check says which setting isn't known
+                    Ok(()) | Err(DeviceError { problem: DeviceProblem::Refused(_), .. }) => {}
+                    Err(error) => return Err(error),
+                }
             }
         }
         let settings = Settings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));

@@ -1,10 +1,11 @@
-/* Stands for NI's library: the functions of NIDAQmx.h that src/wire/daqmx calls, with that header's parameters and
- * codes.
+/* Stands for NI's library: the functions of NIDAQmx.h that src/wire/daqmx calls, and those that nidaqmx-python's Task calls
+ * too, with that header's parameters and codes.
  *
  * It has two devices. Sample n of input aiK reads K + n/1000 V: both the input and the sample can be told from a
  * voltage. Samples come on the real clock. "Dev1" keeps all that its buffer holds; of "Lost1" all is overwritten by the
  * time it is read. Any other device is unknown. -DLACKS_STOP leaves one function out. */
 
+#include <stdarg.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,6 +27,7 @@ enum { DEFAULT = -1, RSE = 10083, NRSE = 10078, DIFF = 10106, PSEUDO_DIFF = 1252
 enum { VOLTS = 10348, RISING = 10280, CONTINUOUS = 10123, BY_SCAN = 1, ALL_THERE = -1 };
 
 typedef struct {
+    char device[32];
     int channels, inputs[CHANNELS_MOST], loses, runs;
     double rate_hz;
     uint64_t room, taken;
@@ -75,6 +77,7 @@ int32_t DAQmxCreateAIVoltageChan(TaskHandle handle, const char *physical, const 
         return fail(UNKNOWN_DEVICE, text);
     }
     task->loses |= !strcmp(device, "Lost1");
+    memcpy(task->device, device, sizeof device);
     for (int input = first; input <= last; input++)
         task->inputs[task->channels++] = input;
     return 0;
@@ -157,6 +160,71 @@ int32_t DAQmxGetSystemInfoAttribute(int32_t attribute, uint32_t *value) {
     enum { MAJOR_VERSION = 0x1272 };
     *value = attribute == MAJOR_VERSION ? 25 : 0;
     return 0;
+}
+
+/* Attributes that nidaqmx-python's Task asks for (numbers from NIDAQmx.h). A text is asked for twice: for its size, then for itself. */
+enum { TASK_NAME = 0x1276, TASK_CHANNELS = 0x1273, TASK_CHANNEL_COUNT = 0x2181 };
+enum { READ_CHANNELS = 0x1823, READ_CHANNEL_COUNT = 0x217B, READ_AUTO_START = 0x1826 };
+enum { CHANNEL_TYPE = 0x187F, AI_MEASUREMENT_TYPE = 0x0695, ANALOG_INPUT = 10100, VOLTAGE = 10322 };
+
+static int32_t text_of(const char *text, va_list asked) {
+    char *buffer = va_arg(asked, char *);
+    uint32_t length = va_arg(asked, uint32_t);
+    if (!buffer || !length)
+        return (int32_t)strlen(text) + 1;
+    snprintf(buffer, length, "%s", text);
+    return 0;
+}
+
+static int32_t names_of(const Task *task, va_list asked) {
+    char names[CHANNELS_MOST * 48] = "";
+    for (int channel = 0; channel < task->channels; channel++) {
+        size_t used = strlen(names);
+        snprintf(names + used, sizeof names - used, "%s%s/ai%d", used ? ", " : "", task->device, task->inputs[channel]);
+    }
+    return text_of(names, asked);
+}
+
+static int32_t number_of(uint32_t number, va_list asked) {
+    *va_arg(asked, uint32_t *) = number;
+    return 0;
+}
+
+static int32_t unknown_attribute(void) {
+    return fail(BAD_VALUE, "Specified property is not supported.");
+}
+
+int32_t DAQmxGetTaskAttribute(TaskHandle handle, int32_t attribute, ...) {
+    va_list asked;
+    va_start(asked, attribute);
+    int32_t answer = attribute == TASK_NAME            ? text_of("_unnamedTask<0>", asked)
+                     : attribute == TASK_CHANNELS      ? names_of(handle, asked)
+                     : attribute == TASK_CHANNEL_COUNT ? number_of((uint32_t)((Task *)handle)->channels, asked)
+                                                       : unknown_attribute();
+    va_end(asked);
+    return answer;
+}
+
+int32_t DAQmxGetReadAttribute(TaskHandle handle, int32_t attribute, ...) {
+    va_list asked;
+    va_start(asked, attribute);
+    int32_t answer = attribute == READ_CHANNELS        ? names_of(handle, asked)
+                     : attribute == READ_CHANNEL_COUNT ? number_of((uint32_t)((Task *)handle)->channels, asked)
+                     : attribute == READ_AUTO_START    ? number_of(1, asked)
+                                                       : unknown_attribute();
+    va_end(asked);
+    return answer;
+}
+
+int32_t DAQmxGetChanAttribute(TaskHandle handle, const char *channel, int32_t attribute, ...) {
+    va_list asked;
+    (void)handle, (void)channel;
+    va_start(asked, attribute);
+    int32_t answer = attribute == CHANNEL_TYPE          ? number_of(ANALOG_INPUT, asked)
+                     : attribute == AI_MEASUREMENT_TYPE ? number_of(VOLTAGE, asked)
+                                                        : unknown_attribute();
+    va_end(asked);
+    return answer;
 }
 
 int32_t DAQmxGetExtendedErrorInfo(char *buffer, uint32_t length) {
